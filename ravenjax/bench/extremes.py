@@ -3,26 +3,38 @@
 Each number draws one campaign: of software, build, mechanics, console, packets, detectors and operator one choice each;
 then groups of faults at any site, with any effect and the largest values that it takes, beside parameters at the ends
 of their ranges. Nothing is drawn that a file could not say.
+
+A campaign is one form: engine `xla` compiles it once, whatever values its runs have. `form` shares all sites and
+parameters out to campaigns that have few sites each, since what compiling takes grows with the sites.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import random
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
-from ravenjax.campaign import loading, plan
+from ravenjax.campaign import loading, plan, runner
+from ravenjax.campaign.executors.local import Local
+from ravenjax.campaign.executors.protocol import FinishedChunk, Work
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.progress.counts import Progress
+from ravenjax.engines import selection
 from ravenjax.errors import UserError
+from ravenjax.numbers import paths
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.store import schema
+from ravenjax.store.access.results import Results
 from ravenjax.vocabulary import legal
 from ravenjax.vocabulary.detectors import MEANINGS
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS
@@ -31,8 +43,10 @@ from ravenjax.vocabulary.sites import Channel, Site
 DURATION_S = 0.5
 LATEST_MS = 160
 """Of an onset: before the run's last packet, where those last long."""
-RUNS = 20
-"""Of a group."""
+RUNS, FORM_RUNS = 20, 67
+"""Of a group, of `campaign` and of `form`."""
+FORMS = 15
+"""Campaigns of `form` that share out all sites and parameters."""
 LARGE = (0.0, 1.0, -1.0, 1e-30, 0.01, -0.3, 30.0, -1e3, 1e6, -1e9, 3e38, -3e38)
 """Values of numbers that have no bounds."""
 WORDS = ("activated", "response", "hazard", "verdict", "failed")
@@ -40,15 +54,44 @@ WORDS = ("activated", "response", "hazard", "verdict", "failed")
 
 
 def campaign(number: int, groups: int) -> CampaignConfig:
-    """The campaign of that number, with so many groups of `RUNS` runs."""
+    """The campaign of that number, with so many groups of `RUNS` runs, at any sites."""
     draw = random.Random(number)
+    rows = _parameters()
+    draw.shuffle(rows)
+    return _campaign(draw, number, groups, RUNS, list(ROBOT.sites.values()), rows)
+
+
+def form(number: int, groups: int) -> CampaignConfig:
+    """As `campaign`, at two sites: each `FORMS` numbers in a row have each site and each parameter that there is once.
+
+    A parameter that the drawn software or build lacks is left out of its form, and another takes its place.
+    """
+    turn, place = divmod(number, FORMS)
+    shared = random.Random(f"turn {turn}")
+    sites, rows = list(ROBOT.sites.values()), _parameters()
+    shared.shuffle(sites)
+    shared.shuffle(rows)
+    first = place * len(rows) // FORMS
+    return _campaign(
+        random.Random(f"form {number}"), number, groups, FORM_RUNS, sites[place::FORMS], rows[first:] + rows[:first]
+    )
+
+
+def _campaign(
+    draw: random.Random,
+    number: int,
+    groups: int,
+    runs: int,
+    sites: Sequence[Site],
+    parameters: Sequence[tuple[str, Quantity]],
+) -> CampaignConfig:
     raw = _frame(draw, number)
     while not _is_legal({**raw, "group": [{"name": "free"}]}):  # two of the choices do not go together
         raw = _frame(draw, number)
-    paths = _varied(draw, raw)
+    varied = _varied(draw, raw, parameters)
     rows: list[dict[str, Any]] = [{"name": "free"}]
     while len(rows) <= groups:
-        group = _group(draw, f"g{len(rows)}", raw["campaign"]["arms"], paths)
+        group = _group(draw, f"g{len(rows)}", raw["campaign"]["arms"], varied, sites) | {"runs": runs}
         if _is_legal({**raw, "group": [group]}):  # a word of DAC counts that is not to be stored as it is, for one
             rows.append(group)
     return loading.from_dict({**raw, "group": rows})
@@ -102,12 +145,17 @@ MOST_PARAMETERS = 12
 """That vary in a campaign: each is a number that all runs carry along."""
 
 
-def _varied(draw: random.Random, raw: dict[str, Any]) -> list[tuple[str, Quantity]]:
-    """Parameters that the runs of this campaign may vary."""
-    rows = [row for row in bounds.rows(ROBOT) if not row[0].startswith("contact.")]  # these campaigns have no contact
-    draw.shuffle(rows)
+def _parameters() -> list[tuple[str, Quantity]]:
+    """All that the robot has."""
+    return [row for row in bounds.rows(ROBOT) if not row[0].startswith("contact.")]  # these campaigns have no contact
+
+
+def _varied(
+    draw: random.Random, raw: dict[str, Any], parameters: Sequence[tuple[str, Quantity]]
+) -> list[tuple[str, Quantity]]:
+    """Parameters that the runs of this campaign may vary, the first of these that it has."""
     varied: list[tuple[str, Quantity]] = []
-    for path, quantity in rows:
+    for path, quantity in parameters:
         if len(varied) == MOST_PARAMETERS:
             break
         path = f"{path}.{draw.choice(quantity.joints)}" if quantity.joints else path
@@ -120,15 +168,19 @@ def _varied(draw: random.Random, raw: dict[str, Any]) -> list[tuple[str, Quantit
 
 
 def _group(
-    draw: random.Random, name: str, arms: Sequence[str], paths: Sequence[tuple[str, Quantity]]
+    draw: random.Random,
+    name: str,
+    arms: Sequence[str],
+    varied: Sequence[tuple[str, Quantity]],
+    sites: Sequence[Site],
 ) -> dict[str, Any]:
     """Runs of up to two faults, with up to three parameters at or near an end of what they may be."""
     parameters = {
         path: {"choice": _at_the_ends(draw, quantity)}
-        for path, quantity in (draw.sample(paths, draw.choice((0, 1, 3))) if len(paths) > 2 else ())
+        for path, quantity in (draw.sample(varied, draw.choice((0, 1, 3))) if len(varied) > 2 else ())
     }
-    faults = [_fault(draw, arms) for _ in range(draw.choice((1, 1, 2, 2, 0)))]
-    group: dict[str, Any] = {"name": name, "design": "random", "runs": RUNS, "parameters": parameters}
+    faults = [_fault(draw, arms, sites) for _ in range(draw.choice((1, 1, 2, 2, 0)))]
+    group: dict[str, Any] = {"name": name, "design": "random", "parameters": parameters}
     return group | ({"fault": faults} if faults else {})
 
 
@@ -139,9 +191,9 @@ def _at_the_ends(draw: random.Random, quantity: Quantity) -> list[float]:
     return [float(round(x)) for x in values] if quantity.whole else values
 
 
-def _fault(draw: random.Random, arms: Sequence[str]) -> dict[str, Any]:
+def _fault(draw: random.Random, arms: Sequence[str], sites: Sequence[Site]) -> dict[str, Any]:
     """One slot: a site, channels of one kind, an effect and the largest values that it takes."""
-    site: Site = draw.choice(list(ROBOT.sites.values()))
+    site = draw.choice(sites)
     effects = [name for name in EFFECTS if name not in NETWORK_EFFECTS or site.name == "network"]
     effect = draw.choice(effects)
     first = draw.choice(site.channels)
@@ -217,3 +269,39 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDiffere
                 )
             )
     return out
+
+
+NUDGES = tuple(sign * times for times in (1, 2, 4, 8) for sign in (1, -1))
+"""Last bits by which `nudged` moves numbers."""
+NUDGED = ("operator.scale", "plant.mass_scale")
+"""Numbers from which almost all others of a run follow."""
+
+
+def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
+    """The campaign's table once for each of `NUDGES`: with `NUDGED` so many last bits beside what they are.
+
+    A run whose words change with them is decided by last bits, which no two engines need to share.
+    """
+    ready = plan.make(config)
+    program = ready.program
+    for bits in NUDGES:
+        varied = dict(ready.varied)
+        for path in NUDGED:
+            for place, own in paths.named(program.params, program.setup, path).items():
+                values = varied.get(place, varied.get(path, np.full(ready.runs, own, program.setup.precision.real)))
+                varied[place] = (values * (1.0 + bits * 2.0**-23)).astype(values.dtype)
+        other = dataclasses.replace(program, varied=tuple(varied))
+        yield _table(dataclasses.replace(ready, varied=varied, program=other), engine)
+
+
+def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:
+    """What `ravenjax.run` would return."""
+    backend, shape, tables = selection.select(engine, ready.program.setup.precision), runner.shape_of(ready), {}
+
+    def deliver(done: FinishedChunk[pa.Table]) -> None:
+        tables[done.rows.start] = done.packed
+
+    progress = Progress(engine, ready.runs, ready.runs, ready.program.ticks, None)
+    pack = functools.partial(schema.conform, shape=shape)
+    Local().run(Work(ready, backend, pack, deliver, progress), [range(ready.runs)])
+    return Results(shape, None, tuple(tables[first] for first in sorted(tables))).frame()

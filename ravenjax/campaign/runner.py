@@ -164,7 +164,7 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
             for c in config.haptics.cues()
         ),
         detectors=tuple(
-            manifest.DetectorRecord(name, use.kind, use.fusion, use.consecutive, thresholds)
+            manifest.DetectorRecord(name, use.kind, use.fusion, use.consecutive, thresholds, use.stops)
             for name, use, thresholds in config.detectors
         ),
         operator=ready.operator,

@@ -88,16 +88,19 @@ def _strike(
 
     hit = slot.active & here & present
     changed = jnp.bool_(False)
+    flips = fault.effect == EFFECT_CODES["bit_flip"]
     for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
         value = _store(kind, y, number)
-        if "bit_flip" in use.effects and kind != "float":
+        differs = value != number
+        if "bit_flip" in use.effects and kind == "float":
+            differs = differs | flips  # of a 0 the lowest bit makes a number that an engine may take for 0
+        elif "bit_flip" in use.effects:
             bits = effects.flipped(lax.convert_element_type(number, jnp.int32), fault)
             bits = _fitted(kind, bits)
-            flips = fault.effect == EFFECT_CODES["bit_flip"]
             value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
-        stored = jnp.where(hit & aim, value, number)
-        changed = changed | (stored != number)
-        signal = write(signal, path, stored)
+            differs = value != number
+        changed = changed | (hit & aim & differs)
+        signal = write(signal, path, jnp.where(hit & aim, value, number))
     return replace(
         slot,
         latched=jnp.where(hit & (slot.age == 0), y, slot.latched),

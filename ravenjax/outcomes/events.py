@@ -24,6 +24,7 @@ class Rules(NamedTuple):
     jump: str = "jump_code"  # column of the jump rule
     limit_mm: float = LIMIT_MM  # of hazards
     built_in: str = "response"  # column of what the built-in checks did by themselves
+    stopping: tuple[tuple[int, str], ...] = ()  # number and name of each detector that presses the E-stop
 
 
 class Event(NamedTuple):

@@ -81,6 +81,7 @@ class DetectorRecord(NamedTuple):
     fusion: str
     consecutive: int  # milliseconds in a row above the threshold that make an alarm
     thresholds: tuple[float, ...]  # in the unit of the score
+    stops: bool = False  # an alarm at the first threshold presses the E-stop
 
 
 class Manifest(BaseModel):
@@ -138,7 +139,8 @@ class Manifest(BaseModel):
         """What the campaign chose of the definitions of outcomes."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
-        return Rules(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in)
+        stopping = tuple((number, one.name) for number, one in enumerate(self.detectors) if one.stops)
+        return Rules(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping)
 
     @property
     def done(self) -> int:

@@ -6,6 +6,7 @@ be tried; numbers go in that are hard for a printer.
 
 from __future__ import annotations
 
+import importlib.util
 import itertools
 import random
 
@@ -26,6 +27,11 @@ from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS
 from ravenjax.vocabulary.sites import Channel
+
+if importlib.util.find_spec("wasmtime"):
+    from wasm_program import wasm_results
+else:
+    wasm_results = None
 
 OWN = tuple(name for name in EFFECTS if name not in NETWORK_EFFECTS)
 HARD = {
@@ -94,8 +100,8 @@ def uses():
 
 
 def check(use: Use, draw: random.Random, folder=None, xla: bool = False) -> None:
-    """One program as it is printed for the CPU and in Python, beside what it means; given a folder for files, in the
-    C++ of the GPU's code, too; and as XLA compiles it, which takes a second."""
+    """One program as it is printed for the CPU, for WebAssembly and in Python, beside what it means; given a folder
+    for files, in the C++ of the GPU's code, too; and as XLA compiles it, which takes a second."""
     columns = use.columns(draw)
     shapes = [jax.ShapeDtypeStruct((), column.dtype) for column in columns]
     jaxpr = jax.make_jaxpr(use.struck)(*shapes)
@@ -110,9 +116,10 @@ def check(use: Use, draw: random.Random, folder=None, xla: bool = False) -> None
             same_bits(got, expected)
     by_xla = jax.jit(jax.vmap(use.struck))(*columns) if xla else meant
     function = python.compile(jaxpr)
+    by_wasm = wasm_results(program, 4, tuple(columns)) if wasm_results else meant
     by_python = zip(*(function(function.represent(row)) for row in zip(*columns, strict=True)), strict=True)
     exact = not {"periodic", "drift", "random"} & set(use.effects)  # XLA fuses; sines and their like are its own
-    for number, (expected, *others) in enumerate(zip(meant, by_xla, by_python, strict=True)):
+    for number, (expected, *others) in enumerate(zip(meant, by_xla, by_wasm, by_python, strict=True)):
         if not exact and number in use.changes:  # whether a number changed hangs on its last bit
             continue
         for other in others:

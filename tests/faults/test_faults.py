@@ -195,6 +195,26 @@ def test_a_fault_that_changes_nothing_was_not_activated():
     assert int(slot.first_tick) == -1
 
 
+@pytest.mark.parametrize("bit", [0, 5, 31])
+def test_any_bit_of_a_float_that_flips_is_a_change(bit):
+    """Of 0 they make numbers that XLA takes for 0."""
+    slot = make(1, "bit_flip", float(bit), "time", 5, 6, 0)
+    faults, state = fault.Faults((slot, no_fault())), fault.init(SETUP)
+    still = Signal(Vec((jnp.float32(0.0), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False))
+    for tick in range(TICKS):
+        state, _ = _TICK(faults, state, still, window.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)))
+    assert (int(state.slots[0].first_tick), int(state.slots[0].changed_ticks)) == (5, 6)
+
+
+def test_a_number_that_is_none_is_no_change():
+    """Of a run that failed before its fault."""
+    faults, state = fault.Faults((make(1, "offset", 1.0, "time", 5, 6, 0), no_fault())), fault.init(SETUP)
+    none = Signal(Vec((jnp.float32(math.nan), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False))
+    for tick in range(5):
+        state, _ = _TICK(faults, state, none, window.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)))
+    assert int(state.slots[0].changed_ticks) == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("present", [False, True])
 def test_where_nothing_is_there_nothing_is_struck(present):

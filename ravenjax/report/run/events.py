@@ -1,8 +1,8 @@
 """What happened in one run, event by event, in words with units: from its row of the result table, and from its time
 series where they are at hand.
 
-Events are in the order of time; those of one millisecond in the order of the loop: fault, checks, run level, brakes,
-cue, hazard, operator.
+Events are in the order of time; those of one millisecond in the order of the loop: fault, checks, detectors that stop,
+run level, brakes, cue, hazard, operator.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOST_WINDOWS = 3
 """Windows of one fault, and pulses of one cue, that are told one by one."""
 MOST_CHANGES = 8
 """Changes of one state that are told one by one."""
-_ORDER = ("fault", "check", "run level", "brakes", "cue", "hazard", "jump", "operator")
+_ORDER = ("fault", "check", "detector", "run level", "brakes", "cue", "hazard", "jump", "operator")
 _LEVELS = {"stop": "error", "flag": "warn", "limit": "warn"}
 
 _JUMPS = {
@@ -63,6 +63,7 @@ def events(
     parts = [
         _faults(robot, row, series),
         _checks(robot, row, golden),
+        _alarms(row, rules, golden),
         _cues(row, rules, series),
         _hazards(row, rules),
         _others(row, rules),
@@ -131,6 +132,19 @@ def _checks(robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | No
             continue
         beside = f", {wording.count(usual)} of them in the golden run, too" if usual else ""
         yield RunEvent(first, "check", f"{text}{beside}; it {check.does}", _LEVELS[check.action])
+
+
+def _alarms(row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any] | None) -> Iterator[RunEvent]:
+    """Of detectors that press the E-stop."""
+    for number, name in rules.stopping:
+        first, alarms = (int(row[f"detector{number}_threshold0_{what}"]) for what in ("first_ms", "alarms"))
+        if first < 0:
+            continue
+        usual = -1 if golden is None else int(golden.get(f"detector{number}_threshold0_first_ms", -1))
+        too = ", as in the golden run" if usual == first else ""
+        often = "" if alarms == 1 else f", for the first of {wording.count(alarms)} times"
+        text = f"detector {name} alarms{often}{too}; it presses the E-stop"
+        yield RunEvent(first, "detector", text, "error")
 
 
 def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterator[RunEvent]:

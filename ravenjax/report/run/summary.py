@@ -67,7 +67,8 @@ def summary(
 
 def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
     if row["failed"]:
-        return f"none: the run has no valid outcome ({row['failed']})"
+        since = f" at {wording.count(ms)} ms" if (ms := int(row.get("failed_first_ms", -1))) >= 0 else ""
+        return f"none: the run has no valid outcome ({row['failed']}{since})"
     parts = [str(row["verdict"])]
     cause = f" ({row['response_cause']} at {wording.count(row['response_ms'])} ms)" if row["response_cause"] else ""
     responses = {one.word: one.clause() for one in definitions.rows(rules, robot) if one.kind == "response"}

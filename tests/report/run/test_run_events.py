@@ -179,6 +179,10 @@ def test_the_summary_has_fault_verdict_course_and_sizes():
             "nor first tripped sooner than there; the robot is not live for 800 ms longer than in the golden run",
         ),
         ({"failed": "nan", "verdict": ""}, "none: the run has no valid outcome (nan)"),
+        (
+            {"failed": "tip not finite", "failed_first_ms": 1774, "verdict": ""},
+            "none: the run has no valid outcome (tip not finite at 1,774 ms)",
+        ),
     ],
 )  # fmt: skip
 def test_verdicts_in_words(changed, words):
@@ -192,3 +196,17 @@ def test_a_run_in_which_nothing_happened_says_so():
         "  nothing happened that did not happen in the golden run",
         "  largest  true tip 12.5 mm off the nominal model",
     ]
+
+
+def test_an_alarm_that_presses_the_estop_is_told():
+    rules = RULES._replace(stopping=((1, "slip"), (2, "quiet")))
+    row = ROW | {"detector1_threshold0_first_ms": 1210, "detector1_threshold0_alarms": 2}
+    row |= {"detector2_threshold0_first_ms": -1, "detector2_threshold0_alarms": 0}
+    told = [event for event in events.events(row, rules, series(), GOLDEN) if event.kind == "detector"]
+    text = "detector slip alarms, for the first of 2 times; it presses the E-stop"
+    assert [(one.ms, one.text, one.level) for one in told] == [(1210, text, "error")]
+    same = events.events(row, rules, series(), GOLDEN | {"detector1_threshold0_first_ms": 1210})
+    assert [event.text for event in same if event.kind == "detector"] == [
+        "detector slip alarms, for the first of 2 times, as in the golden run; it presses the E-stop"
+    ]
+    assert [event for event in events.events(row, RULES, series(), GOLDEN) if event.kind == "detector"] == []
