@@ -10,6 +10,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import functools
+import itertools
 import queue
 from typing import Any
 
@@ -33,6 +34,7 @@ WAVES = 4
 """Times that a block of lanes fills the device, at most."""
 SEATS = 2
 """Threads that use one device: while one's lanes run, the other packs and unpacks its own."""
+_KERNELS = itertools.count()
 
 
 class CudaKernel:
@@ -51,7 +53,8 @@ class CudaKernel:
         self._cubins: Cubins = {} if cubins is None else cubins
         self._forms: traced.Forms | None = None
         self._seats: queue.Queue[Device] = queue.Queue()
-        for device in devices * SEATS:
+        first = next(_KERNELS) % len(devices)  # kernels that run one block each, side by side, use all devices
+        for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
         self.branches = 0 if signals else wave(devices)
 
