@@ -7,7 +7,7 @@ like any others. Ten thousand runs of 3 s take seconds on two cores.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -145,5 +145,5 @@ def _taken(ready: Plan, rows: np.ndarray) -> Plan:
     )
 
 
-def _joined(tables: list[dict[str, np.ndarray]]) -> dict[str, Any]:
+def _joined(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Any]:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
