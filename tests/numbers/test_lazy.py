@@ -19,7 +19,8 @@ from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 
-JOINTS = st.lists(st.floats(-4.0, 4.0), min_size=7, max_size=7)
+JOINTS = st.lists(st.floats(-4.0, 4.0).filter(lambda x: x == 0.0 or abs(x) > 1e-30), min_size=7, max_size=7)
+"""rad; XLA takes numbers below the normal ones for 0, and so products of tiny angles."""
 
 
 @given(JOINTS, st.sampled_from(ARMS))
