@@ -40,5 +40,6 @@ def test_a_few_hundred_extreme_runs(number):
     assert len(simd) == 1 + GROUPS * extremes.RUNS
     for table in (simd, xla):
         assert list(extremes.unsound(table)) == []
-    apart = {one.run_id for one in extremes.differences(simd, xla)}
+    # XLA takes numbers below the normal ones for 0, so engines may differ in whether a fault has changed one.
+    apart = {one.run_id for one in extremes.differences(simd, xla) if one.column != "activated"}
     assert len(apart) <= (1 - SAME) * len(simd) + 1

@@ -87,7 +87,7 @@ def which_evade(e: Expected, text: Text) -> None:
             f"The {e.threshold} haptic cue {'came' if cued else 'did not come'}{f'; {limits}' if limited else ''}."
         )
     elif k:
-        also = f"; in {count(limited)} {limits}" if limited else ""
+        also = f"; in {'all' if limited == k else count(limited)} {limits}" if limited else ""
         text.says(f"The {e.threshold} haptic cue came in {count(cued)} of these {count(k)}{also}.")
     told = e.count(moved & ~nobody)
     if told:
