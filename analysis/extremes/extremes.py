@@ -2,7 +2,6 @@
 
 python analysis/extremes/extremes.py 8 125             # campaigns and groups of 20 runs each: 20 008 runs
 python analysis/extremes/extremes.py 15:20 simd xla    # 15 forms of 20 groups of 67 runs at two sites: 20 115 runs
-python analysis/extremes/extremes.py 15:20 simd xla    # 15 forms of 20 groups of 67 runs at two sites: 20 115 runs
 
 Of a run that two engines tell differently, the first engine is asked whether last bits of its numbers decide it.
 """

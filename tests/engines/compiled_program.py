@@ -36,11 +36,10 @@ def lowered(function, *columns: np.ndarray) -> Program:
     return lowering.lower(jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct((), c.dtype) for c in columns)))
 
 
-def compiled(program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None):
-    """Results of a program by compiled code, `width` inputs at a time."""
+def printed(program: Program, width: int, features) -> tuple[str, BufferLayout]:
+    """LLVM code of a function `f` of addresses of inputs, results and tables, and where its results lie."""
     inputs = BufferLayout(program.inputs, width)
     outputs = BufferLayout(tuple(program.operations[i].dtype for i in program.outputs), width)
-    features = jit.host().features
     printer = LlvmPrinter(width, features)
     places = inputs.places("%in")
     sources = {i: places[op.detail] for i, op in enumerate(program.operations) if op.name == "input"}
@@ -48,6 +47,12 @@ def compiled(program: Program, width: int, columns: tuple[np.ndarray, ...], tabl
     printer.run(program, program.needed(), sources, results, "%tables")
     body = "\n".join(printer.lines)
     text = f"define void @f(ptr %in, ptr %out, ptr %tables) {{\n{body}\nret void\n}}\n" + "\n".join(printer.declared)
+    return text, outputs
+
+
+def compiled(program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None):
+    """Results of a program by compiled code, `width` inputs at a time."""
+    text, outputs = printed(program, width, jit.host().features)
     module = jit.compile(text, ["f"])
     function = module.function("f", [ctypes.c_void_p] * 3)
     length = len(columns[0])

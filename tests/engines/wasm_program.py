@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import wasmtime
+from compiled_program import printed
 
-from ravenjax.engines.cpu.llvm import LlvmPrinter
-from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.engines.wasm import code
 from ravenjax.ir.program import Program
 
 
 def wasm_results(program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None):
     """Results of a program by WebAssembly, `width` inputs at a time."""
-    inputs = BufferLayout(program.inputs, width)
-    outputs = BufferLayout(tuple(program.operations[i].dtype for i in program.outputs), width)
-    printer = LlvmPrinter(width, code.FEATURES)
-    places = inputs.places("%in")
-    sources = {i: places[op.detail] for i, op in enumerate(program.operations) if op.name == "input"}
-    results = list(zip(program.outputs, outputs.places("%out"), strict=True))
-    printer.run(program, program.needed(), sources, results, "%tables")
-    body = "\n".join(printer.lines)
-    text = f"define void @f(ptr %in, ptr %out, ptr %tables) {{\n{body}\nret void\n}}\n" + "\n".join(printer.declared)
+    text, outputs = printed(program, width, code.FEATURES)
     engine = wasmtime.Engine()
     store, module = wasmtime.Store(engine), wasmtime.Module(engine, code.emit(text, ["f"]))
     memory = wasmtime.Memory(store, wasmtime.MemoryType(wasmtime.Limits(2, None)))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sysconfig
 import tomllib
 
 import pytest
+from chromium import NEEDED, PATIENCE_MS
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validated
@@ -17,16 +17,8 @@ from ravenjax.explorer import page
 from ravenjax.store import manifest
 from ravenjax.store.access.results import Results
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
-]
-
-# a container has no sandbox, and its graphics are software
-ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE_MS = 120_000
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+pytestmark = [pytest.mark.slow, NEEDED]
 CLIPBOARD = """Object.defineProperty(navigator, "clipboard", {
   value: { writeText: async (text) => (window.copied = text) },
 });"""
@@ -70,14 +62,6 @@ def place(tmp_path_factory):
     (folder / "small.toml").write_text(FILE)
     adaptive.run(loading.load(folder / "small.toml"), folder / "results", "simd")
     return page.build(folder / "results", folder / "page.html")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield launched
-        launched.close()
 
 
 @pytest.fixture

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from chromium import NEEDED, PATIENCE_MS
 from PIL import Image
 
 from ravenjax.explorer import page
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
-]
-ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE_MS = 120_000
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+pytestmark = [pytest.mark.slow, NEEDED]
 SVG = "{http://www.w3.org/2000/svg}"
 RUN = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=400&for=64&map=value~duration_ms&ms=430"
 FILE = """
@@ -48,14 +42,6 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("used")
     (folder / "small.toml").write_text(FILE)
     return page.build(folder / "small.toml", folder / "page.html")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield launched
-        launched.close()
 
 
 @pytest.fixture

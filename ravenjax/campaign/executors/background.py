@@ -7,13 +7,16 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+WAITING = 4
+"""Calls that wait for a thread, at most."""
+
 
 class BackgroundQueue:
     """Calls made in other threads; a context manager, which waits for those that are under way."""
 
     def __init__(self, threads: int) -> None:
         self._pool = ThreadPoolExecutor(threads)
-        self._most = threads + 4
+        self._most = threads + WAITING
         self._under_way: deque[Future[Any]] = deque()
 
     def __enter__(self) -> BackgroundQueue:

@@ -32,17 +32,18 @@ def of(common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.nd
         for name, column in words.items()
     }
     salts = {name: _salt(f"{common}/{name}") for name in numbers}
+    any_column = next(iter(numbers.values()))
 
     def content(rows: slice) -> np.ndarray:
         """Ids of some rows, copies alike."""
-        total = np.zeros(len(next(iter(numbers.values()))[rows]), np.uint64)
+        total = np.zeros(len(any_column[rows]), np.uint64)
         for name, column in words.items():
             total += of_words[name][column.codes[rows]]
         for name, values in numbers.items():
             total += _hashed(values[rows], salts[name])
         return mixed(total)
 
-    return _told_apart(np.concatenate(slices.each(content, len(next(iter(numbers.values()))))))
+    return _told_apart(np.concatenate(slices.each(content, len(any_column))))
 
 
 def mixed(numbers: np.ndarray) -> np.ndarray:

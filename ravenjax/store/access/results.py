@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,9 +17,6 @@ from ravenjax.store.access import query
 
 if TYPE_CHECKING:
     import pandas as pd
-
-READERS = 8
-"""Parts that are read, and checked, side by side, at most."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +62,9 @@ class Results:
         record = query.readable(self.path)
         due = deque(sorted(record.parts, key=lambda part: part.first))
         coming: deque[Future[pa.Table]] = deque()
-        threads = min(READERS, len(os.sched_getaffinity(0)))
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(folder.READERS) as pool:
             while due or coming:
-                while due and len(coming) < threads:
+                while due and len(coming) < folder.READERS:
                     part, place = due.popleft(), self.path / folder.PARTS
                     coming.append(pool.submit(parts.read, place / part.file, record.config_hash, part, columns))
                 yield coming.popleft().result()
