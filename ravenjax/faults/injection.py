@@ -66,6 +66,11 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
+def _subnormal(x: Scalar) -> Scalar:
+    """Whether a float is 0 or below the normal numbers: some engines take those for 0, so among them nothing changes."""
+    return abs(x) < jnp.finfo(x.dtype).tiny
+
+
 def _strike(
     setup: Setup,
     use: SiteUse,
@@ -89,6 +94,7 @@ def _strike(
     hit = slot.active & here & present
     changed = jnp.bool_(False)
     flips = fault.effect == EFFECT_CODES["bit_flip"]
+    subnormal = _subnormal(x) & _subnormal(y) & ~flips
     for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
         value = _store(kind, y, number)
         differs = value != number
@@ -99,7 +105,7 @@ def _strike(
             bits = _fitted(kind, bits)
             value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
             differs = value != number
-        changed = changed | (hit & aim & differs)
+        changed = changed | (hit & aim & differs & ~subnormal)
         signal = write(signal, path, jnp.where(hit & aim, value, number))
     return replace(
         slot,
