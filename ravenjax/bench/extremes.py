@@ -274,11 +274,11 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDiffere
 NUDGES = tuple(sign * times for times in (1, 2, 4, 8) for sign in (1, -1))
 """Last bits by which `nudged` moves numbers."""
 NUDGED = ("operator.scale", "plant.mass_scale")
-"""Numbers from which almost all others of a run follow."""
+"""Numbers from which almost all others of a run follow, beside its faults' values."""
 
 
 def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
-    """The campaign's table once for each of `NUDGES`: with `NUDGED` so many last bits beside what they are.
+    """The campaign's table once for each of `NUDGES`: `NUDGED` and the faults' values so many last bits beside theirs.
 
     A run whose words change with them is decided by last bits, which no two engines need to share.
     """
@@ -291,7 +291,9 @@ def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
                 values = varied.get(place, varied.get(path, np.full(ready.runs, own, program.setup.precision.real)))
                 varied[place] = (values * (1.0 + bits * 2.0**-23)).astype(values.dtype)
         other = dataclasses.replace(program, varied=tuple(varied))
-        yield _table(dataclasses.replace(ready, varied=varied, program=other), engine)
+        value = ready.faults["value"]
+        faults = {**ready.faults, "value": (value * (1.0 + bits * 2.0**-23)).astype(value.dtype)}
+        yield _table(dataclasses.replace(ready, varied=varied, faults=faults, program=other), engine)
 
 
 def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:

@@ -67,7 +67,7 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
 
 
 def _subnormal(x: Scalar) -> Scalar:
-    """Whether a float is 0 or below the normal numbers: some engines take those for 0, so among them nothing changes."""
+    """Whether a float is 0 or below the normal numbers, which some engines take for 0."""
     return abs(x) < jnp.finfo(x.dtype).tiny
 
 
