@@ -97,6 +97,13 @@ test("what follows from a stop does not hide its cause, and words age", () => {
   assert.equal(place.hidden, true);
 });
 
+test("an alarm names no key where a finger drives", (t) => {
+  t.mock.method(globalThis, "matchMedia", () => ({ matches: true }));
+  const words = { b: {}, span: {}, em: {} };
+  new Alarms({ querySelector: (name) => words[name] }).tell({ check: "overdrive_instant" });
+  assert.equal(words.em.textContent, "Lift the pedal. Once you know why, restart.");
+});
+
 test("the way to a goal is told by keys, the longest first", () => {
   assert.deepEqual(steps("gold", [0, 0, 0.2], [0.005, 0.012, 0.2005]), [["away", 12, "W"], ["right", 5, "D"]]);
   assert.deepEqual(steps("green", [0, 0, 0.2], [0, 0, 0.19]).map(([way, , key]) => [way, key]), [["down", "PgDn"]]);
