@@ -107,6 +107,39 @@ def test_keys_reach_switches_and_help(browser, session):
         assert page.evaluate("[...document.querySelectorAll('#rj button')].every((one) => one.tabIndex === 0)")
 
 
+@pytest.mark.parametrize(("query", "field"), [(AS_INSTRUCTOR, "#note"), ("role=operator", "#volume")])
+def test_escape_stops_the_robot_also_from_a_field(browser, query, field):
+    session = FakeSession()
+    session.wait()
+    with Visit(browser, session, f"{query}&scene=off", 1366) as page:
+        if field == "#volume":
+            click(page, "#coach .cue-test")
+        page.focus(field)
+        page.keyboard.press("Escape")
+        session.heard(type="operator", do="estop")
+    session.close()
+
+
+def test_whatever_sounds_is_also_written_where_a_screen_reader_finds_it(browser):
+    session = FakeSession(HEADER | {"contact_units_per_n": 0.01})
+    session.wait()
+    with Visit(browser, session, "role=operator&scene=off", 1366) as page:
+        page.keyboard.down("Space")
+        until(page, "document.getElementById('phase').textContent === 'running'")
+        session.frame["gold/contact"] = (0.0, 0.0, 2.0)
+        until(page, "ravenjax.state().loudness > 0 && document.querySelector('#pressing').innerText.includes('2.0 N')")
+        assert page.locator("#pressing").is_visible() and page.get_attribute("#pressing", "role") == "status"
+        session.frame["gold/contact"] = (0.0, 0.0, 0.0)
+        until(page, "ravenjax.state().loudness === 0 && document.getElementById('pressing').hidden")
+        for strength in ("0.2", "1"):
+            if not page.locator("#cue-check").is_visible():
+                click(page, "#coach .cue-test")
+            click(page, f"[data-cue='{strength}']")
+            until(page, "ravenjax.state().loudness > 0 && !document.getElementById('cue-sign').hidden")
+            assert page.get_attribute("#cue-sign", "role") == "status" and "pull: " in page.inner_text("#cue-sign")
+    session.close()
+
+
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (820, 1180), (740, 360), (1366, 768), (1920, 1080)])
 def test_on_every_screen_field_pads_and_stop_are_there_and_apart(browser, session, width, height):
     touch = min(width, height) < 900 and width < 1000

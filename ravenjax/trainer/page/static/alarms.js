@@ -1,5 +1,7 @@
 // What the robot's own checks tell, as words in the field: what is the matter, what the robot did, what to do now.
 
+import { coarse } from "./coach.js";
+
 const KEPT_MS = 6000;
 const STOPPED = "The robot has stopped and holds its brakes.";
 const RESTART = "Lift the pedal. Once you know why, restart (Backspace).";
@@ -35,7 +37,7 @@ export class Alarms {
     const [matter, did, act] = ALARMS[check] ?? other(check);
     this.place.querySelector("b").textContent = matter;
     this.place.querySelector("span").textContent = did;
-    this.place.querySelector("em").textContent = act;
+    this.place.querySelector("em").textContent = coarse() ? act.replace(" (Backspace)", "") : act;
     this.place.hidden = false;
   }
 

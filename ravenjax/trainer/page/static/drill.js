@@ -14,6 +14,7 @@ const ADRIFT = [-0.012, 0, -0.008]; // m/s of an instrument that moves by itself
 const BACK = seen(ADRIFT).map((x) => -x / Math.hypot(...ADRIFT)); // where the cue pulls
 const QUIET_S = [1, 2.5];
 const WAIT_S = 6; // for a foot that does not lift
+export const QUICK_S = 1; // the foot that is asked for: slower ones try again
 const REMOTE = { gold: [-0.06, 0.03, 0.28], green: [0.06, 0.03, 0.28] };
 const FLAT = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 const TISSUE = { top: 0.182, sag: [0, 0], half: [0.075, 0.06] };
@@ -26,7 +27,13 @@ export class Lesson {
     this.goals = [];
     let at = this.tip;
     for (const way of WAYS) this.goals.push((at = at.map((c, i) => c + way[i])));
-    Object.assign(this, { target: 0, stage: "pedal", waited: 0, adrift: 0, quiet: QUIET_S[0] + chance() * (QUIET_S[1] - QUIET_S[0]), reaction: null });
+    Object.assign(this, { target: 0, stage: "pedal", chance, reaction: null, tries: 0 });
+    this.watch();
+  }
+
+  /** How long the instrument stays quiet: anew in each try. */
+  watch() {
+    Object.assign(this, { waited: 0, adrift: 0, quiet: QUIET_S[0] + this.chance() * (QUIET_S[1] - QUIET_S[0]) });
   }
 
   /** hand: {pedal, move [right, up, toward]}; seconds since the last step. */
@@ -47,7 +54,17 @@ export class Lesson {
     if (stage !== "adrift") return;
     this.adrift += s;
     if (pedal && this.adrift < WAIT_S) this.tip = this.tip.map((c, i) => c + ADRIFT[i] * s);
-    else [this.stage, this.reaction] = ["done", pedal ? null : this.adrift];
+    else this.lifted(pedal ? null : this.adrift);
+  }
+
+  /** The foot came up after so many s, null: not at all. Whoever was slow goes back to where the drill began, and watches. */
+  lifted(reaction) {
+    this.tries += 1;
+    this.reaction = reaction;
+    this.stage = reaction !== null && reaction <= QUICK_S ? "done" : "quiet";
+    if (this.stage === "done") return;
+    this.tip = START;
+    this.watch();
   }
 }
 
@@ -93,6 +110,12 @@ export class Drill {
     });
   }
 
+  /** Of the last try that was too slow. */
+  missed() {
+    const { reaction } = this.lesson;
+    return reaction === null ? "You kept the pedal down" : `That took ${reaction.toFixed(1)} s`;
+  }
+
   say() {
     const { lesson, place } = this;
     const text = place.querySelector("p");
@@ -101,9 +124,9 @@ export class Drill {
     else {
       const told = {
         pedal: `${pedal} It is the foot pedal: the instrument moves only meanwhile.`,
-        quiet: "Well done. Keep the pedal down, and watch.",
+        quiet: lesson.tries ? `${this.missed()}; ${QUICK_S} s is asked. Once more: keep the pedal down, and watch.` : "Well done. Keep the pedal down, and watch.",
         adrift: "It moves by itself! Lift the pedal.",
-        done: lesson.reaction === null ? "You kept the pedal down. Lift it as soon as the instrument moves by itself." : `Lifted after ${lesson.reaction.toFixed(1)} s. That is all there is to it: the pedal is your brake.`,
+        done: `Lifted after ${(lesson.reaction ?? 0).toFixed(1)} s, ${QUICK_S} s was asked. The pedal is your brake.`,
       }[lesson.stage];
       if (text.textContent !== told) text.textContent = told;
     }

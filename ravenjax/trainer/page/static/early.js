@@ -46,7 +46,8 @@ function drawable() {
     window.addEventListener(
       kind,
       (event) => {
-        if (event.target instanceof Element && event.target.closest("input:not([type=checkbox]), textarea, select")) return;
+        const typed = event.code !== "Escape"; // it stops the robot wherever the cursor is
+        if (typed && event.target instanceof Element && event.target.closest("input:not([type=checkbox]), textarea, select")) return;
         event.stopImmediatePropagation();
         const told = new CustomEvent(kind, { detail: event });
         keys.dispatchEvent(told);

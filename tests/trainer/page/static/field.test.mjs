@@ -97,6 +97,13 @@ test("what follows from a stop does not hide its cause, and words age", () => {
   assert.equal(place.hidden, true);
 });
 
+test("an alarm names no key where a finger drives", (t) => {
+  t.mock.method(globalThis, "matchMedia", () => ({ matches: true }));
+  const words = { b: {}, span: {}, em: {} };
+  new Alarms({ querySelector: (name) => words[name] }).tell({ check: "overdrive_instant" });
+  assert.equal(words.em.textContent, "Lift the pedal. Once you know why, restart.");
+});
+
 test("the way to a goal is told by keys, the longest first", () => {
   assert.deepEqual(steps("gold", [0, 0, 0.2], [0.005, 0.012, 0.2005]), [["away", 12, "W"], ["right", 5, "D"]]);
   assert.deepEqual(steps("green", [0, 0, 0.2], [0, 0, 0.19]).map(([way, , key]) => [way, key]), [["down", "PgDn"]]);
@@ -126,11 +133,24 @@ test("the drill asks for pedal, three ways and a lifted pedal, and takes the tim
   assert.ok(lesson.reaction > 0.4 && lesson.reaction < 0.8, `${lesson.reaction}`);
 });
 
-test("a foot that never lifts is told so", () => {
-  const lesson = new Lesson("gold");
+test("who lifts late, or never, tries again until the foot is quick", () => {
+  const lesson = new Lesson("gold", () => 0);
   Object.assign(lesson, { stage: "adrift", target: -1 });
-  for (let t = 0; t < 7; t += 0.05) lesson.step({ pedal: true, move: [0, 0, 0] }, 0.05);
-  assert.deepEqual([lesson.stage, lesson.reaction], ["done", null]);
+  const go = (s, pedal) => {
+    for (let t = 0; t < s; t += 0.05) lesson.step({ pedal, move: [0, 0, 0] }, 0.05);
+  };
+  go(6.1, true);
+  assert.deepEqual([lesson.stage, lesson.reaction, lesson.tries], ["quiet", null, 1]);
+  go(1.3, true);
+  assert.equal(lesson.stage, "adrift");
+  go(1.2, true);
+  go(0.01, false);
+  assert.deepEqual([lesson.stage, lesson.tries, lesson.tip[0]], ["quiet", 2, 0], "1.2 s are too many");
+  go(1.3, false);
+  assert.equal(lesson.stage, "quiet", "nothing moves by itself while the foot is up");
+  go(1.2, true);
+  go(0.01, false);
+  assert.deepEqual([lesson.stage, lesson.tries], ["done", 3]);
 });
 
 test("the words of a goal stand where neither the tip nor the next goal is", () => {
