@@ -156,7 +156,8 @@ def realtime(
             consoles.append(ItpConsole(server, session, say))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
-            consoles.append(crtk.spawn(stack, options.crtk, session.layout, *crtk.traits(session.blueprint), say))
+            robot = crtk.traits(session.blueprint, elsewhere=options.robot is not None)
+            consoles.append(crtk.spawn(stack, options.crtk, session.layout, robot, say))
             say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
         if script is not None:
             consoles.append(script)
@@ -330,10 +331,9 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Ca
                     f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing can be armed in a "
                     f"robot over {stream}: choose a scenario without, or start `ravenjax robot` and give its joint port"
                 )
-            tools, _ = crtk.traits(made)
             transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
             stack.callback(transport.close)
-            robot = RosRobot(host, itp_port, made.setup.arms, tools, transport, say=say)
+            robot = RosRobot(host, itp_port, made.setup.arms, made.setup.tools, transport, say=say)
             stack.callback(robot.close)
             return DistantRobot(made, robot)
         remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)

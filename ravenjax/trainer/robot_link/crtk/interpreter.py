@@ -65,9 +65,12 @@ class Interpreter:
         types: MessageTypes,
         grasp_gain: int = 1,
         console: str = "crtk",
+        contact: bool = False,
         refused: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """tools: one an arm. console: whose commands these are. refused: told why a message was not followed."""
+        """tools: one an arm. console: whose commands these are. contact: whether the robot tells of its force.
+
+        refused: told why a message was not followed."""
         self.state = OperatingState()
         self.counts: dict[str, int] = {}
         """Messages that were not followed, by reason."""
@@ -75,7 +78,7 @@ class Interpreter:
         self._arms: dict[ArmName, _Arm] = {
             arm: _Arm(arm, tool, grasp_gain) for arm, tool in zip(arms, tools, strict=True)
         }
-        self._tools = tools
+        self._tools, self._contact = tools, contact
         self._told: tuple[str, bool, bool] | None = None
         self._answer = False  # a state command came: the state is told again
         self._orders: list[dict[str, Any]] = []
@@ -253,6 +256,8 @@ class Interpreter:
                 "jaw/setpoint_js": jaw_d,
                 "cue_cf": types.wrench(header, turned @ force),
             }
+            if self._contact:
+                words["measured_cf"] = types.wrench(header, turned @ frames.pressing(frame, arm))
             messages_out += [(arm_topic(arm, word), message) for word, message in words.items()]
         if types.ros == "ros1":
             messages_out.append(("ravenstate", self._raven_state(row, read)))
