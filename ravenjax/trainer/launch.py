@@ -30,7 +30,7 @@ from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.trainer import judge, page, processes, scenario
-from ravenjax.trainer.consoles import ItpConsole, Scripted
+from ravenjax.trainer.consoles import ItpConsole, PedalWords, Scripted
 from ravenjax.trainer.helpers import SessionHelpers
 from ravenjax.trainer.page.options import loopback
 from ravenjax.trainer.realtime import clock, loop
@@ -159,6 +159,7 @@ def realtime(
             robot = crtk.traits(session.blueprint, elsewhere=options.robot is not None)
             consoles.append(crtk.spawn(stack, options.crtk, session.layout, robot, say))
             say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
+        consoles.append(PedalWords(session, say))
         if script is not None:
             consoles.append(script)
         processes.wait_for(recording, options.folder / session_log.FILE)

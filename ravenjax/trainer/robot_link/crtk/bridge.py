@@ -63,7 +63,12 @@ def run(options: BridgeOptions) -> None:
         options.tells.send(str(error))
         return
     end = BridgeEnd(options.rows, options.commands, FrameLayout.of(options.arms))
-    interpreter = Interpreter(options.arms, options.tools, transport.types, options.grasp_gain, contact=options.contact)
+
+    def refused(why: str) -> None:
+        end.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
+
+    arms, tools, gain = options.arms, options.tools, options.grasp_gain
+    interpreter = Interpreter(arms, tools, transport.types, gain, contact=options.contact, refused=refused)
     options.tells.send(None)
     try:
         _work(transport, end, interpreter, options.hertz)

@@ -18,6 +18,7 @@ from ravenjax.trainer.robot_link.crtk.interpreter import Interpreter
 from ravenjax.trainer.robot_link.crtk.messages import TipPose
 from ravenjax.trainer.robot_link.crtk.operating_state import COMMANDS, IDLE_MS, OperatingState
 from ravenjax.trainer.robot_link.crtk.trajectory import FASTEST, STRONGEST, Trajectory
+from ravenjax.trainer.session import pedal
 from ravenjax.trainer.session.advance import Session
 
 BOTH = ("gold", "green")
@@ -442,3 +443,21 @@ def test_a_robot_over_ros_has_an_address_of_its_own():
 def test_a_pose_in_frame_0_is_a_setpoint_in_micrometres():
     one = follower.setpoint(np.array([0.001, -0.002, 0.003]), np.eye(3), 1.5)
     assert one.position_um.tolist() == [1000, -2000, 3000] and one.quat == (0, 0, 0, 1) and one.grasp_mrad == 1500
+
+
+def test_the_user_is_told_why_the_pedal_of_crtk_does_not_count():
+    types, told, row = messages.types("ros2"), [], robot_row(runlevel=3)
+    interpreter = Interpreter(("gold",), ("r_grasper",), types, refused=told.append)
+    header, now = types.header(0, ""), row.clock_ns * 1e-6
+    for ms in (0, 600):  # somebody else has the pedal down
+        interpreter.observe(row._replace(clock_ns=row.clock_ns + ms * 10**6), True, now + ms)
+    for _ in range(3):  # one foot that stays, and one word
+        interpreter.hear("console/operator_present", types.joy(header, [1]), now + 600)
+    interpreter.hear("state_command", types.string(header, "resume"), now + 600)
+    assert told == [pedal.rival("another console")] * 2
+    alone = robot_row(runlevel=2)
+    later = alone._replace(clock_ns=row.clock_ns + 700 * 10**6)
+    interpreter.observe(later, True, now + 700)
+    interpreter.hear("state_command", types.string(header, "enable"), now + 700)
+    interpreter.observe(later, False, now + 701)
+    assert told[2:] == [pedal.RELEASED["nobody"]] and not interpreter.state.pedal
