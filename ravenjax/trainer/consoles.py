@@ -56,12 +56,12 @@ class Refusals:
             return []
         more = {cause: count - self._counts[cause] for cause, count in self._gate.counts.items()}
         self._counts = dict(self._gate.counts)
-        taken = more.pop(TAKEN)
+        accepted = more.pop(TAKEN)
         cause = max(more, key=more.__getitem__)
         why = self._told
         if more["stranger"] >= SOME_PACKETS:
             why = pedal.packets("stranger")
-        elif taken:
+        elif accepted:
             why = ""
         elif more[cause] >= SOME_PACKETS:
             why = pedal.packets(cause)

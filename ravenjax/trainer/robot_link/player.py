@@ -48,8 +48,8 @@ class Played(NamedTuple):
         sent = f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most {late_ms:.1f} ms late"
         if not self.forces:
             return f"{sent}; no force packet came back: does a robot listen there?"
-        told = f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal down"
-        return told if self.driving else f"{told}: the terminal of the robot or session says why"
+        words = f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal down"
+        return words if self.driving else f"{words}: the terminal of the robot or session says why"
 
 
 def lead(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:

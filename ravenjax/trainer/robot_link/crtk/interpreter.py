@@ -177,9 +177,9 @@ class Interpreter:
         heard = frame.number("link") != 0 or frame.number("session_tick") == 0
         fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
-        held = self.state.pedal
+        was_down = self.state.pedal
         self.state.observe(runlevel, stopped, connected, now_ms, lost=not (fresh and heard))
-        if held and not self.state.pedal and self.state.why in pedal.RELEASED:
+        if was_down and not self.state.pedal and self.state.why in pedal.RELEASED:
             self._refused(pedal.RELEASED[self.state.why])
         drives = self.state.drives
         if self._taken is None and row.last_command >= self._sent:
