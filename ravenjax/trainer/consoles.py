@@ -7,10 +7,14 @@ from typing import Any
 
 from ravenjax.trainer.protocol import felt
 from ravenjax.trainer.protocol.frame import Frame
+from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.itp import ItpServer
-from ravenjax.trainer.session import scripts
+from ravenjax.trainer.robot_link.packet_filter import TAKEN, Gate
+from ravenjax.trainer.session import pedal, scripts
 from ravenjax.trainer.session.advance import Session
 
+SOME_PACKETS = 10
+"""Refused ones in `STALE_MS`, without one that is taken, are told."""
 UNATTENDED_MS = 60_000
 """A script that has not driven by then never will: the session's time begins, so that it ends."""
 
@@ -38,6 +42,51 @@ class Scripted:
         """It sees the frame when it is asked."""
 
 
+class Refusals:
+    """Says where the packet filter takes nothing of what comes."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate, self._counts = gate, dict(gate.counts)
+        self._polls, self._told = 0, ""
+
+    def poll(self) -> list[dict[str, Any]]:
+        """Once a ms: a command "unheard" where it has changed whether packets are taken."""
+        self._polls += 1
+        if self._polls % STALE_MS:
+            return []
+        more = {cause: count - self._counts[cause] for cause, count in self._gate.counts.items()}
+        self._counts = dict(self._gate.counts)
+        accepted = more.pop(TAKEN)
+        cause = max(more, key=more.__getitem__)
+        why = self._told
+        if more["stranger"] >= SOME_PACKETS:
+            why = pedal.packets("stranger")
+        elif accepted:
+            why = ""
+        elif more[cause] >= SOME_PACKETS:
+            why = pedal.packets(cause)
+        if why == self._told:
+            return []
+        self._told = why
+        return [{"type": "unheard", "why": why}]
+
+
+class PedalWords:
+    """Says at the terminal why the pedal of a console over the network does not count."""
+
+    def __init__(self, session: Session, say: Callable[[str], None]) -> None:
+        self._session, self._say = session, say
+
+    def poll(self) -> list[dict[str, Any]]:
+        """It asks for nothing."""
+        return []
+
+    def tell(self, frame: Frame) -> None:
+        """What the last tick found."""
+        for line in self._session.pedals.news():
+            self._say(line)
+
+
 class ItpConsole:
     """A console over the network: increments in, force out."""
 
@@ -46,9 +95,10 @@ class ItpConsole:
         self._server, self._session, self._arms = server, session, session.arms
         self._say = say
         self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
+        self._refusals = Refusals(server.gate)
 
     def poll(self) -> list[dict[str, Any]]:
-        messages = [{**one, "console": "itp"} for one in self._server.poll()]
+        messages = [{**one, "console": "itp"} for one in (*self._server.poll(), *self._refusals.poll())]
         for line in self._server.gate.news():
             self._say(line)
         return messages

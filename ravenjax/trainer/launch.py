@@ -30,7 +30,7 @@ from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.trainer import judge, page, processes, scenario
-from ravenjax.trainer.consoles import ItpConsole, Scripted
+from ravenjax.trainer.consoles import ItpConsole, PedalWords, Scripted
 from ravenjax.trainer.helpers import SessionHelpers
 from ravenjax.trainer.page.options import loopback
 from ravenjax.trainer.realtime import clock, loop
@@ -156,8 +156,10 @@ def realtime(
             consoles.append(ItpConsole(server, session, say))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
-            consoles.append(crtk.spawn(stack, options.crtk, session.layout, *crtk.traits(session.blueprint), say))
+            robot = crtk.traits(session.blueprint, elsewhere=options.robot is not None)
+            consoles.append(crtk.spawn(stack, options.crtk, session.layout, robot, say))
             say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
+        consoles.append(PedalWords(session, say))
         if script is not None:
             consoles.append(script)
         processes.wait_for(recording, options.folder / session_log.FILE)
@@ -330,10 +332,9 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Ca
                     f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing can be armed in a "
                     f"robot over {stream}: choose a scenario without, or start `ravenjax robot` and give its joint port"
                 )
-            tools, _ = crtk.traits(made)
             transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
             stack.callback(transport.close)
-            robot = RosRobot(host, itp_port, made.setup.arms, tools, transport, say=say)
+            robot = RosRobot(host, itp_port, made.setup.arms, made.setup.tools, transport, say=say)
             stack.callback(robot.close)
             return DistantRobot(made, robot)
         remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)

@@ -22,15 +22,19 @@ is there at the beginning of a tick, so that a list of (tick, command) is all th
     {"type": "seat", "do": DO, "by": ROLE}
         who drives, see `session.seat`. DO: take (for the console that says so), give (with "to", one of `CONSOLES`),
         left (the console that says so is gone)
+    {"type": "unheard", "why": WHY}
+        nothing of a console over the network is taken, as the packet filter refuses it; "": it is again. With "once":
+        true something was not followed once
 
-"input", "increments" and "seat" have a "console", one of `CONSOLES` but the first, which the channel stamps that they
-come through; where it is missing they are a script's.
+"input", "increments", "seat" and "unheard" have a "console", one of `CONSOLES` but the first, which the channel stamps
+that they come through; where it is missing they are a script's.
 
 Events of a session have "tick" (ms since the session began, pauses left out) and "kind":
 
     phase (phase), view (view), console (alive, source), pedal (down), runlevel (runlevel),
     owner (console, by): who drives from now on, and how that came: "pedal", "operator", "instructor", "left", "silent"
-    refused (console, why): who wanted to drive and may not now
+    refused (console, why): who wanted to drive and may not now; of a console over the network also why its pedal does
+        not count (`session.pedal`), "" once that is over
     rearm (why): the pedal must be seen up before it drives again
     started (by): the session's time runs from now on, "pedal" or "instructor"
     alarm (check, count): a check told a person or stopped the robot; alarm_count (check, count): it goes on doing so

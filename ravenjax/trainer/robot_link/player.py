@@ -2,6 +2,10 @@
 
 Robots count a pedal only after it was seen up, and a recording may begin with the pedal down. So the first packet goes
 out ahead for `LEAD_S`, every `LEAD_STEP_S`, with the pedal up, without displacements, and under the numbers before it.
+
+Robots and sessions follow one console at a time, and the one before, or the play before, for two more seconds. So one
+such packet goes out first, again and again under the same number, until a force packet tells that this console is
+followed; a real Raven sends none and gets the recording after `KNOCK_S`.
 """
 
 from __future__ import annotations
@@ -19,8 +23,10 @@ from ravenjax.robots.raven2.console.packet import V_STRUCT
 from ravenjax.robots.raven2.console.reading import BUTTONS, CHECKSUM, FIELDS, MODE
 from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.robot_link.itp import DRIVES, PEDAL
+from ravenjax.vocabulary.packets import RELEASE_MS
 
 LEAD_S, LEAD_STEP_S = 0.4, 0.002
+KNOCK_S, KNOCK_STEP_S = RELEASE_MS * 1e-3 + 0.5, 0.02
 _LARGEST = 2**32 - 1
 _DISPLACEMENTS = slice(3, 9)
 _FLAGS = V_STRUCT.fields["jointflags"][1] if V_STRUCT.fields else 0
@@ -42,13 +48,14 @@ class Played(NamedTuple):
         sent = f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most {late_ms:.1f} ms late"
         if not self.forces:
             return f"{sent}; no force packet came back: does a robot listen there?"
-        return f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal down"
+        words = f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal down"
+        return words if self.driving else f"{words}: the terminal of the robot or session says why"
 
 
-def lead(first: bytes) -> list[bytes]:
+def lead(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
     """The packets that go out ahead of the recording's first one."""
     fields = list(FIELDS.unpack_from(first))
-    number, count = fields[0], round(LEAD_S / LEAD_STEP_S)
+    number = fields[0]
     fields[_DISPLACEMENTS] = [0] * 6
     fields[MODE] = 0
     packets = []
@@ -72,6 +79,7 @@ def play(
     due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
     with until_interrupted() as stop, _connected(address) as port:
         say(f"{len(datagrams)} packets of {arrival_s[-1]:.3f} s to {address[0]}:{address[1]}; pedal up ahead of them")
+        _knock(port, lead(datagrams[0], len(ahead) + 1)[0], stop)
         begin = time.monotonic()
         sent = forces = driving = 0
         latest = 0.0
@@ -95,6 +103,17 @@ def play(
             forces,
             driving,
         )
+
+
+def _knock(port: socket.socket, packet: bytes, stop: Sequence) -> None:
+    """Send the packet until a force packet comes back, or nobody tells for `KNOCK_S`."""
+    end = time.monotonic() + KNOCK_S
+    while time.monotonic() < end and not stop:
+        with contextlib.suppress(ConnectionRefusedError):
+            port.send(packet)
+        time.sleep(KNOCK_STEP_S)
+        if any(True for _ in _heard(port)):
+            return
 
 
 @contextlib.contextmanager

@@ -145,7 +145,7 @@ def run(
 
 def _speaks(stack: contextlib.ExitStack, ros: Ros, robot: PacketRobot, say: Callable[[str], None]) -> CrtkConsole:
     """The process that speaks CRTK for this robot."""
-    return console.spawn(stack, ros, robot.blueprint.layout, *console.traits(robot.blueprint), say)
+    return console.spawn(stack, ros, robot.blueprint.layout, console.traits(robot.blueprint), say)
 
 
 def serve(

@@ -24,6 +24,7 @@ from ravenjax.trainer.robot_link.increments import Increments, merge
 from ravenjax.trainer.robot_link.itp import ItpServer
 from ravenjax.trainer.robot_link.joints.record import Reporter, encode_text
 from ravenjax.trainer.robot_link.joints.stream import JointServer, ListenerOrder
+from ravenjax.trainer.session import pedal
 from ravenjax.vocabulary import checks
 
 
@@ -119,6 +120,8 @@ class Station:
         name = self._driver or next(iter(counted), ITP)
         for other, one in counted.items():
             if other != name and one.pedal:
+                if other in self._lifted:
+                    self._news.append(f"{other}: {pedal.rival(name)}")
                 self._lifted.discard(other)
         request = counted.get(name)
         if request is not None and not request.pedal:
@@ -129,6 +132,9 @@ class Station:
         """What CRTK asks for: orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
+            if command["type"] == "unheard":
+                self._news.append(f"{CRTK}: {command['why']}")
+                continue
             if command["type"] == "operator":
                 self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
                 continue
@@ -155,7 +161,7 @@ class Station:
             self._told_to_lift.discard(console)
         elif console not in self._lifted and console not in self._told_to_lift:
             self._told_to_lift.add(console)
-            self._news.append(f"{console}: the pedal is down, and counts once it was seen up: lift it first")
+            self._news.append(f"{console}: {pedal.LIFT}")
         return increments if console in self._lifted else increments._replace(pedal=0)
 
     def _tell_checks(self, frame: Frame) -> None:

@@ -20,17 +20,17 @@ from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.run_levels import E_STOP, PEDAL_DOWN, PEDAL_UP
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 from ravenjax.trainer import judge, scenario, tasks
 from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
 from ravenjax.trainer.protocol.jaws import closing_point
 from ravenjax.trainer.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
 from ravenjax.trainer.protocol.world import Point
 from ravenjax.trainer.scenario import Scenario
-from ravenjax.trainer.session import blueprint, director, hands
+from ravenjax.trainer.session import blueprint, director, hands, pedal
 from ravenjax.trainer.session.blueprint import Blueprint
 from ravenjax.trainer.session.heard import Heard
-from ravenjax.trainer.session.seat import ConsoleSeat
+from ravenjax.trainer.session.seat import ConsoleSeat, console_of
 from ravenjax.trainer.session.simulation import SimulatedRobot
 from ravenjax.trainer.session.standstill import Standstill
 
@@ -39,6 +39,8 @@ READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
 _TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
 """Events that tell of each change of a state, and their word for it."""
+_STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
+"""Phases in which no pedal counts."""
 OUTCOMES_EVERY = 10
 """Ticks between two looks at the robot's checks, at least."""
 STAND_BY_MS = 30_000
@@ -113,6 +115,7 @@ class Session:
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick in which its time began
         self.seat = ConsoleSeat()
+        self.pedals = pedal.PedalReasons()
         self._standstill = Standstill(self.layout)
         self.ended = ""  # why it is over
         self.heard = Heard()
@@ -185,8 +188,22 @@ class Session:
         self._tell_changes()
         if self._moved:
             self._follow()
+        for event in self.pedals.look({console: self._why_not(console) for console in pedal.NETWORK}):
+            self._tell("refused", **event)
+        if self._moved:
             self.ticks += 1
         return self._events
+
+    def _why_not(self, console: str) -> str:
+        """Why the pedal that a console holds down does not count."""
+        why = self.seat.why_not(console, self.ticks)
+        if self.over:
+            return ""
+        if not self.seat.holds(console):
+            return why
+        if self.phase in _STANDS:
+            return _STANDS[self.phase]
+        return why or (pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else "")
 
     # --- commands ---
 
@@ -194,6 +211,12 @@ class Session:
         kind, do = command.get("type"), command.get("do")
         if kind in ("input", "increments"):
             self.seat.hear(command, lambda counted: self._hands.take(counted, self.ticks), self.ticks)
+        elif kind == "unheard":
+            console, why = console_of(command), str(command.get("why", ""))[:200]
+            if command.get("once"):
+                self._tell("refused", **self.pedals.once(console, why))
+            else:
+                self.seat.unheard(console, why)
         elif kind == "seat" and do in SEAT:
             if self.seat.obey(command, self.ticks):
                 self._let_go("handover", own=command.get("by") != "instructor")

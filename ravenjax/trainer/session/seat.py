@@ -17,6 +17,7 @@ from typing import Any
 
 from ravenjax.trainer.protocol.frame import CONSOLES
 from ravenjax.trainer.protocol.messages import STALE_MS
+from ravenjax.trainer.session import pedal as words
 
 GONE_MS = 2000
 """A console that was silent for so long has gone; the same as `robot_link.packet_filter` has for a stream."""
@@ -32,6 +33,9 @@ class ConsoleSeat:
         self._armed: set[str] = set()  # consoles whose pedal was seen up since it had to be
         self._heard: dict[str, int] = {}  # tick of the last word of each
         self._down = False  # the owner's pedal, as it counts
+        self._foot: dict[str, bool] = {}  # the pedal of each, as it was said last
+        self._since: dict[str, str] = {}  # why each console's pedal had to be seen up
+        self._unheard: dict[str, str] = {}  # why nothing of a console is taken
         self._events: list[dict[str, Any]] = []
 
     @property
@@ -50,13 +54,37 @@ class ConsoleSeat:
         down = pedal is True and console in self._armed
         if self.owner in (NOBODY, console):
             if not take({**message, "pedal": down} if pedal is True else message):
+                self._unheard[console] = words.OUT_OF_RANGE
                 return
             if self.owner == NOBODY and down:
                 self._hand_to(console, "pedal", tick)
             self._down = down
         self._heard[console] = tick
+        self._foot[console] = pedal is True
+        if self._unheard.get(console) == words.OUT_OF_RANGE:
+            del self._unheard[console]
         if pedal is False:
             self._armed.add(console)
+
+    def unheard(self, console: str, why: str) -> None:
+        """Nothing of a console is taken, or "": it is again."""
+        self._unheard[console] = why
+
+    def holds(self, console: str) -> bool:
+        """Whether a console's pedal is down, whether or not it counts."""
+        return self._foot.get(console, False)
+
+    def why_not(self, console: str, tick: int) -> str:
+        """Why the pedal that a console holds down does not count; "": it does, or is up."""
+        if why := self._unheard.get(console):
+            return why
+        if not self._foot.get(console):
+            return ""
+        if tick - self._heard[console] > STALE_MS:
+            return words.SILENT
+        if self.owner not in (NOBODY, console):
+            return words.other(self.owner)
+        return "" if console in self._armed else words.lift(self._since.get(console, ""))
 
     def obey(self, command: Mapping[str, Any], tick: int) -> bool:
         """A command "seat"; whether the seat or its pedal is another's now."""
@@ -90,6 +118,7 @@ class ConsoleSeat:
         if self._armed:
             self._tell(tick, "rearm", why=why)
         self._armed.clear()
+        self._since = dict.fromkeys(CONSOLES, why)
         self._down = False
 
     def events(self) -> list[dict[str, Any]]:
@@ -99,6 +128,7 @@ class ConsoleSeat:
 
     def _hand_over(self, console: str, by: str, tick: int) -> bool:
         self._armed.discard(console)
+        self._since[console] = "handover"
         self._hand_to(console, by, tick)
         return True
 
@@ -110,6 +140,7 @@ class ConsoleSeat:
     def _disarm(self, console: str, why: str, tick: int) -> None:
         if console in self._armed:
             self._armed.discard(console)
+            self._since[console] = why
             if console == self.owner:
                 self._tell(tick, "rearm", why=why)
 

@@ -47,6 +47,7 @@ class BridgeOptions:
     arms: tuple[ArmName, ...]
     tools: tuple[str, ...]
     grasp_gain: int
+    contact: bool  # whether the force of what the robot touches is known
     tells: Connection  # the process says here that it speaks (None), or why it does not, or no longer
     hertz: float = HERTZ
 
@@ -56,13 +57,18 @@ def run(options: BridgeOptions) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the robot's to take
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # others are told that the topics are gone
     try:
-        topics = names.published(options.arms, raven_state=options.ros == "ros1")
+        topics = names.published(options.arms, options.ros == "ros1", options.contact)
         transport = connect(options.ros, topics, names.subscribed(options.arms))
     except UserError as error:
         options.tells.send(str(error))
         return
     end = BridgeEnd(options.rows, options.commands, FrameLayout.of(options.arms))
-    interpreter = Interpreter(options.arms, options.tools, transport.types, options.grasp_gain)
+
+    def refused(why: str) -> None:
+        end.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
+
+    arms, tools, gain = options.arms, options.tools, options.grasp_gain
+    interpreter = Interpreter(arms, tools, transport.types, gain, contact=options.contact, refused=refused)
     options.tells.send(None)
     try:
         _work(transport, end, interpreter, options.hertz)

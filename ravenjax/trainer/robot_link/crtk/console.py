@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, NamedTuple
 
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ArmName
@@ -19,6 +19,14 @@ from ravenjax.trainer.session.blueprint import Blueprint
 
 _LOOK_EVERY = 256
 """Calls of `poll` between two looks whether the process is still there: each is a system call."""
+
+
+class RobotTraits(NamedTuple):
+    """What `spawn` needs of a robot."""
+
+    tools: tuple[str, ...]
+    grasp_gain: int  # how its software takes increments of the jaws
+    contact: bool  # whether the force of what it touches is known
 
 
 class CrtkConsole:
@@ -54,8 +62,7 @@ def spawn(
     stack: contextlib.ExitStack,
     ros: Ros,
     layout: FrameLayout,
-    tools: Sequence[str],
-    grasp_gain: int,
+    robot: RobotTraits,
     say: Callable[[str], None] = print,
 ) -> CrtkConsole:
     """Start the process and wait until it speaks; `say` is told where it ends. UserError where it cannot start."""
@@ -64,7 +71,7 @@ def spawn(
     answer, tells = multiprocessing.Pipe(duplex=False)
     stack.callback(answer.close)
     arms: tuple[ArmName, ...] = layout.arms
-    options = bridge.BridgeOptions(end.rows.name, end.commands.name, ros, arms, tuple(tools), grasp_gain, tells)
+    options = bridge.BridgeOptions(end.rows.name, end.commands.name, ros, arms, *robot, tells)
     process = processes.spawn(stack, bridge.run, options)
     tells.close()
     if not answer.poll(processes.STARTING_S):
@@ -79,6 +86,7 @@ def spawn(
     return CrtkConsole(end, answer, ros, say)
 
 
-def traits(blueprint: Blueprint) -> tuple[tuple[str, ...], int]:
-    """What `spawn` needs of a robot: its tools, and how its software takes increments of the jaws."""
-    return blueprint.setup.tools, int(blueprint.plan.program.params.control.teleoperation.grasp_gain)
+def traits(blueprint: Blueprint, elsewhere: bool = False) -> RobotTraits:
+    """Those of a robot. elsewhere: it is not this one that is driven, and nobody tells what it touches."""
+    gain = int(blueprint.plan.program.params.control.teleoperation.grasp_gain)
+    return RobotTraits(blueprint.setup.tools, gain, blueprint.setup.contact and not elsewhere)

@@ -15,6 +15,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat, quat_from_matrix
+from ravenjax.trainer.protocol.frame import Frame
 from ravenjax.trainer.robot_link.crtk.messages import TipPose
 
 BASE: dict[ArmName, np.ndarray] = {
@@ -43,6 +44,15 @@ def reached(arm: ArmName, jpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     with at_once():
         pose = kinematics.forward(arm, Vec(map(float, jpos)))
     return np.array(pose.position, float), np.array(pose.rotation, float)
+
+
+def pressing(frame: Frame, arm: ArmName) -> np.ndarray:
+    """The force that the instrument exerts on what it touches, N, frame 0: against the one that it feels.
+
+    CRTK's `servo_cf` is a force of the robot on its environment, and its `measured_cf` the Jacobian's of the measured
+    joint efforts, which hold that force.
+    """
+    return -frame[f"{arm}/contact"].astype(float) + 0.0  # no -0
 
 
 class ArmReading(NamedTuple):

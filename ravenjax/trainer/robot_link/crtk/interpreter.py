@@ -25,6 +25,7 @@ from ravenjax.trainer.robot_link.crtk.messages import MessageTypes
 from ravenjax.trainer.robot_link.crtk.names import ARM_NAMES, arm_topic, frame_id
 from ravenjax.trainer.robot_link.crtk.operating_state import OperatingState
 from ravenjax.trainer.robot_link.crtk.trajectory import Trajectory
+from ravenjax.trainer.session import pedal
 
 Message = tuple[str, Any]
 _PER_DEGREE = 180 / np.pi
@@ -65,9 +66,12 @@ class Interpreter:
         types: MessageTypes,
         grasp_gain: int = 1,
         console: str = "crtk",
+        contact: bool = False,
         refused: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """tools: one an arm. console: whose commands these are. refused: told why a message was not followed."""
+        """tools: one an arm. console: whose commands these are. contact: whether the robot tells of its force.
+
+        refused: told why a message was not followed."""
         self.state = OperatingState()
         self.counts: dict[str, int] = {}
         """Messages that were not followed, by reason."""
@@ -75,12 +79,12 @@ class Interpreter:
         self._arms: dict[ArmName, _Arm] = {
             arm: _Arm(arm, tool, grasp_gain) for arm, tool in zip(arms, tools, strict=True)
         }
-        self._tools = tools
+        self._tools, self._contact = tools, contact
         self._told: tuple[str, bool, bool] | None = None
         self._answer = False  # a state command came: the state is told again
         self._orders: list[dict[str, Any]] = []
         self._stepped_ms: float | None = None
-        self._drove = False
+        self._drove = self._present = False
         self._moves = False  # the last commands have an increment
         self._sent = 0  # number of the last command with an increment
         self._taken: int | None = None  # row before which the robot took it
@@ -95,9 +99,11 @@ class Interpreter:
             self._command(message.string.strip(), now_ms)
         elif place == "console":
             pressed = bool(len(message.buttons) and message.buttons[0])
-            self.state.foot(
-                pressed if word == "operator_present" else None, pressed if word == "clutch" else None, now_ms
-            )
+            present = word == "operator_present"
+            self.state.foot(pressed if present else None, None if present else pressed, now_ms)
+            if present:
+                self._wished(pressed and not self._present)
+                self._present = pressed
         elif arm is not None:
             self._move(arm, word, message, now_ms)
 
@@ -109,6 +115,12 @@ class Interpreter:
             return
         self._answer = True
         self._orders += [{"type": "operator", "do": order} for order in orders]
+        self._wished(word in ("enable", "resume"))
+
+    def _wished(self, wished: bool) -> None:
+        """Somebody wants the pedal down: say where another has it."""
+        if wished and not self.state.pedal and self.state.other_drives:
+            self._refused(pedal.rival("another console"))
 
     def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
         servo = word != "move_jp"
@@ -165,7 +177,10 @@ class Interpreter:
         heard = frame.number("link") != 0 or frame.number("session_tick") == 0
         fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
+        was_down = self.state.pedal
         self.state.observe(runlevel, stopped, connected, now_ms, lost=not (fresh and heard))
+        if was_down and not self.state.pedal and self.state.why in pedal.RELEASED:
+            self._refused(pedal.RELEASED[self.state.why])
         drives = self.state.drives
         if self._taken is None and row.last_command >= self._sent:
             self._taken = row.number
@@ -253,6 +268,8 @@ class Interpreter:
                 "jaw/setpoint_js": jaw_d,
                 "cue_cf": types.wrench(header, turned @ force),
             }
+            if self._contact:
+                words["measured_cf"] = types.wrench(header, turned @ frames.pressing(frame, arm))
             messages_out += [(arm_topic(arm, word), message) for word, message in words.items()]
         if types.ros == "ros1":
             messages_out.append(("ravenstate", self._raven_state(row, read)))

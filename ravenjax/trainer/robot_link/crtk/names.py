@@ -32,8 +32,11 @@ def arm_topic(arm: ArmName, word: str) -> str:
     return f"{ARM_NAMES[arm]}/{word}"
 
 
-def published(arms: Sequence[ArmName], raven_state: bool = False) -> list[RosTopic]:
-    """What a robot with these arms tells. raven_state: in raven2's message too."""
+def published(arms: Sequence[ArmName], raven_state: bool = False, contact: bool = False) -> list[RosTopic]:
+    """What a robot with these arms tells.
+
+    raven_state: in raven2's message too. contact: its force on what it touches.
+    """
     topics = [RosTopic("operating_state", messages.OPERATING_STATE, latched=True)]
     for arm in arms:
         topics += [RosTopic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE, latched=True)]
@@ -42,6 +45,8 @@ def published(arms: Sequence[ArmName], raven_state: bool = False) -> list[RosTop
         topics += [RosTopic(arm_topic(arm, word), messages.POSE) for word in ("measured_cp", "setpoint_cp")]
         topics += [RosTopic(arm_topic(arm, "measured_cv"), messages.TWIST)]
         topics += [RosTopic(arm_topic(arm, "cue_cf"), messages.WRENCH)]
+        if contact:
+            topics += [RosTopic(arm_topic(arm, "measured_cf"), messages.WRENCH)]
     if raven_state:
         topics.append(RosTopic("ravenstate", messages.RAVEN_STATE))
     return topics

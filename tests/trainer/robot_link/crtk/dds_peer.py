@@ -139,6 +139,7 @@ KINDS = {
     "setpoint_cp": PoseStamped,
     "measured_cv": TwistStamped,
     "cue_cf": WrenchStamped,
+    "measured_cf": WrenchStamped,
     "operating_state": OperatingState,
 }
 COMMANDS = {

@@ -3,6 +3,7 @@
 import multiprocessing
 import socket
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from ravenjax.trainer.robot_link.crtk.interpreter import Interpreter
 from ravenjax.trainer.robot_link.crtk.ros_robot import RosRobot
 from ravenjax.trainer.robot_link.increments import Increments
 from ravenjax.trainer.robot_link.station import Station
+from ravenjax.trainer.session import pedal
 from ravenjax.trainer.session.advance import Session
 
 QUIET = ((0.0, 0.0, 0.0, 1.0),)
@@ -49,6 +51,8 @@ class Machine:
 
 class Itp:
     """A console of ITP: what it sends in the next tick, and what it feels."""
+
+    gate = SimpleNamespace(news=list)
 
     def __init__(self):
         self.next, self.felt = None, []
@@ -110,6 +114,15 @@ def test_in_a_station_one_pedal_at_a_time_counts():
     tick()
     itp.next = packets(True, 50)
     assert tick() == (1, 7) and itp.felt[-1] == ({"gold": (0.0, 0.0, 0.0)}, False)  # it watches, and feels nothing
+    tick(3)
+    ros.next = [{"type": "unheard", "console": "crtk", "once": True, "why": "because"}, asks(True, 7)]
+    tick()
+    assert station.news() == [
+        f"crtk: {pedal.LIFT}",
+        f"itp: {pedal.rival('crtk')}",
+        f"itp: {pedal.LIFT}",
+        "crtk: because",
+    ]
     ros.next, itp.next = [], None
     assert tick(STALE_MS) is None
     assert tick()[0] == 0  # the process that spoke is gone: nobody holds the pedal

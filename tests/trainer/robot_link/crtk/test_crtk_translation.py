@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ravenjax import UserError
+from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.geometry.arrays import forward_kinematics
-from ravenjax.trainer import launch
+from ravenjax.trainer import launch, scenario
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.robot_link.crtk import follower, frames, messages, names
 from ravenjax.trainer.robot_link.crtk.exchange import BridgeEnd, LoopEnd
@@ -17,6 +18,8 @@ from ravenjax.trainer.robot_link.crtk.interpreter import Interpreter
 from ravenjax.trainer.robot_link.crtk.messages import TipPose
 from ravenjax.trainer.robot_link.crtk.operating_state import COMMANDS, IDLE_MS, OperatingState
 from ravenjax.trainer.robot_link.crtk.trajectory import FASTEST, STRONGEST, Trajectory
+from ravenjax.trainer.session import pedal
+from ravenjax.trainer.session.advance import Session
 
 BOTH = ("gold", "green")
 YAML = {  # raven2, params/raven_*_crtk.yaml: joints, position m, quaternion, told to two or three digits
@@ -326,6 +329,53 @@ def robot_row(runlevel=2, taken=0):
     return row
 
 
+# what x, y, z of the base frame are in frame 0, as docs/how-to/crtk.md has them
+DOCUMENTED = {"gold": lambda x, y, z: (-y, -z, x), "green": lambda x, y, z: (y, z, x)}
+
+
+@pytest.mark.parametrize("ros", ["ros1", "ros2"])
+def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
+    types, row = messages.types(ros), robot_row()
+    felt = {"gold": (0.5, -1.25, 2.0), "green": (0.0, 3.0, -0.75)}
+    for arm, force in felt.items():
+        row.frame[f"{arm}/contact"] = force
+    told = dict(Interpreter(BOTH, ("r_grasper",) * 2, types, contact=True).readings(row))
+    kinds = {topic.name: topic.kind for topic in names.published(BOTH, ros == "ros1", contact=True)}
+    assert set(told) == {name for name in kinds if not name.endswith("operating_state")}
+    for arm, name in names.ARM_NAMES.items():
+        kind = kinds[f"{name}/measured_cf"]
+        assert kind == "geometry_msgs/msg/WrenchStamped"
+        again = types.decode(types.encode(told[f"{name}/measured_cf"], kind), kind)
+        force, torque = again.wrench.force, again.wrench.torque
+        assert (force.x, force.y, force.z) == tuple(-one for one in DOCUMENTED[arm](*felt[arm]))
+        assert (torque.x, torque.y, torque.z) == (0, 0, 0)
+        assert messages.stamp_ns(again) == row.stamp_ns and again.header.frame_id == f"{name}_base"
+
+
+def test_a_robot_that_touches_nothing_has_no_topic_for_it():
+    told = {name for name, _ in Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2")).readings(robot_row())}
+    offered = {topic.name for topic in names.published(BOTH)}
+    assert not [name for name in told | offered if "measured_cf" in name]
+
+
+@pytest.mark.slow
+def test_who_presses_on_the_tissue_is_told_a_force_into_it():
+    session = Session(scenario.load("touch"), 0)
+    for _ in range(4000):  # down in the view is down in the world
+        hands = {"gold": {"move": [0, -1, 0], "turn": [0, 0, 0], "grasp": 0}}
+        session.tick([{"type": "input", "console": "page", "pedal": session.ticks > 100, "arms": hands}])
+        if np.linalg.norm(session.frame["gold/contact"]) > 1.0:
+            break
+    row = robot_row()._replace(frame=session.frame)
+    told = dict(Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2"), contact=True).readings(row))
+    force = told["arm1/measured_cf"].wrench.force
+    frame0 = (force.z, -force.x, -force.y)  # x, y, z of the base frame are -y, -z, x
+    down = Rotation.from_quat(scene.base_pose("gold")[1]).apply(frame0)[2]
+    assert np.linalg.norm(frame0) == pytest.approx(np.linalg.norm(session.frame["gold/contact"])) and down < -0.8
+    free = told["arm2/measured_cf"].wrench.force
+    assert (free.x, free.y, free.z) == (0, 0, 0)
+
+
 def test_a_servo_command_becomes_increments_that_add_up():
     types = messages.types("ros2")
     interpreter = Interpreter(BOTH, ("r_grasper",) * 2, types)
@@ -393,3 +443,21 @@ def test_a_robot_over_ros_has_an_address_of_its_own():
 def test_a_pose_in_frame_0_is_a_setpoint_in_micrometres():
     one = follower.setpoint(np.array([0.001, -0.002, 0.003]), np.eye(3), 1.5)
     assert one.position_um.tolist() == [1000, -2000, 3000] and one.quat == (0, 0, 0, 1) and one.grasp_mrad == 1500
+
+
+def test_the_user_is_told_why_the_pedal_of_crtk_does_not_count():
+    types, told, row = messages.types("ros2"), [], robot_row(runlevel=3)
+    interpreter = Interpreter(("gold",), ("r_grasper",), types, refused=told.append)
+    header, now = types.header(0, ""), row.clock_ns * 1e-6
+    for ms in (0, 600):  # somebody else has the pedal down
+        interpreter.observe(row._replace(clock_ns=row.clock_ns + ms * 10**6), True, now + ms)
+    for _ in range(3):  # one foot that stays, and one word
+        interpreter.hear("console/operator_present", types.joy(header, [1]), now + 600)
+    interpreter.hear("state_command", types.string(header, "resume"), now + 600)
+    assert told == [pedal.rival("another console")] * 2
+    alone = robot_row(runlevel=2)
+    later = alone._replace(clock_ns=row.clock_ns + 700 * 10**6)
+    interpreter.observe(later, True, now + 700)
+    interpreter.hear("state_command", types.string(header, "enable"), now + 700)
+    interpreter.observe(later, False, now + 701)
+    assert told[2:] == [pedal.RELEASED["nobody"]] and not interpreter.state.pedal

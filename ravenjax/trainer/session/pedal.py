@@ -1,0 +1,114 @@
+"""Why a pedal that a console over the network holds down does not count: the reasons in words, each told once.
+
+The page shows its own pedal by itself; a foot at a console elsewhere sees nothing of a session but its force. So each
+change of the reason is an event "refused" (console, why), which the page and the log show, and a line at the terminal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+NETWORK = ("itp", "crtk")
+"""Consoles whose user is told, of `CONSOLES`."""
+HOLDS_MS = 50
+"""A reason is told that has held for so long: not one that is over before a person could do anything."""
+
+LIFT = "the pedal is down, and counts once it was seen up: lift it first"
+PAUSED = "the instructor has paused the session"
+STOPPED = "the robot is stopped: restart it first"
+LOST = "nothing is heard of the robot"
+HOMING = "the robot is being homed"
+SILENT = "nothing comes from the console any more, so its pedal counts as up; lift it once"
+OUT_OF_RANGE = "its increments lead farther than the robot can be told"
+_SINCE = {
+    "silence": "the console was silent",
+    "silent": "the console was silent",
+    "left": "the console had left",
+    "handover": "it was given to this console",
+    "resume": "the session was paused",
+    "restart": "the robot began anew",
+    "reset": "the robot began anew",
+    "link": "nothing was heard of the robot",
+}
+
+
+def lift(since: str = "") -> str:
+    """That the pedal is to be lifted. since: why it had to be seen up, as event "rearm" has it."""
+    return f"{LIFT} ({_SINCE[since]})" if since in _SINCE else LIFT
+
+
+def other(owner: str) -> str:
+    """That another console drives."""
+    return f"{owner} drives, and this console watches until it is given the seat or {owner} has gone"
+
+
+def rival(owner: str) -> str:
+    """That another console holds its pedal down, where pedals alone decide."""
+    return f"the pedal of {owner} is down: lift this one, and press it once that one is up"
+
+
+RELEASED = {
+    "silence": "the pedal came up, for no servo command came for 250 ms: resume",
+    "idle": "the pedal came up, for nothing was said for 5 s: resume",
+    "nobody": "the pedal came up, for nobody publishes commands any more",
+    "refused": "the pedal came up, for the robot did not follow it: another console drives, or it was to be seen up",
+    "stopped": "the pedal came up, for the robot has stopped: home it, and lift the foot once",
+    "lost": "the pedal came up, for nothing is heard of the robot",
+}
+"""Why a pedal that CRTK holds down has come up by itself, by `OperatingState.why`."""
+
+
+def packets(cause: str) -> str:
+    """That none of its packets is taken. cause: of `packet_filter.CAUSES`."""
+    words = {
+        "stranger": "packets of another console are followed, until it was silent for two seconds",
+        "undecided": "it is not decided yet which console profile they are of",
+        "behind": "their numbers go back, as in a stream that is sent again",
+        "far_ahead": "their numbers leap too far ahead",
+        "duplicate": "their number stays the same",
+    }
+    return f"its packets are refused: {words.get(cause, f'{cause} does not fit the console profile')}"
+
+
+class PedalReasons:
+    """The reason of each console, as it was told last."""
+
+    def __init__(self) -> None:
+        self._told = dict.fromkeys(NETWORK, "")
+        self._coming = dict.fromkeys(NETWORK, "")  # reason that has yet to hold
+        self._held = dict.fromkeys(NETWORK, 0)  # ms for which it has
+        self._lines: list[str] = []
+
+    def look(self, why: Mapping[str, str]) -> list[dict[str, Any]]:
+        """Once a ms, also in a pause: the reason of each console, "" for none; what is to be told of it now.
+
+        A reason that is gone is told with an empty "why".
+        """
+        events = []
+        for console in NETWORK:
+            reason = why[console]
+            if reason == self._told[console]:
+                self._coming[console], self._held[console] = reason, 0
+                continue
+            if reason != self._coming[console]:
+                self._coming[console], self._held[console] = reason, 0
+            self._held[console] += 1
+            if self._held[console] < HOLDS_MS:
+                continue
+            self._told[console] = reason
+            line = f"{console}: {reason}" if reason else ""
+            events.append({"console": console, "why": line})
+            self._lines += [line] if line else []
+        return events
+
+    def once(self, console: str, why: str) -> dict[str, Any]:
+        """What is told of something that has happened and does not last."""
+        line = f"{console}: {why}"
+        self._lines.append(line)
+        return {"console": console, "why": line}
+
+    def news(self) -> list[str]:
+        """What a user should be told since the last call."""
+        lines, self._lines = self._lines, []
+        return lines
