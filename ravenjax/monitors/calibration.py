@@ -136,11 +136,13 @@ def _reason(calibrating: OperationScores, operations: int, target: FalseAlarmTar
             "work, or allow more alarms"
         )
     lost = 1.0 - calibrating.hours.mean() / target.length_h
-    fewest = 3 * units_for(target.fewest_clusters) * robots
-    enough = np.ceil(max(fewest, 2 * operations) * target.length_h)
+    follows = max(1.0 - lost, 0.1)
+    wanted = units_for(int(np.ceil(ROOM * target.fewest_clusters / follows))) * robots
+    enough = np.ceil(max(wanted, 1.1 * operations) * target.length_h)
     return (
         f"At least {target.fewest_clusters} are needed where the robot follows the operator all the time, and more "
-        f"here, where it does not for {lost:.0%} of it: give more --hours, as {enough:g}, or allow more alarms"
+        f"here, where it does not for {lost:.0%} of it: give more --hours, as {enough:.0f} (what is computed stays), "
+        "or allow more alarms"
     )
 
 

@@ -419,6 +419,16 @@ def test_what_keeps_a_promise_from_being_made_is_said():
     half[::2] = np.nan
     with pytest.raises(UserError, match=r"50\.00% of the operations failed"):
         calibration.calibrate(score_folder.Peaks(unit, hours, half), (term,), Segments(), target, 2)
-    with pytest.raises(UserError, match=r"does not for 100% of it: give more --hours, as 2\b"):
+    with pytest.raises(UserError, match=r"does not for 100% of it: give more --hours, as 1\b"):
         calibration.calibrate(score_folder.Peaks(unit, 0 * hours, peak), (term,), Segments(), target, 2)
+    rare = FalseAlarmTarget(1.0, 0.95, 1 / 12)
+
+    def calibrated(operators: int) -> calibration.Calibrated:
+        unit = np.repeat(np.arange(operators), 2)
+        peaks = score_folder.Peaks(unit, np.full(len(unit), 0.8 / 12), np.ones((len(unit), 1), np.float32))
+        return calibration.calibrate(peaks, (term,), Segments(), rare, 2)
+
+    with pytest.raises(UserError, match=r"does not for 20% of it: give more --hours, as 26 \(what") as few:
+        calibrated(84)
+    assert calibrated(int(26 / 2 * 12)).test.alarms == 0, few.value
     assert calibration.uses(np.arange(calibration.units_for(1))).test.any()

@@ -22,7 +22,7 @@ export const WORDS = {
   view: (e) => `view: ${e.view}`,
   pedal: (e) => `pedal ${e.down ? "down" : "up"}`,
   owner: (e) => `${DRIVERS[e.console] ?? e.console} drives (${e.by})`,
-  refused: (e) => `refused: ${e.why}`,
+  refused: (e) => (e.why ? `refused: ${e.why}` : ""), // none: the reason is over
   rearm: (e) => `pedal must be lifted first: ${e.why}`,
   started: (e) => `time runs: ${e.by}`,
   interrupted: (e) => `hazard ${e.number} cut off, not scored: ${e.by}`,
@@ -94,9 +94,9 @@ export class Panels {
     if (event.kind === "started") this.start();
     if (event.kind === "owner") set("console-note", "");
     if (!$("log") || this.role !== "instructor") return;
-    const say = WORDS[event.kind];
-    if (say) {
-      $("log").prepend(element("li", "", time(event.tick), element("span", "", say(event))));
+    const said = WORDS[event.kind]?.(event);
+    if (said) {
+      $("log").prepend(element("li", "", time(event.tick), element("span", "", said)));
       while ($("log").children.length > 200) $("log").lastChild.remove();
     }
   }
