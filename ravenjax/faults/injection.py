@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from ravenjax.faults import effects
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState
 from ravenjax.faults.window import TriggerClocks
@@ -68,7 +70,7 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
 
 def _subnormal(x: Scalar) -> Scalar:
     """Whether a float is 0 or below the normal numbers, which some engines take for 0."""
-    return abs(x) < jnp.finfo(x.dtype).tiny
+    return abs(x) < float(np.finfo(x.dtype).tiny)
 
 
 def _strike(
