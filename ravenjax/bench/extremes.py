@@ -271,9 +271,15 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDiffere
     return out
 
 
-NUDGES = tuple(sign * times for times in (1, 2, 4, 8) for sign in (1, -1))
+NUDGES = tuple(sign * times for times in range(1, 9) for sign in (1, -1))
 """Last bits by which `nudged` moves numbers."""
-NUDGED = ("operator.scale", "plant.mass_scale")
+NUDGED = (
+    "operator.scale",
+    "plant.mass_scale",
+    "plant.actuators.torque_per_count",
+    "nominal.mass_scale",
+    "nominal.kp",
+)
 """Numbers from which almost all others of a run follow, beside its faults' values."""
 
 
