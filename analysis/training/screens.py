@@ -21,10 +21,11 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "1366": (1366, 768), "1920": (1920, 1080)}
 ROLES = ("operator", "instructor")
-SCENARIOS = "first_steps,path_network,peg_transfer,touch"
+SCENARIOS = "first_steps,levels,path_network,peg_transfer,touch"
 INSETS = ("theatre", "second", "stereo")
 SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-DRIVING = ("Space", "KeyF")  # down toward the tissue
+PEDAL, DOWN = "Space", "KeyF"
+DOWN_MS = 400  # down toward the tissue, not onto it
 
 
 def main() -> None:
@@ -73,9 +74,7 @@ def _flat(browser: Browser, urls: dict[str, str], base: Path) -> None:
         operator.set_viewport_size({"width": size[0], "height": size[1]})
         operator.wait_for_timeout(300)
         operator.screenshot(path=f"{base}-before-{name}.png")
-    for key in DRIVING:
-        operator.keyboard.down(key)
-    operator.wait_for_timeout(6000)
+    _drive(operator, 6000)
     for role, page in pages.items():
         for name, size in SIZES.items():
             page.set_viewport_size({"width": size[0], "height": size[1]})
@@ -93,16 +92,22 @@ def _scene(browser: Browser, url: str, base: Path) -> None:
     page.wait_for_function("[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)", polling=200)
     page.wait_for_timeout(12000)
     page.screenshot(path=f"{base}-3d-before.png", timeout=120000)
-    for key in DRIVING:
-        page.keyboard.down(key)
-    page.wait_for_timeout(8000)
+    _drive(page, 8000)
     page.screenshot(path=f"{base}-3d.png", timeout=120000)
-    for key in DRIVING:
-        page.keyboard.up(key)
+    page.keyboard.up(PEDAL)
     for inset in INSETS:
         page.evaluate(f"document.querySelector('[data-inset={inset}]').click()")
         page.wait_for_timeout(15000)
         page.screenshot(path=f"{base}-3d-{inset}.png", timeout=120000)
+
+
+def _drive(page: Page, wait_ms: int) -> None:
+    """Steps on the pedal, goes down a little, and stays on the pedal."""
+    page.keyboard.down(PEDAL)
+    page.wait_for_timeout(wait_ms - DOWN_MS)
+    page.keyboard.down(DOWN)
+    page.wait_for_timeout(DOWN_MS)
+    page.keyboard.up(DOWN)
 
 
 def _opened(browser: Browser, url: str, width: int, height: int) -> Page:

@@ -63,7 +63,17 @@ def _searches() -> Iterator[str]:
 def _scenarios() -> Iterator[str]:
     from ravenjax.campaign.file.group import Fault
     from ravenjax.robots.raven2.campaign.sections import Start
-    from ravenjax.trainer.scenario.config import TASKS, ContactSection, Cue, Entry, Harm, RobotSection, Scenario, Speeds
+    from ravenjax.trainer.scenario.config import (
+        TASKS,
+        ContactSection,
+        Cue,
+        Entry,
+        Harm,
+        Level,
+        RobotSection,
+        Scenario,
+        Speeds,
+    )
 
     yield "# Training scenarios"
     yield _WRITTEN
@@ -78,7 +88,7 @@ def _scenarios() -> Iterator[str]:
         "[robot.start]": Start,
     }
     tasks = {f'[task] kind = "{name}"': model for name, model in TASKS.items()}
-    for title, model in {**tasks, "[[hazard]]": Entry, **tables}.items():
+    for title, model in {**tasks, "[[task.level]]": Level, "[[hazard]]": Entry, **tables}.items():
         yield f"## {title}"
         yield from _keys(model)
     yield "## [[hazard.fault]]"

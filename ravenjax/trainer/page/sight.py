@@ -25,6 +25,7 @@ _OPERATOR = {
     "alarm_count",
     "target",
     "object",
+    "level",
     "task_done",
     "overrun",
     "trouble",

@@ -1,7 +1,19 @@
 """A training scenario: a TOML file that says what is to be done, what may go wrong, and what the right response is."""
 
 from ravenjax.trainer.scenario.campaign import armable, campaign
-from ravenjax.trainer.scenario.config import Cue, Entry, Free, Harm, Path, PegTransfer, Reach, Scenario, Speeds, Task
+from ravenjax.trainer.scenario.config import (
+    Cue,
+    Entry,
+    Free,
+    Harm,
+    Levels,
+    Path,
+    PegTransfer,
+    Reach,
+    Scenario,
+    Speeds,
+    Task,
+)
 from ravenjax.trainer.scenario.hazard import Armable
 from ravenjax.trainer.scenario.loading import bundled, from_dict, load
 
@@ -11,6 +23,7 @@ __all__ = [
     "Entry",
     "Free",
     "Harm",
+    "Levels",
     "Path",
     "PegTransfer",
     "Reach",

@@ -28,7 +28,7 @@ from ravenjax.hazards import expansion
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.trainer.scenario import hazard
-from ravenjax.trainer.scenario.config import INSTRUCTOR, Entry, Scenario
+from ravenjax.trainer.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
 from ravenjax.trainer.scenario.hazard import FAULT, Armable
 
 BUTTONS = "buttons/estop"
@@ -82,9 +82,13 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
     for h, name in enumerate(names):
         if names.index(name) != h:
             yield ("hazard", h, "name"), f"got {name!r} twice, expected a name of its own for each hazard"
-    for arm in scenario.task.arms:
-        if arm not in scenario.arms:
-            yield ("task", "arms"), f"arm {arm!r} is not in this session: expected some of {list(scenario.arms)}"
+    task = scenario.task
+    asked = enumerate(task.level) if isinstance(task, Levels) else [(None, task)]
+    for k, one in asked:
+        for arm in one.arms:
+            if arm not in scenario.arms:
+                key = ("task", "arms") if k is None else ("task", "level", k, "arms")
+                yield key, f"arm {arm!r} is not in this session: expected some of {list(scenario.arms)}"
     for h, entry in enumerate(scenario.hazard):
         if entry.arm is not None and entry.arm not in scenario.arms:
             yield ("hazard", h, "arm"), f"got {entry.arm!r}, expected one of the session's arms {list(scenario.arms)}"

@@ -4,7 +4,7 @@ name = "dac_burst"                 # and title, description, arms, software, dur
 [speeds]                           # of tips at full deflection of keys, mouse or gamepad
 [cue]                              # the haptic cue
 [contact]                          # forces of tissue, vessel and the other instrument
-[task]                             # what is to be done: reach, peg_transfer, path, free
+[task]                             # what is to be done: reach, peg_transfer, path, levels, free
 [[hazard]]                         # what may go wrong, when, and what is the right response
 hazards = ["B27"]                  # ids and layers of the hazard library, or "all"; or [[hazard.fault]]
 when = [20, 30]                    # s; or one time, or "instructor"
@@ -111,6 +111,28 @@ class Reach(_Task):
         return heights
 
 
+class Level(Reach):
+    """[[task.level]]: a round of targets, until some in a row are within the time. Its keys are those of "reach"."""
+
+    kind: Literal["reach"] = Field(default="reach", description="what a round is")
+    title: str = Field(default="", max_length=100, description="what is learnt, as the page shows it")
+    targets: int = Field(default=6, ge=2, le=100, description="of a round, the same in each")
+    within_s: float = Field(gt=0.0, le=3600.0, description="proficient: a round from its first target to its last, s")
+
+
+class Levels(Section):
+    """[task] kind = "levels": the next level begins once the one before is done with proficiency."""
+
+    kind: Literal["levels"]
+    in_a_row: int = Field(default=2, ge=1, le=100, description="rounds in a row that have to be within the time")
+    level: tuple[Level, ...] = Field(min_length=1, max_length=20, description="in their order")
+
+    @property
+    def arms(self) -> tuple[ArmName, ...]:
+        """All that a level names."""
+        return tuple(dict.fromkeys(arm for level in self.level for arm in level.arms))
+
+
 class PegTransfer(_Task):
     """[task] kind = "peg_transfer": take the object from its peg, carry it, set it down on another."""
 
@@ -137,8 +159,14 @@ class Free(_Task):
     kind: Literal["free"]
 
 
-Task = Annotated[Reach | PegTransfer | Path | Free, Field(discriminator="kind")]
-TASKS: dict[str, type[_Task]] = {"reach": Reach, "peg_transfer": PegTransfer, "path": Path, "free": Free}
+Task = Annotated[Reach | PegTransfer | Path | Levels | Free, Field(discriminator="kind")]
+TASKS: dict[str, type[Section]] = {
+    "reach": Reach,
+    "peg_transfer": PegTransfer,
+    "path": Path,
+    "levels": Levels,
+    "free": Free,
+}
 
 
 def _when(raw: Any) -> Any:

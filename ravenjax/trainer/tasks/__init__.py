@@ -1,4 +1,4 @@
-"""What the operator is asked to do: reach targets, transfer an object between pegs, follow a line, or nothing.
+"""What the operator is asked to do: reach targets, also in levels, transfer an object, follow a line, or nothing.
 
 Everything lies in world coordinates, m, in the field around the middle of the tips at the beginning. Tips in a frame
 are in frame 0 of their arm. Nothing here touches the robot: pegs and objects stay where they are, without contact.
@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.trainer.protocol.world import Point, to_world
 from ravenjax.trainer.scenario import Scenario
-from ravenjax.trainer.scenario.config import Path, PegTransfer, Reach
+from ravenjax.trainer.scenario.config import Levels, Path, PegTransfer, Reach
 from ravenjax.trainer.tasks.base import FreeTask, Task, Wish
+from ravenjax.trainer.tasks.levels import LevelsTask
 from ravenjax.trainer.tasks.path import PathTask
 from ravenjax.trainer.tasks.pegs import PegTask
 from ravenjax.trainer.tasks.reach import ReachTask
@@ -33,5 +34,7 @@ def make(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
             return PegTask(settings, arms, begin, (x, y), seed)
         case Path():
             return PathTask(settings, arms, begin, (x, y))
+        case Levels():
+            return LevelsTask(settings, scenario.arms, begin, (x, y), seed)
         case _:
             return FreeTask(begin)

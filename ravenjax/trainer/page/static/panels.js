@@ -31,6 +31,7 @@ export const WORDS = {
   note: (e) => `“${e.text}”`,
   overrun: (e) => `late ticks: ${e.late_ticks}`,
   trouble: (e) => e.text,
+  level: (e) => levelWords(e),
   task_done: () => "task done",
   end: (e) => `ended: ${e.reason}`,
 };
@@ -52,6 +53,13 @@ const BANNERS = {
   replay: ["virtual", "Re-engaged", "Hold the pedal: the robot follows what you tried."],
 };
 
+/** Which level, what it asks, and how the round before went. */
+export function levelWords({ level, of, title, within_s, in_a_row, asked, took_ms, within }) {
+  const row = `${in_a_row} of ${asked} in a row`;
+  const before = took_ms === null ? "" : ` · last round ${(took_ms / 1000).toFixed(1)} s, ${within ? "in time" : "too slow"}`;
+  return `Level ${level} of ${of}${title ? ` · ${title}` : ""} · a round within ${within_s} s${before} · ${row}`;
+}
+
 export class Panels {
   constructor(root, send) {
     this.root = root;
@@ -66,6 +74,7 @@ export class Panels {
     Object.assign(this, { role, instructs, header, arms, phases, views, consoles });
     this.started = false;
     set("left-word", "left, waits");
+    set("level-words", "");
     $("console-card").hidden = (header.consoles ?? []).length < 2;
     this.root.dataset.role = role;
     $("role").textContent = role === "watcher" ? "view only" : role;
@@ -91,6 +100,7 @@ export class Panels {
   event(event) {
     if (event.kind === "alarm" || event.kind === "alarm_count") this.alarm(event);
     if (event.kind === "refused") set("console-note", event.why);
+    if (event.kind === "level") set("level-words", levelWords(event));
     if (event.kind === "started") this.start();
     if (event.kind === "owner") set("console-note", "");
     if (!$("log") || this.role !== "instructor") return;

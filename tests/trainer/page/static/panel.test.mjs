@@ -3,7 +3,7 @@ import test from "node:test";
 
 import { load, run } from "../../../browser_scripts.mjs";
 
-const { WORDS, clock } = await load("ravenjax/trainer/page/static/panels.js");
+const { WORDS, clock, levelWords } = await load("ravenjax/trainer/page/static/panels.js");
 const { fitted, niced } = await load("ravenjax/trainer/page/static/plots.js");
 const { reached } = await load("ravenjax/trainer/page/static/pads.js");
 const { Probe } = await load("ravenjax/trainer/page/static/probe.js");
@@ -20,6 +20,15 @@ test("events are told in words", () => {
   assert.equal(WORDS.response({ what: "release", ok: false }), "response: release, not the right one");
   assert.equal(WORDS.cue({ number: -1 }), "cue without a hazard");
   assert.equal(WORDS.console({ alive: true, source: "itp" }), "console alive (itp)");
+});
+
+test("a level is told with what it asks and how the round before went", () => {
+  const level = { level: 2, of: 3, title: "Be exact", within_s: 16, in_a_row: 0, asked: 2, took_ms: null, within: false };
+  assert.equal(levelWords(level), "Level 2 of 3 · Be exact · a round within 16 s · 0 of 2 in a row");
+  const slow = { ...level, title: "", took_ms: 18240 };
+  assert.equal(levelWords(slow), "Level 2 of 3 · a round within 16 s · last round 18.2 s, too slow · 0 of 2 in a row");
+  assert.equal(WORDS.level({ ...slow, within: true, in_a_row: 1 }), "Level 2 of 3 · a round within 16 s · last round 18.2 s, in time · 1 of 2 in a row");
+  assert.equal(WORDS.refused({ why: "" }), "");
 });
 
 test("an axis ends at a round number that nothing drawn exceeds", () => {
