@@ -78,6 +78,20 @@ def test_an_alarm_says_what_and_what_to_do_and_every_check_has_words(browser, se
         assert page.get_attribute("#alarm-words", "role") == "alert"
 
 
+def test_a_level_says_what_it_asks_and_how_the_round_went(browser):
+    session = FakeSession()
+    session.wait()
+    asks = {"level": 2, "of": 3, "title": "Be exact", "within_s": 16, "asked": 2}
+    line = "Level 2 of 3 · Be exact · a round within 16 s"
+    with Visit(browser, session, "role=operator&scene=off", 390) as page:
+        assert not page.is_visible("#level-words")
+        session.event("level", **asks, in_a_row=0, took_ms=18_240, within=False)
+        until(page, f"document.querySelector('#level-words').textContent.startsWith('{line}')")
+        assert page.inner_text("#level-words") == f"{line} · last round 18.2 s, too slow · 0 of 2 in a row"
+        assert page.is_visible("#level-words") and page.get_attribute("#level-words", "role") == "status"
+    session.close()
+
+
 def test_on_a_phone_the_words_of_an_alarm_leave_the_restart_to_the_finger(browser):
     session = FakeSession()
     session.wait()
