@@ -83,8 +83,8 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
         if names.index(name) != h:
             yield ("hazard", h, "name"), f"got {name!r} twice, expected a name of its own for each hazard"
     task = scenario.task
-    asked = enumerate(task.level) if isinstance(task, Levels) else [(None, task)]
-    for k, one in asked:
+    parts = enumerate(task.level) if isinstance(task, Levels) else [(None, task)]
+    for k, one in parts:
         for arm in one.arms:
             if arm not in scenario.arms:
                 key = ("task", "arms") if k is None else ("task", "level", k, "arms")

@@ -87,7 +87,7 @@ class LevelsTask(Task):
             "title": level.title,
             "within_s": level.within_s,
             "in_a_row": self._in_a_row,
-            "asked": self.settings.in_a_row,
+            "needs": self.settings.in_a_row,
             "took_ms": took_ms,
             "within": within,
         }

@@ -81,7 +81,7 @@ def test_an_alarm_says_what_and_what_to_do_and_every_check_has_words(browser, se
 def test_a_level_says_what_it_asks_and_how_the_round_went(browser):
     session = FakeSession()
     session.wait()
-    asks = {"level": 2, "of": 3, "title": "Be exact", "within_s": 16, "asked": 2}
+    asks = {"level": 2, "of": 3, "title": "Be exact", "within_s": 16, "needs": 2}
     line = "Level 2 of 3 · Be exact · a round within 16 s"
     with Visit(browser, session, "role=operator&scene=off", 390) as page:
         assert not page.is_visible("#level-words")

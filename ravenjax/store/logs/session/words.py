@@ -24,7 +24,7 @@ _TEXTS: dict[str, Callable[[Event], str]] = {
     "response": lambda e: f"operator responds: {e['what']}" + ("" if e["ok"] else ", not the right response"),
     "hazard_over": lambda e: f"hazard {e['number']} is over: {e['outcome']}",
     "target": lambda e: f"next target: {e['target']}",
-    "level": lambda e: f"level {e['level']} of {e['of']}, {e['in_a_row']} of {e['asked']} rounds in a row",
+    "level": lambda e: f"level {e['level']} of {e['of']}, {e['in_a_row']} of {e['needs']} rounds in a row",
     "task_done": lambda _: "task done",
     "note": lambda e: f"note: {e['text']}",
     "overrun": lambda e: f"{e['late_ticks']} late ticks",

@@ -54,8 +54,8 @@ const BANNERS = {
 };
 
 /** Which level, what it asks, and how the round before went. */
-export function levelWords({ level, of, title, within_s, in_a_row, asked, took_ms, within }) {
-  const row = `${in_a_row} of ${asked} in a row`;
+export function levelWords({ level, of, title, within_s, in_a_row, needs, took_ms, within }) {
+  const row = `${in_a_row} of ${needs} in a row`;
   const before = took_ms === null ? "" : ` · last round ${(took_ms / 1000).toFixed(1)} s, ${within ? "in time" : "too slow"}`;
   return `Level ${level} of ${of}${title ? ` · ${title}` : ""} · a round within ${within_s} s${before} · ${row}`;
 }

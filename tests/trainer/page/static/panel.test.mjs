@@ -23,7 +23,7 @@ test("events are told in words", () => {
 });
 
 test("a level is told with what it asks and how the round before went", () => {
-  const level = { level: 2, of: 3, title: "Be exact", within_s: 16, in_a_row: 0, asked: 2, took_ms: null, within: false };
+  const level = { level: 2, of: 3, title: "Be exact", within_s: 16, in_a_row: 0, needs: 2, took_ms: null, within: false };
   assert.equal(levelWords(level), "Level 2 of 3 · Be exact · a round within 16 s · 0 of 2 in a row");
   const slow = { ...level, title: "", took_ms: 18240 };
   assert.equal(levelWords(slow), "Level 2 of 3 · a round within 16 s · last round 18.2 s, too slow · 0 of 2 in a row");
