@@ -68,9 +68,9 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
-def _subnormal(x: Scalar) -> Scalar:
-    """Whether a float is 0 or below the normal numbers, which some engines take for 0."""
-    return abs(x) < float(np.finfo(x.dtype).tiny)
+def _normal(x: Scalar, y: Scalar) -> Scalar:
+    """Whether one of two floats is more than some engines take for 0; NaN is."""
+    return ~(jnp.maximum(abs(x), abs(y)) < float(np.finfo(x.dtype).tiny))
 
 
 def _strike(
@@ -96,10 +96,10 @@ def _strike(
     hit = slot.active & here & present
     changed = jnp.bool_(False)
     flips = fault.effect == EFFECT_CODES["bit_flip"]
-    subnormal = _subnormal(x) & _subnormal(y) & ~flips
+    normal = _normal(x, y) if any(kind == "float" for _, _, kind in targets) else True
     for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
         value = _store(kind, y, number)
-        differs = value != number
+        differs = (value != number) & normal if kind == "float" else value != number
         if "bit_flip" in use.effects and kind == "float":
             differs = differs | flips  # of a 0 the lowest bit makes a number that an engine may take for 0
         elif "bit_flip" in use.effects:
@@ -107,7 +107,7 @@ def _strike(
             bits = _fitted(kind, bits)
             value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
             differs = value != number
-        changed = changed | (hit & aim & differs & ~subnormal)
+        changed = changed | (hit & aim & differs)
         signal = write(signal, path, jnp.where(hit & aim, value, number))
     return replace(
         slot,
