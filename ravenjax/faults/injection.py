@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from ravenjax.faults import effects
 from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState
 from ravenjax.faults.window import TriggerClocks
@@ -68,11 +66,6 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
-def _normal(x: Scalar, y: Scalar) -> Scalar:
-    """Whether one of two floats is more than some engines take for 0; NaN is."""
-    return ~(jnp.maximum(abs(x), abs(y)) < float(np.finfo(x.dtype).tiny))
-
-
 def _strike(
     setup: Setup,
     use: SiteUse,
@@ -96,10 +89,9 @@ def _strike(
     hit = slot.active & here & present
     changed = jnp.bool_(False)
     flips = fault.effect == EFFECT_CODES["bit_flip"]
-    normal = _normal(x, y) if any(kind == "float" for _, _, kind in targets) else True
     for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
         value = _store(kind, y, number)
-        differs = (value != number) & normal if kind == "float" else value != number
+        differs = value != number
         if "bit_flip" in use.effects and kind == "float":
             differs = differs | flips  # of a 0 the lowest bit makes a number that an engine may take for 0
         elif "bit_flip" in use.effects:
