@@ -40,7 +40,7 @@ def test_a_few_hundred_extreme_runs(number):
     assert len(simd) == 1 + GROUPS * extremes.RUNS
     for table in (simd, xla):
         assert list(extremes.unsound(table)) == []
-    # A last bit of a resting motor's position is 0.01 rad/s in raven2's velocity filter, on one engine alone: a fault that
-    # scales this velocity then changes something or nothing.
+    # A last bit of a resting motor's position is 0.01 rad/s in raven2's velocity filter, on one engine alone: a fault
+    # that scales this velocity then changes something or nothing.
     apart = {one.run_id for one in extremes.differences(simd, xla) if one.column != "activated"}
     assert len(apart) <= (1 - SAME) * len(simd) + 1
