@@ -295,11 +295,15 @@ def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
         for path in NUDGED:
             for place, own in paths.named(program.params, program.setup, path).items():
                 values = varied.get(place, varied.get(path, np.full(ready.runs, own, program.setup.precision.real)))
-                varied[place] = (values * (1.0 + bits * 2.0**-23)).astype(values.dtype)
+                varied[place] = _moved(values, bits)
         other = dataclasses.replace(program, varied=tuple(varied))
-        value = ready.faults["value"]
-        faults = {**ready.faults, "value": (value * (1.0 + bits * 2.0**-23)).astype(value.dtype)}
+        faults = {**ready.faults, "value": _moved(ready.faults["value"], bits)}
         yield _table(dataclasses.replace(ready, varied=varied, faults=faults, program=other), engine)
+
+
+def _moved(values: np.ndarray, bits: int) -> np.ndarray:
+    """Numbers so many last bits of a float32 beside what they are."""
+    return (values * (1.0 + bits * 2.0**-23)).astype(values.dtype)
 
 
 def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:

@@ -7,6 +7,8 @@ is how surgical skills are taught (Ritter, Scott, Surg. Innov. 14, 2007); which 
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -32,10 +34,10 @@ class LevelsTask(Task):
         super().__init__("levels", begin)
         self.settings = settings
         self._make = [
-            lambda level=level, k=k: ReachTask(level, level.arms or arms, begin, middle, seed + k)
+            functools.partial(ReachTask, level, level.arms or arms, begin, middle, seed + k)
             for k, level in enumerate(settings.level)
         ]
-        self._first = [sum(level.targets for level in settings.level[:k]) for k in range(len(settings.level))]
+        self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
         self._level = 0
         self._in_a_row = 0
         self._rounds = [0] * len(settings.level)
@@ -49,7 +51,7 @@ class LevelsTask(Task):
         if not self._told_level:
             self._told_level = True
             events.append(self._event(tick))
-        self._reach.step(frame, tick)
+        self._reach._step(frame, tips, tick, [])  # the tips are known; what it tells is the round's alone
         if self._begun is None and self._reach.target != 0:
             self._begun = tick
         if self._reach.done:
