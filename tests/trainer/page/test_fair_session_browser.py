@@ -9,6 +9,7 @@ import time
 
 import pytest
 import waiting
+from foot import hold_pedal
 from live_session import HeldConsole, LiveSession
 
 from ravenjax.trainer.recording import reader
@@ -142,7 +143,7 @@ def test_handing_over_is_an_act_that_is_seen_and_recorded(browser, begin):
         page.click("#take")
         until(page, "document.getElementById('owner').textContent === 'the page'")
         held.pedal = 1
-        page.keyboard.down("Space")
+        hold_pedal(page)
         became(page, "pedal", 1)
         assert held.told()["jointflags"] & 0b10_0100 == 0  # it watches
         instructor.click("[data-give=itp]")  # at any time; both feet are down now
@@ -226,7 +227,7 @@ def test_time_waits_for_the_first_pedal_and_is_shown(browser, begin):
     with visit(browser, session.operator) as page:
         time.sleep(4)  # longer than it lasts
         assert page.inner_text("#left") == "0:03.0" and page.inner_text("#phase") == "ready"
-        page.keyboard.down("Space")
+        hold_pedal(page)
         until(page, "document.getElementById('left-word').textContent === 'left'")
         until(page, "document.getElementById('phase').textContent === 'over'")
         assert page.inner_text("#left") == "0:00.0"
