@@ -21,6 +21,7 @@ PEERS = Path(__file__).resolve().parents[2] / "tests/trainer/robot_link/crtk"
 def main() -> None:
     """Print one line of JSON."""
     ros, seconds = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "180"
+    os.environ.setdefault("ROS_DOMAIN_ID", "0")
     command = [sys.executable, "-m", "ravenjax.cli", "robot", "--itp-port", "0", "--joint-port", "0", "--crtk", ros]
     robot = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert robot.stdout is not None

@@ -3,41 +3,56 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 
-class Ordered(Mapping[str, np.ndarray]):
-    """Columns of several blocks by name, their rows in an order of their own, which need not be that of the blocks.
+class StretchTable(Mapping[str, np.ndarray]):
+    """Columns of a stretch's rows by name; each block's are put where its rows stand, by any thread.
 
-    A column is put in order when it is asked for, by the thread that asks: a campaign's parts are made side by side.
+    A column of one value, as of the golden run that all rows share, comes and stays as one number (stride 0).
     """
 
-    def __init__(self, blocks: Sequence[Mapping[str, np.ndarray]], order: np.ndarray) -> None:
-        """order: of each row its place among the rows of all blocks, int64 [rows]."""
-        self.order = order
-        self._blocks, self._joined, self._lock = blocks, dict[str, np.ndarray](), threading.Lock()
+    def __init__(self, rows: int) -> None:
+        self.rows = rows
+        self._columns: dict[str, np.ndarray] = {}
+        self._lock = threading.Lock()
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.some(name, slice(None))
+        return self._columns[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._blocks[0])
+        return iter(self._columns)
 
     def __len__(self) -> int:
-        return len(self._blocks[0])
+        return len(self._columns)
 
-    def some(self, name: str, rows: slice) -> np.ndarray:
-        """These rows of a column."""
+    def put(self, places: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
+        """The rows of a block; places: of each where it stands, int64 [rows of the block]."""
         with self._lock:
-            if name not in self._joined:
-                self._joined[name] = np.concatenate([block[name] for block in self._blocks])
-        return self._joined[name][self.order[rows]]
+            for name, values in block.items():
+                self._columns[name] = self._room(self._columns.get(name), values)
+        for name, values in block.items():
+            if not _constant(self._columns[name]):
+                self._columns[name][places] = values
+
+    def _room(self, there: np.ndarray | None, values: np.ndarray) -> np.ndarray:
+        """The whole column, with room for these values of it."""
+        if there is None:
+            alike = _constant(values)
+            return np.broadcast_to(values[:1], self.rows) if alike else np.empty(self.rows, values.dtype)
+        if _constant(there) and not (_constant(values) and values[:1].tobytes() == there[:1].tobytes()):
+            return there.copy()
+        return there
 
 
-Tables = tuple[Ordered, ...]
+def _constant(column: np.ndarray) -> bool:
+    return column.strides == (0,)
+
+
+Tables = tuple[StretchTable, ...]
 """All of the same rows."""
 
 
@@ -50,7 +65,7 @@ class PartRows(NamedTuple):
     def tables(self) -> tuple[dict[str, np.ndarray], ...]:
         """The columns of all its rows."""
         return tuple(
-            {name: _joined([tables[t].some(name, where) for tables, where in self.pieces]) for name in table}
+            {name: _joined([tables[t][name][where] for tables, where in self.pieces]) for name in table}
             for t, table in enumerate(self.pieces[0][0])
         )
 
@@ -64,7 +79,7 @@ def parts(ranges: Iterable[range], blocks: Iterable[Tables]) -> Iterator[PartRow
     wanted = iter(ranges)
     part, room = PartRows(range(0), []), 0
     for block in blocks:
-        size, first = len(block[0].order), 0
+        size, first = block[0].rows, 0
         while first < size:
             if not room:
                 part = PartRows(next(wanted), [])

@@ -40,13 +40,15 @@ class Branching:
         """Whether runs go on from it, bool [golden runs]."""
         if not self._lanes:
             return np.zeros(self._size, bool)
-        golden, early = self._ready.golden, self.early
-        saved = np.bincount(golden, self._ready.acts + np.where(early, self._ready.ends, 0), self._size) / self._lanes
-        return saved > WORTH * np.maximum(self.last_act, self._largest(np.where(early, self._ready.ends, 0)))
+        early_ends = np.where(self.early, self._ready.ends, 0)
+        saved = self._summed(self._ready.acts + early_ends) / self._lanes
+        return saved > WORTH * np.maximum(self.last_act, self._largest(early_ends))
 
     @cached_property
     def early(self) -> np.ndarray:
         """Which runs end before the last of their golden run, bool [runs]."""
+        if not self._ready.program.ends:
+            return np.zeros(self._ready.runs, bool)
         return self._ready.ends < self.last_end[self._ready.golden]
 
     def early_ends(self, number: int) -> np.ndarray:
@@ -60,6 +62,12 @@ class Branching:
         """Numbers of the runs' golden runs, ascending, and the runs' ends beside them."""
         order = np.argsort(self._ready.golden, kind="stable")
         return self._ready.golden[order], self._ready.ends[order].astype(np.int64)
+
+    def _summed(self, values: np.ndarray) -> np.ndarray:
+        """The sum of the runs' values, float64 [golden runs]."""
+        if self._size == 1:
+            return values.sum(keepdims=True, dtype=np.float64)
+        return np.bincount(self._ready.golden, values, self._size)
 
     def _largest(self, values: np.ndarray) -> np.ndarray:
         """The largest of the runs' values, int64 [golden runs]."""

@@ -18,7 +18,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from ravenjax.campaign import outcomes, stretches
-from ravenjax.campaign.assembly import Ordered, Tables
+from ravenjax.campaign.assembly import StretchTable, Tables
 from ravenjax.campaign.branching import Branching
 from ravenjax.campaign.golden_runs import Branches, Computed, GoldenRuns
 from ravenjax.campaign.plan import Plan
@@ -49,14 +49,20 @@ Pair = tuple[Columns, Columns]
 class _UnderWay(NamedTuple):
     """A stretch whose blocks are submitted."""
 
-    stretch: Stretch
-    coming: list[Future[Pair]]
+    tables: Tables  # of all its rows, in order, once the blocks are done
+    coming: list[Future[None]]
 
-    def tables(self) -> Tables:
-        """Of all its rows, in order."""
-        blocks = [future.result() for future in self.coming]
-        order = np.argsort(np.concatenate(self.stretch.blocks))
-        return tuple(Ordered(table, order) for table in zip(*blocks, strict=True))
+    def finished(self) -> Tables:
+        """The tables, once they are whole."""
+        for future in self.coming:
+            future.result()
+        return self.tables
+
+
+def _put(tables: Tables, places: np.ndarray, block: Future[Pair]) -> None:
+    """What comes out of a block, at the places of its rows."""
+    for table, columns in zip(tables, block.result(), strict=True):
+        table.put(places, columns)
 
 
 class Computation:
@@ -101,19 +107,26 @@ class Computation:
         self._halted: list[np.ndarray] = []
         under_way: deque[_UnderWay] = deque()
         golden_runs = GoldenRuns(np.zeros(0, self.ready.golden.dtype), ())
-        with ThreadPoolExecutor(self.threads) as pool:
+        with ThreadPoolExecutor(self.threads) as pool, ThreadPoolExecutor(self.threads) as storage:
             try:
                 for stretch in stretches.cut(ranges, self.ready.golden, self._limits(), self.ready.acts):
                     golden_runs = self._golden_runs(pool, stretch, golden_runs)
-                    coming = [pool.submit(self._faulty, stretch.rows[places], golden_runs) for places in stretch.blocks]
-                    under_way.append(_UnderWay(stretch, coming))
+                    tables = StretchTable(len(stretch.rows)), StretchTable(len(stretch.rows))
+                    coming = [
+                        storage.submit(
+                            _put, tables, places, pool.submit(self._faulty, stretch.rows[places], golden_runs)
+                        )
+                        for places in stretch.blocks
+                    ]
+                    under_way.append(_UnderWay(tables, coming))
                     if len(under_way) == 2:
-                        yield under_way.popleft().tables()
+                        yield under_way.popleft().finished()
                 while under_way:
-                    yield under_way.popleft().tables()
+                    yield under_way.popleft().finished()
                 self._tell_of_stops()
             except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
+                for threads in (pool, storage):
+                    threads.shutdown(wait=False, cancel_futures=True)
                 raise
 
     def _tell_of_stops(self) -> None:
@@ -188,9 +201,11 @@ class Computation:
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
         """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is computed once."""
         own, golden, ends = golden_runs.get(), self.ready.golden[rows], self.ready.ends[rows]
+        early = self._branching.early[rows]
+        if len(own.numbers) == 1 and not early.any():
+            return {name: np.broadcast_to(values, len(rows)) for name, values in own.outcomes.items()}
         at_end = np.searchsorted(own.numbers, golden)
         columns = {name: values[at_end] for name, values in own.outcomes.items()}
-        early = self._branching.early[rows]
         for number in np.unique(golden[early]).tolist():
             mine = early & (golden == number)
             if number in golden_runs.branches:

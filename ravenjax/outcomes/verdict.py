@@ -117,6 +117,8 @@ def _responses(
             [np.asarray(columns[f"check_{name}_{what}"]) for what in ("count", "first_ms")]
             for columns in (outcomes, golden)
         )
+        if np.array_equal(own, usual) and np.array_equal(ms, usual_ms):  # of most checks
+            continue
         sooner = beyond_golden(ms, usual_ms) >= 0
         more = (own > usual) | sooner
         if not more.any():

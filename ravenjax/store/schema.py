@@ -383,7 +383,7 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
 
 def _narrowed(values: np.ndarray, kind: pa.DataType) -> np.ndarray:
     """Whole numbers in a column's type if they all fit, as Arrow has them but for the import of its functions."""
-    if values.dtype.kind != "i" or not pa.types.is_signed_integer(kind):
+    if values.dtype.kind != "i" or not pa.types.is_signed_integer(kind) or values.dtype == kind.to_pandas_dtype():
         return values
     narrow = values.astype(kind.to_pandas_dtype())
     return narrow if (narrow == values).all() else values

@@ -58,9 +58,14 @@ class WordColumn:
 
 def column(places: np.ndarray, known: Sequence[str]) -> WordColumn:
     """Words by their places in `known`, integers from 0; those that occur become the categories, in that order."""
-    occurs = np.bincount(places, minlength=len(known)) > 0
+    code, categories = numbered(known, np.bincount(places, minlength=len(known)) > 0)
+    return WordColumn(code[places], categories)
+
+
+def numbered(known: Sequence[str], occurs: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Codes of the words of `known` that occur, bool [known], by their places in `known`; and those words."""
     code = (np.cumsum(occurs) - 1).astype(np.min_scalar_type(-len(known)))
-    return WordColumn(code[places], tuple(word for word, there in zip(known, occurs, strict=True) if there))
+    return code, tuple(word for word, there in zip(known, occurs, strict=True) if there)
 
 
 def arrow(words: Any) -> pa.DictionaryArray:

@@ -13,23 +13,23 @@ import itertools
 import json
 import math
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.campaign.faults import run_id, sampled_order, sampling
+from ravenjax.campaign.faults import run_id, sampled_order, sampling, slices
 from ravenjax.campaign.faults.fault_table import Column, FaultTable
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
-from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, slot, words_of
+from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, Slot, slot, words_of
 from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
 from ravenjax.campaign.file.semantics import ALL
 from ravenjax.errors import UserError
-from ravenjax.store.words import WordColumn, column
+from ravenjax.store.words import WordColumn, numbered
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,7 +46,7 @@ class _Piece(NamedTuple):
 
     runs: int
     group: str
-    seed: np.ndarray
+    seed: np.ndarray  # int64
     behind: int  # rows back to the one that differs in crossed parameters alone; 0: this is the first of its kind
     faults: list[dict[str, np.ndarray]]  # by slot
     parameters: dict[str, np.ndarray]  # path -> values
@@ -73,8 +73,7 @@ def rows(config: CampaignConfig) -> FaultTable:
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
         for name, vocabulary in words_of(config.robot).items():
-            codes = _joined(pieces, [fault.get(name, np.int8(0)) for fault in faults], np.int8)
-            words[f"fault{s}_{name}"] = column(codes, vocabulary)
+            words[f"fault{s}_{name}"] = _words(pieces, [fault.get(name, 0) for fault in faults], vocabulary)
         for name, (dtype, empty) in NUMBERS.items():
             numbers[f"fault{s}_{name}"] = _joined(pieces, [fault.get(name, empty) for fault in faults], dtype)
     parameters = {
@@ -82,17 +81,18 @@ def rows(config: CampaignConfig) -> FaultTable:
         for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
     }
     groups = list(dict.fromkeys(piece.group for piece in pieces))
-    numbered = _joined(pieces, [groups.index(piece.group) for piece in pieces], np.min_scalar_type(-len(groups)))
-    counted = {name: _of_faults(words, name, values) for name, values in numbers.items()} | parameters
-    ids = run_id.of(_common(config), words, {"seed": seed} | counted)
+    counted = slices.joined(
+        lambda some: {name: _of_faults(words, name, values, some) for name, values in numbers.items()}, runs
+    )
+    ids = run_id.of(_common(config), words, {"seed": seed} | counted | parameters)
     pair = np.arange(runs, dtype=np.int32) - _joined(pieces, [piece.behind for piece in pieces], np.int32)
     table: dict[str, Column] = {
         "run_id": ids,
         "index": np.arange(runs, dtype=np.int32),
         "pair": pair,
-        "group": column(numbered, groups),
+        "group": _words(pieces, [groups.index(piece.group) for piece in pieces], groups),
         "seed": seed,
-        "operator": column(np.zeros(runs, np.int8), [config.operator_label]),
+        "operator": _words(pieces, [0] * len(pieces), [config.operator_label]),
         **{f"fault{s}_{name}": (words | numbers)[f"fault{s}_{name}"] for s in range(config.slots) for name in FIELDS},
         **parameters,
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
@@ -123,14 +123,34 @@ def counts(config: CampaignConfig) -> dict[str, int]:
 
 def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
     """One column of all pieces, [runs]."""
-    whole = [np.broadcast_to(values, piece.runs) for piece, values in zip(pieces, columns, strict=True)]
-    return np.concatenate(whole).astype(dtype, copy=False)
+    ends = np.cumsum([piece.runs for piece in pieces]).tolist()
+    whole = np.empty(ends[-1] if ends else 0, dtype)
+
+    def put(rows: slice) -> None:
+        for piece, end, values in zip(pieces, ends, columns, strict=True):
+            first = end - piece.runs
+            here = slice(max(first, rows.start), min(end, rows.stop))
+            if here.start < here.stop:
+                whole[here] = values[here.start - first : here.stop - first] if np.ndim(values) else values
+
+    slices.each(put, len(whole))
+    return whole
 
 
-def _of_faults(words: dict[str, WordColumn], name: str, values: np.ndarray) -> np.ndarray:
-    """A number of a fault slot, NaN where the slot is empty."""
+def _words(pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]) -> WordColumn:
+    """One column of words of all pieces by their places in `known`, as `words.column`."""
+    codes = _joined(pieces, columns, np.min_scalar_type(-len(known)))
+    counts = slices.each(lambda rows: np.bincount(codes[rows], minlength=len(known)), len(codes))
+    code, categories = numbered(known, np.sum(counts, axis=0) > 0)
+    if len(categories) < len(known):
+        codes = slices.joined(lambda rows: {"": code[codes[rows]]}, len(codes))[""]
+    return WordColumn(codes, categories)
+
+
+def _of_faults(words: dict[str, WordColumn], name: str, values: np.ndarray, rows: slice) -> np.ndarray:
+    """A number of a fault slot of some rows, NaN where the slot is empty."""
     site = words[f"{name.partition('_')[0]}_site"]
-    return np.where(site.equal(""), np.nan, values) if "" in site.categories else values
+    return np.where(site[rows].equal(""), np.nan, values[rows]) if "" in site.categories else values[rows]
 
 
 # --- what a run id hashes beside the row ------------------------------------------------------------------------------
@@ -150,16 +170,13 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
     for faults, written in faults_and_axes(config, group):
         axes = moments.placed(written, group.name)
         runs, repeat, places = sampling.sample(group, axes, rng)
-        slots = [
-            slot(config.robot, fault, _of_slot(axes, f), _of_slot(places, f), config.says_beyond(fault))
-            for f, fault in enumerate(faults)
-        ]
+        slots = [_slot(config, fault, _of_slot(axes, f), _of_slot(places, f), runs) for f, fault in enumerate(faults)]
         if complaints := [
             (one_slot.complaint[0], f, one_slot.complaint[1]) for f, one_slot in enumerate(slots) if one_slot.complaint
         ]:
             _, f, complaint = min(complaints)
             raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
-        parameters = {path: axis.at(places[s, path]) for (s, path), axis in axes.items() if s == _PARAMETER}
+        parameters = _parameters(_of_slot(axes, _PARAMETER), _of_slot(places, _PARAMETER), runs)
         for number, crossing in enumerate(_crossings(config, group)):
             yield _Piece(
                 runs=runs,
@@ -169,6 +186,35 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
                 faults=[one_slot.columns for one_slot in slots],
                 parameters=parameters | crossing,
             )
+
+
+def _slot(
+    config: CampaignConfig, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], runs: int
+) -> Slot:
+    """`slot.slot`, of slices of the runs."""
+    complaints = []
+
+    def columns(rows: slice) -> dict[str, np.ndarray]:
+        one = slot(config.robot, fault, axes, _of_rows(places, rows), config.says_beyond(fault))
+        if one.complaint:
+            complaints.append((rows.start + one.complaint[0], one.complaint[1]))
+        return one.columns
+
+    return Slot(slices.joined(columns, runs), min(complaints, default=None))
+
+
+def _parameters(axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], runs: int) -> dict[str, np.ndarray]:
+    """Values of each varied parameter, [runs] or []."""
+
+    def columns(rows: slice) -> dict[str, np.ndarray]:
+        return {path: axes[path].at(where) for path, where in _of_rows(places, rows).items()}
+
+    return slices.joined(columns, runs)
+
+
+def _of_rows(places: Mapping[str, np.ndarray], rows: slice) -> dict[str, np.ndarray]:
+    """The places of some runs; [] stays."""
+    return {name: where[rows] if where.ndim else where for name, where in places.items()}
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:

@@ -19,6 +19,8 @@ from ravenjax.store.words import WordColumn
 
 DIGITS = 16
 """Hex digits of an id."""
+_BITS = 6
+"""The highest of an id, by which millions of them are sorted side by side."""
 
 
 def of(common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -98,14 +100,35 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
     return hashes
 
 
+def _several(ids: np.ndarray) -> np.ndarray:
+    """Those that more than one row has, ascending. Slices are sorted, then what lies between the same bounds."""
+    bits = _BITS if len(ids) > slices.ROWS else 0
+    bounds = np.arange(1, 2**bits, dtype=np.uint64) << np.uint64(64 - _BITS)  # ids are even
+
+    def split(rows: slice) -> list[np.ndarray]:
+        ordered = np.sort(ids[rows])
+        return np.split(ordered, np.searchsorted(ordered, bounds))
+
+    def repeated(some: tuple[np.ndarray, ...]) -> np.ndarray:
+        ordered = np.sort(np.concatenate(some))
+        return np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
+
+    return np.concatenate(slices.mapped(repeated, list(zip(*slices.each(split, len(ids)), strict=True))))
+
+
 def _told_apart(ids: np.ndarray) -> np.ndarray:
     """Ids in which each copy but the first has another."""
-    ordered = np.sort(ids)
-    alike = ordered[1:] == ordered[:-1]
-    if not alike.any():
+    several = _several(ids)
+    if not len(several):
         return ids
-    several = np.unique(ordered[1:][alike])
-    rows = np.flatnonzero(several[np.minimum(np.searchsorted(several, ids), len(several) - 1)] == ids)
+
+    def among(rows: slice) -> np.ndarray:
+        """The rows that have one of them."""
+        some = ids[rows]
+        place = np.minimum(np.searchsorted(several, some), len(several) - 1)
+        return rows.start + np.flatnonzero(several[place] == some)
+
+    rows = np.concatenate(slices.each(among, len(ids)))
     rows = rows[np.argsort(ids[rows], kind="stable")]
     first = np.flatnonzero(np.r_[True, ids[rows][1:] != ids[rows][:-1]])
     copy = np.arange(len(rows)) - np.repeat(first, np.diff(np.r_[first, len(rows)]))  # of each row before it

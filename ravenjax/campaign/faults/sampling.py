@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.campaign.faults import cube
+from ravenjax.campaign.faults import cube, slices
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import SAMPLED, Group
 from ravenjax.errors import UserError
@@ -21,7 +21,7 @@ class Sample(NamedTuple):
     """The runs of a group, or of one entry of design "list"; repeats vary fastest, then the last list."""
 
     runs: int
-    repeat: np.ndarray  # int64 [runs], which repeat of its place in the design a run is
+    repeat: np.ndarray  # int64 [runs], which repeat of its place in the design a run is; [] of the only one
     places: dict[Key, np.ndarray]  # of each axis [runs] as `Axis.at` takes them; [] of an axis of one value
 
 
@@ -42,25 +42,31 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
     """Runs of `group` over these axes. What is drawn depends on the axes' order and on `rng` alone."""
     different = count(group, axes)
     runs = different * group.repeats
-    place, repeat = np.divmod(np.arange(runs), group.repeats)
-    places = {key: np.zeros((), np.int64) for key in axes}
+    place, repeat = np.arange(runs), np.zeros((), np.int64)
+    if group.repeats > 1:
+        place, repeat = np.divmod(place, group.repeats)
+    places: dict[Key, np.ndarray] = {key: np.zeros((), np.int64) for key in axes}
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
-        columns = _dimensions(random_axes)
-        unit = _unit(group.design, different, 1 + max(columns.values(), default=-1), rng)
-        repeated = slice(None) if group.repeats == 1 else place
-        places |= {key: axis.places(unit[:, columns[key]])[repeated] for key, axis in random_axes.items()}
+        draws = _draws(group.design, random_axes, different, rng)
+        if group.repeats > 1:
+            draws = {key: where[place] for key, where in draws.items()}
+        places |= draws
         return Sample(runs, repeat, places)
     stride = different
     for key, axis in axes.items():
         if axis.kind == "list" and (length := len(axis.values)) > 1:
             stride = 1 if group.design == "zip" else stride // length
             places[key] = place // stride % length
-    random_axes = {key: axis for key, axis in axes.items() if axis.drawn}
-    columns = _dimensions(random_axes)
-    unit = _unit("random", runs, 1 + max(columns.values(), default=-1), rng)
-    places |= {key: axis.places(unit[:, columns[key]]) for key, axis in random_axes.items()}
+    places |= _draws("random", {key: axis for key, axis in axes.items() if axis.drawn}, runs, rng)
     return Sample(runs, repeat, places)
+
+
+def _draws(design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator) -> dict[Key, np.ndarray]:
+    """Places [rows] on each axis, drawn."""
+    columns = _dimensions(axes)
+    unit = _unit(design, rows, 1 + max(columns.values(), default=-1), rng)
+    return slices.joined(lambda some: {key: axis.places(unit[some, columns[key]]) for key, axis in axes.items()}, rows)
 
 
 def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import numpy as np
+
+S = TypeVar("S")
 T = TypeVar("T")
+Name = TypeVar("Name", bound=Hashable)
 
 ROWS = 2**17
 """Of a slice: what is made of them on the way stays in a core's cache."""
@@ -15,9 +19,31 @@ ROWS = 2**17
 
 def each(function: Callable[[slice], T], rows: int) -> list[T]:
     """`function` of slices that hold so many rows, in order; of one slice at least."""
-    slices = [slice(first, first + ROWS) for first in range(0, max(rows, 1), ROWS)]
-    threads = min(len(slices), len(os.sched_getaffinity(0)))
-    if threads == 1:
-        return [function(some) for some in slices]
+    return mapped(function, [slice(first, first + ROWS) for first in range(0, max(rows, 1), ROWS)])
+
+
+def mapped(function: Callable[[S], T], given: Sequence[S]) -> list[T]:
+    """`function` of each, side by side in threads."""
+    threads = min(len(given), len(os.sched_getaffinity(0)))
+    if threads <= 1:
+        return [function(one) for one in given]
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(function, slices))
+        return list(pool.map(function, given))
+
+
+def joined(function: Callable[[slice], Mapping[Name, np.ndarray]], rows: int) -> dict[Name, np.ndarray]:
+    """The columns that `function` makes of slices, put together: [rows, ...], or [] of what all rows agree on."""
+    first = slice(0, ROWS)
+    begin = function(first)
+    whole = {
+        name: np.empty((rows, *values.shape[1:]), values.dtype) if values.ndim else values
+        for name, values in begin.items()
+    }
+
+    def put(some: slice) -> None:
+        for name, values in (begin if some == first else function(some)).items():
+            if values.ndim:
+                whole[name][some] = values
+
+    each(put, rows)
+    return whole

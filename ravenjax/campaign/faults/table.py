@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -47,7 +48,8 @@ def injection(table: FaultTable, robot: Robot) -> Injection:
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
     for slot in range(slots(table)):
-        for site, arm, channel, effect, trigger in _Words(table, slot).combinations.values():
+        parts = slices.each(lambda rows, slot=slot: _Words(table.take(rows), slot).combinations.values(), len(table))
+        for site, arm, channel, effect, trigger in dict.fromkeys(itertools.chain.from_iterable(parts)):
             if site:
                 effects.setdefault((site, arm, channel), set()).add(NETWORK_EFFECTS.get(effect, ("", effect))[1])
                 triggers.add(trigger)
@@ -72,8 +74,7 @@ def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
     code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1 ms (start in packets
     with trigger "packet"); key uint32, the stream of random numbers of that run and slot.
     """
-    parts = slices.each(lambda rows: _arrays(table.take(rows), injection), len(table))
-    return {name: np.concatenate([part[name] for part in parts]) for name in ARRAYS}
+    return slices.joined(lambda rows: _arrays(table.take(rows), injection), len(table))
 
 
 def _arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:

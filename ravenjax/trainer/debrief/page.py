@@ -12,7 +12,7 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
-from ravenjax.trainer.debrief import contact, dexterity, figures, html, learning, replay, words
+from ravenjax.trainer.debrief import contact, dexterity, figures, html, learning, levels, replay, words
 from ravenjax.trainer.debrief.course import Course
 from ravenjax.trainer.judge.row import COLUMNS, HazardRow
 from ravenjax.trainer.recording import reader
@@ -74,6 +74,7 @@ def render(folder: Path) -> str:
         timing=figures.loop(course) if course else None,
         quality=_quality(summary),
         task=_task(summary, course),
+        levels=levels.results(header),
         dexterity=summary.get(learning.MEASURES),
         contact=contact.measure(course) if course is not None and header.get("contact_units_per_n") is not None else (),
         curves=learning.figure(learning.attempts(folder.absolute())),

@@ -40,8 +40,7 @@ class LevelsTask(Task):
         self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
         self._level = 0
         self._in_a_row = 0
-        self._rounds = [0] * len(settings.level)
-        self._best_ms: list[int | None] = [None] * len(settings.level)
+        self._rounds_ms: list[list[int]] = [[] for _ in settings.level]  # how long each round of a level took
         self._begun: int | None = None  # tick at which the round's first target was reached
         self._reach = self._make[0]()
         self._told_level = False
@@ -64,9 +63,7 @@ class LevelsTask(Task):
         assert self._begun is not None
         level, took = self._level, tick - self._begun
         within = took <= 1000.0 * self.settings.level[level].within_s
-        best = self._best_ms[level]
-        self._best_ms[level] = took if best is None else min(best, took)
-        self._rounds[level] += 1
+        self._rounds_ms[level].append(took)
         self._in_a_row = self._in_a_row + 1 if within else 0
         self._begun = None
         if self._in_a_row == self.settings.in_a_row:
@@ -110,11 +107,8 @@ class LevelsTask(Task):
         return super().geometry() | {"targets": targets}
 
     def result(self) -> dict[str, Any]:
-        best = [None if ms is None else ms / 1000.0 for ms in self._best_ms]
         return super().result() | {
             "levels": len(self.settings.level),
             "levels_proficient": self._level,
-            "rounds": sum(self._rounds),
-            "rounds_of_level": list(self._rounds),
-            "best_s_of_level": best,
+            "rounds_s_of_level": [[ms / 1000.0 for ms in rounds] for rounds in self._rounds_ms],
         }
