@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import viser
 
-GOAL, DONE = (255, 79, 216), (143, 163, 184)
+from ravenjax.trainer.page.colours import DONE, GOAL
+
 DIM, NEXT, REACHED = 0.55, 0.5, 0.35  # size of what is not the goal: of pegs, of the next target, of those before
 LAST_REACHED = 5
 RING_M = (0.004, 0.03)  # least and largest radius

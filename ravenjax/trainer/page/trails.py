@@ -9,12 +9,12 @@ import numpy as np
 import viser
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.trainer.page import colours
 
 POINTS = 90
 STEP_MS = 40  # 3.6 s altogether
-COLOURS = {"gold": (255, 196, 64), "green": (31, 174, 132)}
+COLOURS = {"gold": colours.GOLD, "green": colours.GREEN}
 DASHED = "green"  # apart from the other for who sees no colours, too
-MODEL = (88, 196, 255)
 _SAME_M = 1e-5
 
 
@@ -28,7 +28,7 @@ class Trails:
         self._lines: dict[str, Any] = {}
         self._points: dict[str, deque[np.ndarray]] = {}
         for arm in arms:
-            for kind, colour in (("tip", COLOURS[arm]), *(() if blinded else (("model", MODEL),))):
+            for kind, colour in (("tip", COLOURS[arm]), *(() if blinded else (("model", colours.MODEL),))):
                 name = f"{arm}/{kind}"
                 self._points[name] = deque(maxlen=POINTS)
                 self._lines[name] = server.scene.add_line_segments(

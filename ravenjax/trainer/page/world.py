@@ -17,7 +17,7 @@ import viser
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
 from ravenjax.robots.raven2.geometry import scene
-from ravenjax.trainer.page import bodies, task_shapes
+from ravenjax.trainer.page import bodies, colours, task_shapes
 from ravenjax.trainer.page.kept_meshes import KeptMeshes
 from ravenjax.trainer.page.plumb import Plumb
 from ravenjax.trainer.page.trails import Trails
@@ -26,7 +26,7 @@ from ravenjax.trainer.protocol.jaws import jaw_tips
 from ravenjax.trainer.protocol.world import surface
 
 LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task", "plumb")
-GHOST, VIRTUAL = (88, 196, 255), (120, 226, 170)
+GHOST, VIRTUAL = colours.MODEL, (120, 226, 170)
 FORCE = (255, 190, 60)
 GHOST_MM = (0.5, 0.8)
 """A ghost goes below the first and comes above the second: inside the robot it would only tint it."""

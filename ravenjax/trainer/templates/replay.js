@@ -3,7 +3,7 @@
   const told = JSON.parse(document.getElementById("replay-data").textContent);
   const place = document.getElementById("replay");
   const [canvas, slider, clock, play, speed] = ["canvas", "input", "output", ".play", "select"].map((name) => place.querySelector(name));
-  const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#58c4ff", goal: "#ff6fdc", done: "#8fa3b8" };
+  const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#9adcff", goal: "#f53df0", done: "#76879a" };
   const LETTERS = { gold: "L", green: "R" };
   const VIEWS = { endoscope: [0, 0.6], front: [0, 0], side: [1.57, 0], above: [0, 1.5] }; // turn about z, and upward, rad
   const PER_M = 10000;

@@ -57,8 +57,8 @@ export class Coach {
       one.hidden = [...one.classList].some((kind) => off[kind]) || (one.dataset.arm ? !arms.includes(one.dataset.arm) : false);
   }
 
-  /** Once a frame. state: {phase, down, blocked}; blocked: others drive, or something else covers the field. */
-  frame({ phase, down, blocked }, scope, now = performance.now()) {
+  /** Once a frame. lift: a held pedal does not count until it was up; blocked: others drive, or something else covers the field. */
+  frame({ phase, down, lift, blocked }, scope, now = performance.now()) {
     const { target } = scope;
     if (this.first === null && target >= 0 && phase !== "over") this.first = scope.progress > 0 ? -1 : target;
     const goal = scope.goal();
@@ -67,7 +67,7 @@ export class Coach {
     else if (phase === "ready") said = "begin";
     else if (phase !== "running" || this.first === null || this.first < 0) said = "";
     else if (this.reached(scope)) said = now < this.praised ? "reached" : "";
-    else if (!down) said = "pedal";
+    else if (!down) said = lift ? "lift" : "pedal";
     else if (goal) said = goal.distance <= goal.radius ? "hold" : "way";
     this.show(said, goal, scope);
   }
@@ -90,6 +90,7 @@ export class Coach {
       this.text.textContent =
         {
           pedal: coarse() ? "Hold PEDAL, or drag a pad: the robot moves only meanwhile." : "Hold SPACE: the robot moves only while the pedal is down.",
+          lift: `Let go of ${coarse() ? "PEDAL" : "SPACE"} once, then hold it again: a pedal held through a gap does not count.`,
           hold: "There. Keep it in the ring.",
           reached: "Reached. When the instrument moves by itself, lift the pedal.",
         }[said] ?? "";

@@ -184,7 +184,8 @@ function draw() {
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
   const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // no word of the goal then
   const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;
-  coach.frame({ phase, down: latest.number("pedal") === 1, blocked }, scope);
+  const lift = $("pedal").classList.contains("rearm");
+  coach.frame({ phase, down: latest.number("pedal") === 1, lift, blocked }, scope);
   probe.drawn();
 }
 requestAnimationFrame(draw);

@@ -4,7 +4,7 @@ const SPAN_MS = 10000;
 const MOST = 1500; // points: ten seconds at 150 frames a second
 // Apart in lightness too, so that they differ for whoever does not see red or green; and never alone: a letter, a shape,
 // a dash say the same.
-export const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#58c4ff" };
+export const COLOURS = { gold: "#ffc440", green: "#1fae84", model: "#9adcff", goal: "#f53df0", done: "#76879a" };
 export const LETTERS = { gold: "L", green: "R" };
 
 export class Plot {

@@ -6,11 +6,11 @@ import { COLOURS, LETTERS, fitted } from "./plots.js";
 const HALF = [0.03, 0.06]; // least and most that is seen to each side of the middle, m
 const MARGIN = 0.008; // m around what is to be seen
 const TRAIL = 160;
-const GOAL = "#ff6fdc"; // neither an arm's nor the model's
-const DONE = "#8fa3b8";
+const { goal: GOAL, done: DONE } = COLOURS;
 const REACHED = 5; // of those before the goal that are still drawn
 const AHEAD_M = 0.01; // of a path, how much is lit
 const GAP = 6; // px between the two views
+const ENDS = 0.72; // of the height, how far down the ends are named
 const HALF_WORD = 34; // px, half of what "L · 12 mm" takes
 const CLEAR = 30; // px that the goal's words keep from a mark and from its own word
 export const TOUCH_MM = 9; // two shafts nearer than their thickness touch
@@ -71,7 +71,7 @@ export class Scope {
       pen.save();
       if (beside) pen.translate(i * (wide + GAP), 0);
       else pen.translate(0, i * (high + GAP));
-      this.look(look, frame, blinded, beside ? [wide, height] : [width, high]);
+      this.look(look, frame, blinded, beside ? [wide, height] : [width, high], beside && i ? "right" : "left");
       pen.restore();
     });
   }
@@ -87,7 +87,8 @@ export class Scope {
     return { middle: ends.map(([low, high]) => (low + high) / 2), half: Math.min(HALF[1], Math.max(HALF[0], half)) };
   }
 
-  look({ name, across, ends }, frame, blinded, [width, height]) {
+  /** side: where its name stands, away from the words in the middle of the field; its ends are named above those at its foot. */
+  look({ name, across, ends }, frame, blinded, [width, height], side) {
     const { pen } = this;
     const { middle, half } = this.box;
     const scale = Math.min(width, height) / 2 / half;
@@ -105,12 +106,13 @@ export class Scope {
       this.mark(see, arm);
       if (!blinded && frame.number("view") === 0) crosshair(pen, see, this.world(arm, frame.aim(arm)));
     }
-    words(pen, name, 8, 14, "#e8edf3", "left", 600);
-    words(pen, `← ${ends[0]}`, 8, height - 7, "#aab7c5", "left");
-    words(pen, `${ends[1]} →`, width - 8, height - 7, "#aab7c5", "right");
-    words(pen, "10 mm", width - 8, 14, "#aab7c5", "right");
+    const [named, measured] = side === "left" ? [8, width - 8] : [width - 8, 8];
+    words(pen, name, named, 14, "#e8edf3", side, 600);
+    words(pen, `← ${ends[0]}`, 8, ENDS * height, "#aab7c5", "left");
+    words(pen, `${ends[1]} →`, width - 8, ENDS * height, "#aab7c5", "right");
+    words(pen, "10 mm", measured, 14, "#aab7c5", side === "left" ? "right" : "left");
     pen.fillStyle = "#aab7c5";
-    pen.fillRect(width - 8 - 0.01 * scale, 19, 0.01 * scale, 2);
+    pen.fillRect(measured - (side === "left" ? 0.01 * scale : 0), 19, 0.01 * scale, 2);
   }
 
   ground({ across, height, x, y }) {

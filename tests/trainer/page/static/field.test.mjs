@@ -7,7 +7,7 @@ Object.assign(globalThis, { matchMedia: () => ({ matches: false }) });
 const { Scope, between, free } = await load("ravenjax/trainer/page/static/scope.js");
 const { CueSign, named, seen } = await load("ravenjax/trainer/page/static/sign.js");
 const { Alarms } = await load("ravenjax/trainer/page/static/alarms.js");
-const { steps } = await load("ravenjax/trainer/page/static/coach.js");
+const { Coach, steps } = await load("ravenjax/trainer/page/static/coach.js");
 const { Lesson } = await load("ravenjax/trainer/page/static/drill.js");
 
 const PLAIN = { origin: [0, 0, 0], turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] };
@@ -102,6 +102,21 @@ test("an alarm names no key where a finger drives", (t) => {
   const words = { b: {}, span: {}, em: {} };
   new Alarms({ querySelector: (name) => words[name] }).tell({ check: "overdrive_instant" });
   assert.equal(words.em.textContent, "Lift the pedal. Once you know why, restart.");
+});
+
+test("whoever holds a pedal that does not count is told to let go of it", () => {
+  const [text, begin] = [element(), element()];
+  const place = element({ querySelector: (name) => ({ p: text, ".begin": begin })[name] ?? element() });
+  const coach = new Coach(place);
+  const field = scope({ targets: [{ number: 0, arm: "gold", at: [0, 0, 0.19] }] }, { gold: [0, 0, 0.2] }, 0);
+  const told = (more) => {
+    coach.frame({ phase: "running", down: false, lift: false, blocked: false, ...more }, field);
+    return place.hidden ? "" : text.textContent;
+  };
+  assert.match(told({}), /^Hold SPACE/);
+  assert.match(told({ lift: true }), /^Let go of SPACE once/);
+  assert.match(told({}), /^Hold SPACE/);
+  assert.equal(told({ lift: true, blocked: true }), "");
 });
 
 test("the way to a goal is told by keys, the longest first", () => {
