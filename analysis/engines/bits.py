@@ -2,7 +2,9 @@
 
     python analysis/engines/bits.py quick gated.toml [--engines simd cuda] [--set campaign.contact=true]
 
-Each campaign, bundled or a file, is run by both engines; every column of the result table is compared, bits and all.
+Each campaign, bundled or a file, is run by both engines; every column of the result table is compared, bits and all. Of
+engine xla, which has other last bits, see the runs in which a verdict or any other word differs, and the largest
+difference of an outcome in mm.
 """
 
 from __future__ import annotations
@@ -30,6 +32,19 @@ def _same(a: np.ndarray, b: np.ndarray) -> bool:
     return a.tobytes() == b.tobytes() if a.dtype != object else a.tolist() == b.tolist()
 
 
+def words(one: pd.DataFrame, other: pd.DataFrame) -> int:
+    """Runs in which a column of words or a yes or no differs."""
+    named = [name for name in one if one[name].dtype.kind not in "fiu"]
+    return int((one[named].astype(str) != other[named].astype(str)).any(axis=1).sum())
+
+
+def farthest(one: pd.DataFrame, other: pd.DataFrame) -> str:
+    """The outcome in mm that differs most, and by how much."""
+    apart = {name: float((one[name] - other[name]).abs().max()) for name in one if name.endswith("_mm")}
+    name = max(apart, key=lambda key: np.nan_to_num(apart[key], nan=-1.0))
+    return f"{apart[name]:.2g} mm in {name}"
+
+
 def main() -> int:
     """Run and compare."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -38,7 +53,8 @@ def main() -> int:
     parser.add_argument("--set", nargs="*", default=[])
     options = parser.parse_args()
     first, second = options.engines
-    print(f"| campaign | runs | columns | unequal | {first} | {second} |\n|---|---|---|---|---|---|")
+    print(f"| campaign | runs | columns | unequal | runs of other words | farthest | {first} | {second} |")
+    print("|---" * 8 + "|")
     wrong = 0
     for name in options.campaigns:
         config = rj.load_campaign(name, options.set)
@@ -51,7 +67,8 @@ def main() -> int:
         wrong += bool(apart)
         runs, columns = tables[0].shape
         said = f"{len(apart)}: {', '.join(apart[:5])}" if apart else "0"
-        print(f"| {' '.join([name, *options.set])} | {runs} | {columns} | {said} | {' | '.join(seconds)} |", flush=True)
+        more = f"{words(*tables)} | {farthest(*tables)}"
+        print(f"| {' '.join([name, *options.set])} | {runs} | {columns} | {said} | {more} | {' | '.join(seconds)} |")
     return wrong > 0
 
 
