@@ -2,10 +2,12 @@
 sees them.
 
     python analysis/training/screens.py FOLDER [--scenario first_steps,touch] [--scene]
+    python analysis/training/screens.py docs/pictures --scenario creep --fault
 
 Starts a session of each scenario, presses the pedal and moves; writes FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With
 --scene in 3D, drawn in software where there is no graphics card, at 1366 px: before the start, driving, and each second
-picture.
+picture. With --fault the picture of the README, FOLDER/training.webp: the scenario's last hazard at work, the cue
+pulling. A page that is drawn in software is silent for longer than a console may be, so these sessions wait longer.
 """
 
 from __future__ import annotations
@@ -15,8 +17,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "1366": (1366, 768), "1920": (1920, 1080)}
@@ -25,6 +29,12 @@ SCENARIOS = "first_steps,levels,path_network,peg_transfer,touch"
 INSETS = ("theatre", "second", "stereo")
 SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PEDAL, DOWN = "Space", "KeyF"
+PATIENT = """from ravenjax.cli import main
+from ravenjax.trainer.protocol import messages
+messages.STALE_MS = 5000
+main()
+"""
+FAULT_MM = 5  # of tip error, for the picture of a fault
 DOWN_MS = 400  # down toward the tissue, not onto it
 
 
@@ -34,21 +44,23 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--scenario", default=SCENARIOS)
     parser.add_argument("--scene", action="store_true")
+    parser.add_argument("--fault", action="store_true")
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     for scenario in given.scenario.split(","):
         with tempfile.TemporaryDirectory() as place:
-            command = [sys.executable, "-m", "ravenjax.cli", "train", scenario, "--out", f"{place}/session"]
+            command = [sys.executable, "-c", PATIENT, "train", scenario, "--out", f"{place}/session"]
             command += ["--port", "0", "--linger", "0"]
             session = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
             try:
-                _take(session, given.folder / scenario, given.scene)
+                way = _fault if given.fault else _scene if given.scene else _flat
+                _take(session, given.folder / scenario, way)
             finally:
                 session.terminate()
                 session.wait(30)
 
 
-def _take(session: subprocess.Popen[str], base: Path, scene: bool) -> None:
+def _take(session: subprocess.Popen[str], base: Path, way: Callable[[Browser, dict[str, str], Path], None]) -> None:
     assert session.stdout is not None
     urls: dict[str, str] = {}
     for line in session.stdout:
@@ -59,10 +71,7 @@ def _take(session: subprocess.Popen[str], base: Path, scene: bool) -> None:
             break
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=SOFTWARE)
-        if scene:
-            _scene(browser, urls["operator"], base)
-        else:
-            _flat(browser, urls, base)
+        way(browser, urls, base)
         browser.close()
 
 
@@ -87,10 +96,15 @@ def _flat(browser: Browser, urls: dict[str, str], base: Path) -> None:
         page.screenshot(path=f"{base}-{role}-1366-protanope.png")
 
 
-def _scene(browser: Browser, url: str, base: Path) -> None:
+def _in_scene(browser: Browser, url: str) -> Page:
     page = _opened(browser, url + "&scene=on", *SIZES["1366"])
     page.wait_for_function("[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)", polling=200)
     page.wait_for_timeout(12000)
+    return page
+
+
+def _scene(browser: Browser, urls: dict[str, str], base: Path) -> None:
+    page = _in_scene(browser, urls["operator"])
     page.screenshot(path=f"{base}-3d-before.png", timeout=120000)
     _drive(page, 8000)
     page.screenshot(path=f"{base}-3d.png", timeout=120000)
@@ -99,6 +113,23 @@ def _scene(browser: Browser, url: str, base: Path) -> None:
         page.evaluate(f"document.querySelector('[data-inset={inset}]').click()")
         page.wait_for_timeout(15000)
         page.screenshot(path=f"{base}-3d-{inset}.png", timeout=120000)
+
+
+def _fault(browser: Browser, urls: dict[str, str], base: Path) -> None:
+    page = _in_scene(browser, urls["operator"])
+    instructor = _opened(browser, urls["instructor"] + "&scene=off", *SIZES["1366"])
+    instructor.click("#hazards li:last-child button")
+    page.bring_to_front()
+    page.keyboard.down(PEDAL)
+    while not page.inner_text("#pedal-state").startswith("down"):  # it was silent in the background
+        page.keyboard.up(PEDAL)
+        page.wait_for_timeout(DOWN_MS)
+        page.keyboard.down(PEDAL)
+        page.wait_for_timeout(3 * DOWN_MS)
+    page.wait_for_function(f"parseFloat(document.querySelector('#error-now').textContent) > {FAULT_MM}", timeout=60000)
+    with tempfile.TemporaryDirectory() as place:
+        page.screenshot(path=f"{place}/page.png", timeout=120000)
+        Image.open(f"{place}/page.png").convert("RGB").save(base.parent / "training.webp", quality=80)
 
 
 def _drive(page: Page, wait_ms: int) -> None:
