@@ -6,7 +6,7 @@ sees them.
 
 Starts a session of each scenario, presses the pedal and moves; writes FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With
 --scene in 3D, drawn in software where there is no graphics card, at 1366 px: before the start, driving, and each second
-picture. With --fault the picture of the README, FOLDER/training.webp: the scenario's last hazard at work, the cue
+picture. With --fault the picture of the README, FOLDER/training.webp: the scenario's first hazard at work, the cue
 pulling. A page that is drawn in software is silent for longer than a console may be, so these sessions wait longer.
 """
 
@@ -31,10 +31,12 @@ SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enab
 PEDAL, DOWN = "Space", "KeyF"
 PATIENT = """from ravenjax.cli import main
 from ravenjax.trainer.protocol import messages
-messages.STALE_MS = 5000
+messages.STALE_MS = 20000
+from ravenjax.trainer.session import seat
+seat.GONE_MS = 20000
 main()
 """
-FAULT_MM = 5  # of tip error, for the picture of a fault
+FAULT_MM = 3.2  # of tip error, for the picture of a fault: the cue pulls
 DOWN_MS = 400  # down toward the tissue, not onto it
 
 
@@ -118,15 +120,16 @@ def _scene(browser: Browser, urls: dict[str, str], base: Path) -> None:
 def _fault(browser: Browser, urls: dict[str, str], base: Path) -> None:
     page = _in_scene(browser, urls["operator"])
     instructor = _opened(browser, urls["instructor"] + "&scene=off", *SIZES["1366"])
-    instructor.click("#hazards li:last-child button")
     page.bring_to_front()
     page.keyboard.down(PEDAL)
-    while not page.inner_text("#pedal-state").startswith("down"):  # it was silent in the background
+    while not page.inner_text("#pedal-state").startswith("down, d"):  # it was silent in the background
         page.keyboard.up(PEDAL)
         page.wait_for_timeout(DOWN_MS)
         page.keyboard.down(PEDAL)
         page.wait_for_timeout(3 * DOWN_MS)
-    page.wait_for_function(f"parseFloat(document.querySelector('#error-now').textContent) > {FAULT_MM}", timeout=60000)
+    instructor.evaluate("document.querySelector('#hazards li:first-child button').click()")
+    off = f"parseFloat(document.querySelector('#error-now').textContent) > {FAULT_MM}"
+    page.wait_for_function(off, timeout=20000, polling=50)
     with tempfile.TemporaryDirectory() as place:
         page.screenshot(path=f"{place}/page.png", timeout=120000)
         Image.open(f"{place}/page.png").convert("RGB").save(base.parent / "training.webp", quality=80)

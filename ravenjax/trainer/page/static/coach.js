@@ -90,7 +90,7 @@ export class Coach {
       this.text.textContent =
         {
           pedal: coarse() ? "Hold PEDAL, or drag a pad: the robot moves only meanwhile." : "Hold SPACE: the robot moves only while the pedal is down.",
-          lift: `Let go of ${coarse() ? "PEDAL" : "SPACE"} once, then hold it again: a pedal held through a gap does not count.`,
+          lift: `Let go of ${coarse() ? "PEDAL" : "SPACE"}, then hold it again.`,
           hold: "There. Keep it in the ring.",
           reached: "Reached. When the instrument moves by itself, lift the pedal.",
         }[said] ?? "";

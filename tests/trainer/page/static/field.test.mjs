@@ -114,7 +114,7 @@ test("whoever holds a pedal that does not count is told to let go of it", () => 
     return place.hidden ? "" : text.textContent;
   };
   assert.match(told({}), /^Hold SPACE/);
-  assert.match(told({ lift: true }), /^Let go of SPACE once/);
+  assert.match(told({ lift: true }), /^Let go of SPACE, then hold it again/);
   assert.match(told({}), /^Hold SPACE/);
   assert.equal(told({ lift: true, blocked: true }), "");
 });
