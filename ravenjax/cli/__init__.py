@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Literal
 
 from cyclopts import App
@@ -92,6 +93,7 @@ def main(tokens: list[str] | None = None) -> int:
     """Run the command line; what a user can mend becomes one message and exit code 2."""
     from ravenjax.errors import UserError
 
+    os.environ.setdefault("MUJOCO_GL", "disable")  # else it starts a process to look for windows
     try:
         code = app(tokens, exit_on_error=False, print_error=True, result_action="return_value")
     except KeyboardInterrupt:
