@@ -75,8 +75,8 @@ def worst(folder: Path, most: int | None, by: str) -> list[WorstRun]:
         return []
     ranked = ranking.worst(folder, most, by)
     if len(ranked) < most:
-        are = "run is" if len(ranked) == 1 else "runs are"
-        note(f"{folder}: only {len(ranked)} {are} a case of {ranking.RANKINGS[by].meaning}")
+        have, rank = "run has" if len(ranked) == 1 else "runs have", ranking.RANKINGS[by]
+        note(f"{folder}: only {len(ranked)} {have} more than 0 {rank.unit}: {rank.meaning}")
     return ranked
 
 

@@ -161,4 +161,4 @@ def test_a_cue_that_disturbs_is_no_better_one():
 def test_where_nothing_evades_nothing_is_announced():
     told = FRAME.assign(response="stopped", response_ms=2900, told_ms=2900)
     found = answers.changed(Runs.of(synthetic.judged(told), MANIFEST), MANIFEST, [])
-    assert found == answers.Changed([], None, False, True, None)  # 3 mm beside 3 mm; lower cues there are
+    assert found == answers.Changed([], None, False, 4, None)  # 3 mm beside 3 mm; lower cues there are

@@ -77,7 +77,7 @@ class Changed(NamedTuple):
     pairs: list[Difference]  # all faults, one for each reaction
     announced: Announced | None  # by the cue of the verdicts; None: no cue, or nothing evaded
     leads: bool  # whether it is a finding that this cue comes before the motion, and no matter of definitions
-    lower: bool  # whether any cue is one of which it is a finding
+    lower: int  # of how many cues it is a finding
     better: Announced | None  # the cue that announces most without a false one, where it is another and leads
 
 
@@ -145,7 +145,7 @@ def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -
     best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
     surpassed = best and first and (not runs.cue_leads or best.lead.before.k > first.lead.before.k)
     whole = [row for row in differences if row.among == "all faults"]
-    return Changed(whole, first, runs.cue_leads, any(able), best if surpassed else None)
+    return Changed(whole, first, runs.cue_leads, sum(able), best if surpassed else None)
 
 
 def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:

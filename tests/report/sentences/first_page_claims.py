@@ -82,13 +82,16 @@ def which_evade(e: Expected, text: Text) -> None:
     where_they_evade(e, text)
     cued, limited = e.count(evading["warned_ms"] >= 0), e.count(evading["response"] == "limited")
     limits = "a check limited a command or dropped a packet and told nobody"
+    false, _ = e.first_cues(e.plan.verdict_cue)
     if k == 1:
-        text.says(
-            f"The {e.threshold} haptic cue {'came' if cued else 'did not come'}{f'; {limits}' if limited else ''}."
-        )
+        golden = "and its golden run had none by then" if cued else "or its golden run had one by then"
+        came = f"{'came' if cued else 'did not come'}{f', {golden}' if false else ''}"
+        text.says(f"The {e.threshold} haptic cue {came}{f'; {limits}' if limited else ''}.")
     elif k:
+        motions = f"it came in {count(false)} of {many(len(e.motions), 'fault-free motion')}"
+        golden = f", where the golden run had none by then ({motions})" if false else ""
         also = f"; in {'all' if limited == k else count(limited)} {limits}" if limited else ""
-        text.says(f"The {e.threshold} haptic cue came in {count(cued)} of these {count(k)}{also}.")
+        text.says(f"The {e.threshold} haptic cue came in {count(cued)} of these {count(k)}{golden}{also}.")
     told = e.count(moved & ~nobody)
     if told:
         faults = f"{'other ' if k else ''}{'fault' if told == 1 else 'faults'}"
@@ -146,7 +149,9 @@ def how_long(e: Expected, text: Text) -> None:
     if never < n:
         if leads:
             not_at_all = f", and {count(never)} ({percent(never / n)} %) not at all" if never else ""
-            text.says(f"{share(early, n)} could be known before the motion reached {e.limit}{not_at_all}.")
+            false, _ = e.first_cues(e.plan.verdict_cue)
+            golden = "; a cue that the golden run has by then tells nothing" if false else ""
+            text.says(f"{share(early, n)} could be known before the motion reached {e.limit}{not_at_all}{golden}.")
             return
         text.says(
             f"{share(early, n)} could be known from {tellers} before the motion reached {e.limit}; the {e.threshold} "
@@ -163,7 +168,7 @@ def how_long(e: Expected, text: Text) -> None:
                 "before it."
             )
         if never:
-            without = "Without that cue " if lower else ""
+            without = f"Without that cue, but with the {e.threshold} one, " if lower else ""
             text.says(f"{without}{count(never)} ({percent(never / n)} %) could not be known at all.")
 
 
@@ -207,9 +212,10 @@ def announced(e: Expected, evading: pd.DataFrame) -> str:
         alarm = e.after(naive_facts.warned(e.frame, k), evading)
         false, hours = e.first_cues(k)
         found.append((e.before(alarm, evading), threshold, e.lead(alarm, evading)[0], false, hours))
-    early, threshold, lead_ms, *_ = found[e.plan.verdict_cue]
+    early, threshold, lead_ms, false, _ = found[e.plan.verdict_cue]
+    sooner = ", and before it comes without the fault," if false else ""
     said = (
-        f"The {number(threshold, 6)} mm cue comes before the motion reaches {e.limit} in "
+        f"The {number(threshold, 6)} mm cue comes before the motion reaches {e.limit}{sooner} in "
         f"{share(early, n, 'evading fault')}{at_median(lead_ms, n)}"
     )
     able = [one for k, one in enumerate(found) if e.leads(k)]
@@ -221,7 +227,8 @@ def announced(e: Expected, evading: pd.DataFrame) -> str:
     if not e.leads(e.plan.verdict_cue):
         said = f"{at_limit(e)}. "
         if not best:
-            none = f"Every cue below {e.limit} came in fault-free motion, too."
+            each = "The only" if len(able) == 1 else "Every"
+            none = f"{each} cue below {e.limit} came in fault-free motion, too."
             return said + (none if able else f"No cue below {e.limit} was evaluated.")
         many_faults = share(best[0], n, "evading fault")
         return said + (
