@@ -68,7 +68,8 @@ def main() -> int:
         runs, columns = tables[0].shape
         said = f"{len(apart)}: {', '.join(apart[:5])}" if apart else "0"
         more = f"{words(*tables)} | {farthest(*tables)}"
-        print(f"| {' '.join([name, *options.set])} | {runs} | {columns} | {said} | {more} | {' | '.join(seconds)} |")
+        cells = [" ".join([name, *options.set]), str(runs), str(columns), said, more, *seconds]
+        print(f"| {' | '.join(cells)} |", flush=True)
     return wrong > 0
 
 

@@ -184,8 +184,7 @@ function draw() {
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
   const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // no word of the goal then
   const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;
-  const lift = $("pedal").classList.contains("rearm");
-  coach.frame({ phase, down: latest.number("pedal") === 1, lift, blocked }, scope);
+  coach.frame({ phase, down: latest.number("pedal") === 1, lift: panels.lift, blocked }, scope);
   probe.drawn();
 }
 requestAnimationFrame(draw);

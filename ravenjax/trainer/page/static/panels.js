@@ -151,9 +151,9 @@ export class Panels {
     const down = frame.number("pedal") === 1;
     const owner = this.consoles?.[frame.number("console")] ?? "nobody";
     const mine = owner === "page" || owner === "nobody";
-    const lift = pressed && !down && mine && ["ready", "running"].includes(phase);
-    this.foot(down, down ? (frame.number("live") === 1 ? "down, driving" : "down") : lift ? "lift it first" : "up");
-    $("pedal").classList.toggle("rearm", lift);
+    this.lift = pressed && !down && mine && ["ready", "running"].includes(phase); // a held pedal that does not count
+    this.foot(down, down ? (frame.number("live") === 1 ? "down, driving" : "down") : this.lift ? "lift it first" : "up");
+    $("pedal").classList.toggle("rearm", this.lift);
     this.seated(owner, frame.number("pedal") === 1, phase);
     set("view-name", view === "real" ? "real field" : view === "virtual" ? "virtual field" : "robot follows");
     const buttons = document.querySelectorAll("[data-operator]");
