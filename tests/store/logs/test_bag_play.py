@@ -47,8 +47,7 @@ def test_rosbag_plays_every_message(session, tmp_path):  # noqa: F811
         [DEBIANS_PYTHON, "-c", HEAR, str(sum(told.values())), *told], env=environ, stdout=subprocess.PIPE, text=True
     )
     try:
-        assert hear.stdout is not None
-        assert hear.stdout.readline() == "ready\n"
+        assert hear.stdout is not None and "ready\n" in hear.stdout, "rospy may complain of a slow master before"
         # it advertises its topics, waits, then sends
         subprocess.run([PLAY, "play", "--delay=5", "-q", written.path], env=environ, check=True, timeout=60)
         counts = json.loads(hear.communicate(timeout=70)[0])
