@@ -17,6 +17,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from ravenjax import interruption
 from ravenjax.campaign import outcomes, stretches
 from ravenjax.campaign.assembly import StretchTable, Tables
 from ravenjax.campaign.branching import Branching
@@ -55,7 +56,7 @@ class _UnderWay(NamedTuple):
     def finished(self) -> Tables:
         """The tables, once they are whole."""
         for future in self.coming:
-            future.result()
+            interruption.result(future)
         return self.tables
 
 
@@ -101,7 +102,7 @@ class Computation:
     def blocks(self, ranges: Sequence[range]) -> Generator[Tables]:
         """Outcomes of the rows of `ranges`, in order, some at a time; and `outcomes.of_golden` of their golden runs.
 
-        Close it to give up what is under way.
+        Close it to give up what is under way. Use it where `interruption.held_back`.
         """
         self._branching = Branching(self.ready, 0 if self.whole else self.kernel.branches)
         self._halted: list[np.ndarray] = []

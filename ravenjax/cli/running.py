@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from ravenjax import interruption
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing, Overrides
 from ravenjax.cli.motion import show_operator
@@ -20,6 +21,8 @@ from ravenjax.cli.results import write_report
 
 if TYPE_CHECKING:
     from ravenjax.store.access.results import Results
+
+ENDED = "ended by a signal; finished parts are kept, and the same command goes on"
 
 
 def run(
@@ -171,7 +174,7 @@ def _summary(folder: Path, results: Results) -> None:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the work as Ctrl-C does, with exit code 128 + the signal's number."""
+    """SIGTERM and SIGHUP end the work as Ctrl-C does, with exit code 128 + the signal's number; soon, in any case."""
 
     def leave(number: int, _: object) -> None:
         raise SystemExit(128 + number)
@@ -184,9 +187,10 @@ def _ended_by_signals() -> Iterator[None]:
         if handler is not signal.SIG_IGN:  # as nohup has it
             signal.signal(number, leave)
     try:
-        yield
+        with interruption.ended_in_time(ENDED):
+            yield
     except SystemExit:
-        console.err.print("ended by a signal; finished parts are kept, and the same command goes on", highlight=False)
+        console.err.print(ENDED, highlight=False)
         raise
     finally:
         for number, handler in before.items():

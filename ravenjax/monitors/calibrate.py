@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ravenjax import interruption
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError, suggestion
 from ravenjax.monitors import calibration, monitor_file, writing
@@ -115,7 +116,8 @@ def operate(
             on_operator(one.operator + 1, units)
             yield one
 
-    return filled(folder, units, compute)
+    with interruption.held_back():
+        return filled(folder, units, compute)
 
 
 def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:

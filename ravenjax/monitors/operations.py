@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax import interruption
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.plan import Plan
@@ -138,7 +139,7 @@ class OperationRunner:
                         coming.append(pool.submit(self._operator, number, on_ticks))
                     if not coming:
                         return
-                    yield coming.popleft().result()
+                    yield interruption.result(coming.popleft())
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from ravenjax import interruption
 from ravenjax.campaign import assembly, compile_cache, plan, runner
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.chunk import finished
@@ -127,7 +128,8 @@ class Evaluator:
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
         chunks = [range(first, min(first + size, ready.runs)) for first in range(0, ready.runs, size)]
-        with contextlib.closing(self._computation_of(ready).blocks(chunks)) as blocks:
+        computation = self._computation_of(ready)
+        with interruption.held_back(), contextlib.closing(computation.blocks(chunks)) as blocks:
             for part in assembly.parts(chunks, blocks):
                 done = finished(ready, part, lambda columns: schema.conform(columns, self.shape))
                 tables.append(done.packed)

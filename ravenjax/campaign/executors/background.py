@@ -7,6 +7,8 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+from ravenjax import interruption
+
 WAITING = 4
 """Calls that wait for a thread, at most."""
 
@@ -28,10 +30,10 @@ class BackgroundQueue:
     def call(self, function: Callable[..., Any], *given: Any) -> None:
         """Call it soon; waits where too much is under way, and raises what an earlier call raised."""
         while self._under_way and (len(self._under_way) >= self._most or self._under_way[0].done()):
-            self._under_way.popleft().result()
+            interruption.result(self._under_way.popleft())
         self._under_way.append(self._pool.submit(function, *given))
 
     def finish(self) -> None:
         """Wait for every call; raises what one raised."""
         while self._under_way:
-            self._under_way.popleft().result()
+            interruption.result(self._under_way.popleft())

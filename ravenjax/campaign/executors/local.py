@@ -11,6 +11,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
+from ravenjax import interruption
 from ravenjax.campaign import assembly
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.background import BackgroundQueue
@@ -31,7 +32,11 @@ class Local:
         computation = Computation(work.ready, work.engine, work.progress)
         computation.compile()
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
-        with BackgroundQueue(writers) as queue, contextlib.closing(computation.blocks(chunks)) as blocks:
+        with (
+            interruption.held_back(),
+            BackgroundQueue(writers) as queue,
+            contextlib.closing(computation.blocks(chunks)) as blocks,
+        ):
             for part in assembly.parts(chunks, blocks):
                 queue.call(lambda part: work.deliver(finished(work.ready, part, work.pack)), part)
             queue.finish()

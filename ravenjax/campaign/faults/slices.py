@@ -9,6 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from ravenjax import interruption
+
 S = TypeVar("S")
 T = TypeVar("T")
 Name = TypeVar("Name", bound=Hashable)
@@ -27,8 +29,8 @@ def mapped(function: Callable[[S], T], given: Sequence[S]) -> list[T]:
     threads = min(len(given), len(os.sched_getaffinity(0)))
     if threads <= 1:
         return [function(one) for one in given]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(function, given))
+    with interruption.held_back(), ThreadPoolExecutor(threads) as pool:
+        return [interruption.result(future) for future in [pool.submit(function, one) for one in given]]
 
 
 def joined(function: Callable[[slice], Mapping[Name, np.ndarray]], rows: int) -> dict[Name, np.ndarray]:

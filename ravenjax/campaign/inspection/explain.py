@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from ravenjax import interruption
 from ravenjax.campaign import compile_cache, outcomes, plan
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig, validated
@@ -106,7 +107,8 @@ class Explainer:
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
         work = Computation(some, self._engine, progress, self._together(some))
         work.compile()
-        tables = list(work.blocks([range(some.runs)]))
+        with interruption.held_back():
+            tables = list(work.blocks([range(some.runs)]))
         progress.rows(some.runs, 0)
         progress.tell("done")
         own, golden = (_joined([table[place] for table in tables]) for place in (0, 1))

@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ravenjax import interruption
 from ravenjax.campaign import compile_cache, outcomes, plan
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import run_id
@@ -158,7 +159,8 @@ def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgre
     progress = Progress(words, len(rows), len(rows), ready.program.ticks, on_progress)
     computation = Computation(ready, engine, progress, whole=True)
     computation.compile()
-    blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
+    with interruption.held_back():
+        blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
     progress.tell("done")
     columns, golden_runs = (
         {name: np.concatenate([block[table][name] for block in blocks]) for name in blocks[0][table]}

@@ -17,6 +17,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ravenjax import interruption
 from ravenjax.campaign.executors import remote
 from ravenjax.campaign.executors.background import BackgroundQueue
 from ravenjax.campaign.executors.carriers.attempts import Attempts, Handed
@@ -90,9 +91,10 @@ class Ray:
             progress.ticks(len(finished.rows) * work.ready.program.ticks)
             attempts.delivered()
 
-        with BackgroundQueue(WRITERS) as queue:
+        with interruption.held_back(), BackgroundQueue(WRITERS) as queue:
             try:
                 while _fill(attempts, under_way, 2 * seats, start):
+                    interruption.point()
                     done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
                     for task in done:
                         chunk = under_way.pop(task)

@@ -15,11 +15,12 @@ import struct
 import subprocess
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from ravenjax import interruption
 from ravenjax.campaign.executors import remote
 from ravenjax.campaign.executors.carriers import placement
 from ravenjax.campaign.executors.carriers.attempts import Attempts, Handed
@@ -54,9 +55,9 @@ class Processes:
         work.progress.workers = len(seats)
         head = remote.head(work, chunks)
         servants = [_Servant(seat, head, work, attempts) for seat in seats]
-        with ThreadPoolExecutor(len(servants)) as pool:
+        with interruption.held_back(), ThreadPoolExecutor(len(servants)) as pool:
             try:
-                for _ in as_completed([pool.submit(servant.serve) for servant in servants]):
+                for _ in interruption.completed([pool.submit(servant.serve) for servant in servants]):
                     if attempts.stopped:
                         break
             except BaseException as error:  # a signal, for one: what is finished is delivered, then all is over

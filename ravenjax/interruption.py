@@ -1,0 +1,113 @@
+"""Ctrl-C, SIGTERM and SIGHUP while threads are at work.
+
+Python raises in the main thread wherever that happens to be. Where it has just taken a lock that another thread needs,
+such as that of a `Future`, nobody gives the lock back, and the program waits for ever: one signal in a hundred or two
+did that to a campaign. So a signal is held back while threads work, and raised where the main thread waits for one.
+What heeds no signal, as a compiler that is at it for minutes, is ended with the process after a while.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import os
+import select
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from typing import TypeVar
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+EVERY_S = 0.05
+"""How often who waits for a thread looks for a signal."""
+GRACE_S = 20.0
+"""What the main thread has from a signal to the end of its work, before the process is ended."""
+
+T = TypeVar("T")
+
+_held: list[Callable[[], object]] = []
+"""What the handlers of signals that came would have done. Of the main thread alone."""
+
+
+@contextlib.contextmanager
+def held_back() -> Iterator[None]:
+    """Signals whose handlers are Python's wait for `point`, `result`, `completed` or the end of this. In other threads
+    than the main one it does nothing: no signal is raised there."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))}
+
+    def hold(number: int, _: object) -> None:
+        _held.append(lambda: before[signal.Signals(number)](number, None))
+
+    try:
+        for number in before:
+            signal.signal(number, hold)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        point()
+
+
+def point() -> None:
+    """Here a signal that was held back may raise: no lock is held that others need."""
+    if threading.current_thread() is threading.main_thread():
+        while _held:
+            _held.pop(0)()
+
+
+def result(future: Future[T]) -> T:
+    """`future.result()`; raises a signal that was held back, too."""
+    while not future.done():
+        point()
+        concurrent.futures.wait((future,), EVERY_S)
+    return future.result()
+
+
+def completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
+    """`concurrent.futures.as_completed`; raises a signal that was held back, too."""
+    pending = set(futures)
+    while pending:
+        point()
+        done, pending = concurrent.futures.wait(pending, EVERY_S, concurrent.futures.FIRST_COMPLETED)
+        yield from done
+
+
+@contextlib.contextmanager
+def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
+    """End the process, saying `message` and with exit code 128 + the signal's number, where a signal came and the main
+    thread is still in here `grace_s` later. Whoever uses this leaves nothing on disk that such an end would spoil."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ours, others = socket.socketpair()
+    others.setblocking(False)
+    before = signal.set_wakeup_fd(others.fileno(), warn_on_full_buffer=False)  # written to even if no Python runs
+    threading.Thread(target=_watch, args=(ours, message, grace_s), daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        others.close()  # which the watch sees
+
+
+def _watch(ours: socket.socket, message: str, grace_s: float) -> None:
+    with ours:
+        while came := ours.recv(1):
+            if came[0] in SIGNALS and not _left(ours, grace_s):
+                os.write(2, f"{message}\n".encode())  # not by `print`, whose lock the main thread may hold
+                os._exit(128 + came[0])
+
+
+def _left(ours: socket.socket, within_s: float) -> bool:
+    """Whether the other end is closed within so long, whatever else comes."""
+    end = time.monotonic() + within_s
+    while (rest := end - time.monotonic()) > 0.0:
+        if select.select([ours], [], [], rest)[0] and not ours.recv(1):
+            return True
+    return False

@@ -1,0 +1,157 @@
+"""Signals while threads are at work: no lock is left behind, and every wait ends."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import pytest
+
+from ravenjax import interruption
+
+
+class Asked(BaseException):
+    """What the handlers here raise."""
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """SIGTERM and Ctrl-C raise `Asked`, as those of a program may."""
+
+    def ask(number, _):
+        raise Asked(number)
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
+    yield ask
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def raised_with_the_lock_held(monkeypatch):
+    """A signal comes when the main thread has just taken a lock with a condition, the first time that it does."""
+    plain, came = threading.Condition.__enter__, list[int]()
+
+    def enter(self):
+        taken = plain(self)
+        if not came and threading.current_thread() is threading.main_thread():
+            came.append(1)
+            signal.raise_signal(signal.SIGTERM)
+        return taken
+
+    monkeypatch.setattr(threading.Condition, "__enter__", enter)
+
+
+def is_free(future: Future) -> bool:
+    """Whether another thread can take the lock of a future."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(lambda: future._condition.acquire(timeout=1.0) and not future._condition.release()).result()
+
+
+def test_python_alone_leaves_the_lock_taken(raised_with_the_lock_held):
+    future: Future[int] = Future()
+    with pytest.raises(Asked):
+        future.result()
+    assert not is_free(future), "else nothing has to be held back"
+
+
+@pytest.mark.parametrize("wait", [interruption.result, lambda future: next(interruption.completed([future]))])
+def test_a_signal_that_was_held_back_leaves_no_lock(raised_with_the_lock_held, wait):
+    future: Future[int] = Future()
+    with pytest.raises(Asked), interruption.held_back():
+        wait(future)
+    assert is_free(future)
+
+
+def test_results_and_errors_come_through():
+    with interruption.held_back(), ThreadPoolExecutor(2) as pool:
+        slow = pool.submit(lambda: time.sleep(3 * interruption.EVERY_S) or 7)
+        assert interruption.result(slow) == 7
+        broken = pool.submit(lambda: 1 // 0)
+        with pytest.raises(ZeroDivisionError):
+            interruption.result(broken)
+        futures = [pool.submit(pow, 2, n) for n in range(20)]
+        assert sorted(one.result() for one in interruption.completed(futures)) == [2**n for n in range(20)]
+
+
+def test_what_came_is_raised_at_the_end_and_the_handlers_are_back(handlers):
+    reached = False
+    with pytest.raises(Asked, match=str(signal.SIGINT.value)), interruption.held_back():
+        signal.raise_signal(signal.SIGINT)
+        reached = True
+    assert reached and signal.getsignal(signal.SIGINT) is handlers is signal.getsignal(signal.SIGTERM)
+    interruption.point()  # and it is raised once
+
+
+def test_signals_that_are_ignored_stay_so():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruption.held_back():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            signal.raise_signal(signal.SIGHUP)
+            interruption.point()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_one_inside_another_raises_at_the_inner_wait():
+    future: Future[int] = Future()
+    after = False
+    with pytest.raises(Asked), interruption.held_back():
+        with interruption.held_back():
+            signal.raise_signal(signal.SIGTERM)
+            interruption.result(future)
+        after = True
+    assert not after
+
+
+def test_other_threads_neither_hold_back_nor_raise():
+    def work() -> int:
+        with interruption.held_back(), interruption.ended_in_time("never"):
+            signal.raise_signal(signal.SIGTERM)  # Python runs handlers in the main thread alone
+            interruption.point()
+            return 3
+
+    with pytest.raises(Asked), interruption.held_back(), ThreadPoolExecutor(1) as pool:
+        future = pool.submit(work)
+        while not future.done():
+            time.sleep(0.01)
+        assert future.result() == 3
+        interruption.point()
+
+
+STUBBORN = """
+import signal, sys, time
+from ravenjax import interruption
+signal.signal(signal.SIGTERM, lambda *_: None)
+with interruption.ended_in_time("that was long enough", 0.5):
+    print("in", flush=True)
+    end = time.monotonic() + float(sys.argv[1])
+    while time.monotonic() < end:
+        time.sleep(0.05)
+print("out", flush=True)
+time.sleep(1.0)
+"""
+
+
+def ended(within_s: float) -> tuple[int, str, str]:
+    """Exit code, output and errors of a process that heeds no signal for so long."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", STUBBORN, str(within_s)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None and process.stdout.readline() == "in\n"
+    process.send_signal(signal.SIGTERM)
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+def test_what_heeds_no_signal_is_ended():
+    assert ended(600.0) == (128 + signal.SIGTERM, "", "that was long enough\n")
+
+
+def test_what_ends_in_time_is_left_alone():
+    assert ended(0.1) == (0, "out\n", "")
