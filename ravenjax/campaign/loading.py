@@ -17,7 +17,7 @@ from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
-from ravenjax.errors import UserError, shown
+from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import expansion
 from ravenjax.vocabulary.robot import Robot
 
@@ -63,13 +63,22 @@ def from_dict(
     except ValidationError as error:
         # a list is also called too short when its only entries are bad
         faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
-        raise where.error(_complaint(robot, e, raw) for e in faults) from None
+        raise where.error(_complaint(robot, e, raw) for e in faults if not _is_misspelt(e, faults)) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
     config = config.with_files(Path.cwd()) if source is None else config.with_source(source)
     if errors := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
         raise where.error(errors)
     return config
+
+
+def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
+    """Whether a key is missing because another one was written for it, of which there is a complaint."""
+    if missing["type"] != "missing":
+        return False
+    *table, key = missing["loc"]
+    others = [e["loc"][-1] for e in errors if e["type"] == "extra_forbidden" and list(e["loc"][:-1]) == table]
+    return any(suggestion(other, (key,)) for other in others)
 
 
 def _text(name: object) -> str:
@@ -138,6 +147,8 @@ def _message(robot: Robot, error: Any) -> str:
 def _elsewhere(robot: Robot, key: str, loc: Sequence[str | int]) -> str:
     """What to add for a key that is known in another table of the file; "" where there is none."""
     here = tuple(part for part in loc if isinstance(part, str))
+    if _in_another_unit(key, _model(config_class_of(robot), loc).model_fields):
+        return ""
     if not here and key == "search":
         return ". This is a search: start it with `ravenjax search`"
     if not here and key in {path.partition(".")[0] for path, _ in bounds.rows(robot)}:
@@ -148,6 +159,11 @@ def _elsewhere(robot: Robot, key: str, loc: Sequence[str | int]) -> str:
     nearest = max(tables, key=lambda path: _shared(path, here))
     below = f", above [[{'.'.join(here)}]]" if here[: len(nearest)] == nearest and here != nearest else ""
     return f". {key} is a key of {header(nearest)}: write it there{below}"
+
+
+def _in_another_unit(key: str, names: Iterable[str]) -> bool:
+    """Whether `key` is one of the names but for its last word, as duration_s and duration_ms."""
+    return any(name.rpartition("_")[0] in {key, key.rpartition("_")[0]} - {""} for name in names)
 
 
 def _shared(one: Sequence[str], other: Sequence[str]) -> int:

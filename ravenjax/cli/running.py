@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 
 from ravenjax import interruption
 from ravenjax.cli import console
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ravenjax.store.access.results import Results
 
 ENDED = "ended by a signal; finished parts are kept, and the same command goes on"
+_SOME = validators.Number(gte=1)
 
 
 def run(
@@ -31,8 +32,8 @@ def run(
     out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
-    chunk: Annotated[int | None, Parameter(help="runs per part of the result")] = None,
-    limit: Annotated[int | None, Parameter(help="compute only the first runs")] = None,
+    chunk: Annotated[int | None, Parameter(help="runs per part of the result", validator=_SOME)] = None,
+    limit: Annotated[int | None, Parameter(help="compute only the first runs", validator=_SOME)] = None,
     executor: Annotated[
         str | None, Parameter(help="local (this process), processes (of this machine) or ray (a cluster)")
     ] = None,

@@ -205,7 +205,7 @@ def read(folder: Path) -> Manifest:
     path = folder / FILE
     try:
         data = parsed(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
         raise StoreError(
             f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out of `ravenjax run`."
         ) from error

@@ -139,7 +139,7 @@ def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
         (["parameters", "--set", "parameters.plant.mass_scale=0"], ["got 0, expected 0.01..100"]),
         (["bench", "--markdown", "nowhere/at/all.md"], ["--markdown nowhere/at/all.md", "folder does not exist"]),
         (["run", "quick.toml", "--set", "campaign.sed=1"], ["--set: campaign.sed: unknown key", "Did you mean 'seed'"]),
-        (["run", "quick.toml", "--chunk", "0"], ["--set: campaign.chunk: got 0"]),
+        (["run", "quick.toml", "--chunk", "0"], ['Invalid value "0" for --chunk']),
         (["fault-free", "nowhere", "7.4"], ["nowhere: is not a result folder, it holds no manifest.json"]),
         (["fault-free", "nowhere", "many"], ["HOURS", "many"]),
         (["rn"], ['Did you mean "run"']),

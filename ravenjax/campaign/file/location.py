@@ -104,6 +104,8 @@ def lines(text: str) -> dict[str, int]:
         if header := _HEADER.match(line):
             table = _enter(_parts(header[2]), header[1] == "[[", counts)
             numbers.setdefault(dotted(table), number)
+            if header[1] == "[[":
+                numbers.setdefault(dotted(table[:-1]), number)
         elif key := _KEY.match(line):
             numbers.setdefault(dotted((*table, *_parts(key[1]))), number)
     return numbers

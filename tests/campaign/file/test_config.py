@@ -141,6 +141,8 @@ def test_quick_is_what_the_readme_says():
         ("start_ms = 1000", 'start_ms = 5000\ntrigger = "pedal"', ["got 5000, expected less than the run's 2000 ms"]),
         ("value = [100, 200]", "value = {list = 5}", ["list takes a list with at least one a number, got 5"]),
         ("start_ms = 1000", "start_ms = 1000\nruns = 5", ["fault[0].runs: unknown key", "above [[group.fault]]"]),
+        ("duration_s = 2.0", "duration_ms = 2000", [":3: campaign.duration_ms: unknown", "Did you mean 'duration_s'?"]),
+        ("[[group]]", "[haptics]\nthreshold = 3\n[[group]]", ["haptics.threshold", "Did you mean 'threshold_mm'?"]),
         ("start_ms = 1000", "start_ms = 1000\ncap = 5", ["cap is a key of [haptics]: write it there"]),
         ("duration_s = 2.0", "duration_s = 2.0004", ["got 2.0004 s, expected whole milliseconds", "such as 2"]),
         ("duration_s = 2.0", "duration_s = 0.0001", ["got 0.0001 s, expected whole milliseconds from 0.001 on"]),
@@ -311,6 +313,12 @@ def test_all_mistakes_are_told_at_once_in_order_of_lines(write):
 
 def test_syntax_error_names_the_line(write):
     assert "line 1" in complaint(write("[campaign\n"))
+
+
+def test_a_misspelt_table_is_told_of_once(write):
+    message = complaint(write(GOOD.replace("[group", "[groups")))
+    assert ":12: groups: unknown key" in message and "Did you mean 'group'?" in message
+    assert "missing" not in message and "\n" not in message
 
 
 @pytest.mark.parametrize("name", ["quik.toml", "quik", "./quik.toml", "/nowhere/quik.toml"])
