@@ -160,9 +160,12 @@ def _summary(folder: Path, results: Results) -> None:
     from ravenjax.store import manifest
 
     record = manifest.read(folder)
-    if record.done and (rows := terminal.outcome_rows(results.verdicts())):
+    counted = results.verdicts() if record.done else {}
+    if rows := terminal.outcome_rows(counted):
         columns = ("response / hazard / cue", "runs", "share")
         console.out.print(terminal.table("Runs with a fault", columns, rows))
+        evading = terminal.evading(counted, record.limit_mm)
+        console.out.print(evading, markup=False, highlight=False, soft_wrap=True)
     if rows := terminal.failure_rows(record.failures, record.done):
         console.out.print(terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows))
     if why := decisions.sentence(folder):

@@ -16,6 +16,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
+from ravenjax.outcomes import verdict
+
 PLAIN_EVERY_S = 5.0
 """Time between two lines of progress where the output is no terminal."""
 
@@ -205,6 +207,20 @@ def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
     valid = {verdict: count for verdict, count in runs.items() if verdict}
     ordered = sorted(valid.items(), key=lambda item: (-item[1], item[0]))
     return [(verdict, str(count), f"{100 * count / sum(valid.values()):.1f} %") for verdict, count in ordered]
+
+
+def evading(runs: Mapping[str, int], limit_mm: float) -> str:
+    """How many runs evade and in how many of them the cue came, of numbers of runs by verdict: one valid at least."""
+    valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
+    by_cue = [
+        sum(valid.get((response, verdict.HAZARDS[0], cue), 0) for response in verdict.UNTOLD) for cue in verdict.CUES
+    ]
+    many, of = sum(by_cue), sum(valid.values())
+    harm = f"the instrument moves more than {limit_mm:g} mm by itself"
+    if not many:
+        return f"None of {of} runs with a fault evades the checks: wherever {harm}, a check tells someone."
+    evade = f"{many} of {of} runs with a fault {'evades' if many == 1 else 'evade'} the checks"
+    return f"{evade}: no check tells anyone, and {harm}. The cue comes in {by_cue[0]} of these."
 
 
 def failure_rows(failures: Mapping[str, int], runs: int) -> list[tuple[str, ...]]:

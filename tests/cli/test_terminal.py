@@ -64,6 +64,17 @@ def test_outcomes_are_shares_of_valid_runs():
     assert terminal.outcome_rows({"": 3}) == terminal.outcome_rows({}) == []
 
 
+def test_what_evades_is_told_in_a_sentence():
+    counted = {"silent/none/no cue": 6, "": 5, "limited/unintended motion/cue": 2, "silent/unintended motion/no cue": 1,
+               "flagged/unintended motion/cue": 4, "silent/loss of motion/cue": 1}  # fmt: skip
+    assert terminal.evading(counted, 2.5) == (
+        "3 of 14 runs with a fault evade the checks: no check tells anyone, and the instrument moves more than 2.5 mm "
+        "by itself. The cue comes in 2 of these."
+    )
+    assert "1 of 1 runs with a fault evades the checks" in terminal.evading({"silent/unintended motion/no cue": 1}, 3.0)
+    assert terminal.evading({"silent/none/cue": 2}, 3.0).startswith("None of 2 runs with a fault evades the checks")
+
+
 def test_failures_by_cause():
     rows = terminal.failure_rows({"tip not finite": 5, "worker killed by SIGKILL": 20}, 1000)
     assert rows == [("worker killed by SIGKILL", "20", "2 %"), ("tip not finite", "5", "0.5 %")]

@@ -9,7 +9,7 @@ import { course, png, sheet } from "./pictures.js";
 import { Run } from "./run.js";
 import { copy, csv, save } from "./saving.js";
 import { Table } from "./table.js";
-import { CLASSES, answer, classOf, count, told } from "./verdicts.js";
+import { CLASSES, answer, classOf, count, told, whole } from "./verdicts.js";
 import { icon } from "./legend.js";
 
 const $ = (id) => document.getElementById(id);
@@ -216,16 +216,16 @@ function say() {
   requestAnimationFrame(() => {
     saying = false;
     const counted = count(field.outcomes());
-    const [before, many, after] = answer(counted, campaign.limit_mm);
+    const [before, many, after] = answer(counted, campaign.limit_mm, 1e3 * question()[`haptics.cues.${campaign.cue}.threshold_m`]);
     const strong = document.createElement("strong");
     strong.textContent = many;
     $("answer").replaceChildren(before, strong, after);
-    $("brief").textContent = counted.all ? `${counted.evading} of ${counted.all} slip past and do harm` : "";
+    $("brief").textContent = counted.all ? `${whole(counted.evading)} of ${whole(counted.all)} ${counted.evading === 1 ? "slips past and does" : "slip past and do"} harm` : "";
     const all = axes.across.values.length * axes.up.values.length;
-    $("progress").textContent = counted.all < all ? `${counted.all} of ${all} operations` : `${all} operations`;
+    $("progress").textContent = counted.all < all ? `${whole(counted.all)} of ${whole(all)} operations` : `${whole(all)} operations`;
     for (const item of $("legend").children) {
       const k = counted.classes[item.dataset.class] ?? 0;
-      item.querySelector("b").textContent = k;
+      item.querySelector("b").textContent = whole(k);
       item.toggleAttribute("data-none", !k);
       item.hidden = !k && ["failed", "phantom", "misreported", "lost", "limited", "flagged"].includes(item.dataset.class);
     }

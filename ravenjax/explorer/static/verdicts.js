@@ -51,26 +51,32 @@ export function count(outcomes) {
 
 const number = new Intl.NumberFormat("en", { maximumSignificantDigits: 4 });
 export const text = (value) => (Number.isFinite(value) ? number.format(value).replace("-", "−") : "–");
+/** A number of things. */
+export const whole = (things) => things.toLocaleString("en");
 /** A length as a person reads it. */
 export const length = (mm) => `${text(mm < 1 ? Number(mm.toPrecision(2)) : Math.round(10 * mm) / 10)} mm`;
 const MILLIS = new Intl.NumberFormat("en", { maximumFractionDigits: 1 });
 export const millis = (ms) => `${MILLIS.format(ms)} ms`;
 
-/** The answer of a map: [before, number, after]. */
-export function answer({ all, evading, ahead, without = -1, classes }, limit) {
+/** The answer of a map: [before, number, after]; limit and the cue's threshold in mm. */
+export function answer({ all, evading, ahead, without = -1, classes }, limit, threshold) {
   if (!all) return ["Asking the robot …", "", ""];
   const after =
     ` ${evading === 1 ? "slips" : "slip"} past every safety check and ${evading === 1 ? "moves" : "move"} the instrument ` +
     `more than ${text(limit)} mm` +
-    (evading ? `; ${warned(classes.felt ?? 0, ahead, limit, without)}.` : ".");
-  return [`Of ${text(all)} faults like this, `, evading ? text(evading) : "none", after];
+    (evading ? `; ${warned(classes.felt ?? 0, threshold < limit ? ahead : null, limit, without)}.` : ".");
+  return [`Of ${whole(all)} faults like this, `, evading ? whole(evading) : "none", after];
 }
 
-/** felt: of how many the cue comes; ahead: in how many before the harm; without: when it comes without a fault. */
+/**
+ * felt: of how many the cue comes; ahead: in how many before the harm, null of a cue at the limit or beyond, which warns
+ * of no such motion; without: when it comes without a fault.
+ */
 function warned(felt, ahead, limit, without) {
   if (!felt) return without < 0 ? "the surgeon feels no cue" : `the cue comes without a fault, too, at ${millis(without)}, and so it warns of none`;
-  const early = ahead === 0 ? "never" : ahead === felt ? "always" : `in ${text(ahead)}`;
-  return `the surgeon feels a cue in ${text(felt)}, ${early} before the ${text(limit)} mm`;
+  if (ahead === null) return `the surgeon feels a cue in ${whole(felt)}`;
+  const early = ahead === 0 ? "never" : ahead === felt ? "always" : `in ${whole(ahead)}`;
+  return `the surgeon feels a cue in ${whole(felt)}, ${early} before the ${text(limit)} mm`;
 }
 
 /** What became of one run, as a person says it. */

@@ -105,8 +105,9 @@ def _coverage(one: Counterfactual) -> str:
 def _price(one: Counterfactual) -> str:
     false = one.promise.false_alarms
     each = "It alarms" if len(one.promise.members) == 1 else "Each alarms"
+    times = "" if one.promise.margin.value == 1.0 else f"{one.promise.margin.value:g} times "
     return (
-        f"{each} above {one.promise.margin.value:g} times the most that {wording.hours(one.scale_hours)} of fault-free "
+        f"{each} above {times}the most that {wording.hours(one.scale_hours)} of fault-free "
         f"motion reached. {wording.hours(false.hours)} of other motion had {_alarms(false)}."
     )
 

@@ -57,7 +57,8 @@ def files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]
         problems = list(pool.map(problem, record.parts))
     complaints = [*filter(None, problems), *(f"{folder / PARTS / name}: no record names this part" for name in stray)]
     size = sum(part.size for part in record.parts)
-    looked_at = f"{len(record.parts):,} parts, {size / 1e6:,.1f} MB: checksum, schema, campaign"
+    number = "1 part" if len(record.parts) == 1 else f"{len(record.parts):,} parts"
+    looked_at = f"{number}, {size / 1e6:,.1f} MB: checksum, schema, campaign"
     whole = [part for part, complaint in zip(record.parts, problems, strict=True) if not complaint]
     return FolderCheck("parts", looked_at, _short(complaints)), whole
 

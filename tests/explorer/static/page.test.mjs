@@ -97,14 +97,16 @@ test("classes are those of a report, and the answer counts them", () => {
   for (const [one, name] of all) assert.equal(classOf(one), name);
   const counted = count(all.map(([one]) => one));
   assert.deepEqual([counted.all, counted.evading], [7, 2]);
-  assert.equal(answer(counted, 3).join(""), "Of 7 faults like this, 2 slip past every safety check and move the instrument more than 3 mm; the surgeon feels a cue in 1, always before the 3 mm.");
+  const said = "Of 7 faults like this, 2 slip past every safety check and move the instrument more than 3 mm; the surgeon feels a cue in 1";
+  assert.equal(answer(counted, 3, 2).join(""), `${said}, always before the 3 mm.`);
+  assert.equal(answer(counted, 3, 3).join(""), `${said}.`);
 });
 
 test("a cue that the run without a fault has as well is said to warn of none", () => {
   const harm = { response: "silent", hazard: "unintended motion", evades: true, cue: false, cue0_first_ms: 679, unintended_first_ms: 738 };
-  const always = answer(count([{ ...harm, golden_cue0_first_ms: 679 }]), 3)[2];
+  const always = answer(count([{ ...harm, golden_cue0_first_ms: 679 }]), 3, 2)[2];
   assert.match(always, /the cue comes without a fault, too, at 679 ms, and so it warns of none\.$/);
-  assert.match(answer(count([{ ...harm, cue0_first_ms: -1, golden_cue0_first_ms: -1 }]), 3)[2], /the surgeon feels no cue\.$/);
+  assert.match(answer(count([{ ...harm, cue0_first_ms: -1, golden_cue0_first_ms: -1 }]), 3, 2)[2], /the surgeon feels no cue\.$/);
 });
 
 test("axes hold their range, and the nearest of a growing axis is by ratio", () => {

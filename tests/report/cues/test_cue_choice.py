@@ -93,7 +93,7 @@ def test_the_hours_that_are_asked_for_are_those_of_the_strictest_limit():
 @pytest.mark.slow
 def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
     text = page.render(Runs.of(FRAME, MANIFEST), MANIFEST, Path("out"))
-    assert "cannot be said: it needs 7.38 h" in text
+    assert "cannot be said before 7.38 h of fault-free motion" in text
     assert "ravenjax fault-free out 7.4" in text
     assert "80 fault-free motions of 3.7 min in pedal-down together, of 1 motion of the hands" in text
 

@@ -139,10 +139,16 @@ def test_a_number_that_is_another_is_told_with_what_was_expected():
 def test_the_terminal_counts_runs_with_a_fault(plan):
     campaign = generated_campaigns.made(plan)
     table = schema.conform(campaign.frame, campaign.manifest.shape)
-    told = terminal.outcome_rows(Results(campaign.manifest.shape, None, [table]).verdicts())
+    counted = Results(campaign.manifest.shape, None, [table]).verdicts()
+    told = terminal.outcome_rows(counted)
     facts = naive_facts.derive(campaign.frame, plan.verdict_cue)
     mine = facts[facts["faulty"] & ~facts["failed"]]
     words = mine["response"] + "/" + mine["hazard"] + "/" + np.where(mine["cued"], "cue", "no cue")
     sizes = words.value_counts()
     assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
     assert [share for *_, share in told] == [f"{100 * int(runs) / len(mine):.1f} %" for _, runs, _ in told]
+    evading = mine[mine["response"].isin(["silent", "limited"]) & (mine["hazard"] == "unintended motion")]
+    if len(mine):
+        sentence = terminal.evading(counted, campaign.manifest.limit_mm)
+        assert sentence.startswith(f"{len(evading) or 'None'} of {len(mine)} runs")
+        assert not len(evading) or sentence.endswith(f"The cue comes in {evading['cued'].sum()} of these.")
