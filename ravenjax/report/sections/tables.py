@@ -69,7 +69,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
             "NOT told AND halted",
             "NOT told AND misreport",
             "unintended AND told",
-            "response = 'stopped' AND warned_ms > response_ms",
+            "response = 'stopped' AND warned_ms >= response_ms",
             both,
             f"{both} AND warned_ms < told_ms",
             f"{both} AND warned_ms = told_ms",

@@ -53,9 +53,9 @@ def verdicts(e: Expected, html: Node) -> None:
         text.says(
             f"In {many(phantom, 'fault')} without a hazard, of which no check told anyone, the cue came all the same."
         )
-    late = e.count((f["response"] == "stopped") & (f["warned_ms"] > f["response_ms"]))
+    late = e.count((f["response"] == "stopped") & (f["warned_ms"] >= f["response_ms"]))
     if late:
-        text.says(f"In {count(late)} stopped {'run' if late == 1 else 'runs'} the cue came after the stop.")
+        text.says(f"In {count(late)} stopped {'run' if late == 1 else 'runs'} the cue came only with the stop, or after it.")
     every = e.all
     if e.repeats:
         text.says(
