@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ravenjax import threads
 from ravenjax.calibration import parameters, replay_loop
 from ravenjax.calibration.fit import Predictor
 from ravenjax.calibration.log import JointLog
@@ -75,8 +74,7 @@ class _Replays:
         kernel = self._kernel
         columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in self._varied}
         starts = range(0, count, kernel.lanes)
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-            parts = list(pool.map(lambda start: self._block(kernel, columns, start, count), starts))
+        parts = threads.mapped(lambda start: self._block(kernel, columns, start, count), starts)
         return np.concatenate(parts)[:count]
 
     def _block(self, kernel: Kernel, columns: Mapping[str, np.ndarray], start: int, count: int) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from ravenjax import threads
 from ravenjax.errors import StoreError
 from ravenjax.evidence.record import BROKEN, HOLDS, EvidenceRecord, Item, Node
 from ravenjax.evidence.sources import identity
@@ -17,10 +17,9 @@ from ravenjax.store.folder import READERS
 
 def check(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
     """The same evidence, each node as it is now. folder: where it lies."""
-    solutions = [node for node in evidence.nodes if node.item is not None]
-    with ThreadPoolExecutor(READERS) as pool:
-        problems = list(pool.map(lambda node: problem(folder, node.item), solutions))
-    reasons = {node.name: text for node, text in zip(solutions, problems, strict=True)}
+    items = {node.name: node.item for node in evidence.nodes if node.item is not None}
+    problems = threads.mapped(lambda item: problem(folder, item), items.values(), READERS)
+    reasons = dict(zip(items, problems, strict=True))
     return evidence.model_copy(update={"checked": manifests.now(), "nodes": judged(evidence.nodes, reasons)})
 
 

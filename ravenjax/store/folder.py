@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
+from ravenjax import threads
 from ravenjax.errors import StoreError, listed
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
@@ -23,9 +23,6 @@ PARTS, SET_ASIDE = "parts", "set-aside"
 any tool may read as a whole."""
 READERS = max(4, min(16, len(os.sched_getaffinity(0))))
 """Parts that are read side by side: each is hashed, which a core does at half a gigabyte a second or more."""
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 class ResultFolder:
@@ -60,7 +57,9 @@ class ResultFolder:
             )
         recorded = {part.file: part for part in record.parts}
         there = parts.files(path / PARTS)
-        finished = _side_by_side(lambda file: _finished(file, recorded.get(file.name), wanted.config_hash), there)
+        finished = threads.mapped(
+            lambda file: _finished(file, recorded.get(file.name), wanted.config_hash), there, READERS
+        )
         if not resumes:  # then what is foreign may be somebody's only copy of another campaign
             for what in finished:
                 if isinstance(what, parts.ForeignPart):
@@ -126,7 +125,9 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
     schema.require_columns(manifest.shape, columns or ())
     ordered = sorted(manifest.parts, key=lambda part: part.first)
     return parts.concatenate(
-        _side_by_side(lambda part: parts.read(path / PARTS / part.file, manifest.config_hash, part, columns), ordered)
+        threads.mapped(
+            lambda part: parts.read(path / PARTS / part.file, manifest.config_hash, part, columns), ordered, READERS
+        )
     )
 
 
@@ -156,16 +157,6 @@ def set_aside(path: Path, name: str, why: str) -> str:
     except OSError as error:
         raise StoreError(f"{target}: cannot be written ({error.strerror or error}). {why}") from error
     return f"set aside as {target}, to be computed again: {why}"
-
-
-def _side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
-    """What `work` makes of each item, in order; the first error is raised and what has not begun is left."""
-    with ThreadPoolExecutor(READERS) as pool:
-        try:
-            return list(pool.map(work, items))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:

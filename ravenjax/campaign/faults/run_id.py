@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pyarrow as pa
 
+from ravenjax import threads
 from ravenjax.campaign.faults import slices
 from ravenjax.store.words import WordColumn
 
@@ -113,7 +114,7 @@ def _several(ids: np.ndarray) -> np.ndarray:
         ordered = np.sort(np.concatenate(some))
         return np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
 
-    return np.concatenate(slices.mapped(repeated, list(zip(*slices.each(split, len(ids)), strict=True))))
+    return np.concatenate(threads.mapped(repeated, list(zip(*slices.each(split, len(ids)), strict=True))))
 
 
 def _told_apart(ids: np.ndarray) -> np.ndarray:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Hashable, Mapping
 from typing import TypeVar
 
 import numpy as np
 
-from ravenjax import interruption
+from ravenjax import threads
 
-S = TypeVar("S")
 T = TypeVar("T")
 Name = TypeVar("Name", bound=Hashable)
 
@@ -21,16 +18,7 @@ ROWS = 2**17
 
 def each(function: Callable[[slice], T], rows: int) -> list[T]:
     """`function` of slices that hold so many rows, in order; of one slice at least."""
-    return mapped(function, [slice(first, first + ROWS) for first in range(0, max(rows, 1), ROWS)])
-
-
-def mapped(function: Callable[[S], T], given: Sequence[S]) -> list[T]:
-    """`function` of each, side by side in threads."""
-    threads = min(len(given), len(os.sched_getaffinity(0)))
-    if threads <= 1:
-        return [function(one) for one in given]
-    with interruption.held_back(), ThreadPoolExecutor(threads) as pool:
-        return [interruption.result(future) for future in [pool.submit(function, one) for one in given]]
+    return threads.mapped(function, [slice(first, first + ROWS) for first in range(0, max(rows, 1), ROWS)])
 
 
 def joined(function: Callable[[slice], Mapping[Name, np.ndarray]], rows: int) -> dict[Name, np.ndarray]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax import threads
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import validated
@@ -104,10 +103,8 @@ def run(
         on_motion()
         return table[columns].to_numpy(np.float32), np.where(valid, armed, 0.0) / MS_PER_HOUR
 
-    workers = os.cpu_count() or 1
     first = [one(numbers[0])]  # compiles what the others take
-    with ThreadPoolExecutor(workers) as pool:
-        results = first + list(pool.map(one, numbers[1:]))
+    results = first + threads.mapped(one, numbers[1:])
     free = FreeMotion(np.stack([peaks for peaks, _ in results]), np.stack([hours for _, hours in results]))
     if not free.hours.sum() > 0:
         raise UserError(

@@ -6,12 +6,12 @@ Each check is one line of a table: what was looked at, and each thing that is wr
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow.parquet as pq
 
+from ravenjax import threads
 from ravenjax.errors import StoreError
 from ravenjax.outcomes import events, verdict
 from ravenjax.store import parts, schema
@@ -53,8 +53,7 @@ def files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]
         except StoreError as error:
             return str(error)
 
-    with ThreadPoolExecutor(READERS) as pool:
-        problems = list(pool.map(problem, record.parts))
+    problems = threads.mapped(problem, record.parts, READERS)
     complaints = [*filter(None, problems), *(f"{folder / PARTS / name}: no record names this part" for name in stray)]
     size = sum(part.size for part in record.parts)
     number = "1 part" if len(record.parts) == 1 else f"{len(record.parts):,} parts"

@@ -11,11 +11,11 @@ import contextlib
 import os
 import shutil
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+from ravenjax import threads
 from ravenjax.errors import StoreError, listed
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
@@ -110,8 +110,7 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
         parts.verify(path, record.config_hash, recorded[name])
         return PartSource(folder, recorded[name])
 
-    with ThreadPoolExecutor(READERS) as pool:
-        return list(pool.map(checked, sorted(recorded.keys() | there.keys())))
+    return threads.mapped(checked, sorted(recorded.keys() | there.keys()), READERS)
 
 
 def _disjoint(sources: list[PartSource]) -> list[PartSource]:

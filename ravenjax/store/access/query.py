@@ -11,10 +11,10 @@ import contextlib
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ravenjax import threads
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
@@ -124,8 +124,7 @@ def of_files(files: Sequence[Path], options: str = "") -> str:
 def whole_parts(path: Path) -> list[Path]:
     """Files of the finished parts of a result folder, each checked. Raises StoreError as `open_folder`."""
     record = readable(path)
-    with ThreadPoolExecutor(READERS) as pool:
-        list(pool.map(lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part), record.parts))
+    threads.mapped(lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part), record.parts, READERS)
     return [path / PARTS / part.file for part in record.parts]
 
 

@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
+from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import validated
 from ravenjax.engines import traced
@@ -40,5 +39,4 @@ def measure(path: Path, measured: Callable[[int, Series], T], rows: Sequence[int
         _, signals = kernel.run_signals(Block(*ready.lanes([row], 1), None), ready.columns)
         return measured(row, series(ready.program.setup, signals))
 
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        return list(pool.map(one, range(ready.runs) if rows is None else rows))
+    return threads.mapped(one, range(ready.runs) if rows is None else rows)

@@ -7,15 +7,14 @@ last digits may differ. Each run is measured at once and its series dropped.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 
+from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.plan import Plan
@@ -73,8 +72,7 @@ class Recorder:
             pairs = zip(table.loc[rows].to_dict("records"), code.run(ready, rows), strict=True)
             return [measured({str(k): v for k, v in row.items()}, series) for row, series in pairs]
 
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-            return [one for of_block in pool.map(block, blocks) for one in of_block]
+        return [one for of_block in threads.mapped(block, blocks) for one in of_block]
 
     def _code(self, ready: Plan) -> _Code:
         program = ready.program

@@ -55,7 +55,9 @@ def verdicts(e: Expected, html: Node) -> None:
         )
     late = e.count((f["response"] == "stopped") & (f["warned_ms"] >= f["response_ms"]))
     if late:
-        text.says(f"In {count(late)} stopped {'run' if late == 1 else 'runs'} the cue came only with the stop, or after it.")
+        text.says(
+            f"In {count(late)} stopped {'run' if late == 1 else 'runs'} the cue came only with the stop, or after it."
+        )
     every = e.all
     if e.repeats:
         text.says(
