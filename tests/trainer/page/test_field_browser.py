@@ -105,6 +105,28 @@ def test_on_a_phone_the_words_of_an_alarm_leave_the_restart_to_the_finger(browse
     session.close()
 
 
+def test_on_a_phone_what_to_do_stands_below_the_picture(browser):
+    session = FakeSession()
+    session.wait()
+    with Visit(browser, session, "role=operator&scene=off", 390) as page:
+        page.set_viewport_size({"width": 390, "height": 844})
+        until(page, SHOWN.format("#coach"))
+        page.wait_for_timeout(100)
+        picture, words = (page.locator(name).bounding_box() for name in ("#scope", "#coach"))
+        assert picture is not None and words is not None and not _overlap(picture, words) and picture["height"] > 200
+        page.set_viewport_size({"width": 390, "height": 560})
+        page.wait_for_timeout(100)
+        low = page.locator("#scope").bounding_box()
+        assert low is not None and low["height"] >= 200, "of a low screen enough is left"
+        page.set_viewport_size({"width": 390, "height": 844})
+        click(page, "#coach .close")
+        until(page, f"!({SHOWN.format('#coach')})")
+        page.wait_for_timeout(100)
+        alone = page.locator("#scope").bounding_box()
+        assert alone is not None and alone["height"] > picture["height"] + words["height"]
+    session.close()
+
+
 def test_keys_reach_switches_and_help(browser, session):
     with Visit(browser, session, "role=operator&scene=off", 1366) as page:
         page.focus("#sound")

@@ -47,6 +47,13 @@ export class Coach {
     this.text = place.querySelector("p");
     this.begin = place.querySelector(".begin");
     place.querySelector(".close").addEventListener("click", () => (this.gone = true));
+    new ResizeObserver(() => this.leaveRoom()).observe(place);
+  }
+
+  /** On a narrow screen the picture ends above the card, which would hide the tip: see page.css. */
+  leaveRoom() {
+    const height = this.place.offsetHeight;
+    document.documentElement.style.setProperty("--coach", `${height && height + 12}px`);
   }
 
   /** The arms of a session that begins; jaws: whether its task needs them. */

@@ -3,7 +3,7 @@ import test from "node:test";
 
 import { element, load } from "../../../browser_scripts.mjs";
 
-Object.assign(globalThis, { matchMedia: () => ({ matches: false }) });
+Object.assign(globalThis, { matchMedia: () => ({ matches: false }), ResizeObserver: class { observe() {} } });
 const { Scope, between, free } = await load("ravenjax/trainer/page/static/scope.js");
 const { CueSign, named, seen } = await load("ravenjax/trainer/page/static/sign.js");
 const { Alarms } = await load("ravenjax/trainer/page/static/alarms.js");
