@@ -1,9 +1,10 @@
-"""Ctrl-C, SIGTERM and SIGHUP while threads are at work.
+"""Ctrl-C, SIGTERM and SIGHUP while threads are at work, or libraries are imported.
 
 Python raises in the main thread wherever that happens to be. Where it has just taken a lock that another thread needs,
-such as that of a `Future`, nobody gives the lock back, and the program waits for ever: one signal in a hundred or two
-did that to a campaign. So a signal is held back while threads work, and raised where the main thread waits for one.
-What heeds no signal, as a compiler that is at it for minutes, is ended with the process after a while.
+such as that of a `Future`, nobody gives the lock back, and the program waits for ever; where a compiled module is being
+imported, that says it cannot be. One signal in a hundred or two did either to a campaign. So a signal is held back, and
+raised where the main thread waits for others or begins something new. What heeds none for long, as a compiler that is
+at it for minutes, is ended with the process.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import TypeVar
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 EVERY_S = 0.05
 """How often who waits for a thread looks for a signal."""
-GRACE_S = 20.0
+GRACE_S = 10.0
 """What the main thread has from a signal to the end of its work, before the process is ended."""
 
 T = TypeVar("T")

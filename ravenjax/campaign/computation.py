@@ -91,6 +91,7 @@ class Computation:
         start = time.perf_counter()
         rows = np.arange(min(self.ready.runs, self.kernel.lanes))
         self.kernel.prepare(self._block(rows, None), self.ready.columns)
+        interruption.point()
         self.progress.began(time.perf_counter() - start)
 
     def of(self, ready: Plan) -> Computation:

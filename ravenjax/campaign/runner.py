@@ -14,6 +14,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from ravenjax import interruption
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Work
@@ -52,6 +53,7 @@ def run_campaign(
     """
     compile_cache.enable()
     ready = plan.make(config)
+    interruption.point()
     backend = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     executor = executor or Local()
     chunk = config.campaign.chunk or parts.rows_of_a_part(ready.runs, executor.workers)

@@ -191,7 +191,7 @@ def _ended_by_signals() -> Iterator[None]:
         if handler is not signal.SIG_IGN:  # as nohup has it
             signal.signal(number, leave)
     try:
-        with interruption.ended_in_time(ENDED):
+        with interruption.ended_in_time(ENDED), interruption.held_back():
             yield
     except SystemExit:
         console.err.print(ENDED, highlight=False)
