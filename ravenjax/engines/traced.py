@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from ravenjax import interruption
 from ravenjax.engines import direct, sources, trace_key, traced_tick
 from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.engines.traced_tick import TracedTick
@@ -73,7 +74,9 @@ class Forms:
         if (content := self._objects.get(own)) is not None:
             with contextlib.suppress(zlib.error, ValidationError):  # of another version: printed anew
                 return adapter.validate_json(zlib.decompress(content))
+        interruption.point()
         result = make()
+        interruption.point()
         self._objects[own] = zlib.compress(adapter.dump_json(result), 1)
         return result
 
