@@ -6,12 +6,14 @@ import contextlib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App, Parameter, validators
 
 from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
 
 Crtk = Annotated[Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK: ros2 (DDS) or ros1 (rospy)")]
+
+_SEED = validators.Number(gte=0, lt=2**31)
 
 log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
 study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
@@ -25,7 +27,9 @@ def train(
         Parameter(help="session folder, never overwritten; default results/sessions/NAME-PARTICIPANT-TIME-SEED"),
     ] = None,
     overrides: Overrides = None,
-    seed: Annotated[int | None, Parameter(help="of the hazards' timing; default the scenario's")] = None,
+    seed: Annotated[
+        int | None, Parameter(help="of the hazards' timing; default the scenario's", validator=_SEED)
+    ] = None,
     participant: Annotated[str, Parameter(help="who drives, for studies")] = "",
     group: Annotated[str, Parameter(help="group of the study")] = "",
     cue: Annotated[bool | None, Parameter(help="whether the force is felt; default the scenario's")] = None,
@@ -104,7 +108,9 @@ def robot(
     scenario: str = "first_steps",
     *,
     overrides: Overrides = None,
-    seed: Annotated[int | None, Parameter(help="that draws the hazards; default the scenario's")] = None,
+    seed: Annotated[
+        int | None, Parameter(help="that draws the hazards; default the scenario's", validator=_SEED)
+    ] = None,
     host: Annotated[str, Parameter(help="address to listen on")] = "127.0.0.1",
     itp_port: Annotated[int, Parameter(help="UDP port of the console; 0: any free one")] = 36000,
     joint_port: Annotated[int, Parameter(help="TCP port of the joint state; 0: any free one")] = 36002,
@@ -249,8 +255,13 @@ def recover(
     file
         session.mcap of a session that was killed.
     """
+    from ravenjax.errors import UserError
     from ravenjax.store.logs import recover as store
 
+    if out is not None and out.exists() and out.samefile(file):
+        raise UserError(
+            f"--out {out}: is the recording itself, expected another file: what is damaged may be needed again"
+        )
     _say(str(store.recover(file, out)))
 
 

@@ -45,7 +45,12 @@ def write(
     software = ControlSoftware() if software is None else software
     robot = VirtualRobot(software.setup.arms, software.setup.tools) if robot is None else robot
     texts = library.library(software, robot)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be made ({error.strerror or error}), expected a folder to write into"
+        ) from error
     files = {ending: folder / f"{NAME}.{ending}" for ending in ("h", "o")}
     example = folder / "example.c"
     files["h"].write_text(texts.header, encoding="utf-8")

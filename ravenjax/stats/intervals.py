@@ -76,9 +76,13 @@ def bounds(
 
     Where k is 0 the lower bound is 0, and where k is n the upper is 1.
     """
+    return bounds_at(k, n, alpha_of(confidence), method)
+
+
+def bounds_at(k: np.ndarray, n: np.ndarray, alpha: float, method: Method = "wilson") -> tuple[np.ndarray, np.ndarray]:
+    """As `bounds`, with alpha = 1 - confidence, which may be too small for a confidence below 1."""
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
-    alpha = alpha_of(confidence)
     if method not in _NAMES:
         raise ValueError(f"unknown method {method!r} of an interval; known are {', '.join(_NAMES)}")
     with np.errstate(all="ignore"):

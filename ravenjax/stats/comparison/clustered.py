@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison import paired
-from ravenjax.stats.intervals import Estimate, alpha_of, bounds
+from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 
 Clusters = Sequence[np.ndarray]
 
@@ -72,7 +72,7 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
         alpha = 2 * float(norm.sf(t.isf(alpha / 2, max(1, clusters - 2))))
     hits = np.array([sum(float(one.sum()) for one in group) for group in (first, second)])
     n = np.array([sum(len(one) for one in group) for group in (first, second)], float)
-    low, high = bounds(hits / inflation.design_effect, n / inflation.design_effect, 1 - alpha)
+    low, high = bounds_at(hits / inflation.design_effect, n / inflation.design_effect, alpha)
     rate = hits / n
     value = float(rate[0] - rate[1])
     below = math.hypot(rate[0] - low[0], high[1] - rate[1])

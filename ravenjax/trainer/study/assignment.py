@@ -32,6 +32,8 @@ def assign(participants: Sequence[str], groups: Sequence[str], seed: int, block:
         repeated = sorted({one for one in entries if entries.count(one) > 1})
         if repeated:
             raise UserError(f"{what}: {', '.join(repeated)} given more than once; expected each name once")
+    if seed < 0:
+        raise UserError(f"seed is {seed}, expected 0 or more")
     if len(names) < 2:
         raise UserError(f"groups: got {shown(names)}, expected at least two to compare")
     size = 2 * len(names) if block is None else block

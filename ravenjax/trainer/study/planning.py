@@ -52,8 +52,10 @@ def plan(
     for name, value, least in (("participants", participants, 1), ("groups", groups, 2), ("outcomes", outcomes, 1)):
         if value < least:
             raise UserError(f"{name} is {value}, expected at least {least}")
-    if not 0.0 < power < 1.0 or (effect is not None and not 0.0 < effect < math.inf):
-        raise UserError(f"effect {effect} and power {power}: expected an effect above 0 and a power between 0 and 1")
+    if not 0.0 < power < 1.0:
+        raise UserError(f"power is {power:g}, expected a number between 0 and 1, such as 0.8")
+    if effect is not None and not 0.0 < effect < math.inf:
+        raise UserError(f"effect is {effect:g}, expected a number above 0, such as 0.5")
     comparisons, alpha = (groups - 1) * outcomes, alpha_of(confidence)
     smallest = smallest_p(participants, paired, groups)
     needed = _least(lambda n: comparisons * smallest_p(n, paired, groups) <= alpha)
@@ -80,9 +82,10 @@ def sentences(found: StudyPlan) -> str:
     design = "who do both conditions" if found.paired else "each in one group"
     family = f"{found.comparisons} comparisons" if found.comparisons > 1 else "one comparison"
     can = "a clear result is possible" if found.possible else "no result can be clear, however large the effect"
+    drawn = f", as {DRAWS:,} exchanges are drawn" if found.smallest_p <= 2.0 / (DRAWS + 1) else ""
     lines = [
-        f"{found.participants} participants, {design}: the smallest p is {found.smallest_p:.3g}; after Holm over "
-        f"{family} {found.adjusted:.3g}: {can}.",
+        f"{found.participants} participants, {design}: the smallest p is {found.smallest_p:.3g}{drawn}; after "
+        f"Holm over {family} {found.adjusted:.3g}: {can}.",
         f"The least for a clear result: {found.needed} participants.",
     ]
     if found.for_effect is not None:

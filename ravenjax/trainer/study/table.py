@@ -200,7 +200,7 @@ def _of_one_study(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
             if not mixed:
                 raise UserError(
                     f"the sessions are not of one study, they have {text} ({first[0].name} against {second[0].name}). "
-                    "Give those of one study, or allow a mixture"
+                    "Give those of one study, or allow a mixture with --mixed"
                 )
             notes.append(f"Sessions with {text} are taken together.")
     return notes

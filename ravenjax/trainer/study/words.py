@@ -130,8 +130,9 @@ def caveats(study: TrainingStudy, found: list[GroupComparison]) -> list[str]:
             )
         lost = max(one.left_out for one in mine)
         if lost:
-            does = "did only one condition" if mine[0].paired else "did both conditions, unlike most"
-            out.append(f"{lost} participants {does} and are left out of the comparison.")
+            who = "1 participant" if lost == 1 else f"{lost} participants"
+            does = "did only one condition" if mine[0].paired else "did both conditions, unlike half of all or more,"
+            out.append(f"{who} {does} and {'is' if lost == 1 else 'are'} left out of the comparison.")
     out += _floors(found)
     unnamed = sum(not one.header.get("participant") for one in study.sessions)
     if unnamed:

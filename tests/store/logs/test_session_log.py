@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import arrays
+from ravenjax.store.logs import recover
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.store.logs.session import words as session_words
@@ -65,6 +66,18 @@ def test_it_reads_back_exactly(written, rows):
     np.testing.assert_array_equal(log.numbers, kept)
     np.testing.assert_array_equal(log.rows, rows[kept])
     assert log.events == EVENTS
+
+
+def test_damage_at_its_head_costs_no_row(written, rows, tmp_path):
+    damaged = tmp_path / session_log.FILE
+    content = bytearray(written.read_bytes())
+    content[60:260] = bytes(200)
+    damaged.write_bytes(content)
+    log = session_log.read(damaged)
+    assert log.names == LAYOUT.names() and log.header == HEADER and log.lost_bytes
+    np.testing.assert_array_equal(log.rows, rows[np.r_[0:60, 70:T]])
+    recover.recover(damaged)
+    assert session_log.read(recover.recovered_path(damaged)).header == HEADER
 
 
 EVERY = [*range(0, 60, 10), *range(70, T, 10)]

@@ -69,7 +69,8 @@ class SessionWriter:
         self._writer = McapWriter(self._file)
         index.spill(self._writer)
         self._writer.start(profile="ros2", library="ravenjax")
-        self._writer.add_metadata(METADATA, _metadata(names, header))
+        self._metadata = _metadata(names, header)
+        self._writer.add_metadata(METADATA, self._metadata)
         self._signals, *channels = topics.register(self._writer, [self._flat, *topics.events(), *self._standard.topics])
         self._events, self._channels = channels[:2], channels[2:]
         self._next = 0
@@ -102,7 +103,9 @@ class SessionWriter:
             ) from error
 
     def close(self) -> None:
-        """Write the index; the seeking readers of other tools open the file from then on."""
+        """Write the index; the seeking readers of other tools open the file from then on. What the session was stands
+        at both ends of the file, since without it no row can be read."""
+        self._writer.add_metadata(METADATA, self._metadata)
         self._writer.finish()
         self._file.close()
 
