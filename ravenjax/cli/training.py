@@ -14,6 +14,8 @@ from ravenjax.cli.console import Overrides
 Crtk = Annotated[Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK: ros2 (DDS) or ros1 (rospy)")]
 
 _SEED = validators.Number(gte=0, lt=2**31)
+_PORT = validators.Number(gte=0, lte=65535)
+_SOME = validators.Number(gt=0)
 
 log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
 study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
@@ -112,10 +114,10 @@ def robot(
         int | None, Parameter(help="that draws the hazards; default the scenario's", validator=_SEED)
     ] = None,
     host: Annotated[str, Parameter(help="address to listen on")] = "127.0.0.1",
-    itp_port: Annotated[int, Parameter(help="UDP port of the console; 0: any free one")] = 36000,
-    joint_port: Annotated[int, Parameter(help="TCP port of the joint state; 0: any free one")] = 36002,
+    itp_port: Annotated[int, Parameter(help="UDP port of the console; 0: any free one", validator=_PORT)] = 36000,
+    joint_port: Annotated[int, Parameter(help="TCP port of the joint state; 0: any free one", validator=_PORT)] = 36002,
     hazard: Annotated[list[str] | None, Parameter(negative="", help="NUMBER@MS: arm a hazard then")] = None,
-    seconds: Annotated[float | None, Parameter(help="end after so long; default at Ctrl-C")] = None,
+    seconds: Annotated[float | None, Parameter(help="end after so long; default at Ctrl-C", validator=_SOME)] = None,
     token: Annotated[str | None, Parameter(help="that orders from other machines must carry")] = None,
     console_host: Annotated[str | None, Parameter(help="the only host that may drive; default any")] = None,
     console_profile: Annotated[
@@ -258,7 +260,7 @@ def recover(
     from ravenjax.errors import UserError
     from ravenjax.store.logs import recover as store
 
-    if out is not None and out.exists() and out.samefile(file):
+    if out is not None and out.exists() and file.exists() and out.samefile(file):
         raise UserError(
             f"--out {out}: is the recording itself, expected another file: what is damaged may be needed again"
         )

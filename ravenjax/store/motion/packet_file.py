@@ -106,7 +106,10 @@ def _of_table(path: Path) -> RawPackets:
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
-        raise UserError(f"{path}: not a complete Parquet file: {str(error).splitlines()[0]}. Copy it again") from None
+        raise UserError(
+            f"{path}: is no Parquet file, or not a whole one: {str(error).splitlines()[0]}. Expected packets as "
+            ".parquet, .pcap or .pcapng; copy one that was cut short again"
+        ) from None
     datagrams = table[PACKET].to_pylist()
     short = next((i for i, one in enumerate(datagrams) if not isinstance(one, bytes) or len(one) < FIELDS.size), None)
     if short is not None:
