@@ -24,7 +24,7 @@ def check(
     overrides: Overrides = None,
     out: Annotated[Path | None, Parameter(help="result folder that is meant; default results/NAME")] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
-    limit: Annotated[int | None, Parameter(help="as for run: only the first runs")] = None,
+    limit: Annotated[int | None, Parameter(help="as for run: only the first runs", validator=console.SOME)] = None,
     as_json: Annotated[
         bool, Parameter(name="--json", negative="", help="print the same as JSON, for programs")
     ] = False,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 from rich.console import Console
 
 if TYPE_CHECKING:
@@ -25,6 +25,9 @@ Overrides = Annotated[
         help="key.path=value, as campaign.duration_s=5 or group.0.runs=100",
     ),
 ]
+SOME = validators.Number(gte=1)
+"""Of an option that counts something."""
+
 AsJson = Annotated[bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")]
 
 

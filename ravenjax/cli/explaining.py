@@ -55,7 +55,7 @@ def explain(
     place = out or folder / explained.FOLDER
     files.require_writable(place)
     explainer = Explainer.of_folder(folder, engine)
-    rows = [explainer.index(run) for run in run_ids] or [run.row for run in ranked] or together
+    rows = list(dict.fromkeys(explainer.index(run) for run in run_ids)) or [run.row for run in ranked] or together
     explanation = _compute(explainer, rows, quiet=as_json)
     explained.add(place, explanation.ticks, record)
     if others := rows_asked.changed(folder, explanation.results):

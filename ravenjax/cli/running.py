@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
 from ravenjax import interruption
 from ravenjax.cli import console
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ravenjax.store.access.results import Results
 
 ENDED = "ended by a signal; finished parts are kept, and the same command goes on"
-_SOME = validators.Number(gte=1)
 
 
 def run(
@@ -32,8 +31,8 @@ def run(
     out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
-    chunk: Annotated[int | None, Parameter(help="runs per part of the result", validator=_SOME)] = None,
-    limit: Annotated[int | None, Parameter(help="compute only the first runs", validator=_SOME)] = None,
+    chunk: Annotated[int | None, Parameter(help="runs per part of the result", validator=console.SOME)] = None,
+    limit: Annotated[int | None, Parameter(help="compute only the first runs", validator=console.SOME)] = None,
     executor: Annotated[
         str | None, Parameter(help="local (this process), processes (of this machine) or ray (a cluster)")
     ] = None,

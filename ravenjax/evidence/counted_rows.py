@@ -9,7 +9,7 @@ from ravenjax.stats.intervals import Rate
 
 EXAMPLES = 3
 """Runs that are named for a number: the first in the order of the fault table."""
-SAMPLED, ENUMERATED = "Wilson, 95 %", "none: the faults were enumerated"
+SAMPLED, ENUMERATED = "Wilson, 95 %", "none: not all of the faults were drawn"
 
 
 def interval_in_words(rate: Rate) -> str:

@@ -14,6 +14,7 @@ from rendered_page import Page, rendered, words
 
 from ravenjax import robots
 from ravenjax.errors import StoreError
+from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import chain, chain_words
 from ravenjax.report.sections.chains import carriers, figures
@@ -94,10 +95,6 @@ def naive(frame, ticks):
     return out, passages, hidden, best
 
 
-def lower_median(values):
-    return float(np.sort(values)[(len(values) - 1) // 2])
-
-
 def propagation(frame, manifest, ticks):
     return carriers.propagation(Runs.of(frame, manifest), manifest, ticks)
 
@@ -112,11 +109,11 @@ def test_shares_leads_and_passages_by_loops():
         k, leads, first = seams[row.seam]
         assert (row.carries, row.shows, row.first) == tuple(wilson(count, n) for count in (k, len(leads), first))
         if leads:
-            assert row.lead_ms.value == lower_median(leads)
+            assert row.lead_ms.value == np.median(leads)
             few = len(leads) < units.FEWEST
             assert few or row.lead_ms.low <= row.lead_ms.value <= row.lead_ms.high
     assert {(row.before, row.after): row.rate.k for row in one.passages} == passages
-    assert one.hidden == wilson(hidden, n) and one.lead_ms.value == lower_median(best)
+    assert one.hidden == wilson(hidden, n) and one.lead_ms.value == np.median(best)
     assert 0 < hidden < n and sum(row.first.k for row in one.carriers) == n - hidden
 
 
@@ -207,7 +204,7 @@ def test_every_campaign_has_a_whole_section_whose_numbers_are_numbers(name, monk
         ("nothing evades", "No fault evades the checks: there is no silent harm to explain."),
         ("nothing is visible", "In none of them did a signal leave its normal range before harm"),
         ("one fault", "1 fault evades the checks."),
-        ("one explained run", "Of no group are all of them explained, so no share can be told."),
+        ("one explained run", "No group that is explained whole holds one of them, so no share can be told."),
     ],
 )
 def test_what_little_there_is_is_said(name, sentence, monkeypatch):
@@ -221,7 +218,7 @@ def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
     text = " ".join(chain_sentences.sentences(propagation(FRAME, DRAWN, TICKS)))
     assert f"{n} faults evade the checks." in text
     assert f"In {n - hidden} of {n} (" in text and f"In {hidden} of {n} (" in text
-    assert f"the median of them did so {lower_median(best):.0f} ms (" in text
+    assert f"the median of them did so {wording.number(np.median(best))} ms (" in text
 
 
 def test_without_explained_runs_there_is_no_section():

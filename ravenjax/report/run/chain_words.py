@@ -24,7 +24,7 @@ LETTERS = 92  # of a line above the drawing
 MARGIN_MS = 8  # of the time axis about the first and the last thing, at least
 LINKS, CHECKS = (
     ("signal", "layer", "differs from", "out of its range from", "before harm"),
-    ("check", "margin before harm", "golden run's", "least at", "trips at", "what it does"),
+    ("check", "margin before the first harm", "golden run's", "least at", "trips at", "what it does"),
 )
 """Columns of both tables."""
 

@@ -15,6 +15,7 @@ from ravenjax.report.sections import tables
 from ravenjax.report.sections.detection import performance
 from ravenjax.report.sections.detection.performance import DetectorThreshold, ThresholdAlarms
 from ravenjax.stats.intervals import Rate
+from ravenjax.store.access.query import RESULTS
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.checks import OWN, Check
 
@@ -83,12 +84,18 @@ def _alarms(runs: Runs, manifest: Manifest) -> Iterator[ThresholdAlarms]:
     free = runs.motions()
     for number, check in enumerate(manifest.shape.own_checks):
         rate = count = None
-        same = not any(name.startswith("param:checks.") for name in runs.names)
+        same = not any(_differs(runs, name) for name in runs.names if name.startswith("param:checks."))
         if manifest.shape.golden_checks and same:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
             rate, count = free.first_rate(event, first_ms), free.with_event(event)
         yield ThresholdAlarms(_plain(check), math.nan, f"own{number}_ms", count, rate, count == 0)
+
+
+def _differs(runs: Runs, name: str) -> bool:
+    """Whether a parameter has several values; what the whole campaign has, its fault-free motion has, too."""
+    (values,) = runs.table.row(f'SELECT count(DISTINCT "{name}") FROM {RESULTS}')
+    return values > 1
 
 
 def _alone(number: int, manifest: Manifest) -> str:

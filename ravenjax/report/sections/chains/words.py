@@ -22,7 +22,7 @@ def sentences(one: Propagation) -> list[str]:
         return ["No fault evades the checks: there is no silent harm to explain."]
     lines = [f"{_subject(one.evading)} the checks."]
     if not one.runs:
-        return [*lines, "Of no group are all of them explained, so no share can be told."]
+        return [*lines, "No group that is explained whole holds one of them, so no share can be told."]
     if one.partial:
         some, more = one.partial[:NAMES], len(one.partial) - NAMES
         names = ", ".join(some) + (f" and {wording.many(more, 'group')} more" if more > 0 else "")

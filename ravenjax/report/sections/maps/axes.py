@@ -105,7 +105,9 @@ def of_words(title: str, counts: Sequence[tuple[str, int]], order: Sequence[str]
 
 
 def compact(value: float) -> str:
-    """12000 -> 12k, 0.123 -> 0.12, so that axis labels stay short."""
+    """12000 -> 12k, 2000000 -> 2M, 0.123 -> 0.12, so that axis labels stay short."""
+    if value and abs(value) >= 1_000_000:
+        return f"{value / 1e6:.3g}M".replace("-", "−")
     if value and abs(value) >= 10_000:
         return f"{value / 1000:.3g}k".replace("-", "−")
     return f"{value:.3g}".replace("-", "−") if abs(value) < 1000 else f"{value:.0f}".replace("-", "−")
