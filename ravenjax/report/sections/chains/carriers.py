@@ -196,12 +196,12 @@ class _Counting(NamedTuple):
 def _median(values: np.ndarray) -> Any:
     """The value with half of the weight on either side, between two where both have it; of weights [b, n]."""
     order = np.argsort(values, kind="stable")
-    ascending = values[order]
+    in_order = values[order]
 
     def of(weight: np.ndarray) -> np.ndarray:
         heap = np.cumsum(weight[:, order], axis=1)
         half = heap[:, -1:] / 2
         below, until = ((heap < half).sum(axis=1), (heap <= half).sum(axis=1))
-        return (ascending[below.clip(max=len(values) - 1)] + ascending[until.clip(max=len(values) - 1)]) / 2
+        return (in_order[below.clip(max=len(values) - 1)] + in_order[until.clip(max=len(values) - 1)]) / 2
 
     return of
