@@ -82,9 +82,9 @@ def sentences(found: StudyPlan) -> str:
     design = "who do both conditions" if found.paired else "each in one group"
     family = f"{found.comparisons} comparisons" if found.comparisons > 1 else "one comparison"
     can = "a clear result is possible" if found.possible else "no result can be clear, however large the effect"
-    drawn = f", as {DRAWS:,} exchanges are drawn" if found.smallest_p <= 2.0 / (DRAWS + 1) else ""
+    why = f", as {DRAWS:,} exchanges are drawn" if found.smallest_p <= 2.0 / (DRAWS + 1) else ""
     lines = [
-        f"{found.participants} participants, {design}: the smallest p is {found.smallest_p:.3g}{drawn}; after "
+        f"{found.participants} participants, {design}: the smallest p is {found.smallest_p:.3g}{why}; after "
         f"Holm over {family} {found.adjusted:.3g}: {can}.",
         f"The least for a clear result: {found.needed} participants.",
     ]
