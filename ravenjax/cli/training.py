@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -62,8 +64,12 @@ def train(
     scenario
         Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
     """
+    from ravenjax.errors import UserError
+
+    if not (page or headless or script or crtk) and itp_port is None:
+        raise UserError("nobody drives: without the page give --script, --itp-port or --crtk")
     _say(f"{scenario}: the session is being prepared; the first time takes longest")
-    with contextlib.ExitStack() as stack:
+    with _words_of_a_stop(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
             from ravenjax.trainer.helpers import SessionHelpers
@@ -102,8 +108,19 @@ def train(
         _say(f"session: {result.folder} ({result.ended})")
         options = launch.following(options, result)
         _say(f"{options.scenario.name}: the next session is being prepared")
-        result = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
+        with _words_of_a_stop():
+            result = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
     _say(f"session: {result.folder} ({result.ended})")
+
+
+@contextlib.contextmanager
+def _words_of_a_stop() -> Iterator[None]:
+    """Ctrl-C before a session begins, or thrice in it: nothing of it goes on later."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.err.print("stopped; of a session that had begun the recording is kept", highlight=False)
+        raise SystemExit(128 + signal.SIGINT) from None
 
 
 def robot(

@@ -15,7 +15,7 @@ is there at the beginning of a tick, so that a list of (tick, command) is all th
     {"type": "operator", "do": DO, "by": ROLE}
         DO: estop, restart, rehearse, reengage, discard, note (with "text"). `by` is there where a window of another
         role says so, "instructor" or "watcher": it is done, and never counts as the operator's response.
-    {"type": "instructor", "do": DO}
+    {"type": "instructor", "do": DO}, "end" with "by": "terminal" where it comes from there
         DO: start (the session's time), arm (with "hazard": its number in the session's list), disarm, pause, resume,
         reset, end, cue (with "on"). Once the session is over its starter looks for next (with "participant",
         "scenario", "seed", each of which may be left out): another session takes this one's place
@@ -47,7 +47,8 @@ Events of a session have "tick" (ms since the session began, pauses left out) an
     hazard_over (number, check_response, motion_hazard, halted, outcome, score)
     level (level, of, title, within_s, in_a_row, needs, took_ms, within): which level the operator is at, from 1, what
         it asks, and how long the round before took, null before the first of all
-    target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text), end (reason)
+    target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text),
+    end (reason): "time", "task", "instructor", "interrupted" (at the terminal)
 
 `number` counts the hazards of the session's list (`session.json`, "hazards"); in "cue" it is -1 where no hazard is at
 work or the golden run has had the cue, too. Words of checks and motion: `ravenjax.outcomes`.

@@ -76,7 +76,7 @@ def run(
             paced.wait(understudy.tick)
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
-                commands.append({"type": "instructor", "do": "end"})
+                commands.append({"type": "instructor", "do": "end", "by": "terminal"})
             frame.row[timing] = paced.compute_us, paced.lateness_us, paced.timing.late
             session.move(commands)
             frames.put(row)

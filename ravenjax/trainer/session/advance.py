@@ -262,7 +262,7 @@ class Session:
             self._events += self.judge.interrupted(self.ticks, "instructor")
             self._restart("reset")
         elif do == "end":
-            self._end("instructor")
+            self._end("interrupted" if command.get("by") == "terminal" else "instructor")
         elif do == "cue":
             self.cue_on = bool(command.get("on"))
             self.judge.cue_on = self.cue_on

@@ -300,6 +300,14 @@ def test_what_is_tried_can_be_left_alone(session):
     np.testing.assert_allclose(session.frame["gold/tip"], rest, atol=1e-3)
 
 
+def test_an_end_at_the_terminal_is_nobodys_act(session):
+    started(session)
+    drive(session, 100)
+    _, events = drive(session, 2, also=[{"type": "instructor", "do": "end", "by": "terminal"}])
+    assert session.over and session.ended == "interrupted"
+    assert [e["reason"] for e in events if e["kind"] == "end"] == ["interrupted"]
+
+
 def test_the_instructor_arms_switches_the_cue_and_ends(session):
     started(session)
     arm = {"type": "instructor", "do": "arm", "hazard": 1}

@@ -41,9 +41,14 @@ export class Alarms {
     this.place.hidden = false;
   }
 
+  /** The robot has begun anew: nothing is the matter. */
+  forget() {
+    this.place.hidden = true;
+  }
+
   /** Once a frame; of a robot that has stopped, the words stay. */
   age(stopped, now = performance.now()) {
     if (this.place.hidden) return;
-    if (now > this.until && !(stopped && ALARMS[this.check]?.[1] === STOPPED)) this.place.hidden = true;
+    if (now > this.until && !(stopped && ALARMS[this.check]?.[1] === STOPPED)) this.forget();
   }
 }

@@ -64,14 +64,15 @@ export class Coach {
       one.hidden = [...one.classList].some((kind) => off[kind]) || (one.dataset.arm ? !arms.includes(one.dataset.arm) : false);
   }
 
-  /** Once a frame. lift: a held pedal does not count until it was up; blocked: others drive, or something else covers the field. */
-  frame({ phase, down, lift, blocked }, scope, now = performance.now()) {
+  /** Once a frame. started: the session's time runs; lift: a held pedal does not count until it was up; blocked: others drive, or something else covers the field. */
+  frame({ phase, started, down, lift, blocked }, scope, now = performance.now()) {
     const { target } = scope;
     if (this.first === null && target >= 0 && phase !== "over") this.first = scope.progress > 0 ? -1 : target;
     const goal = scope.goal();
     let said = "";
     if (this.gone || blocked) said = "";
-    else if (phase === "ready") said = "begin";
+    else if (phase === "ready" && !started) said = "begin";
+    else if (phase === "ready") said = lift ? "lift" : down ? "" : "pedal"; // the robot was restarted
     else if (phase !== "running" || this.first === null || this.first < 0) said = "";
     else if (this.reached(scope)) said = now < this.praised ? "reached" : "";
     else if (!down) said = lift ? "lift" : "pedal";

@@ -53,6 +53,7 @@ const wire = new Wire(own.role, own.window, own.token, {
   event: (event) => {
     happened(event);
     if (event.kind === "alarm" || event.kind === "alarm_count") alarms.tell(event);
+    if (event.kind === "phase" && event.phase === "ready") alarms.forget();
     if (event.kind === "end") setTimeout(debrief, 500);
   },
   seat: (free) => panels.seat(free),
@@ -184,7 +185,7 @@ function draw() {
   const mine = panels.role === "operator" && (owner === "page" || owner === "nobody");
   const warned = !$("cue-sign").hidden || !$("alarm-words").hidden; // no word of the goal then
   const blocked = !mine || warned || drill.on || $("help").open || $("cue-check").open;
-  coach.frame({ phase, down: latest.number("pedal") === 1, lift: panels.lift, blocked }, scope);
+  coach.frame({ phase, started: panels.started, down: latest.number("pedal") === 1, lift: panels.lift, blocked }, scope);
   probe.drawn();
 }
 requestAnimationFrame(draw);

@@ -72,7 +72,7 @@ export class Panels {
 
   welcome({ role, instructs, header, arms, run_levels, phases, views, consoles }) {
     Object.assign(this, { role, instructs, header, arms, phases, views, consoles });
-    this.started = false;
+    Object.assign(this, { started: false, left: Infinity });
     set("left-word", "left, waits");
     set("level-words", "");
     $("console-card").hidden = (header.consoles ?? []).length < 2;
@@ -117,12 +117,13 @@ export class Panels {
     set("left-word", "left");
   }
 
-  /** A check stands here once, with how often it has tripped. */
+  /** A check stands here once, with the number of milliseconds in which it has tripped. */
   alarm({ tick, check, count: told }) {
     const known = this.alarms.get(check);
     known?.item.remove();
     const count = told ?? (known?.count ?? 0) + 1;
     const item = element("li", "alarm", time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
+    item.title = `tripped in ${count} ms`;
     this.alarms.set(check, { item, count });
     $("alarms").querySelector(".none")?.remove();
     $("alarms").prepend(item);
@@ -137,7 +138,10 @@ export class Panels {
     const level = frame.number("link") === 1 ? String(frame.number("runlevel")) : ""; // of a lost robot nobody knows
     for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
     set("clock", clock(frame.number("session_tick")));
-    set("left", clock(frame.number("left_ms")));
+    const left = frame.number("left_ms");
+    if (!this.started && left < this.left && this.left < Infinity) this.start(); // it began before this page was there
+    this.left = left;
+    set("left", clock(left));
     set("rate", `${rate} Hz`);
     set("compute", `${frame.number("compute_us").toFixed(0)} µs`);
     set("lateness", `${frame.number("lateness_us").toFixed(0)} µs`);

@@ -97,6 +97,30 @@ test("what follows from a stop does not hide its cause, and words age", () => {
   assert.equal(place.hidden, true);
 });
 
+test("a robot that begins anew has no alarm left", () => {
+  const parts = { b: {}, span: {}, em: {} };
+  const place = element({ hidden: true, querySelector: (name) => parts[name] });
+  const alarms = new Alarms(place);
+  alarms.tell({ check: "estop" }, 0);
+  alarms.forget();
+  assert.equal(place.hidden, true);
+  alarms.tell({ check: "estop" }, 100);
+  assert.equal(place.hidden, false, "the next one is told");
+});
+
+test("what to press before the time runs is told until it runs", () => {
+  const [text, begin] = [element(), element()];
+  const coach = new Coach(element({ querySelector: (name) => ({ p: text, ".begin": begin })[name] ?? element() }));
+  const field = scope({ targets: [{ number: 0, arm: "gold", at: [0, 0, 0.19] }] }, { gold: [0, 0, 0.2] }, 0);
+  const ready = (more) => {
+    coach.frame({ phase: "ready", started: false, down: false, lift: false, blocked: false, ...more }, field);
+    return begin.hidden ? text.textContent : "begin";
+  };
+  assert.equal(ready({}), "begin");
+  assert.match(ready({ started: true }), /^Hold SPACE/);
+  assert.match(ready({ started: true, lift: true, down: true }), /^Let go of SPACE/);
+});
+
 test("an alarm names no key where a finger drives", (t) => {
   t.mock.method(globalThis, "matchMedia", () => ({ matches: true }));
   const words = { b: {}, span: {}, em: {} };
