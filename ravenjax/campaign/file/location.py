@@ -76,7 +76,8 @@ def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
         field = model.model_fields.get(key)
         return "missing" + (f": {field.description}" if field is not None and field.description else "")
     if kind == "too_short":
-        return f"got {shown(error['input'])}, expected a list of {error['ctx']['min_length']} or more"
+        least = error["ctx"]["min_length"]
+        return f"got {shown(error['input'])}, expected a list with at least {least} {'item' if least == 1 else 'items'}"
     text = error["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return text
