@@ -115,12 +115,19 @@ def train(
 
 @contextlib.contextmanager
 def _words_of_a_stop() -> Iterator[None]:
-    """Ctrl-C before a session begins, or thrice in it: nothing of it goes on later."""
+    """Ctrl-C or SIGTERM before a session begins, or Ctrl-C thrice in it: nothing of it goes on later."""
+
+    def leave(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
     try:
         yield
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit) as stop:
         console.err.print("stopped; of a session that had begun the recording is kept", highlight=False)
-        raise SystemExit(128 + signal.SIGINT) from None
+        raise SystemExit(stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def robot(

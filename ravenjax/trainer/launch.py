@@ -128,7 +128,7 @@ def realtime(
     console_profiles = profiles.choice(options.console)
     options = _apart(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
-        stack.callback((options.folder / CLAIM).unlink, missing_ok=True)
+        stack.callback(_release, options.folder)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
         session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say))
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
@@ -282,6 +282,13 @@ def _claimed(folder: Path) -> bool:
     except FileExistsError:
         return False
     return True
+
+
+def _release(folder: Path) -> None:
+    """The folder is nobody's; one in which nothing was written goes."""
+    (folder / CLAIM).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def _header(options: SessionOptions, session: Session) -> dict[str, Any]:

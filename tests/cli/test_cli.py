@@ -142,6 +142,8 @@ def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
         (["run", "quick.toml", "--chunk", "0"], ['Invalid value "0" for --chunk']),
         (["fault-free", "nowhere", "7.4"], ["nowhere: is not a result folder, it holds no manifest.json"]),
         (["fault-free", "nowhere", "many"], ["HOURS", "many"]),
+        (["train", "first_steps", "--no-page"], ["nobody drives: without the page give --script"]),
+        (["train", "first_steps", "--seed", "-1"], ['Invalid value "-1" for --seed']),
         (["rn"], ['Did you mean "run"']),
         (["run"], ["requires an argument"]),
     ],

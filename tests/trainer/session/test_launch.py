@@ -173,6 +173,31 @@ def test_a_session_begins_without_jax_trimesh_and_pandas(tmp_path):
     assert ran.stdout.strip() == "[]"
 
 
+def test_a_session_that_never_began_leaves_nothing(tmp_path):
+    folder = tmp_path / "x"
+    assert launch._claimed(folder) and not launch._claimed(folder)
+    launch._release(folder)
+    assert not folder.exists() and launch._claimed(folder)
+    (folder / "session.json").touch()
+    launch._release(folder)
+    assert [one.name for one in folder.iterdir()] == ["session.json"]
+
+
+@pytest.mark.slow
+def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
+    ran = subprocess.Popen(
+        [sys.executable, "-m", "ravenjax.cli", "train", "first_steps", "--out", tmp_path / "x", "--port", "0"],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    said = ""
+    for line in ran.stdout:
+        said += line
+        if "robot: ready" in line:
+            ran.terminate()
+    assert ran.wait(60) == 128 + signal.SIGTERM and "of a session that had begun the recording is kept" in said
+    assert "Traceback" not in said and not (tmp_path / "x" / launch.CLAIM).exists()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("when", ["the session is being prepared", "operator:", "realtime:"])
 def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
@@ -195,7 +220,7 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
     if when != "the session is being prepared":
         assert f"port {port} is taken: the page is at port" in said
     if when == "realtime:":
-        assert (tmp_path / "x" / "debrief.html").exists() and "(instructor)" in said
+        assert (tmp_path / "x" / "debrief.html").exists() and "(interrupted)" in said
     assert not (tmp_path / "x" / launch.CLAIM).exists()
 
 

@@ -43,6 +43,7 @@ export class Alarms {
 
   /** The robot has begun anew: nothing is the matter. */
   forget() {
+    Object.assign(this, { until: 0, check: "" });
     this.place.hidden = true;
   }
 

@@ -117,13 +117,13 @@ export class Panels {
     set("left-word", "left");
   }
 
-  /** A check stands here once, with the number of milliseconds in which it has tripped. */
+  /** A check stands here once, with how often it has tripped, once a millisecond and arm. */
   alarm({ tick, check, count: told }) {
     const known = this.alarms.get(check);
     known?.item.remove();
     const count = told ?? (known?.count ?? 0) + 1;
     const item = element("li", "alarm", time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
-    item.title = `tripped in ${count} ms`;
+    item.title = `tripped ${count} times, once a millisecond and arm`;
     this.alarms.set(check, { item, count });
     $("alarms").querySelector(".none")?.remove();
     $("alarms").prepend(item);
