@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter, validators
 
+from ravenjax import interruption
 from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
 
@@ -69,7 +70,7 @@ def train(
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody drives: without the page give --script, --itp-port or --crtk")
     _say(f"{scenario}: the session is being prepared; the first time takes longest")
-    with _words_of_a_stop(), contextlib.ExitStack() as stack:
+    with _words_of_a_stop(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
             from ravenjax.trainer.helpers import SessionHelpers
@@ -78,6 +79,7 @@ def train(
         from ravenjax.trainer import launch
         from ravenjax.trainer import scenario as scenarios
 
+        interruption.point()
         setting = scenarios.load(scenario, overrides or ())
         drawn_by = setting.seed if seed is None else seed
         options = launch.with_tokens(
@@ -108,7 +110,7 @@ def train(
         _say(f"session: {result.folder} ({result.ended})")
         options = launch.following(options, result)
         _say(f"{options.scenario.name}: the next session is being prepared")
-        with _words_of_a_stop():
+        with _words_of_a_stop(), interruption.held_back():
             result = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
     _say(f"session: {result.folder} ({result.ended})")
 

@@ -22,6 +22,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.geometry import scene
@@ -131,6 +132,7 @@ def realtime(
         stack.callback(_release, options.folder)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
         session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say))
+        interruption.point()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
         script = None if options.script is None else Scripted(options.script, session)  # before anything is recorded
         header = _header(options, session)
@@ -165,6 +167,7 @@ def realtime(
         processes.wait_for(recording, options.folder / session_log.FILE)
         helpers.keep_away()
         stop = stack.enter_context(until_interrupted())
+        interruption.point()  # what was held back until now
         with clock.realtime() as granted:
             say(f"realtime: {granted}")
             timing = loop.run(session, frames, events, consoles, lambda: bool(stop), lambda: processes.ended(recording))
@@ -240,6 +243,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     (options.folder / CLAIM).unlink()
     with contextlib.closing(log):
         while not session.over:
+            interruption.point()
             events += session.tick(driver.poll())
             block.append(session.frame.row.copy())
             if len(block) == recorder.BLOCK or session.over:

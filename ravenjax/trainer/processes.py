@@ -6,14 +6,15 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.trainer.realtime import clock
 
@@ -69,15 +70,13 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
 @contextlib.contextmanager
 def _deaf() -> Iterator[None]:
-    """Ctrl-C is ignored, which a process that is started now inherits, from its first moment on."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ctrl-C waits, also for a process that is started now, from its first moment on; here it comes afterwards."""
+    resource_tracker.ensure_running()  # it lets signals through once it has started
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def wait_for(recording: BaseProcess, path: Path) -> None:
@@ -86,6 +85,7 @@ def wait_for(recording: BaseProcess, path: Path) -> None:
     while not path.exists():
         if not recording.is_alive() or time.monotonic() > end:
             raise UserError(f"{path.parent}: the recorder did not start (exit code {recording.exitcode})")
+        interruption.point()
         time.sleep(0.02)
 
 

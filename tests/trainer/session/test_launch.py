@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -15,6 +16,7 @@ import urllib.request
 import numpy as np
 import pytest
 import ros2_log
+import waiting
 from websockets.sync.client import connect
 
 from ravenjax.errors import UserError
@@ -210,11 +212,14 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )  # fmt: skip
         said = ""
+        late = threading.Timer(waiting.DEADLINE_S, ran.kill)  # an interruption that is lost ends nothing
+        late.start()
         for line in ran.stdout:
             said += line
             if when in line:
                 time.sleep(0.3)
                 os.killpg(ran.pid, signal.SIGINT)  # as a terminal does: every process of the group
+        late.cancel()
         ended = (0, 130, -signal.SIGINT)  # by the signal: Python does so where it came while a dataclass was being made
         assert ran.wait(60) in ended and "Traceback" not in said
     if when != "the session is being prepared":
