@@ -46,20 +46,16 @@ def held_back() -> Iterator[None]:
         _held.append(lambda: before[signal.Signals(number)](number, None))
 
     try:
-        for number in before:
-            signal.signal(number, hold)
-        yield
+        with _handled_by(hold, before):
+            yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
         point()
 
 
 def point() -> None:
     """Here a signal that was held back may raise: no lock is held that others need."""
-    if threading.current_thread() is threading.main_thread():
-        while _held:
-            _held.pop(0)()
+    while _held and threading.current_thread() is threading.main_thread():
+        _held.pop(0)()
 
 
 def result(future: Future[T]) -> T:
@@ -77,6 +73,49 @@ def completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
         point()
         done, pending = concurrent.futures.wait(pending, EVERY_S, concurrent.futures.FIRST_COMPLETED)
         yield from done
+
+
+@contextlib.contextmanager
+def exits(*numbers: signal.Signals) -> Iterator[None]:
+    """These signals raise SystemExit with 128 + their number, unless they are ignored, as under nohup. In other threads
+    than the main one it does nothing."""
+
+    def leave(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():  # then signals are somebody else's
+        yield
+        return
+    with _handled_by(leave, [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]):
+        yield
+
+
+@contextlib.contextmanager
+def until_interrupted() -> Iterator[list[int]]:
+    """Ctrl-C and SIGTERM as a wish that a loop looks at, so that it ends between two ticks and closes what it opened: a
+    list that each is appended to; the third raises KeyboardInterrupt. Main thread only."""
+    signals: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        signals.append(number)
+        if len(signals) > 2:
+            raise KeyboardInterrupt
+
+    with _handled_by(note, (signal.SIGINT, signal.SIGTERM)):
+        yield signals
+
+
+@contextlib.contextmanager
+def _handled_by(handler: Callable[[int, object], None], numbers: Iterable[signal.Signals]) -> Iterator[None]:
+    """Another handler of these signals, until the end of this."""
+    before = {number: signal.getsignal(number) for number in numbers}
+    try:
+        for number in before:
+            signal.signal(number, handler)
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
 
 
 @contextlib.contextmanager

@@ -124,6 +124,28 @@ def test_other_threads_neither_hold_back_nor_raise():
         interruption.point()
 
 
+def test_a_signal_leaves_with_its_number_unless_it_is_ignored(handlers):
+    hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruption.exits(signal.SIGHUP, signal.SIGTERM):
+            signal.raise_signal(signal.SIGHUP)
+            with pytest.raises(SystemExit, match=str(128 + signal.SIGTERM)):
+                signal.raise_signal(signal.SIGTERM)
+    finally:
+        assert signal.getsignal(signal.SIGTERM) is handlers and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        signal.signal(signal.SIGHUP, hangup)
+
+
+def test_a_loop_is_wished_to_end_and_the_third_wish_is_an_order(handlers):
+    with interruption.until_interrupted() as wishes:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+        assert wishes == [signal.SIGINT, signal.SIGTERM]
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is handlers is signal.getsignal(signal.SIGTERM)
+
+
 STUBBORN = """
 import signal, sys, time
 from ravenjax import interruption

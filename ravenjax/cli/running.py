@@ -6,7 +6,6 @@ import contextlib
 import json
 import signal
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -178,26 +177,13 @@ def _summary(folder: Path, results: Results) -> None:
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
     """SIGTERM and SIGHUP end the work as Ctrl-C does, with exit code 128 + the signal's number; soon, in any case."""
-
-    def leave(number: int, _: object) -> None:
-        raise SystemExit(128 + number)
-
-    if threading.current_thread() is not threading.main_thread():  # then signals are somebody else's
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # as nohup has it
-            signal.signal(number, leave)
-    try:
-        with interruption.ended_in_time(ENDED), interruption.held_back():
-            yield
-    except SystemExit:
-        console.err.print(ENDED, highlight=False)
-        raise
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with interruption.exits(signal.SIGTERM, signal.SIGHUP):
+        try:
+            with interruption.ended_in_time(ENDED), interruption.held_back():
+                yield
+        except SystemExit:
+            console.err.print(ENDED, highlight=False)
+            raise
 
 
 def search(

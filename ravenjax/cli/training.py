@@ -18,7 +18,7 @@ Crtk = Annotated[Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK
 
 _SEED = validators.Number(gte=0, lt=2**31)
 _PORT = validators.Number(gte=0, lte=65535)
-_SOME = validators.Number(gt=0)
+_SECONDS = validators.Number(gt=0)
 
 log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
 study = App(name="study", help="Compare groups of sessions: ravenjax study FOLDERS; and draw who is in which group.")
@@ -118,18 +118,12 @@ def train(
 @contextlib.contextmanager
 def _words_of_a_stop() -> Iterator[None]:
     """Ctrl-C or SIGTERM before a session begins, or Ctrl-C thrice in it: nothing of it goes on later."""
-
-    def leave(number: int, _: object) -> None:
-        raise SystemExit(128 + number)
-
-    before = signal.signal(signal.SIGTERM, leave)
-    try:
-        yield
-    except (KeyboardInterrupt, SystemExit) as stop:
-        console.err.print("stopped; of a session that had begun the recording is kept", highlight=False)
-        raise SystemExit(stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT) from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    with interruption.exits(signal.SIGTERM):
+        try:
+            yield
+        except (KeyboardInterrupt, SystemExit) as stop:
+            console.err.print("stopped; of a session that had begun the recording is kept", highlight=False)
+            raise SystemExit(stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT) from None
 
 
 def robot(
@@ -143,7 +137,7 @@ def robot(
     itp_port: Annotated[int, Parameter(help="UDP port of the console; 0: any free one", validator=_PORT)] = 36000,
     joint_port: Annotated[int, Parameter(help="TCP port of the joint state; 0: any free one", validator=_PORT)] = 36002,
     hazard: Annotated[list[str] | None, Parameter(negative="", help="NUMBER@MS: arm a hazard then")] = None,
-    seconds: Annotated[float | None, Parameter(help="end after so long; default at Ctrl-C", validator=_SOME)] = None,
+    seconds: Annotated[float | None, Parameter(help="end after so long; default at Ctrl-C", validator=_SECONDS)] = None,
     token: Annotated[str | None, Parameter(help="that orders from other machines must carry")] = None,
     console_host: Annotated[str | None, Parameter(help="the only host that may drive; default any")] = None,
     console_profile: Annotated[

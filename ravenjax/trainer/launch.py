@@ -36,7 +36,6 @@ from ravenjax.trainer.helpers import SessionHelpers
 from ravenjax.trainer.page.options import loopback
 from ravenjax.trainer.realtime import clock, loop
 from ravenjax.trainer.realtime.clock import LoopTiming
-from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.trainer.recording import recorder
 from ravenjax.trainer.recording.hazards import table
@@ -166,7 +165,7 @@ def realtime(
             consoles.append(script)
         processes.wait_for(recording, options.folder / session_log.FILE)
         helpers.keep_away()
-        stop = stack.enter_context(until_interrupted())
+        stop = stack.enter_context(interruption.until_interrupted())
         interruption.point()  # what was held back until now
         with clock.realtime() as granted:
             say(f"realtime: {granted}")

@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.console.packet import V_STRUCT
 from ravenjax.robots.raven2.console.reading import BUTTONS, CHECKSUM, FIELDS, MODE
-from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 
@@ -77,7 +77,7 @@ def play(
     ahead = lead(datagrams[0])
     whole = [*ahead, *datagrams]
     due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
-    with until_interrupted() as stop, _connected(address) as port:
+    with interruption.until_interrupted() as stop, _connected(address) as port:
         say(f"{len(datagrams)} packets of {arrival_s[-1]:.3f} s to {address[0]}:{address[1]}; pedal up ahead of them")
         _knock(port, lead(datagrams[0], len(ahead) + 1)[0], stop)
         begin = time.monotonic()

@@ -17,12 +17,12 @@ import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ravenjax import interruption
 from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.trainer import scenario
 from ravenjax.trainer.realtime.clock import Clock, LoopTiming, no_collection, realtime
-from ravenjax.trainer.realtime.interruption import until_interrupted
 from ravenjax.trainer.robot_link.crtk import console
 from ravenjax.trainer.robot_link.crtk.console import CrtkConsole
 from ravenjax.trainer.robot_link.crtk.messages import Ros
@@ -123,7 +123,7 @@ def run(
         stack.callback(joints.close)
         beside = _speaks(stack, crtk, robot, say) if crtk else None
         station = Station(robot, itp, joints, len(armables), robot.blueprint.plan.runs - 1, beside)
-        stop = stack.enter_context(until_interrupted())
+        stop = stack.enter_context(interruption.until_interrupted())
         for one in armables:
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
         lasting = {one.number: one.lasts_ms for one in armables}
