@@ -1,0 +1,108 @@
+"""Do all bundled campaigns still give the same code and the same results?
+
+    python analysis/outcomes/fingerprints.py                     # compare with fingerprints.json
+    python analysis/outcomes/fingerprints.py --write             # replace it
+    python analysis/outcomes/fingerprints.py quick dsn16_a       # compare these alone
+
+Runs each campaign on engine simd. A fingerprint is the sha256 of the printed LLVM IR, of the CUDA C printed from the
+same program, and of the result table. The vector width is part of the IR, so the file names it: on a CPU of
+another width only CUDA C and tables are compared. Large campaigns run with a limit, see LIMIT.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+os.environ["RAVENJAX_CACHE"] = "off"  # a cached kernel is not printed
+
+import pandas as pd
+
+import ravenjax as rj
+from ravenjax.engines.cpu import code, jit
+from ravenjax.engines.gpu.kernel import Form, print_loop
+from ravenjax.ir.time_loop import split
+
+FILE = Path(__file__).with_suffix(".json")
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+LIMIT = 3000
+"""Runs of a campaign, at most: enough for every group of all but the sampling campaigns."""
+
+
+def fingerprint(name: str) -> dict[str, Any]:
+    """Hashes of the kernels and of the result table of one bundled campaign."""
+    llvm_ir, cuda_c = set(), set()
+    compile_loop = code.VectorCode.__init__
+
+    def compile_and_hash(self, loop, shared, grouped, *rest):
+        compile_loop(self, loop, shared, grouped, *rest)
+        llvm_ir.add(sha256(self.kernel.text))
+        # The first is the tick's number, the others are the golden run's series.
+        ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
+        parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
+        cuda_c.add(sha256(print_loop(parts, Form(), grouped).text))
+
+    code.VectorCode.__init__ = compile_and_hash
+    try:
+        table = rj.run(load(name), engine="simd")
+    finally:
+        code.VectorCode.__init__ = compile_loop
+    return {"runs": len(table), "llvm": sorted(llvm_ir), "cuda": sorted(cuda_c), "table": table_hash(table)}
+
+
+def load(name: str) -> rj.CampaignConfig:
+    """The campaign with a limit; one that stops by itself ends at its first look instead."""
+    stops = rj.load_campaign(name).stop is not None
+    return rj.load_campaign(name, ["stop.looks=[0.01]" if stops else f"campaign.limit={LIMIT}"])
+
+
+def table_hash(table: pd.DataFrame) -> str:
+    """sha256 over the names, types and values of all columns."""
+    digest = hashlib.sha256()
+    for column in table:
+        values = table[column].astype(object) if table[column].dtype.kind not in "biuf" else table[column]
+        digest.update(f"{column} {values.dtype}\n".encode())
+        plain = values.to_numpy()
+        digest.update("\0".join(map(str, plain)).encode() if plain.dtype == object else plain.tobytes())
+    return digest.hexdigest()[:16]
+
+
+def sha256(text: str) -> str:
+    """The first 16 digits."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def main() -> int:
+    """Compute, then compare or write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("campaigns", nargs="*")
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    names = options.campaigns or sorted(path.stem for path in CAMPAIGNS.glob("*.toml"))
+    kept = json.loads(FILE.read_text()) if FILE.is_file() else {"width": jit.host().width, "campaigns": {}}
+    compared = ["table", "cuda", *(["llvm"] if kept["width"] == jit.host().width else [])]
+    different = 0
+    for name in names:
+        begin = time.perf_counter()
+        found = fingerprint(name)
+        expected = kept["campaigns"].get(name, {})
+        changes = [key for key in compared if found[key] != expected.get(key)]
+        different += bool(changes)
+        seconds = time.perf_counter() - begin
+        print(f"{name}: {found['runs']} runs, {seconds:.0f} s, {', '.join(changes) or 'equal'}", flush=True)
+        if options.write:
+            kept["campaigns"][name] = found
+    if options.write:
+        FILE.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n")
+        return 0
+    return different > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
