@@ -1,4 +1,4 @@
-"""Hook of mkdocs: pages of bundled campaigns to explore, beside the documentation that embeds them."""
+"""Hook of mkdocs: pages of bundled campaigns to explore, beside the documentation that embeds them."""  # noqa: E501
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A virtual Raven-II surgical robot, its control software, faults and haptics; thousands of runs in parallel.
+"""A virtual Raven-II surgical robot, its control software, faults and haptics; thousands of runs in
+parallel.
 
     import ravenjax as rj
 
@@ -12,8 +13,8 @@
     position, rotation = rj.forward_kinematics(jpos, "gold")
     software = rj.ControlSoftware()              # drive the control software alone
 
-What `__all__` names here is public. Every other module and name is internal and may change with any version.
-Names are imported when they are first used, so that `import ravenjax` costs nothing.
+What `__all__` names here is public. Every other module and name is internal and may change with any
+version. Names are imported when they are first used, so that `import ravenjax` costs nothing.
 """
 
 from __future__ import annotations
@@ -160,7 +161,9 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
-        raise AttributeError(f"module 'ravenjax' has no attribute {name!r}; it has {', '.join(__all__)}")
+        raise AttributeError(
+            f"module 'ravenjax' has no attribute {name!r}; it has {', '.join(__all__)}"
+        )
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 

@@ -32,10 +32,14 @@ if TYPE_CHECKING:
     import xarray
 
 
-def load_campaign(campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()) -> CampaignConfig:
-    """A validated campaign from a TOML file, the name of a bundled one, or nested tables as TOML has them.
+def load_campaign(
+    campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()
+) -> CampaignConfig:
+    """A validated campaign from a TOML file, the name of a bundled one, or nested tables as TOML
+    has them.
 
-    overrides: `key.path=value`, as `--set` on the command line. Raises UserError that names what is wrong and where.
+    overrides: `key.path=value`, as `--set` on the command line. Raises UserError that names what is
+    wrong and where.
     """
     if isinstance(campaign, dict):
         return loading.from_dict(campaign, overrides=overrides)
@@ -50,11 +54,12 @@ def run(
     executor: str | None = None,
     workers: int | None = None,
 ) -> pd.DataFrame:
-    """Run a campaign; one row a run, columns as in results/README.md; their units and meanings are in `attrs`.
+    """Run a campaign; one row a run, columns as in results/README.md; their units and meanings are
+    in `attrs`.
 
-    out: result folder, resumed where it holds a part of this campaign; None keeps everything in memory. executor:
-    "local" (this process), "processes" or "ray"; workers: processes or tasks side by side; the table is the same.
-    Raises UserError and, for what is wrong with `out`, StoreError.
+    out: result folder, resumed where it holds a part of this campaign; None keeps everything in
+    memory. executor: "local" (this process), "processes" or "ray"; workers: processes or tasks side
+    by side; the table is the same. Raises UserError and, for what is wrong with `out`, StoreError.
     """
     running.require(out, on_progress)
     results = running.run(_config(campaign), out, engine, on_progress, executor, workers)
@@ -64,21 +69,28 @@ def run(
 
 
 def open_results(folder: str | Path) -> CampaignResults:
-    """The results that a folder holds, of `run` in Python or on the command line. Raises UserError and StoreError."""
+    """The results that a folder holds, of `run` in Python or on the command line. Raises
+    UserError and StoreError.
+    """
     return CampaignResults(folder)
 
 
 def simulate(
-    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any], run: str | int = 0, engine: str = "auto"
+    campaign: Campaign | CampaignConfig | str | Path | dict[str, Any],
+    run: str | int = 0,
+    engine: str = "auto",
 ) -> xarray.Dataset:
     """Time series of one run of a campaign, a tick a millisecond, as an xarray.Dataset.
 
-    One variable a quantity (`store.logs.time_series` lists them), with attrs units and long_name; coordinates time
-    (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. attrs of the dataset say
-    which run it is and what became of it. run: index, run id, or the beginning of one. Raises UserError.
+    One variable a quantity (`store.logs.time_series` lists them), with attrs units and long_name;
+    coordinates time (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold",
+    axis="z")`. attrs of the dataset say which run it is and what became of it. run: index, run id,
+    or the beginning of one. Raises UserError.
     """
     if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
-        raise UserError(f"run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
+        raise UserError(
+            f"run is {shown(run)}, expected its index (a whole number) or its run_id (text)"
+        )
     config = _config(campaign)
     again = replay(config, run if isinstance(run, str) else int(run), running.engine_name(engine))
     row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
@@ -92,7 +104,10 @@ def simulate(
         "version": manifest.package_versions()["ravenjax"],
     }
     return run_dataset.dataset(
-        again.series, attributes, [cue.threshold_m * 1e3 for cue in config.haptics.cues()], config.robot
+        again.series,
+        attributes,
+        [cue.threshold_m * 1e3 for cue in config.haptics.cues()],
+        config.robot,
     )
 
 
@@ -101,15 +116,17 @@ def explain(
     runs: int | str | Sequence[int | str] | None = None,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """How faults spread, tick by tick against the golden run: one row a run and signal that differs, by run, then in
-    the robot's order.
+    """How faults spread, tick by tick against the golden run: one row a run and signal that
+    differs, by run, then in the robot's order.
 
-    Columns run_id, index, layer, arm, seam; differs_ms, when the signal first differed in any bit, and differs_in, in
-    which number; leaves_ms and leaves_in, when it first left its normal range (-1: never); harm_ms, when the run's
-    hazard began (-1: none did), and left_ms, how long before that the signal left its range. attrs say which engine.
+    Columns run_id, index, layer, arm, seam; differs_ms, when the signal first differed in any bit,
+    and differs_in, in which number; leaves_ms and leaves_in, when it first left its normal range
+    (-1: never); harm_ms, when the run's hazard began (-1: none did), and left_ms, how long before
+    that the signal left its range. attrs say which engine.
 
-    campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of one, or several; None: every
-    run with a fault. Raises UserError, and StoreError for a folder that cannot be read.
+    campaign: as for `run`, or a result folder. runs: index, run id, or the beginning of one, or
+    several; None: every run with a fault. Raises UserError, and StoreError for a folder that cannot
+    be read.
     """
     source = _folder(campaign)
     return explaining.table(_config(campaign) if source is None else source, runs, engine)
@@ -127,18 +144,22 @@ def counterfactual(
     seed: int = 0,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """Which few checks would have seen the faults that evade the robot's own: one row a candidate, as in
-    `counterfactual.csv`; `chosen` is the set's. attrs: "sentences", what was found, and "files", what was written.
+    """Which few checks would have seen the faults that evade the robot's own: one row a candidate,
+    as in `counterfactual.csv`; `chosen` is the set's. attrs: "sentences", what was found, and
+    "files", what was written.
 
-    campaign: as for `run`, or a result folder. out: folder for table, figure and the set as a campaign with detectors
-    of its own; None writes nothing. Options as of `ravenjax counterfactual`. Raises UserError, and StoreError.
+    campaign: as for `run`, or a result folder. out: folder for table, figure and the set as a
+    campaign with detectors of its own; None writes nothing. Options as of `ravenjax
+    counterfactual`. Raises UserError, and StoreError.
     """
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(groups), seed)
     folder = _folder(campaign)
     config = _config(campaign) if folder is None else validated(manifest.read(folder).config)
     one = finding.find(config, question, running.engine_name(engine))
     files = [] if out is None else output.write(one, Path(out))
-    table = pd.read_csv(io.StringIO(downloads.text(words.table(one))), keep_default_na=False, na_values=[""])
+    table = pd.read_csv(
+        io.StringIO(downloads.text(words.table(one))), keep_default_na=False, na_values=[""]
+    )
     table.attrs.update({"sentences": words.sentences(one), "files": [str(path) for path in files]})
     return table
 
@@ -157,28 +178,42 @@ def calibrate_monitor(
     seed: int = 0,
     engine: str = "auto",
 ) -> dict[str, Any]:
-    """Set thresholds that keep a false-alarm rate with a stated confidence, as `ravenjax monitor calibrate` does.
+    """Set thresholds that keep a false-alarm rate with a stated confidence, as `ravenjax monitor
+    calibrate` does.
 
-    The tables of the monitor.toml that it writes into `out`, with monitor.py, C and a test vector. hours: of fault-free
-    operation in all, None: what rate and confidence need. An interrupted call goes on. Raises UserError and StoreError.
+    The tables of the monitor.toml that it writes into `out`, with monitor.py, C and a test vector.
+    hours: of fault-free operation in all, None: what rate and confidence need. An interrupted call
+    goes on. Raises UserError and StoreError.
     """
     from ravenjax.monitors import calibrate, writing
 
     request = calibrate.request(
-        _config(campaign), signals, segments, false_alarms_per_hour, confidence, length_s, robots, motions, seed
+        _config(campaign),
+        signals,
+        segments,
+        false_alarms_per_hour,
+        confidence,
+        length_s,
+        robots,
+        motions,
+        seed,
     )
     calibrate.calibrate(request, Path(out), hours, running.engine_name(engine))
     return writing.read(Path(out))[1]
 
 
 def check_monitor(
-    folder: str | Path, sources: Sequence[str | Path] | str | Path, level: float = 0.05, seed: int = 0
+    folder: str | Path,
+    sources: Sequence[str | Path] | str | Path,
+    level: float = 0.05,
+    seed: int = 0,
 ) -> pd.DataFrame:
-    """Whether fresh fault-free operations are like those of a monitor's calibration: a row a score, the joint first.
+    """Whether fresh fault-free operations are like those of a monitor's calibration: a row a score,
+    the joint first.
 
-    Columns score, place (median place among the calibration's, 0 to 1), p, adjusted (p of all together), martingale,
-    shifted. sources: as `ravenjax monitor check` takes them. attrs: units, operations, hours, alarms, level. Raises
-    UserError and StoreError.
+    Columns score, place (median place among the calibration's, 0 to 1), p, adjusted (p of all
+    together), martingale, shifted. sources: as `ravenjax monitor check` takes them. attrs: units,
+    operations, hours, alarms, level. Raises UserError and StoreError.
     """
     from ravenjax.monitors import checking
 
@@ -198,7 +233,11 @@ def _folder(campaign: Any) -> Path | None:
     """The result folder that it is, if it is one."""
     if isinstance(campaign, CampaignResults):
         return campaign.folder
-    return Path(campaign) if isinstance(campaign, str | Path) and (Path(campaign) / manifest.FILE).is_file() else None
+    return (
+        Path(campaign)
+        if isinstance(campaign, str | Path) and (Path(campaign) / manifest.FILE).is_file()
+        else None
+    )
 
 
 def _config(campaign: Any) -> CampaignConfig:

@@ -8,14 +8,17 @@ from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
-    """Bad input: a file, a key, a value. The message names it, says what was expected and what to write instead.
+    """Bad input: a file, a key, a value. The message names it, says what was expected and what to
+    write instead.
 
     The command line prints it without a traceback and exits with code 2.
     """
 
 
 class StoreError(Exception):
-    """A result folder or file that cannot be used; the message names it, says what is wrong and what to do."""
+    """A result folder or file that cannot be used; the message names it, says what is wrong and
+    what to do.
+    """
 
 
 _SHORT = reprlib.Repr()
@@ -37,7 +40,9 @@ def listed(lines: Sequence[str], most: int = 8) -> str:
 
 
 def suggestion(word: object, names: Iterable[str]) -> str:
-    """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near, or `word` is no text."""
+    """`. Did you mean 'x'?` for the known word nearest to `word`; "" where none is near, or
+    `word` is no text.
+    """
     if not isinstance(word, str):
         return ""
     names = list(names)

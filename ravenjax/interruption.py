@@ -1,10 +1,11 @@
 """Ctrl-C, SIGTERM and SIGHUP while threads are at work, or libraries are imported.
 
-Python raises in the main thread wherever that happens to be. Where it has just taken a lock that another thread needs,
-such as that of a `Future`, nobody gives the lock back, and the program waits for ever; where a compiled module is being
-imported, that says it cannot be. One signal in a hundred or two did either to a campaign. So a signal is held back, and
-raised where the main thread waits for others or begins something new. What heeds none for long, as a compiler that is
-at it for minutes, is ended with the process.
+Python raises in the main thread wherever that happens to be. Where it has just taken a lock that
+another thread needs, such as that of a `Future`, nobody gives the lock back, and the program waits
+for ever; where a compiled module is being imported, that says it cannot be. One signal in a hundred
+or two did either to a campaign. So a signal is held back, and raised where the main thread waits
+for others or begins something new. What heeds none for long, as a compiler that is at it for
+minutes, is ended with the process.
 """
 
 from __future__ import annotations
@@ -35,12 +36,14 @@ _held: list[Callable[[], object]] = []
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Signals whose handlers are Python's wait for `point`, `result`, `completed` or the end of this. In other threads
-    than the main one it does nothing: no signal is raised there."""
+    """Signals whose handlers are Python's wait for `point`, `result`, `completed` or the end of
+    this. In other threads than the main one it does nothing: no signal is raised there."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))}
+    before = {
+        number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))
+    }
 
     def hold(number: int, _: object) -> None:
         _held.append(lambda: before[signal.Signals(number)](number, None))
@@ -71,29 +74,36 @@ def completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
     pending = set(futures)
     while pending:
         point()
-        done, pending = concurrent.futures.wait(pending, EVERY_S, concurrent.futures.FIRST_COMPLETED)
+        done, pending = concurrent.futures.wait(
+            pending, EVERY_S, concurrent.futures.FIRST_COMPLETED
+        )
         yield from done
 
 
 @contextlib.contextmanager
 def exits(*numbers: signal.Signals) -> Iterator[None]:
-    """These signals raise SystemExit with 128 + their number, unless they are ignored, as under nohup. In other threads
-    than the main one it does nothing."""
+    """These signals raise SystemExit with 128 + their number, unless they are ignored, as under
+    nohup. In other threads than the main one it does nothing."""
 
     def leave(number: int, _: object) -> None:
         raise SystemExit(128 + number)
 
-    if threading.current_thread() is not threading.main_thread():  # then signals are somebody else's
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # then signals are somebody else's
         yield
         return
-    with _handled_by(leave, [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]):
+    with _handled_by(
+        leave, [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    ):
         yield
 
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[list[int]]:
-    """Ctrl-C and SIGTERM as a wish that a loop looks at, so that it ends between two ticks and closes what it opened: a
-    list that each is appended to; the third raises KeyboardInterrupt. Main thread only."""
+    """Ctrl-C and SIGTERM as a wish that a loop looks at, so that it ends between two ticks and
+    closes what it opened: a list that each is appended to; the third raises KeyboardInterrupt. Main
+    thread only."""
     signals: list[int] = []
 
     def note(number: int, _: object) -> None:
@@ -106,7 +116,9 @@ def until_interrupted() -> Iterator[list[int]]:
 
 
 @contextlib.contextmanager
-def _handled_by(handler: Callable[[int, object], None], numbers: Iterable[signal.Signals]) -> Iterator[None]:
+def _handled_by(
+    handler: Callable[[int, object], None], numbers: Iterable[signal.Signals]
+) -> Iterator[None]:
     """Another handler of these signals, until the end of this."""
     before = {number: signal.getsignal(number) for number in numbers}
     try:
@@ -120,14 +132,17 @@ def _handled_by(handler: Callable[[int, object], None], numbers: Iterable[signal
 
 @contextlib.contextmanager
 def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
-    """End the process, saying `message` and with exit code 128 + the signal's number, where a signal came and the main
-    thread is still in here `grace_s` later. Whoever uses this leaves nothing on disk that such an end would spoil."""
+    """End the process, saying `message` and with exit code 128 + the signal's number, where a
+    signal came and the main thread is still in here `grace_s` later. Whoever uses this leaves
+    nothing on disk that such an end would spoil."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     ours, others = socket.socketpair()
     others.setblocking(False)
-    before = signal.set_wakeup_fd(others.fileno(), warn_on_full_buffer=False)  # written to even if no Python runs
+    before = signal.set_wakeup_fd(
+        others.fileno(), warn_on_full_buffer=False
+    )  # written to even if no Python runs
     threading.Thread(target=_watch, args=(ours, message, grace_s), daemon=True).start()
     try:
         yield
@@ -140,7 +155,9 @@ def _watch(ours: socket.socket, message: str, grace_s: float) -> None:
     with ours:
         while came := ours.recv(1):
             if came[0] in SIGNALS and not _left(ours, grace_s):
-                os.write(2, f"{message}\n".encode())  # not by `print`, whose lock the main thread may hold
+                os.write(
+                    2, f"{message}\n".encode()
+                )  # not by `print`, whose lock the main thread may hold
                 os._exit(128 + came[0])
 
 

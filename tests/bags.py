@@ -1,4 +1,6 @@
-"""Bags of ROS 1 and ROS 2 as a robot's recorder writes them, by the writers of the rosbags library."""
+"""Bags of ROS 1 and ROS 2 as a robot's recorder writes them, by the writers of the rosbags
+library.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ class Motion(NamedTuple):
     measured: np.ndarray  # [n, 7]
 
 
-def state_bag(path: Path, gold: Motion, green: Motion, runlevel: ArrayLike = 3, stamped: bool = True) -> Path:
+def state_bag(
+    path: Path, gold: Motion, green: Motion, runlevel: ArrayLike = 3, stamped: bool = True
+) -> Path:
     """ROS 1: /ravenstate of both arms; runlevel: one for all, or [n]."""
     runlevels = np.broadcast_to(runlevel, len(gold.seconds))
     store = get_typestore(Stores.ROS1_NOETIC)
@@ -76,7 +80,9 @@ def state_bag(path: Path, gold: Motion, green: Motion, runlevel: ArrayLike = 3, 
 
 
 def crtk_bag(path: Path, gold: Motion, green: Motion, ros: int = 1, swapped: bool = False) -> Path:
-    """CRTK of both arms. ros: 1; or 2, an MCAP folder. swapped: measured_js under the other's name, as raven2 does."""
+    """CRTK of both arms. ros: 1; or 2, an MCAP folder. swapped: measured_js under the other's
+    name, as raven2 does.
+    """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     kind = "sensor_msgs/msg/JointState"
     arms = {"arm1": (gold, green if swapped else gold), "arm2": (green, gold if swapped else green)}
@@ -84,8 +90,13 @@ def crtk_bag(path: Path, gold: Motion, green: Motion, ros: int = 1, swapped: boo
     def messages() -> Iterator[tuple[str, int, Any]]:
         for row, seconds in enumerate(gold.seconds):
             for name, (setpoint, measured) in arms.items():
-                for topic, joints in (("setpoint_js", setpoint.desired), ("measured_js", measured.measured)):
-                    names = [f"{'gold' if name == 'arm1' else 'green'}_{word}" for word in CRTK_NAMES]
+                for topic, joints in (
+                    ("setpoint_js", setpoint.desired),
+                    ("measured_js", measured.measured),
+                ):
+                    names = [
+                        f"{'gold' if name == 'arm1' else 'green'}_{word}" for word in CRTK_NAMES
+                    ]
                     numbers = [joints[row], np.zeros(7), np.zeros(7)]
                     message = store.types[kind](_header(store, seconds), names, *numbers)
                     yield f"/{name}/{topic}", _ns(seconds), message
@@ -98,20 +109,32 @@ def other_bag(path: Path) -> Path:
     """ROS 1: joint states under a name that nobody looks for."""
     store, kind = get_typestore(Stores.ROS1_NOETIC), "sensor_msgs/msg/JointState"
     message = store.types[kind](_header(store, 0.0), ["shoulder_L"], *[np.zeros(1)] * 3)
-    return _ros1(path, store, {"/joint_states": kind}, lambda: iter([("/joint_states", EPOCH_NS, message)]))
+    return _ros1(
+        path, store, {"/joint_states": kind}, lambda: iter([("/joint_states", EPOCH_NS, message)])
+    )
 
 
-def _ros1(path: Path, store: Any, topics: dict[str, str], messages: Callable[[], Iterator[Any]]) -> Path:
+def _ros1(
+    path: Path, store: Any, topics: dict[str, str], messages: Callable[[], Iterator[Any]]
+) -> Path:
     with Ros1Writer(path) as writer:
-        channels = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
+        channels = {
+            topic: writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in topics.items()
+        }
         for topic, time_ns, message in messages():
             writer.write(channels[topic], time_ns, store.serialize_ros1(message, topics[topic]))
     return path
 
 
-def _ros2(path: Path, store: Any, topics: dict[str, str], messages: Callable[[], Iterator[Any]]) -> Path:
+def _ros2(
+    path: Path, store: Any, topics: dict[str, str], messages: Callable[[], Iterator[Any]]
+) -> Path:
     with Ros2Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        channels = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
+        channels = {
+            topic: writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in topics.items()
+        }
         for topic, time_ns, message in messages():
             writer.write(channels[topic], time_ns, store.serialize_cdr(message, topics[topic]))
     return path

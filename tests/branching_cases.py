@@ -33,7 +33,9 @@ def plain():
 
 
 def with_every_fault(ready):
-    """The plan's program with two slots for any effect at two channels of any site, by any trigger."""
+    """The plan's program with two slots for any effect at two channels of any site, by any
+    trigger.
+    """
     sites = []
     for site in ROBOT.sites.values():
         channels = dict.fromkeys((site.channels[0].name, site.channels[-1].name))
@@ -54,8 +56,10 @@ def drawn(ready, seed):
         "effect": rng.choice([EFFECT_CODES[name] for name in effects._EFFECTS], shape),
         "trigger": rng.choice(list(TRIGGER_CODES.values()), shape),
         "value": rng.choice(SCALES, shape),
-        "start": rng.choice([0, 1, 2, 30, 200, 350, 500, TICKS - 1, TICKS, 2 * TICKS], shape)
-        + rng.integers(0, 30, shape),
+        "start": (
+            rng.choice([0, 1, 2, 30, 200, 350, 500, TICKS - 1, TICKS, 2 * TICKS], shape)
+            + rng.integers(0, 30, shape)
+        ),
         "duration": rng.choice([1, 2, 15, 120, FOREVER_TICKS], shape),
         "every": rng.choice([0, 0, 40], shape),
         "period": rng.integers(1, 20, shape),
@@ -75,7 +79,9 @@ def observed(ready, observe):
     """The plan with runs that end so long after their faults."""
     campaign = ready.config.campaign.model_copy(update={"observe_ms": observe})
     config = ready.config.model_copy(update={"campaign": campaign})
-    return dataclasses.replace(ready, config=config, program=dataclasses.replace(ready.program, ends=True))
+    return dataclasses.replace(
+        ready, config=config, program=dataclasses.replace(ready.program, ends=True)
+    )
 
 
 def tables(ready, engine, whole=False):
@@ -84,11 +90,16 @@ def tables(ready, engine, whole=False):
     computation = Computation(ready, engine, progress, runs=40, threads=1, whole=whole)
     computation.compile()
     parts = list(computation.blocks([range(ready.runs)]))
-    return [{name: np.concatenate([part[t][name] for part in parts]) for name in parts[0][t]} for t in (0, 1)]
+    return [
+        {name: np.concatenate([part[t][name] for part in parts]) for name in parts[0][t]}
+        for t in (0, 1)
+    ]
 
 
 def require_within(ready, table):
-    """Faults of whole runs change nothing before they may act first, nor after a run is no longer observed."""
+    """Faults of whole runs change nothing before they may act first, nor after a run is no
+    longer observed.
+    """
     observed_until = ready.ends if ready.program.ends else np.full(ready.runs, TICKS)
     for slot in range(2):
         first, last = table[f"applied{slot}_first_ms"], table[f"applied{slot}_last_ms"]
@@ -100,4 +111,6 @@ def require_same(some, others):
     for one, other in zip(some, others, strict=True):
         assert one.keys() == other.keys()
         for name, values in one.items():
-            np.testing.assert_array_equal(values.view(np.int32), other[name].view(np.int32), err_msg=name)
+            np.testing.assert_array_equal(
+                values.view(np.int32), other[name].view(np.int32), err_msg=name
+            )

@@ -12,7 +12,9 @@ from hypothesis import settings
 
 from ravenjax.engines.cpu import jit
 
-settings.register_profile("ravenjax", deadline=None)  # the first example of a traced function pays for compiling it
+settings.register_profile(
+    "ravenjax", deadline=None
+)  # the first example of a traced function pays for compiling it
 settings.load_profile("ravenjax")
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -20,13 +22,17 @@ LEVEL = jit._OPTIMISATION
 
 
 def pytest_configure(config):
-    """Fast tests run their kernels for milliseconds: machine code of the same bits made in a fifth of the time."""
+    """Fast tests run their kernels for milliseconds: machine code of the same bits made in a
+    fifth of the time.
+    """
     if config.option.markexpr == "not slow":
         jit._OPTIMISATION = 0
 
 
 def pytest_collection_finish():
-    """What was imported lives as long as the process: no garbage collection looks through it again, and few at all."""
+    """What was imported lives as long as the process: no garbage collection looks through it
+    again, and few at all.
+    """
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
@@ -42,12 +48,16 @@ def usual_code():
 
 @pytest.fixture(scope="session")
 def shared_data() -> Callable[[str], Path]:
-    """Path of a public recording by name; the test is skipped, naming the file, where it is absent."""
+    """Path of a public recording by name; the test is skipped, naming the file, where it is
+    absent.
+    """
 
     def find(name: str) -> Path:
         folder = Path(os.environ.get("RAVENJAX_DATA", ROOT.parent / "shared" / "data"))
         if not (folder / name).exists():
-            pytest.skip(f"{folder / name} is absent (set RAVENJAX_DATA to the folder that holds it)")
+            pytest.skip(
+                f"{folder / name} is absent (set RAVENJAX_DATA to the folder that holds it)"
+            )
         return folder / name
 
     return find

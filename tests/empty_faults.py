@@ -11,7 +11,9 @@ from ravenjax.numbers.setup import Setup
 def no_fault() -> FaultSlot:
     """An empty slot."""
     zero = jnp.int32(0)
-    return FaultSlot(zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0))
+    return FaultSlot(
+        zero, zero, jnp.float32(0.0), zero, zero, zero, zero, jnp.int32(1), jnp.uint32(0)
+    )
 
 
 def no_faults(setup: Setup) -> Faults:

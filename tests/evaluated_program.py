@@ -11,7 +11,9 @@ from ravenjax.ir import semantics
 from ravenjax.ir.program import Program, number
 
 
-def evaluate(program: Program, inputs: Sequence[Any], tables: Sequence[np.ndarray] = ()) -> list[Any]:
+def evaluate(
+    program: Program, inputs: Sequence[Any], tables: Sequence[np.ndarray] = ()
+) -> list[Any]:
     """Results on NumPy numbers or arrays of one shape."""
     values: dict[int, Any] = {}
     for i in program.needed():

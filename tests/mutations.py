@@ -1,4 +1,6 @@
-"""Campaign, search and scenario files with anything wrong anywhere, and overrides of them: drawn from a number each."""
+"""Campaign, search and scenario files with anything wrong anywhere, and overrides of them: drawn
+from a number each.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +26,48 @@ KINDS: dict[str, tuple[str, Any]] = {
 
 NUMBERS = (0, 1, -1, 2, 7, 0.5, -0.25, 1e6, 1e-9, 1e308, -1e308, 2**31, -(2**31), 2**63, 10**30)
 NUMBERS += (float("inf"), float("-inf"), float("nan"), 10**4400)
-WORDS = ("", "*", "end", "gold", "green", "x" * 4000, "\0", "\u2028", "\ud7ff", "0", "²", "group", "nan", "[red]")
-ATOMS: tuple[Any, ...] = (*NUMBERS, *WORDS, True, False, b"x".decode(), [], {}, [[]], [{}], {"": {}})
+WORDS = (
+    "",
+    "*",
+    "end",
+    "gold",
+    "green",
+    "x" * 4000,
+    "\0",
+    "\u2028",
+    "\ud7ff",
+    "0",
+    "²",
+    "group",
+    "nan",
+    "[red]",
+)
+ATOMS: tuple[Any, ...] = (
+    *NUMBERS,
+    *WORDS,
+    True,
+    False,
+    b"x".decode(),
+    [],
+    {},
+    [[]],
+    [{}],
+    {"": {}},
+)
 FORMS = ("uniform", "loguniform", "normal", "choice", "list", "range")
-TEXTS = ("inf", "nan", "[1, 2]", "[]", "{}", "{uniform = [0, 1]}", "1e999", "'x'", "[[[[1]]]]", "", "9" * 5000)
+TEXTS = (
+    "inf",
+    "nan",
+    "[1, 2]",
+    "[]",
+    "{}",
+    "{uniform = [0, 1]}",
+    "1e999",
+    "'x'",
+    "[[[[1]]]]",
+    "",
+    "9" * 5000,
+)
 TEXTS += ("[" * 3000,)
 DEEP, DEEP_ENOUGH = 2000, 20
 
@@ -76,7 +116,13 @@ def mutant(number: int) -> Mutant:
 def _places(tree: Any, at: tuple = ()) -> Iterator[tuple]:
     if len(at) > DEEP_ENOUGH:
         return
-    entries = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    entries = (
+        tree.items()
+        if isinstance(tree, dict)
+        else enumerate(tree)
+        if isinstance(tree, list)
+        else ()
+    )
     for key, value in entries:
         yield (*at, key)
         yield from _places(value, (*at, key))
@@ -88,10 +134,16 @@ def _junk(draw: random.Random) -> Any:
     if chance < 0.55:
         return copy.deepcopy(draw.choice(ATOMS))
     if chance < 0.75:
-        return {draw.choice(FORMS): [copy.deepcopy(draw.choice(ATOMS)) for _ in range(draw.randint(0, 3))]}
+        return {
+            draw.choice(FORMS): [
+                copy.deepcopy(draw.choice(ATOMS)) for _ in range(draw.randint(0, 3))
+            ]
+        }
     if chance < 0.8:
         deep: Any = 1
-        wrap: Callable[[Any], Any] = draw.choice((lambda x: [x], lambda x: {"a": x}, lambda x: {"parameters": x}))
+        wrap: Callable[[Any], Any] = draw.choice(
+            (lambda x: [x], lambda x: {"a": x}, lambda x: {"parameters": x})
+        )
         for _ in range(draw.choice((3, 40, DEEP))):
             deep = wrap(deep)
         return deep
@@ -108,7 +160,9 @@ def _changed(draw: random.Random, tree: Any) -> Any:
         table = tree
         for parent in parents:
             table = table[parent]
-        match draw.choice(("delete", "replace", "replace", "replace", "wrap", "rename", "insert", "swap")):
+        match draw.choice(
+            ("delete", "replace", "replace", "replace", "wrap", "rename", "insert", "swap")
+        ):
             case "delete":
                 del table[key]
             case "replace":
@@ -155,11 +209,16 @@ def _override(draw: random.Random, tree: Any) -> str:
     path = [str(part) for part in draw.choice(list(_places(tree)))]
     match draw.choice(("there", "there", "beyond", "number", "deep", "noise")):
         case "beyond":
-            path += draw.choices(["a", "0", "name", "", "-1", "99999999999999999999", "²"], k=draw.randint(1, 3))
+            path += draw.choices(
+                ["a", "0", "name", "", "-1", "99999999999999999999", "²"], k=draw.randint(1, 3)
+            )
         case "number":
             path[draw.randrange(len(path))] = draw.choice(["0", "1", "99", "-1", "*"])
         case "deep":
-            path = [*path[: draw.randint(0, len(path))], *draw.choice("abc0") * draw.choice((5, 40, DEEP))]
+            path = [
+                *path[: draw.randint(0, len(path))],
+                *draw.choice("abc0") * draw.choice((5, 40, DEEP)),
+            ]
         case "noise":
             path = ["".join(draw.choices(string.printable, k=draw.randint(0, 6)))]
     value = draw.choice(TEXTS) if draw.random() < 0.6 else f"{draw.choice(NUMBERS[:15])!r}"

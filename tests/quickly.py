@@ -1,7 +1,8 @@
-"""Compiling in a third of the time, for functions of thousands of single numbers that run but a few thousand times.
+"""Compiling in a third of the time, for functions of thousands of single numbers that run but a few
+thousand times.
 
-XLA spends most of its time on fusing operations. What is not fused gives the same numbers up to their last bits, some
-times slower.
+XLA spends most of its time on fusing operations. What is not fused gives the same numbers up to
+their last bits, some times slower.
 """
 
 from __future__ import annotations

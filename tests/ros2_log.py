@@ -1,4 +1,6 @@
-"""MCAP logs as other tools read them: decoded by the mcap library's ROS 2 support, which knows only the file."""
+"""MCAP logs as other tools read them: decoded by the mcap library's ROS 2 support, which knows
+only the file.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ class Log(NamedTuple):
     metadata: dict[str, dict[str, str]]
 
     def column(self, topic: str, *path: str) -> np.ndarray:
-        """A field of all messages of a topic, [messages] or [messages, k]: of a point or quaternion its numbers."""
+        """A field of all messages of a topic, [messages] or [messages, k]: of a point or
+        quaternion its numbers.
+        """
         return np.array([_number(_field(message.value, path)) for message in self.topics[topic]])
 
 
@@ -42,7 +46,9 @@ def read(path: Path) -> Log:
         for schema, channel, message, value in reader.iter_decoded_messages():
             assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
             kinds[channel.topic], schemas[schema.name] = schema.name, schema.data.decode()
-            topics.setdefault(channel.topic, []).append(Message(message.log_time, message.sequence, value))
+            topics.setdefault(channel.topic, []).append(
+                Message(message.log_time, message.sequence, value)
+            )
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
     return Log(topics, kinds, schemas, metadata)
 

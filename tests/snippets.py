@@ -1,4 +1,6 @@
-"""Snippets of Markdown pages, and what tests ask of them: the README and the documentation share it."""
+"""Snippets of Markdown pages, and what tests ask of them: the README and the documentation share
+it.
+"""
 
 from __future__ import annotations
 
@@ -73,6 +75,9 @@ def require_names(block: str) -> None:
     """A block of Python that uses names that exist."""
     done = subprocess.run(
         [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F,E9", "-"],
-        input=block, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        input=block,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout

@@ -1,4 +1,6 @@
-"""A made-up but plausible result table and manifest, so that store and report can be tested without a simulation."""
+"""A made-up but plausible result table and manifest, so that store and report can be tested
+without a simulation.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +13,28 @@ from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import schema
 from ravenjax.store.manifest import CueRecord, DetectorRecord, Manifest, config_hash
 
-CHECKS = ("overdrive_instant", "overdrive_clip", "estop", "ik_reject", "joint_limit", "master_timeout", "packet_order")
-CUES = tuple(CueRecord(threshold_mm=t, kp_per_mm=k, cap=0.05) for t in (3.0, 1.0, 2.0, 5.0) for k in (0.0045, 0.009))
+CHECKS = (
+    "overdrive_instant",
+    "overdrive_clip",
+    "estop",
+    "ik_reject",
+    "joint_limit",
+    "master_timeout",
+    "packet_order",
+)
+CUES = tuple(
+    CueRecord(threshold_mm=t, kp_per_mm=k, cap=0.05)
+    for t in (3.0, 1.0, 2.0, 5.0)
+    for k in (0.0045, 0.009)
+)
 
 DETECTORS = (
     DetectorRecord("dsn16", "steps", "all", 1, (0.5, 1.0, 2.0)),
     DetectorRecord("tip", "tip_error", "all", 1, (3.0,)),
 )
 
-# group: site, effect, magnitudes (site's unit), share of runs, tip motion (mm per unit and 100 ms), chance of response
+# group: site, effect, magnitudes (site's unit), share of runs, tip motion (mm per unit and 100 ms),
+# chance of response
 BLOCKS = {
     "dac_before_checks": ("dac", "overwrite", (-20000, 20000), 0.22, 2.4e-4, 0.75),
     "dac_after_checks": ("usb_out", "overwrite", (-20000, 20000), 0.22, 2.4e-4, 0.25),
@@ -68,12 +83,16 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     limited = trips & ~stopped & dac  # a clipped command
     cause = np.where(dac, "overdrive", "joint_limit")
     cause = np.where(limited, "overdrive_clip", cause)
-    cause = np.where(group == "packet_position", "ik_reject", np.where(group == "plc_pins", "plc", cause))
+    cause = np.where(
+        group == "packet_position", "ik_reject", np.where(group == "plc_pins", "plc", cause)
+    )
     failed = np.where(random.random(runs) < 0.003, "model tip not finite", "")
     failed = failed.astype(object)
     step = deviation * random.uniform(0.02, 0.12, runs)
     told_ms = start + 5 + random.exponential(60, runs).astype(int)
-    lost = random.random(runs) < np.where(group == "plc_pins", 0.5, 0.1)  # what was off course stood still
+    lost = random.random(runs) < np.where(
+        group == "plc_pins", 0.5, 0.1
+    )  # what was off course stood still
     unintended = np.where(lost | free, 0.3, np.maximum(deviation - 1, 0))
     loss = np.where(lost & ~free, np.maximum(deviation - 1, 0), np.minimum(unintended, 2.9))
     report = np.where(group == "encoder", np.maximum(6 - deviation, 0), 0.01)
@@ -105,7 +124,9 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "end_runlevel": np.where(stopped, 0, 3),
         "pedal_down_ms": np.where(stopped, start, 2800),
         "diverged": activated,
-        "response": np.select([stopped, limited, trips], ["stopped", "limited", "flagged"], "silent"),
+        "response": np.select(
+            [stopped, limited, trips], ["stopped", "limited", "flagged"], "silent"
+        ),
         "response_cause": np.where(trips, cause, ""),
         "response_ms": np.where(trips, told_ms, -1),
         "told_ms": np.where(trips & ~limited, told_ms, -1),
@@ -118,9 +139,13 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
     for k in range(form.cues):
         cue = CUES[k]
         felt = deviation > cue.threshold_mm
-        delay = 40 + 160 * cue.threshold_mm / np.maximum(deviation, 1) * random.uniform(0.5, 1.5, runs)
+        delay = 40 + 160 * cue.threshold_mm / np.maximum(deviation, 1) * random.uniform(
+            0.5, 1.5, runs
+        )
         columns[f"cue{k}_first_ms"] = np.where(felt, start + delay.astype(int), -1)
-        columns[f"cue{k}_peak_force"] = np.where(felt, np.minimum(cue.cap or 1.0, cue.kp_per_mm * deviation), 0)
+        columns[f"cue{k}_peak_force"] = np.where(
+            felt, np.minimum(cue.cap or 1.0, cue.kp_per_mm * deviation), 0
+        )
         columns[f"cue{k}_ms"] = np.where(felt, duration + 50, 0)
         columns[f"cue{k}_count"] = felt * 1
     scores = {"steps": deviation * random.lognormal(-1.0, 0.6, runs), "tip_error": deviation}
@@ -159,7 +184,14 @@ def frame(runs: int = 2000, seed: int = 0, form: schema.Shape | None = None) -> 
         "failed": failed,
         "failed_first_ms": np.where(failed == "", -1, 7),
     }
-    quiet = {"cue": -1, "detector": 0.4, "tip_path_mm": 30.0, "pedal_down_ms": 2800, "halted_ms": 4, "peak_live": 1.0}
+    quiet = {
+        "cue": -1,
+        "detector": 0.4,
+        "tip_path_mm": 30.0,
+        "pedal_down_ms": 2800,
+        "halted_ms": 4,
+        "peak_live": 1.0,
+    }
     for column in schema.columns(form):
         if column.name.startswith(schema.GOLDEN):
             plain = column.name.removeprefix(schema.GOLDEN)
@@ -187,13 +219,20 @@ def judged(table: pd.DataFrame, cue: int = 0) -> pd.DataFrame:
             hazard.append("false report" if row["false_report_first_ms"] >= 0 else "none")
         own, golden = row[f"cue{cue}_first_ms"], row[f"golden_cue{cue}_first_ms"]
         came = own >= 0 and not 0 <= golden <= own
-        verdict.append("" if row["failed"] else f"{row['response']}/{hazard[-1]}/{'cue' if came else 'no cue'}")
+        verdict.append(
+            "" if row["failed"] else f"{row['response']}/{hazard[-1]}/{'cue' if came else 'no cue'}"
+        )
     return table.assign(hazard=hazard, verdict=verdict)
 
 
 def manifest(runs: int = 2000, **changes: object) -> Manifest:
     """The made-up campaign's manifest, without parts."""
-    config = {"name": "synthetic", "seed": 7, "duration_s": 3.0, "operator": {"name": "suturing", "scale": 0.1}}
+    config = {
+        "name": "synthetic",
+        "seed": 7,
+        "duration_s": 3.0,
+        "operator": {"name": "suturing", "scale": 0.1},
+    }
     fields = {
         "campaign": "synthetic",
         "config": config,

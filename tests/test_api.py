@@ -1,4 +1,6 @@
-"""The notebook's functions: what they take, and that anything else is one UserError before any work."""
+"""The notebook's functions: what they take, and that anything else is one UserError before any
+work.
+"""
 
 import dataclasses
 
@@ -25,11 +27,16 @@ class Broken:
 
 
 @pytest.mark.parametrize(
-    "campaign", [None, 5, b"quick", ["quick"], "", Broken(), object()], ids=lambda given: type(given).__name__
+    "campaign",
+    [None, 5, b"quick", ["quick"], "", Broken(), object()],
+    ids=lambda given: type(given).__name__,
 )
 def test_no_campaign(campaign):
     for call in (rj.load_campaign, rj.run, rj.simulate):
-        with pytest.raises(UserError, match="expected the path of a campaign file or the name of a bundled campaign"):
+        with pytest.raises(
+            UserError,
+            match="expected the path of a campaign file or the name of a bundled campaign",
+        ):
             call(campaign)
 
 
@@ -74,12 +81,16 @@ def test_a_run_that_is_not_there(run):
 def test_nested_tables_need_not_be_loaded_first():
     table = rj.run(CAMPAIGN, engine="simd")
     assert table["group"].tolist() == ["a", "b"]
-    by_index, by_id = (rj.simulate(CAMPAIGN, run, "simd") for run in (np.int64(1), table["run_id"][1]))
+    by_index, by_id = (
+        rj.simulate(CAMPAIGN, run, "simd") for run in (np.int64(1), table["run_id"][1])
+    )
     assert by_index.identical(by_id) and by_index.attrs["group"] == "b"
 
 
 def test_a_campaign_is_not_changed_by_overrides():
-    config = rj.load_campaign(CAMPAIGN, ["campaign.seed=7", "group.b.parameters.plant.mass_scale=1.1"])
+    config = rj.load_campaign(
+        CAMPAIGN, ["campaign.seed=7", "group.b.parameters.plant.mass_scale=1.1"]
+    )
     assert config.campaign.seed == 7 and "parameters" not in CAMPAIGN["group"][1]
 
 

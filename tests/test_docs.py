@@ -1,9 +1,12 @@
-"""The documentation is true: its examples run, its reference is what the code says now, and the site builds.
+"""The documentation is true: its examples run, its reference is what the code says now, and the
+site builds.
 
-The examples of a page are one session of a reader, from top to bottom in one empty folder: a block with a title is a
-file of that name, and Python and shell blocks are run. What is done otherwise than a reader would:
+The examples of a page are one session of a reader, from top to bottom in one empty folder: a block
+with a title is a file of that name, and Python and shell blocks are run. What is done otherwise
+than a reader would:
 
-- installing (`python3 -m venv`, `source`, `pip`) is not run; that what is installed exists is another test;
+- installing (`python3 -m venv`, `source`, `pip`) is not run; that what is installed exists is
+  another test;
 - a session in the browser gets a free port, lasts twelve seconds and does not wait for Ctrl-C.
 """
 
@@ -31,9 +34,14 @@ DOCS = snippets.ROOT / "docs"
 GENERATED = DOCS / "reference"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if GENERATED not in path.parents)
 TEXTS = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path in PAGES}
-RUN = [name for name, text in TEXTS.items() if snippets.blocks(text, "bash") or snippets.blocks(text, "python")]
+RUN = [
+    name
+    for name, text in TEXTS.items()
+    if snippets.blocks(text, "bash") or snippets.blocks(text, "python")
+]
 SETUP = re.compile(r"^(python3 -m venv|source|pip) .*$", re.M)
-SESSION = " --port 0 --linger 0 --set duration_s=12 --script release"  # its time begins as somebody drives
+# its time begins as somebody drives
+SESSION = " --port 0 --linger 0 --set duration_s=12 --script release"
 
 
 def of_language(*languages):
@@ -57,8 +65,11 @@ def commands(program):
 def test_there_is_something_to_look_at():
     assert len(RUN) >= 9
     assert {one.language for text in TEXTS.values() for one in snippets.snippets(text)} <= {
-        "bash", "python", "text", "toml"
-    }  # fmt: skip
+        "bash",
+        "python",
+        "text",
+        "toml",
+    }
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
@@ -84,7 +95,9 @@ def test_python_uses_names_that_exist(page, snippet):
 
 @pytest.mark.parametrize(("page", "snippet"), of_language("toml"))
 def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
-    """By the JSON Schema and by the loader, beside the page's other files; a recording is read when the page is run."""
+    """By the JSON Schema and by the loader, beside the page's other files; a recording is read
+    when the page is run.
+    """
     from ravenjax.campaign import loading
     from ravenjax.search.file import loading as search_loading
     from ravenjax.store.consoles import loading as consoles
@@ -138,11 +151,15 @@ def run_page(name, folder):
             command = [sys.executable, "-c", one.text]
         elif one.language == "bash":
             lines = SETUP.sub("", one.text).splitlines()
-            script = "\n".join(line.partition(" # ")[0] + SESSION * in_the_browser(line) for line in lines)
+            script = "\n".join(
+                line.partition(" # ")[0] + SESSION * in_the_browser(line) for line in lines
+            )
             command = ["bash", "-euo", "pipefail", "-c", script]
         else:
             continue
-        done = subprocess.run(command, cwd=at, env=environment, capture_output=True, text=True, timeout=600)
+        done = subprocess.run(
+            command, cwd=at, env=environment, capture_output=True, text=True, timeout=600
+        )
         assert done.returncode == 0, f"{one.text}\n{done.stdout}\n{done.stderr}"
     return at
 
@@ -160,12 +177,17 @@ def test_the_reference_is_what_the_code_says():
     pages = docs_pages.pages()
     assert {path.name for path in GENERATED.iterdir()} == set(pages)
     for name, text in pages.items():
-        assert (GENERATED / name).read_text(encoding="utf-8") == text, f"write it anew: {docs_pages.COMMAND}"
+        assert (GENERATED / name).read_text(encoding="utf-8") == text, (
+            f"write it anew: {docs_pages.COMMAND}"
+        )
 
 
 def test_rooms_of_a_walk_exist_and_are_counted():
     text = TEXTS["explanation/walk.md"]
-    working, passing = (re.findall(r"^\| `([\w.]+)` \|.*\| (\d+) \|$", part, re.M) for part in text.split("\n## ")[1:3])
+    working, passing = (
+        re.findall(r"^\| `([\w.]+)` \|.*\| (\d+) \|$", part, re.M)
+        for part in text.split("\n## ")[1:3]
+    )
     rooms = working + passing
     assert all(importlib.util.find_spec(f"ravenjax.{room}") for room, _ in rooms)
     total = sum(int(visits) for _, visits in rooms)
@@ -179,12 +201,33 @@ def test_every_page_is_in_the_navigation():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("material") is None, reason="mkdocs-material is not installed")
+@pytest.mark.skipif(
+    importlib.util.find_spec("material") is None, reason="mkdocs-material is not installed"
+)
 def test_the_site_builds(tmp_path):
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", ".mkdocs.yml", "-d", str(tmp_path / "site")]
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "-f",
+        ".mkdocs.yml",
+        "-d",
+        str(tmp_path / "site"),
+    ]
     done = subprocess.run(command, cwd=snippets.ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "Overdrive" in (tmp_path / "site/reference/campaigns.html").read_text(encoding="utf-8").title()
-    assert (tmp_path / "site/index.html").is_file() and Path(tmp_path / "site/outcomes.svg").is_file()
-    assert 'src="../gallery/index.html"' in (tmp_path / "site/how-to/explore.html").read_text(encoding="utf-8")
-    assert (tmp_path / "site/gallery/quick.html").is_file() and (tmp_path / "site/gallery/index.html").is_file()
+    assert (
+        "Overdrive"
+        in (tmp_path / "site/reference/campaigns.html").read_text(encoding="utf-8").title()
+    )
+    assert (tmp_path / "site/index.html").is_file() and Path(
+        tmp_path / "site/outcomes.svg"
+    ).is_file()
+    assert 'src="../gallery/index.html"' in (tmp_path / "site/how-to/explore.html").read_text(
+        encoding="utf-8"
+    )
+    assert (tmp_path / "site/gallery/quick.html").is_file() and (
+        tmp_path / "site/gallery/index.html"
+    ).is_file()

@@ -33,7 +33,9 @@ def handlers():
 
 @pytest.fixture
 def raised_with_the_lock_held(monkeypatch):
-    """A signal comes when the main thread has just taken a lock with a condition, the first time that it does."""
+    """A signal comes when the main thread has just taken a lock with a condition, the first time
+    that it does.
+    """
     plain, came = threading.Condition.__enter__, list[int]()
 
     def enter(self):
@@ -49,7 +51,9 @@ def raised_with_the_lock_held(monkeypatch):
 def is_free(future: Future) -> bool:
     """Whether another thread can take the lock of a future."""
     with ThreadPoolExecutor(1) as pool:
-        return pool.submit(lambda: future._condition.acquire(timeout=1.0) and not future._condition.release()).result()
+        return pool.submit(
+            lambda: future._condition.acquire(timeout=1.0) and not future._condition.release()
+        ).result()
 
 
 def test_python_alone_leaves_the_lock_taken(raised_with_the_lock_held):
@@ -59,7 +63,9 @@ def test_python_alone_leaves_the_lock_taken(raised_with_the_lock_held):
     assert not is_free(future), "else nothing has to be held back"
 
 
-@pytest.mark.parametrize("wait", [interruption.result, lambda future: next(interruption.completed([future]))])
+@pytest.mark.parametrize(
+    "wait", [interruption.result, lambda future: next(interruption.completed([future]))]
+)
 def test_a_signal_that_was_held_back_leaves_no_lock(raised_with_the_lock_held, wait):
     future: Future[int] = Future()
     with pytest.raises(Asked), interruption.held_back():
@@ -75,7 +81,9 @@ def test_results_and_errors_come_through():
         with pytest.raises(ZeroDivisionError):
             interruption.result(broken)
         futures = [pool.submit(pow, 2, n) for n in range(20)]
-        assert sorted(one.result() for one in interruption.completed(futures)) == [2**n for n in range(20)]
+        assert sorted(one.result() for one in interruption.completed(futures)) == [
+            2**n for n in range(20)
+        ]
 
 
 def test_what_came_is_raised_at_the_end_and_the_handlers_are_back(handlers):
@@ -83,7 +91,9 @@ def test_what_came_is_raised_at_the_end_and_the_handlers_are_back(handlers):
     with pytest.raises(Asked, match=str(signal.SIGINT.value)), interruption.held_back():
         signal.raise_signal(signal.SIGINT)
         reached = True
-    assert reached and signal.getsignal(signal.SIGINT) is handlers is signal.getsignal(signal.SIGTERM)
+    assert reached and signal.getsignal(signal.SIGINT) is handlers is signal.getsignal(
+        signal.SIGTERM
+    )
     interruption.point()  # and it is raised once
 
 
@@ -132,7 +142,10 @@ def test_a_signal_leaves_with_its_number_unless_it_is_ignored(handlers):
             with pytest.raises(SystemExit, match=str(128 + signal.SIGTERM)):
                 signal.raise_signal(signal.SIGTERM)
     finally:
-        assert signal.getsignal(signal.SIGTERM) is handlers and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        assert (
+            signal.getsignal(signal.SIGTERM) is handlers
+            and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        )
         signal.signal(signal.SIGHUP, hangup)
 
 
@@ -163,7 +176,10 @@ time.sleep(1.0)
 def ended(within_s: float) -> tuple[int, str, str]:
     """Exit code, output and errors of a process that heeds no signal for so long."""
     process = subprocess.Popen(
-        [sys.executable, "-c", STUBBORN, str(within_s)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", STUBBORN, str(within_s)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout is not None and process.stdout.readline() == "in\n"
     process.send_signal(signal.SIGTERM)

@@ -1,4 +1,6 @@
-"""The package's scripts: node runs their unit tests, a linter reads them. Each needs a program that may be absent."""
+"""The package's scripts: node runs their unit tests, a linter reads them. Each needs a program
+that may be absent.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ OXLINT = shutil.which("oxlint", path=sysconfig.get_path("scripts")) or shutil.wh
 
 
 def finished(*command: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([str(part) for part in command], cwd=ROOT, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [str(part) for part in command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
 
 
 @pytest.mark.slow

@@ -59,7 +59,8 @@ def test_no_public_class_name_occurs_twice() -> None:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(f"{file}:{node.lineno}")
     complaints = [
-        f"class {name} is defined in {', '.join(where)}; name each after its own thing, as {_example(where[0], name)}"
+        f"class {name} is defined in {', '.join(where)}; name each after its own thing, as"
+        f" {_example(where[0], name)}"
         for name, where in sorted(places.items())
         if len(where) > 1
     ]
@@ -73,10 +74,20 @@ def _example(place: str, name: str) -> str:
 
 
 def test_the_check_sees_a_name_wherever_it_is_bound() -> None:
-    text = "def f(x):\n    found = [told for told in x]\n    if (kept := x):\n        pass\n    return found, kept\n"
+    text = (
+        "def f(x):\n    found = [told for told in x]\n    if (kept := x):\n        pass\n    return"
+        " found, kept\n"
+    )
     assert sorted(node.id for node in participles(ast.parse(text))) == ["found", "kept", "told"]
-    assert not list(participles(ast.parse("def f(found):\n    return found\nclass C:\n    def told(self): ...\n")))
+    assert not list(
+        participles(
+            ast.parse("def f(found):\n    return found\nclass C:\n    def told(self): ...\n")
+        )
+    )
 
 
 def test_the_example_is_a_name_of_its_own() -> None:
-    assert _example("ravenjax/robots/raven2/stages/motor_control.py:12", "Params") == "MotorControlParams"
+    assert (
+        _example("ravenjax/robots/raven2/stages/motor_control.py:12", "Params")
+        == "MotorControlParams"
+    )

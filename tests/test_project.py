@@ -12,7 +12,11 @@ import ravenjax
 
 ROOT = snippets.ROOT
 CHECKS = (ROOT / ".ci/run").read_text(encoding="utf-8")
-LINKED = [ROOT / "README.md", ROOT / ".github/CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+LINKED = [
+    ROOT / "README.md",
+    ROOT / ".github/CONTRIBUTING.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 
 
 def test_the_package_is_typed():
@@ -22,7 +26,9 @@ def test_the_package_is_typed():
 
 def test_hooks_are_among_the_checks():
     yaml = pytest.importorskip("yaml")
-    (local,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    (local,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))[
+        "repos"
+    ]
     entries = {hook["entry"].removesuffix(" --fix") for hook in local["hooks"]}
     assert entries == {"ruff check", "ruff format", "lint-imports", "pyright"}
     for entry in entries:

@@ -1,4 +1,6 @@
-"""The README's snippets are what they say: campaigns load, command lines are understood, Python runs as it stands."""
+"""The README's snippets are what they say: campaigns load, command lines are understood, Python
+runs as it stands.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def test_shell_snippets_are_shell(block):
 
 @pytest.mark.parametrize("words", calls("ravenjax"), ids=" ".join)
 def test_command_lines_are_understood(words):
-    """Parsed without being run: commands and options exist, and so do files that are named with a folder of ours."""
+    """Parsed without being run: commands and options exist, and so do files that are named with
+    a folder of ours.
+    """
     snippets.require_command_line(words)
 
 
@@ -55,7 +59,9 @@ def test_cheap_commands_run(command, capsys):
 
 
 def test_campaign_snippets_are_campaigns():
-    """The first is a whole campaign; the others are sections to add to it, or to put in place of its own."""
+    """The first is a whole campaign; the others are sections to add to it, or to put in place of
+    its own.
+    """
     from ravenjax.campaign import loading
     from ravenjax.campaign.faults import design
 
@@ -76,7 +82,12 @@ def test_python_snippets_use_names_that_exist():
 @pytest.mark.parametrize("block", blocks("python"))
 def test_python_snippets_run(block, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-c", block], capture_output=True, text=True, check=False, cwd=tmp_path, timeout=600
+        [sys.executable, "-c", block],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        timeout=600,
     )
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"\((-?\d+, ){6}-?\d+\) 3\n", done.stdout), done.stdout

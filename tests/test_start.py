@@ -1,4 +1,6 @@
-"""What each command imports: heavy libraries where they are used; a campaign needs neither JAX nor pandas."""
+"""What each command imports: heavy libraries where they are used; a campaign needs neither JAX
+nor pandas.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +14,23 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAVY = (
-    "duckdb", "fastapi", "jax", "jaxlib", "jinja2", "llvmlite", "matplotlib", "mcap", "mujoco", "pandas", "plotly",
-    "pyarrow", "pydantic", "scipy", "statsmodels", "xarray",
-)  # fmt: skip
+    "duckdb",
+    "fastapi",
+    "jax",
+    "jaxlib",
+    "jinja2",
+    "llvmlite",
+    "matplotlib",
+    "mcap",
+    "mujoco",
+    "pandas",
+    "plotly",
+    "pyarrow",
+    "pydantic",
+    "scipy",
+    "statsmodels",
+    "xarray",
+)
 PROBE = """
 import json, sys
 from ravenjax.cli import main
@@ -22,7 +38,7 @@ code = main(sys.argv[2:]) if len(sys.argv) > 2 else __import__("ravenjax") and 0
 devices = "jax" in sys.modules and __import__("jax._src.xla_bridge", fromlist=["x"]).backends_are_initialized()
 record = {"code": code, "modules": sorted(set(sys.argv[1].split(",")) & set(sys.modules)), "devices": devices}
 sys.stderr.write("\\n" + json.dumps(record))
-"""
+"""  # noqa: E501
 CAMPAIGN = """
 [campaign]
 name = "start"
@@ -48,7 +64,12 @@ def probed(*tokens: str, cache: Path | str = "off") -> dict:
     """What a command imports in a process of its own, and whether JAX looked for devices."""
     command = [sys.executable, "-c", PROBE, ",".join(HEAVY), *tokens]
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, cwd=ROOT, env=os.environ | {"RAVENJAX_CACHE": str(cache)}
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        env=os.environ | {"RAVENJAX_CACHE": str(cache)},
     )
     assert done.returncode == 0, done.stderr
     record = json.loads(done.stderr.splitlines()[-1])
@@ -62,7 +83,9 @@ def test_the_package_and_its_help_import_nothing_heavy():
     assert probed("run", "--help")["modules"] == []
 
 
-@pytest.mark.parametrize("tokens", [("campaigns",), ("check", "campaigns/quick.toml"), ("faults",), ("parameters",)])
+@pytest.mark.parametrize(
+    "tokens", [("campaigns",), ("check", "campaigns/quick.toml"), ("faults",), ("parameters",)]
+)
 def test_a_look_at_campaigns_needs_no_tick(tokens):
     assert not {"jax", "mujoco", "scipy", "plotly", "duckdb"} & set(probed(*tokens)["modules"])
 
@@ -73,7 +96,15 @@ def test_a_campaign_imports_neither_jax_nor_pandas(tmp_path, design):
     def run(name: str, **values: float) -> dict:
         file = tmp_path / f"{name}.toml"
         file.write_text(CAMPAIGN.format(design=design, **values))
-        tokens = ("run", str(file), "--no-report", "--engine", "simd", "--out", str(tmp_path / name))
+        tokens = (
+            "run",
+            str(file),
+            "--no-report",
+            "--engine",
+            "simd",
+            "--out",
+            str(tmp_path / name),
+        )
         return probed(*tokens, cache=tmp_path / "cache")
 
     cold, warm = run("cold", most=4000, heaviest=1.1), run("warm", most=9000, heaviest=1.2)
@@ -82,7 +113,9 @@ def test_a_campaign_imports_neither_jax_nor_pandas(tmp_path, design):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("file", sorted((ROOT / "campaigns").glob("*.toml")), ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file", sorted((ROOT / "campaigns").glob("*.toml")), ids=lambda file: file.stem
+)
 def test_a_bundled_campaign_imports_neither_jax_nor_pandas_however_cold_the_start(tmp_path, file):
     tokens = ("run", str(file), "--no-report", "--engine", "simd", "--out", str(tmp_path / "out"))
     stops = "[stop]" in file.read_text()
@@ -94,9 +127,13 @@ def test_a_bundled_campaign_imports_neither_jax_nor_pandas_however_cold_the_star
 
 @pytest.mark.slow
 def test_a_detector_of_ones_own_needs_no_jax(tmp_path):
-    (tmp_path / "mine.py").write_text("def step(params, state, view):\n    return state, view.tip_error * 1e3\n")
+    (tmp_path / "mine.py").write_text(
+        "def step(params, state, view):\n    return state, view.tip_error * 1e3\n"
+    )
     file = tmp_path / "own.toml"
     own = '[[detector]]\nname = "mine"\nfile = "mine.py"\n'
     file.write_text(CAMPAIGN.format(design="random", most=4000, heaviest=1.1) + own)
     tokens = ("run", str(file), "--no-report", "--engine", "simd", "--out", str(tmp_path / "out"))
-    assert not {"jax", "jaxlib", "pandas"} & set(probed(*tokens, cache=tmp_path / "cache")["modules"])
+    assert not {"jax", "jaxlib", "pandas"} & set(
+        probed(*tokens, cache=tmp_path / "cache")["modules"]
+    )

@@ -11,7 +11,14 @@ from ravenjax import threads
 
 
 def test_what_comes_is_in_order_whatever_ends_first():
-    assert threads.mapped(lambda n: time.sleep(0.02 * (5 - n)) or n * n, range(6), 6) == [0, 1, 4, 9, 16, 25]
+    assert threads.mapped(lambda n: time.sleep(0.02 * (5 - n)) or n * n, range(6), 6) == [
+        0,
+        1,
+        4,
+        9,
+        16,
+        25,
+    ]
     assert threads.mapped(str, ()) == [] and threads.mapped(str, iter([3])) == ["3"]
 
 

@@ -14,7 +14,9 @@ from ravenjax.store.folder import read_all
 
 
 def tables(runs: int = 300, chunk: int = 20, duration_s: float = 0.05) -> dict:
-    """As a TOML file has them: some fault-free runs with three golden runs, and one group of random faults."""
+    """As a TOML file has them: some fault-free runs with three golden runs, and one group of
+    random faults.
+    """
     return {
         "campaign": {"name": "tiny", "duration_s": duration_s, "seed": 3, "chunk": chunk},
         "operator": {"motion": "reach"},
@@ -50,10 +52,13 @@ def file(folder: Path, **sizes) -> Path:
     free, dac = made["group"]
     fault = "\n".join(f"{key} = {_toml(value)}" for key, value in dac["fault"][0].items())
     path.write_text(
-        "[campaign]\n" + "\n".join(f"{key} = {_toml(value)}" for key, value in made["campaign"].items()) + "\n"
+        "[campaign]\n"
+        + "\n".join(f"{key} = {_toml(value)}" for key, value in made["campaign"].items())
+        + "\n"
         f'[operator]\nmotion = "reach"\n[[group]]\nname = "free"\n[group.parameters]\n'
         f"plant.friction_scale = {_toml(free['parameters']['plant.friction_scale'])}\n"
-        f'[[group]]\nname = "dac"\ndesign = "random"\nruns = {dac["runs"]}\n[[group.fault]]\n{fault}\n'
+        '[[group]]\nname = "dac"\ndesign = "random"\nruns ='
+        f" {dac['runs']}\n[[group.fault]]\n{fault}\n"
     )
     return path
 

@@ -1,4 +1,6 @@
-"""Waiting for what another process or thread does: as long as it takes on a busy machine, and no longer."""
+"""Waiting for what another process or thread does: as long as it takes on a busy machine, and no
+longer.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,12 @@ DEADLINE_S = 300.0
 DEADLINE_MS = 1000.0 * DEADLINE_S
 
 
-def until(condition: Callable[[], T], told: str = "it never came to that", every_s: float = 0.01) -> T:
-    """The first true answer of `condition`, asked again and again; AssertionError, with what is told, if none comes."""
+def until(
+    condition: Callable[[], T], told: str = "it never came to that", every_s: float = 0.01
+) -> T:
+    """The first true answer of `condition`, asked again and again; AssertionError, with what is
+    told, if none comes.
+    """
     end = time.monotonic() + DEADLINE_S
     while not (answer := condition()):
         assert time.monotonic() < end, told

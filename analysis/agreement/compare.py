@@ -2,11 +2,12 @@
 
     python analysis/agreement/compare.py [exact] [verdicts] [printed] [substeps] [arithmetic]
 
-exact       engines mjx and xla, tick by tick in float64: every signal of faulty runs
-verdicts    engines mjx and xla in float32: the verdicts of the 2 100 runs of every_layer.toml
-printed     engines xla and simd in float32: the verdicts of 10 500 runs, five times every group of every_layer.toml
-substeps    one, two and four plant steps per tick: the verdicts of campaigns/quick.toml
-arithmetic  the control software in float32 and in the original's mixed arithmetic: the DAC commands
+exact       engines mjx and xla, tick by tick in float64: every signal of faulty runs verdicts
+engines mjx and xla in float32: the verdicts of the 2 100 runs of every_layer.toml printed
+engines xla and simd in float32: the verdicts of 10 500 runs, five times every group of
+every_layer.toml substeps    one, two and four plant steps per tick: the verdicts of
+campaigns/quick.toml arithmetic  the control software in float32 and in the original's mixed
+arithmetic: the DAC commands
 
 Without a name all five, about 15 minutes on 4 cores.
 """
@@ -41,10 +42,12 @@ from ravenjax.stats.intervals import wilson
 EVERY_LAYER = Path(__file__).parent / "every_layer.toml"
 QUICK = "quick.toml"
 
-# --- exact ------------------------------------------------------------------------------------------------------------
+# --- exact ----------------------------------------------------------------------------------------
+# --------------------
 
 TICKS, BOUND_TICKS = 400, 100
-SKIPPED_ROWS = 440  # of the motion: the pedal is down from the first tick on and the hand moves from tick 60 on
+# of the motion: the pedal is down from the first tick on and the hand moves from tick 60 on
+SKIPPED_ROWS = 440
 
 EXACT_FAULTS = (
     ("usb_out", "shoulder", "overwrite", 6000),
@@ -66,25 +69,41 @@ def exact_campaign() -> dict:
         {
             "name": f"{site} {channel}",
             "fault": [
-                {"site": site, "channel": channel, "effect": effect, "value": value, "start_ms": 30, "duration_ms": 40}
+                {
+                    "site": site,
+                    "channel": channel,
+                    "effect": effect,
+                    "value": value,
+                    "start_ms": 30,
+                    "duration_ms": 40,
+                }
             ],
         }
         for site, channel, effect, value in EXACT_FAULTS
     ]
-    return {"campaign": {"name": "exact", "duration_s": TICKS / 1e3}, "operator": {"motion": "suture"}, "group": groups}
+    return {
+        "campaign": {"name": "exact", "duration_s": TICKS / 1e3},
+        "operator": {"motion": "suture"},
+        "group": groups,
+    }
 
 
 def exact() -> Iterator[str]:
     """Largest difference of any signal, in units of max(1, magnitude)."""
     ready = plan.make(rj.load_campaign(exact_campaign()), precision=REFERENCE)
-    longer = plan.operator_motion(rj.load_campaign(exact_campaign(), [f"campaign.duration_s={2 * TICKS / 1e3}"]))
+    longer = plan.operator_motion(
+        rj.load_campaign(exact_campaign(), [f"campaign.duration_s={2 * TICKS / 1e3}"])
+    )
     columns = tuple(
-        np.ascontiguousarray(column[SKIPPED_ROWS : SKIPPED_ROWS + TICKS]) for column in longer.first(1000).table().T
+        np.ascontiguousarray(column[SKIPPED_ROWS : SKIPPED_ROWS + TICKS])
+        for column in longer.first(1000).table().T
     )
     traces = {}
     for name, dynamics in (("xla", "unrolled"), ("mjx", "mjx")):
         setup = dataclasses.replace(ready.program.setup, link_dynamics=dynamics)
-        kernel = ScanKernel(dataclasses.replace(ready.program, setup=setup), LANE_MULTIPLE, keep_signals=True)
+        kernel = ScanKernel(
+            dataclasses.replace(ready.program, setup=setup), LANE_MULTIPLE, keep_signals=True
+        )
         varied, harmless = ready.lanes([0], LANE_MULTIPLE, harmless=True)
         golden = kernel.run(Block(varied, harmless, None), columns).reference
         traces[name] = [
@@ -93,7 +112,10 @@ def exact() -> Iterator[str]:
         ]
     rows = []
     for row in range(ready.runs):
-        gaps = [_gap(a, b) for a, b in zip(*(jax.tree.leaves(t[row]) for t in traces.values()), strict=True)]
+        gaps = [
+            _gap(a, b)
+            for a, b in zip(*(jax.tree.leaves(t[row]) for t in traces.values()), strict=True)
+        ]
         worst = np.max(np.stack(gaps), axis=0)
         dac = traces["xla"][row].control.arms[0].current_cmd_written
         other = traces["mjx"][row].control.arms[0].current_cmd_written
@@ -102,8 +124,19 @@ def exact() -> Iterator[str]:
         way = [np.linalg.norm(tip[:n] - tip[0], axis=1).max() * 1e3 for n in (BOUND_TICKS, TICKS)]
         fault = " ".join(map(str, EXACT_FAULTS[row]))
         first, whole = worst[:BOUND_TICKS].max(), worst.max()
-        rows.append((fault, f"{first:.1e}", f"{whole:.1e}", str(unequal), f"{way[0]:.2f} and {way[1]:.1f} mm"))
-    title = f"largest difference of any of {len(gaps)} signals, |a - b| / max(1, |a|), SI units and counts"
+        rows.append(
+            (
+                fault,
+                f"{first:.1e}",
+                f"{whole:.1e}",
+                str(unequal),
+                f"{way[0]:.2f} and {way[1]:.1f} mm",
+            )
+        )
+    title = (
+        f"largest difference of any of {len(gaps)} signals, |a - b| / max(1, |a|), SI units and"
+        " counts"
+    )
     heads = (f"first {BOUND_TICKS} ticks", f"all {TICKS} ticks", "DACs unequal", "tip moves")
     yield from table(("fault from tick 30 on, 40 ms", *heads), rows, title)
 
@@ -116,7 +149,8 @@ def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.where(same, 0.0, np.abs(a - b) / np.maximum(1.0, np.abs(a)))
 
 
-# --- verdicts ---------------------------------------------------------------------------------------------------------
+# --- verdicts -------------------------------------------------------------------------------------
+# --------------------
 
 
 def verdicts() -> Iterator[str]:
@@ -127,7 +161,9 @@ def verdicts() -> Iterator[str]:
 def printed() -> Iterator[str]:
     """Engines xla and simd, on five times as many runs."""
     groups = rj.load_campaign(EVERY_LAYER).group
-    more = [f"group.{i}.runs={5 * (group.runs or 0)}" for i, group in enumerate(groups) if group.runs]
+    more = [
+        f"group.{i}.runs={5 * (group.runs or 0)}" for i, group in enumerate(groups) if group.runs
+    ]
     yield from _verdicts(rj.load_campaign(EVERY_LAYER, more), "xla", "simd")
 
 
@@ -137,14 +173,21 @@ def _verdicts(config: CampaignConfig, *engines: str) -> Iterator[str]:
     for name in engines:
         begin = time.perf_counter()
         frames[name] = runner.run_campaign(config, None, name).frame()
-        yield f"{name}: {len(frames[name])} runs of {config.campaign.ticks} ms in {time.perf_counter() - begin:.0f} s"
+        yield (
+            f"{name}: {len(frames[name])} runs of {config.campaign.ticks} ms in"
+            f" {time.perf_counter() - begin:.0f} s"
+        )
     yield ""
     a, b = frames.values()
     same = (a["verdict"].astype(str) == b["verdict"].astype(str)).to_numpy()
     rate = wilson(int(same.sum()), len(same))
     yield f"Same verdict: {rate.k} of {rate.n}, {_share(rate)}."
     counts = [frame["verdict"].value_counts() for frame in (a, b)]
-    rows = [(str(verdict), str(n), str(counts[1].get(verdict, 0))) for verdict, n in counts[0].items() if n]
+    rows = [
+        (str(verdict), str(n), str(counts[1].get(verdict, 0)))
+        for verdict, n in counts[0].items()
+        if n
+    ]
     yield ""
     yield from table(("verdict", *frames), rows, "runs by verdict")
     yield ""
@@ -152,8 +195,18 @@ def _verdicts(config: CampaignConfig, *engines: str) -> Iterator[str]:
     for column in ("peak_model_deviation_mm", "peak_golden_deviation_mm", "largest_step_mm"):
         gap = np.abs(a[column].to_numpy(float) - b[column].to_numpy(float))
         worst = _fault(a.iloc[int(gap.argmax())])
-        rows.append((column, f"{np.mean(gap == 0):.0%}", f"{np.quantile(gap, 0.99):.1e}", f"{gap.max():.1e}", worst))
-    yield from table(("column", "equal to the last bit", "99 % below", "largest", "in"), rows, "differences, mm")
+        rows.append(
+            (
+                column,
+                f"{np.mean(gap == 0):.0%}",
+                f"{np.quantile(gap, 0.99):.1e}",
+                f"{gap.max():.1e}",
+                worst,
+            )
+        )
+    yield from table(
+        ("column", "equal to the last bit", "99 % below", "largest", "in"), rows, "differences, mm"
+    )
     yield ""
     rows = [_difference(a.iloc[i], b.iloc[i], config.rules) for i in np.flatnonzero(~same)]
     heads = ("run", "fault", *engines, "how near the deciding limit")
@@ -173,10 +226,14 @@ HAZARDS = ("unintended", "loss", "false_report")
 def _difference(a: pd.Series, b: pd.Series, rules: Rules) -> tuple[str, ...]:
     reasons = []
     if (a["response"], a["response_cause"]) != (b["response"], b["response_cause"]):
-        for name in (n for n in a.index if n.startswith("check_") and n.endswith("_count") and a[n] != b[n]):
+        for name in (
+            n for n in a.index if n.startswith("check_") and n.endswith("_count") and a[n] != b[n]
+        ):
             check = name.removeprefix("check_").removesuffix("_count")
             margins = [row[f"check_{check}_margin"] for row in (a, b)]
-            reasons.append(f"{check}: {a[name]} / {b[name]} ticks, margin {margins[0]:.4g} / {margins[1]:.4g}")
+            reasons.append(
+                f"{check}: {a[name]} / {b[name]} ticks, margin {margins[0]:.4g} / {margins[1]:.4g}"
+            )
     cue = f"cue{rules.cue}"
     if (a[f"{cue}_first_ms"] >= 0) != (b[f"{cue}_first_ms"] >= 0):
         peaks = [row["peak_model_deviation_mm"] for row in (a, b)]
@@ -191,7 +248,8 @@ def _difference(a: pd.Series, b: pd.Series, rules: Rules) -> tuple[str, ...]:
     return str(a["index"]), _fault(a), str(a["verdict"]), str(b["verdict"]), "; ".join(reasons)
 
 
-# --- substeps ---------------------------------------------------------------------------------------------------------
+# --- substeps -------------------------------------------------------------------------------------
+# --------------------
 
 SUBSTEPS = (1, 2, 4)
 
@@ -200,7 +258,9 @@ def substeps() -> Iterator[str]:
     """Verdict shares of quick.toml's faulty runs with 1, 2 and 4 plant steps per tick."""
     frames = []
     for n in SUBSTEPS:
-        frame = runner.run_campaign(rj.load_campaign(QUICK, [f"campaign.substeps={n}"]), None, "xla").frame()
+        frame = runner.run_campaign(
+            rj.load_campaign(QUICK, [f"campaign.substeps={n}"]), None, "xla"
+        ).frame()
         frames.append(frame[frame["fault0_site"] != ""].reset_index(drop=True))
     labels = [frame["verdict"].astype(str) for frame in frames]
     total = len(labels[0])
@@ -213,19 +273,25 @@ def substeps() -> Iterator[str]:
         rows.append((verdict, *shares, *changes))
     heads = tuple(f"{n} step{'s' * (n > 1)} per tick" for n in SUBSTEPS)
     yield from table(
-        ("verdict", *heads, "runs changed 1 to 2", "1 to 4"), rows, f"{total} faulty runs of 3 s, 95 % Wilson"
+        ("verdict", *heads, "runs changed 1 to 2", "1 to 4"),
+        rows,
+        f"{total} faulty runs of 3 s, 95 % Wilson",
     )
     yield ""
     for n, label in zip(SUBSTEPS[1:], labels[1:], strict=True):
         same = wilson(int((label == labels[0]).sum()), total)
-        yield f"Same verdict with {n} steps as with 1, run by run: {same.k} of {total}, {_share(same)}."
+        yield (
+            f"Same verdict with {n} steps as with 1, run by run: {same.k} of {total},"
+            f" {_share(same)}."
+        )
     for column in ("peak_model_deviation_mm", "largest_step_mm"):
         middle = ", ".join(f"{frame[column].median():.4f}" for frame in frames)
         upper = ", ".join(f"{frame[column].quantile(0.9):.4f}" for frame in frames)
         yield f"{column} with {SUBSTEPS} steps: medians {middle}; 90 % quantiles {upper}."
 
 
-# --- arithmetic -------------------------------------------------------------------------------------------------------
+# --- arithmetic -----------------------------------------------------------------------------------
+# --------------------
 
 MOTION_S = 20.0
 WINDOWS_S = (3.0, MOTION_S)
@@ -233,22 +299,35 @@ START_TICKS = 300  # until the pedal is down and the arm has settled
 
 
 def arithmetic() -> Iterator[str]:
-    """Share of ticks whose DACs are those of the original's arithmetic, and the largest difference."""
+    """Share of ticks whose DACs are those of the original's arithmetic, and the largest
+    difference.
+    """
     opened, closed = [], []
     for motion in ("suture", "reach", "clutched"):
         base = {"name": "arithmetic", "duration_s": MOTION_S, "seed": 0}
         content = {"campaign": base, "operator": {"motion": motion}, "group": [{"name": "free"}]}
         config = rj.load_campaign(content)
         runs = {name: _run(config, precision) for name, precision in PRECISIONS.items()}
-        whole = {name: np.stack(list(run.control.arms[0].current_cmd_written), axis=1) for name, run in runs.items()}
+        whole = {
+            name: np.stack(list(run.control.arms[0].current_cmd_written), axis=1)
+            for name, run in runs.items()
+        }
         exact, single = _driven(config, runs["float32"])
-        apart = np.linalg.norm(np.stack(runs["float32"].tip[0]) - np.stack(runs["mixed"].tip[0]), axis=0)
+        apart = np.linalg.norm(
+            np.stack(runs["float32"].tip[0]) - np.stack(runs["mixed"].tip[0]), axis=0
+        )
         for seconds in WINDOWS_S:
             window = slice(START_TICKS, round(seconds * 1e3))
             where = (motion, f"{seconds:g} s")
-            opened.append((*where, "one operation at a time", *_dac_difference(exact[window], single[window])))
             opened.append(
-                (*where, "compiled, as in campaigns", *_dac_difference(exact[window], whole["float32"][window]))
+                (*where, "one operation at a time", *_dac_difference(exact[window], single[window]))
+            )
+            opened.append(
+                (
+                    *where,
+                    "compiled, as in campaigns",
+                    *_dac_difference(exact[window], whole["float32"][window]),
+                )
             )
             row = _dac_difference(whole["mixed"][window], whole["float32"][window])
             closed.append((*where, *row, f"{apart[window].max() * 1e6:.1f}"))
@@ -261,15 +340,15 @@ def arithmetic() -> Iterator[str]:
     yield from table(
         ("motion", "first", "float32 against the original's arithmetic", *heads),
         opened,
-        "open loop: the same encoders, packets and pins, recorded from a fault-free run, gold arm; shares of ticks, "
-        "differences in DAC counts",
+        "open loop: the same encoders, packets and pins, recorded from a fault-free run, gold arm;"
+        " shares of ticks, differences in DAC counts",
     )
     yield ""
     yield from table(
         ("motion", "first", *heads, "tips apart at most, um"),
         closed,
-        "closed loop: all in float32 against control software mixed (float32 stored, float64 between) and plant "
-        "float64, both compiled",
+        "closed loop: all in float32 against control software mixed (float32 stored, float64"
+        " between) and plant float64, both compiled",
     )
 
 
@@ -284,7 +363,9 @@ def _run(config: CampaignConfig, precision: Precision):
 
 
 def _driven(config: CampaignConfig, signals) -> tuple[np.ndarray, np.ndarray]:
-    """DACs [ticks, 7] of the control software driven alone, in the original's arithmetic and in float32."""
+    """DACs [ticks, 7] of the control software driven alone, in the original's arithmetic and in
+    float32.
+    """
     ready = plan.make(config)
     setup, arm = ready.program.setup, config.campaign.arms
     pair = [
@@ -315,7 +396,8 @@ def _dac_difference(a: np.ndarray, b: np.ndarray) -> tuple[str, str, str, str]:
     )
 
 
-# --- printing ---------------------------------------------------------------------------------------------------------
+# --- printing -------------------------------------------------------------------------------------
+# --------------------
 
 
 def _share(rate) -> str:
@@ -335,10 +417,22 @@ def machine() -> str:
     """Processor, cores and versions."""
     info = Path("/proc/cpuinfo")
     text = info.read_text() if info.is_file() else ""
-    model = next((line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")), "")
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("jax", "mujoco", "mujoco-mjx", "numpy"))
+    model = next(
+        (
+            line.partition(":")[2].strip()
+            for line in text.splitlines()
+            if line.startswith("model name")
+        ),
+        "",
+    )
+    versions = ", ".join(
+        f"{name} {metadata.version(name)}" for name in ("jax", "mujoco", "mujoco-mjx", "numpy")
+    )
     cores = len(os.sched_getaffinity(0))
-    return f"{model or platform.processor()}, {cores} cores, Python {platform.python_version()}, {versions}"
+    return (
+        f"{model or platform.processor()}, {cores} cores, Python {platform.python_version()},"
+        f" {versions}"
+    )
 
 
 PARTS: dict[str, Callable[[], Iterator[str]]] = {

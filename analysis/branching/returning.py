@@ -1,9 +1,11 @@
-"""How many runs come back to their golden run: `python analysis/branching/returning.py [CAMPAIGN [RUNS]]`.
+"""How many runs come back to their golden run: `python analysis/branching/returning.py [CAMPAIGN
+[RUNS]]`.
 
-From then on nothing could change any more but by another window, and the rest of such a run would be its golden run's.
-A run is taken to be back from the tick on from which every time series of it is its golden run's to the bit, up to the
-end: motors, cables, links, encoders, the software's poses, torques and commands, PLC, brakes, nominal model and cue.
-What is remembered and not in a series may still differ, so there are at most so many.
+From then on nothing could change any more but by another window, and the rest of such a run would
+be its golden run's. A run is taken to be back from the tick on from which every time series of it
+is its golden run's to the bit, up to the end: motors, cables, links, encoders, the software's
+poses, torques and commands, PLC, brakes, nominal model and cue. What is remembered and not in a
+series may still differ, so there are at most so many.
 """
 
 from __future__ import annotations
@@ -24,13 +26,19 @@ def series_of(ready: Plan, tracer: Tracer, block: Block) -> tuple[np.ndarray, np
     """Every number of a run that a trace keeps, as bits [ticks, numbers], and its own reference."""
     result, signals = tracer.kernel.run_signals(block, ready.columns)
     kept = ready.config.robot.part("campaign").series(ready.program.setup, signals)
-    columns = [values.reshape(len(values), -1) for name, values in kept.items() if not name.startswith("fault")]
+    columns = [
+        values.reshape(len(values), -1)
+        for name, values in kept.items()
+        if not name.startswith("fault")
+    ]
     numbers = [np.ascontiguousarray(values, np.float32).view(np.uint32) for values in columns]
     return np.concatenate(numbers, axis=1), result.reference
 
 
 def back_from(run: np.ndarray, golden: np.ndarray) -> int:
-    """The tick from which on a run is its golden run; the number of ticks where it is not in the end."""
+    """The tick from which on a run is its golden run; the number of ticks where it is not in the
+    end.
+    """
     apart = np.flatnonzero((run != golden).any(axis=1))
     return 0 if not len(apart) else int(apart[-1]) + 1
 
@@ -46,14 +54,22 @@ def main(campaign: str, runs: int) -> None:
     for row in rows.tolist():
         number = int(ready.golden[row])
         if number not in golden:
-            golden = {number: series_of(ready, tracer, Block(*ready.lanes([row], 1, harmless=True), None))}
+            golden = {
+                number: series_of(ready, tracer, Block(*ready.lanes([row], 1, harmless=True), None))
+            }
         own, reference = golden[number]
         block = Block(*ready.lanes([row], 1), reference)
         first = back_from(series_of(ready, tracer, block)[0], own)
         idle, back = idle + (first == 0), back + (0 < first < ticks)
         saved += ticks - max(first, int(ended[row]))
-    print(f"{campaign}: of {runs} runs with a fault {idle} are their golden run throughout, {back} come back to it.")
-    print(f"The ticks after that and after their fault are {100 * saved / (runs * ticks):.1f} % of all.")
+    print(
+        f"{campaign}: of {runs} runs with a fault {idle} are their golden run throughout, {back}"
+        " come back to it."
+    )
+    print(
+        f"The ticks after that and after their fault are {100 * saved / (runs * ticks):.1f} % of"
+        " all."
+    )
 
 
 if __name__ == "__main__":

@@ -2,15 +2,16 @@
 
     RAVENJAX_DATA=FOLDER python analysis/calibration/backlash.py
 
-The recordings have motors and no joints, and the virtual robot has no backlash. A gap behind a motor shows where the
-motor turns back: until the gap is crossed, it does not carry the joint's share of the dry friction. So the torque that
-the recorded error implies (PID of its controller) reaches its new level no sooner than the gap ends: the motor's travel
-until it has made 90 % of the way is an upper bound of the gap, as all else that softens a reversal is counted, too.
-Beside it stands the same of the virtual robot asked for the same, which turns back without a gap. Where that is as
-large, the measure sees the controller and the recording bounds nothing smaller.
+The recordings have motors and no joints, and the virtual robot has no backlash. A gap behind a
+motor shows where the motor turns back: until the gap is crossed, it does not carry the joint's
+share of the dry friction. So the torque that the recorded error implies (PID of its controller)
+reaches its new level no sooner than the gap ends: the motor's travel until it has made 90 % of the
+way is an upper bound of the gap, as all else that softens a reversal is counted, too. Beside it
+stands the same of the virtual robot asked for the same, which turns back without a gap. Where that
+is as large, the measure sees the controller and the recording bounds nothing smaller.
 
-Level before and after: medians over the middle 40 % of the strokes. A stroke turns by at least `LEAST` of the joint's
-range of motion in the recording.
+Level before and after: medians over the middle 40 % of the strokes. A stroke turns by at least
+`LEAST` of the joint's range of motion in the recording.
 """
 
 from __future__ import annotations
@@ -31,17 +32,32 @@ REACHED, LEAST, SMOOTH_MS = 0.9, 0.1, 25.0
 MIDDLE = (0.3, 0.7)
 
 
-def torques(logged: LoggedRobot, joints: np.ndarray, period_ms: float) -> tuple[np.ndarray, np.ndarray]:
-    """Motor angles (rad) and what the controller then asks of the motors (N m), [n, 7] each, smoothed alike."""
+def torques(
+    logged: LoggedRobot, joints: np.ndarray, period_ms: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motor angles (rad) and what the controller then asks of the motors (N m), [n, 7] each,
+    smoothed alike.
+    """
     tool = logged.setup.tools[logged.setup.arms.index(logged.arm)]
     period = period_ms * 1e-3
     desired = logged.log.desired[logged.log.cycles]
     apart, motors = (
-        np.stack([*transmission.motor_from_joint(logged.arm, tool, Vec(x.T), 0.0, logged.setup.software)], axis=1)
+        np.stack(
+            [
+                *transmission.motor_from_joint(
+                    logged.arm, tool, Vec(x.T), 0.0, logged.setup.software
+                )
+            ],
+            axis=1,
+        )
         for x in (desired - joints, joints)
     )
     kp, kd, ki = (np.array([*gain]) for gain in logged.controller[:3])
-    torque = kp * apart - kd * np.gradient(motors, period, axis=0) + ki * np.cumsum(apart, axis=0) * period
+    torque = (
+        kp * apart
+        - kd * np.gradient(motors, period, axis=0)
+        + ki * np.cumsum(apart, axis=0) * period
+    )
     length = round(SMOOTH_MS / period_ms)
     window = np.ones(length) / length
     return motors, np.stack([np.convolve(column, window, "same") for column in torque.T], axis=1)
@@ -63,7 +79,9 @@ def turns(angle: np.ndarray, least: float) -> list[int]:
 
 
 def travels(angle: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Motor travel (rad) after each reversal until the torque has made REACHED of its way to the new level."""
+    """Motor travel (rad) after each reversal until the torque has made REACHED of its way to the
+    new level.
+    """
     ends = turns(angle, LEAST * np.ptp(angle))
     travel = []
     for begin, at, end in zip(ends, ends[1:], ends[2:], strict=False):
@@ -91,8 +109,14 @@ def rows(name: str, logged: LoggedRobot, period_ms: float) -> list[tuple[str, ..
         cells = []
         for angle, torque in sides:
             first = round(1000.0 / period_ms)
-            travel = travels(angle[first:, j], torque[first:, j]) * tables.PER_UNIT[j] / transmission.TR[j]
-            low, middle, high = np.quantile(travel, (0.1, 0.5, 0.9)) if len(travel) else (np.nan,) * 3
+            travel = (
+                travels(angle[first:, j], torque[first:, j])
+                * tables.PER_UNIT[j]
+                / transmission.TR[j]
+            )
+            low, middle, high = (
+                np.quantile(travel, (0.1, 0.5, 0.9)) if len(travel) else (np.nan,) * 3
+            )
             cells.append(f"{middle:.3f} ({low:.3f} to {high:.3f}), {len(travel)}")
         lines.append((name, f"{JOINTS[j].replace('_', ' ')}, {tables.UNITS[j]}", *cells))
     return lines
@@ -103,13 +127,23 @@ def main() -> None:
     lines: list[tuple[str, ...]] = []
     for name, file, read, period_ms in (
         ("the authors' arm", recordings.THREE_JOINTS, recordings.three_joints, 1.0),
-        ("the arm of 2018", recordings.SEVEN_JOINTS, recordings.seven_joints, recordings.SEVEN_PERIOD_MS),
+        (
+            "the arm of 2018",
+            recordings.SEVEN_JOINTS,
+            recordings.seven_joints,
+            recordings.SEVEN_PERIOD_MS,
+        ),
     ):
         path = closed_loop.locate(file)
         if path is None:
             raise FileNotFoundError(f"{file}: set {closed_loop.DATA} to its folder")
         lines += rows(name, read(path), period_ms)
-    columns = ("arm", "joint", "recorded: median (10 % to 90 %), reversals", "virtual, without a gap")
+    columns = (
+        "arm",
+        "joint",
+        "recorded: median (10 % to 90 %), reversals",
+        "virtual, without a gap",
+    )
     print(markdown_table(columns, lines))
 
 

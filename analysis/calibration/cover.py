@@ -2,9 +2,9 @@
 
     python analysis/calibration/cover.py [LOGS] [SECONDS]
 
-Virtual robots with everything that a log is asked for drawn from the beliefs before, each in a log of its own. If the
-intervals are right, the number of values inside is binomial with 0.9 or more; those of one log are not independent, so
-that the number of each log is printed, too.
+Virtual robots with everything that a log is asked for drawn from the beliefs before, each in a log
+of its own. If the intervals are right, the number of values inside is binomial with 0.9 or more;
+those of one log are not independent, so that the number of each log is printed, too.
 """
 
 from __future__ import annotations
@@ -37,7 +37,11 @@ def main(logs: int = 20, seconds: float = 14.0) -> None:
         for unknown, hit, spread in zip(wanted, holds, one.told, strict=True):
             inside[unknown.name].append(bool(hit))
             left[unknown.name].append(float(spread))
-        print(f"log {seed}: {of_logs[-1]} of {len(wanted)}, {one.effort.replays} replays", file=sys.stderr, flush=True)
+        print(
+            f"log {seed}: {of_logs[-1]} of {len(wanted)}, {one.effort.replays} replays",
+            file=sys.stderr,
+            flush=True,
+        )
     rows = [
         (
             name,

@@ -2,10 +2,11 @@
 
     python analysis/calibration/gradients.py [SECONDS] [xla]
 
-The slopes of one virtual log by all that it is asked for, three ways: differences of replays to both sides on engine
-`simd`, which is what the fit takes; forward-mode derivatives of the same tick (`jax.jvp`) on the same engine, a lane a
-parameter; and, where it is wanted, `jax.jvp` of the replay by XLA. Encoders and DAC count in no whole numbers here:
-where they do, a derivative is 0 and a small difference is chance, which the last column shows.
+The slopes of one virtual log by all that it is asked for, three ways: differences of replays to
+both sides on engine `simd`, which is what the fit takes; forward-mode derivatives of the same tick
+(`jax.jvp`) on the same engine, a lane a parameter; and, where it is wanted, `jax.jvp` of the replay
+by XLA. Encoders and DAC count in no whole numbers here: where they do, a derivative is 0 and a
+small difference is chance, which the last column shows.
 """
 
 from __future__ import annotations
@@ -79,7 +80,13 @@ def init(setup: ReplaySetup, params: TangentParams) -> TangentState:
 
 
 def advance(
-    setup: ReplaySetup, params: TangentParams, faults: Any, state: TangentState, now: Any, motion: Any, golden: Any
+    setup: ReplaySetup,
+    params: TangentParams,
+    faults: Any,
+    state: TangentState,
+    now: Any,
+    motion: Any,
+    golden: Any,
 ) -> tuple[TangentState, tuple[Scalar, ...], tuple[()]]:
     """As `replay_loop.advance`; what goes out are derivatives of the joints."""
     values, back = _reals(params.replay)
@@ -87,11 +94,15 @@ def advance(
     reals, state_back = _reals(state.replay)
 
     def step(values: Any, reals: Any) -> Any:
-        after, series, _ = replay_loop.advance(setup, back(values), faults, state_back(reals), now, motion, golden)
+        after, series, _ = replay_loop.advance(
+            setup, back(values), faults, state_back(reals), now, motion, golden
+        )
         return _reals(after)[0], series
 
     (_, _), (change, series) = jax.jvp(step, (values, reals), (along, state.change))
-    after, _, _ = replay_loop.advance(setup, params.replay, faults, state.replay, now, motion, golden)
+    after, _, _ = replay_loop.advance(
+        setup, params.replay, faults, state.replay, now, motion, golden
+    )
     return TangentState(after, change), tuple(series), ()
 
 
@@ -115,17 +126,23 @@ def derivatives(
     here, there = (parameters.values(base, wanted, (steps + d)[None]) for d in (0.0, 1e-4))
     replay = ReplayParams(base, Vec(np.float32(x) for x in log.start))
     still = jax.tree.map(lambda x: 0.0 if isinstance(x, float) else x * 0, replay)
-    varied = {f"replay.{FULL}{path}": np.full(len(wanted), value[0]) for path, value in here.items()}
+    varied = {
+        f"replay.{FULL}{path}": np.full(len(wanted), value[0]) for path, value in here.items()
+    }
     for k, one in enumerate(wanted):
         for path in parameters.values(base, [one], np.zeros((1, 1))):
             rate = np.zeros(len(wanted))
             rate[k] = (there[path][0] - here[path][0]) / 1e-4
             varied[f"along.{FULL}{path}"] = rate
-    program = TickProgram("__main__", setup, TangentParams(replay, still), tuple(varied), len(log.desired))
+    program = TickProgram(
+        "__main__", setup, TangentParams(replay, still), tuple(varied), len(log.desired)
+    )
     kernel = selection.select("simd", setup.precision).compile(program, 2 * len(wanted))
     motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
     lanes = np.minimum(np.arange(kernel.size(len(wanted))), len(wanted) - 1)
-    block = Block({path: values[lanes].astype(np.float32) for path, values in varied.items()}, (), None)
+    block = Block(
+        {path: values[lanes].astype(np.float32) for path, values in varied.items()}, (), None
+    )
     return lambda: np.moveaxis(kernel.run(block, motion).reference, -1, 0)[: len(wanted)]
 
 
@@ -136,7 +153,9 @@ def by_scan(
     motion = tuple(jnp.asarray(column, "float32") for column in log.desired.T)
 
     def joints(steps: Any) -> Any:
-        params = ReplayParams(parameters.apply(base, wanted, steps), Vec(jnp.float32(x) for x in log.start))
+        params = ReplayParams(
+            parameters.apply(base, wanted, steps), Vec(jnp.float32(x) for x in log.start)
+        )
         reals, back = _reals(replay_loop.init(setup, params))
 
         def tick(state: Any, now: Any) -> Any:
@@ -196,12 +215,26 @@ def main(seconds: float = 7.0, xla: bool = False) -> None:
         ("differences of 0.001 in whole numbers", setup, 0.001),
     ):
         slopes, compiling, each = timed(differences(one, size))
-        rows.append((name, f"{2 * count}", f"{compiling:.1f}", f"{each:.2f}", agreement(exact, slopes)))
-    columns = ("slopes", "replays", "compiling, s", "each time, s", "cosine with the first: median (least)")
+        rows.append(
+            (name, f"{2 * count}", f"{compiling:.1f}", f"{each:.2f}", agreement(exact, slopes))
+        )
+    columns = (
+        "slopes",
+        "replays",
+        "compiling, s",
+        "each time, s",
+        "cosine with the first: median (least)",
+    )
     print(markdown_table(columns, rows), flush=True)
     if xla:  # of one parameter; compiling it takes minutes
         slope, compiling, each = timed(by_scan(smooth, base, wanted, hidden, log))
-        row = ("derivative of the scan, xla", "1", f"{compiling:.1f}", f"{each:.2f}", agreement(exact[:1], slope[None]))
+        row = (
+            "derivative of the scan, xla",
+            "1",
+            f"{compiling:.1f}",
+            f"{each:.2f}",
+            agreement(exact[:1], slope[None]),
+        )
         print(markdown_table(columns, [row]))
 
 

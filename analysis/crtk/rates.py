@@ -1,9 +1,11 @@
-"""Rate, age and loss of what a robot tells over CRTK: `python analysis/crtk/rates.py ros1|ros2 [SECONDS]`.
+"""Rate, age and loss of what a robot tells over CRTK: `python analysis/crtk/rates.py ros1|ros2
+[SECONDS]`.
 
-A robot, and the peer of tests/trainer/robot_link/crtk, which drives it meanwhile, run as processes of their own on this
-machine. All readings of one moment carry one stamp, so that a stamp that came on one topic and not on another was lost
-there; a moment of which nothing came at all is a gap. Ages are of two processes on one clock: stamp of the tick to
-arrival in the peer. Over ROS 1 a `roscore` must run.
+A robot, and the peer of tests/trainer/robot_link/crtk, which drives it meanwhile, run as processes
+of their own on this machine. All readings of one moment carry one stamp, so that a stamp that came
+on one topic and not on another was lost there; a moment of which nothing came at all is a gap. Ages
+are of two processes on one clock: stamp of the tick to arrival in the peer. Over ROS 1 a `roscore`
+must run.
 """
 
 from __future__ import annotations
@@ -22,7 +24,18 @@ def main() -> None:
     """Print one line of JSON."""
     ros, seconds = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "180"
     os.environ.setdefault("ROS_DOMAIN_ID", "0")
-    command = [sys.executable, "-m", "ravenjax.cli", "robot", "--itp-port", "0", "--joint-port", "0", "--crtk", ros]
+    command = [
+        sys.executable,
+        "-m",
+        "ravenjax.cli",
+        "robot",
+        "--itp-port",
+        "0",
+        "--joint-port",
+        "0",
+        "--crtk",
+        ros,
+    ]
     robot = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert robot.stdout is not None
     try:
@@ -30,11 +43,19 @@ def main() -> None:
         if not any(line.startswith("CRTK") for line in lines):
             sys.exit(f"the robot did not start (code {robot.wait()})")
         python = sys.executable if ros == "ros2" else "/usr/bin/python3"
-        environ = {name: value for name, value in os.environ.items() if ros == "ros2" or name != "PYTHONPATH"}
+        environ = {
+            name: value
+            for name, value in os.environ.items()
+            if ros == "ros2" or name != "PYTHONPATH"
+        }
         program = PEERS / ("dds_peer.py" if ros == "ros2" else "ros1_peer.py")
         before = os.getloadavg()[0]
         peer = subprocess.run(
-            [python, str(program), "soak", "0", seconds], stdout=subprocess.PIPE, text=True, env=environ, check=True
+            [python, str(program), "soak", "0", seconds],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environ,
+            check=True,
         )
         load = [round(before, 1), *(round(one, 1) for one in os.getloadavg()[:2])]
         told = json.loads(peer.stdout.splitlines()[-1])

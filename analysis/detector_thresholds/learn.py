@@ -1,11 +1,13 @@
-"""Learns the steps that detector `steps` measures in, from motion without faults. Prints what stands in the package.
+"""Learns the steps that detector `steps` measures in, from motion without faults. Prints what
+stands in the package.
 
     python analysis/detector_thresholds/learn.py
 
-Every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with encoder and torque noise, both arms,
-present software. The rule is the published one: the percentile of all steps of 1 ms of all runs, per variable and
-joint; 99.8 to 99.9 was published without saying which for which, so it is 99.85 for all. Ticks before the pedal is down
-and the first half second of a run are left out.
+Every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, with encoder and torque
+noise, both arms, present software. The rule is the published one: the percentile of all steps of 1
+ms of all runs, per variable and joint; 99.8 to 99.9 was published without saying which for which,
+so it is 99.85 for all. Ticks before the pedal is down and the first half second of a run are left
+out.
 """
 
 from __future__ import annotations
@@ -37,11 +39,15 @@ def steps(motion: str) -> np.ndarray:
         }
     )
     ready = plan.make(config)
-    tracer = selection.select("auto", ready.program.setup.precision).tracer(ready.program, replay.LANES)
+    tracer = selection.select("auto", ready.program.setup.precision).tracer(
+        ready.program, replay.LANES
+    )
     varied, faults = ready.lanes(range(ready.runs), replay.LANES, harmless=True)
     block, found = Block(varied, faults, None), []
     for lane in range(ready.runs):
-        one = Block({path: np.full_like(v, v[lane]) for path, v in block.varied.items()}, faults, None)
+        one = Block(
+            {path: np.full_like(v, v[lane]) for path, v in block.varied.items()}, faults, None
+        )
         *_, signals = tracer.run(one, one, ready.columns)
         down = np.asarray(signals.control.runlevel) == run_levels.PEDAL_DOWN
         for out in signals.plant:
@@ -61,10 +67,15 @@ def main() -> None:
     """Print the steps learned."""
     pooled = np.concatenate([steps(motion) for motion in MOTIONS])
     learned = np.percentile(pooled, PERCENTILE, axis=0)
-    print(f"{len(pooled)} steps of {len(MOTIONS)} motions, {PERCENTILE} percentile; in brackets the largest")
+    print(
+        f"{len(pooled)} steps of {len(MOTIONS)} motions, {PERCENTILE} percentile; in brackets the"
+        " largest"
+    )
     for j, (joint, kept) in enumerate(detectors.LEARNED.items()):
         largest = pooled[:, :, j].max(axis=0)
-        told = ", ".join(f"{value:.3g} ({top:.3g})" for value, top in zip(learned[:, j], largest, strict=True))
+        told = ", ".join(
+            f"{value:.3g} ({top:.3g})" for value, top in zip(learned[:, j], largest, strict=True)
+        )
         print(f"{joint}: mpos rad, mvel rad/s, jpos rad or m: {told}; in the package {kept}")
 
 

@@ -1,11 +1,12 @@
-"""Do two engines give the same bits in whole campaigns? Prints a Markdown table and ends with 1 where they do not.
+"""Do two engines give the same bits in whole campaigns? Prints a Markdown table and ends with 1
+where they do not.
 
     python analysis/engines/bits.py quick gated.toml [--engines simd cuda] [--set campaign.contact=true]
 
-Each campaign, bundled or a file, is run by both engines; every column of the result table is compared, bits and all. Of
-engine xla, which has other last bits, see the runs in which a verdict or any other word differs, and the largest
-difference of an outcome in mm.
-"""
+Each campaign, bundled or a file, is run by both engines; every column of the result table is
+compared, bits and all. Of engine xla, which has other last bits, see the runs in which a verdict or
+any other word differs, and the largest difference of an outcome in mm.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -40,7 +41,9 @@ def words(one: pd.DataFrame, other: pd.DataFrame) -> int:
 
 def farthest(one: pd.DataFrame, other: pd.DataFrame) -> str:
     """The outcome in mm that differs most, and by how much."""
-    apart = {name: float((one[name] - other[name]).abs().max()) for name in one if name.endswith("_mm")}
+    apart = {
+        name: float((one[name] - other[name]).abs().max()) for name in one if name.endswith("_mm")
+    }
     name = max(apart, key=lambda key: np.nan_to_num(apart[key], nan=-1.0))
     return f"{apart[name]:.2g} mm in {name}"
 
@@ -53,7 +56,10 @@ def main() -> int:
     parser.add_argument("--set", nargs="*", default=[])
     options = parser.parse_args()
     first, second = options.engines
-    print(f"| campaign | runs | columns | unequal | runs of other words | farthest | {first} | {second} |")
+    print(
+        f"| campaign | runs | columns | unequal | runs of other words | farthest | {first} |"
+        f" {second} |"
+    )
     print("|---" * 8 + "|")
     wrong = 0
     for name in options.campaigns:

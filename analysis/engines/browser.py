@@ -1,9 +1,10 @@
-"""Engine wasm beside simd: speed in a browser and natively by threads, size of a page's code, agreement of verdicts.
+"""Engine wasm beside simd: speed in a browser and natively by threads, size of a page's code,
+agreement of verdicts.
 
     python analysis/engines/browser.py       # some minutes; needs chromium and pip install 'ravenjax[wasm]' playwright
 
 Prints tables in Markdown; `wasm.md` keeps them.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ from ravenjax.engines.interface import Engine, TickProgram
 from ravenjax.engines.wasm.engine import WasmEngine
 from ravenjax.explorer import program
 
-QUIET: Any = SimpleNamespace(**{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")})
+QUIET: Any = SimpleNamespace(
+    **{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")}
+)
 COUNTS = sorted({1, 2, len(os.sched_getaffinity(0))})
 RUNS = 1024
 OPEN = """async ([description, threads, faults]) => {
@@ -47,7 +50,7 @@ OPEN = """async ([description, threads, faults]) => {
     await engine.outcomes(engine.question(), faults);
   };
   return compiled - compiling;
-}"""
+}"""  # noqa: E501
 
 
 class Unfused(SimdEngine):
@@ -66,14 +69,20 @@ class Narrow(SimdEngine):
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         kernel = super().compile(program, runs)
         host = jit.host()
-        features = {name for name in host.features if not name.startswith("avx")} - {"fma", "fma4", "f16c"}
+        features = {name for name in host.features if not name.startswith("avx")} - {
+            "fma",
+            "fma4",
+            "f16c",
+        }
         kernel._target = dataclasses.replace(host, features=frozenset(features))
         kernel.width = kernel.branches = kernel._target.width
         return kernel
 
 
 class Seconds(NamedTuple):
-    """What work took: by the clock, and of processors, which other work on the machine slows far less."""
+    """What work took: by the clock, and of processors, which other work on the machine slows far
+    less.
+    """
 
     clock: float
     processor: float
@@ -99,7 +108,9 @@ def timed(work: Callable[[], object]) -> Seconds:
     for _ in range(3):
         start, used = time.perf_counter(), processor_s()
         work()
-        best = Seconds(min(best.clock, time.perf_counter() - start), min(best.processor, processor_s() - used))
+        best = Seconds(
+            min(best.clock, time.perf_counter() - start), min(best.processor, processor_s() - used)
+        )
     return best
 
 
@@ -129,14 +140,18 @@ def native(ready: Plan, engine: Engine, threads: int) -> Seconds:
     return timed(lambda: list(work.blocks([range(ready.runs)])))
 
 
-def in_browser(description: dict[str, Any], faults: list[dict[str, Any]]) -> tuple[dict[int, Seconds], float, str]:
+def in_browser(
+    description: dict[str, Any], faults: list[dict[str, Any]]
+) -> tuple[dict[int, Seconds], float, str]:
     """Seconds by threads; ms in which the browser compiles; which browser."""
     script = Path(program.__file__).with_name("static").joinpath("engine.js").read_text()
     end = "window.openEngine = openEngine; window.loaded = true"
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         page = Path(folder) / "index.html"
         page.write_text(f'<script type="module">{script}\n{end}</script>')
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
         window = browser.new_page()
         window.goto(page.as_uri())
         window.wait_for_function("window.loaded")
@@ -152,7 +167,9 @@ def in_browser(description: dict[str, Any], faults: list[dict[str, Any]]) -> tup
 
 def speed(ready: Plan, description: dict[str, Any]) -> None:
     """Speeds of the same runs, each to its end: rows of quick.toml that share a golden run."""
-    faulty = np.flatnonzero((ready.golden == np.bincount(ready.golden).argmax()) & (ready.faults["code"][:, 0] > 0))
+    faulty = np.flatnonzero(
+        (ready.golden == np.bincount(ready.golden).argmax()) & (ready.faults["code"][:, 0] > 0)
+    )
     runs = faulty[np.linspace(0, len(faulty) - 1, RUNS).astype(int)]
     part, ticks = some(ready, runs), RUNS * ready.program.ticks
     seconds, compiling, version = in_browser(description, faults_of(ready, runs))
@@ -163,13 +180,22 @@ def speed(ready: Plan, description: dict[str, Any]) -> None:
         f"simd, {jit.host().vectors}": SimdEngine(),
     }
     rows = {f"wasm, {version}": seconds}
-    rows |= {name: {count: native(part, engine, count) for count in COUNTS} for name, engine in engines.items()}
+    rows |= {
+        name: {count: native(part, engine, count) for count in COUNTS}
+        for name, engine in engines.items()
+    }
     print(f"{RUNS} runs of {ready.program.ticks} ms on {jit.host().cpu}, {os.cpu_count()} cores.\n")
-    heads = [f"{count} thread{'s' * (count > 1)}, {of}" for of in ("processor", "clock") for count in COUNTS]
+    heads = [
+        f"{count} thread{'s' * (count > 1)}, {of}"
+        for of in ("processor", "clock")
+        for count in COUNTS
+    ]
     print("| M ticks/s | " + " | ".join(heads) + " |\n|---|" + "---|" * len(heads))
     for name, of in rows.items():
         numbers = [of[count].processor for count in COUNTS] + [of[count].clock for count in COUNTS]
-        print(f"| {name} | " + " | ".join(f"{ticks / number / 1e6:.2f}" for number in numbers) + " |")
+        print(
+            f"| {name} | " + " | ".join(f"{ticks / number / 1e6:.2f}" for number in numbers) + " |"
+        )
     print(f"\nThe browser compiles the code of outcomes in {compiling:.0f} ms.\n")
     print("| code of a page | bytes | gzip |\n|---|---|---|")
     for name, one in description["programs"].items():
@@ -180,27 +206,50 @@ def speed(ready: Plan, description: dict[str, Any]) -> None:
 def table(config: Any, ready: Plan, engine: Engine) -> pd.DataFrame:
     """The result table."""
     parts = list(Computation(ready, engine, QUIET).blocks([range(ready.runs)]))
-    own, golden = ({name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]} for k in range(2))
+    own, golden = (
+        {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
+        for k in range(2)
+    )
     return outcomes.frame(config, ready.rows, own, golden)
 
 
 def agreement(config: Any, ready: Plan) -> None:
     """Verdicts and differences of all of quick.toml."""
-    wasm, unfused, fused = (table(config, ready, engine) for engine in (WasmEngine(), Unfused(), SimdEngine()))
+    wasm, unfused, fused = (
+        table(config, ready, engine) for engine in (WasmEngine(), Unfused(), SimdEngine())
+    )
     equal = sum(wasm[name].equals(unfused[name]) for name in wasm)
-    print(f"\n{len(wasm)} runs. wasm and simd without fusion: {equal} of {len(wasm.columns)} columns are equal.\n")
+    print(
+        f"\n{len(wasm)} runs. wasm and simd without fusion: {equal} of {len(wasm.columns)} columns"
+        " are equal.\n"
+    )
     print("| wasm and simd with fusion | |\n|---|---|")
-    names = ("verdict", "response", "hazard", "response_cause", "response_ms", "unintended_first_ms", "active_ticks")
+    names = (
+        "verdict",
+        "response",
+        "hazard",
+        "response_cause",
+        "response_ms",
+        "unintended_first_ms",
+        "active_ticks",
+    )
     for name in names:
         share = (wasm[name].to_numpy() == fused[name].to_numpy()).mean()
         print(f"| runs with equal `{name}` | {share:.2%} |")
-    for name in ("peak_golden_deviation_mm", "peak_model_deviation_mm", "unintended_mm", "cue0_peak_force"):
+    for name in (
+        "peak_golden_deviation_mm",
+        "peak_model_deviation_mm",
+        "unintended_mm",
+        "cue0_peak_force",
+    ):
         ours, theirs = (frame[name].to_numpy(float) for frame in (wasm, fused))
         apart = np.abs(ours - theirs)
         most = apart.argmax()
         largest = f"{apart[most]:.2g} ({ours[most]:.4g} and {theirs[most]:.4g})"
-        print(f"| `{name}`: median, 99 %, largest difference | {np.median(apart):.2g}, {np.quantile(apart, 0.99):.2g}, "
-              f"{largest} |")  # fmt: skip
+        print(
+            f"| `{name}`: median, 99 %, largest difference | {np.median(apart):.2g},"
+            f" {np.quantile(apart, 0.99):.2g}, {largest} |"
+        )
 
 
 def main() -> None:

@@ -1,8 +1,9 @@
 """What a detector of one's own costs: `python analysis/engines/own_detector.py [ROUNDS]`.
 
-Operations of the printed tick in each run, counted, and processor time of engine simd on one core. In each round every
-variant runs the same 128 runs of 1 s once, in another order; a variant's share is the median over rounds of its time
-by that of the tick without a detector, with a bootstrapped 95 % interval.
+Operations of the printed tick in each run, counted, and processor time of engine simd on one core.
+In each round every variant runs the same 128 runs of 1 s once, in another order; a variant's share
+is the median over rounds of its time by that of the tick without a detector, with a bootstrapped 95
+% interval.
 """
 
 from __future__ import annotations
@@ -82,8 +83,12 @@ def prepared(text: str, folder: Path) -> Prepared:
     if text:
         file = folder / f"detector{len(list(folder.iterdir()))}.py"
         file.write_text(text, encoding="utf-8")
-        raw = campaign(PATTERN_RUNS, TICKS).model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-        watched = loading.from_dict(raw | {"detector": [{"name": "own", "file": str(file), "threshold": [1.0]}]})
+        raw = campaign(PATTERN_RUNS, TICKS).model_dump(
+            mode="json", exclude_none=True, exclude_defaults=True
+        )
+        watched = loading.from_dict(
+            raw | {"detector": [{"name": "own", "file": str(file), "threshold": [1.0]}]}
+        )
         work.__dict__["plan"] = plan.make(watched)  # in place of the cached property
     kernel = SimdEngine().compile(work.program, PATTERN_RUNS)
     kernel.prepare(work.golden_runs(kernel.lanes), work.motion)
@@ -116,7 +121,9 @@ def main() -> None:
     for name, one in variants.items():
         more = one.operations - plain.operations
         ratios = times[name] / base
-        low, high = np.percentile(np.median(rng.choice(ratios, (4000, rounds)), axis=1), [2.5, 97.5])
+        low, high = np.percentile(
+            np.median(rng.choice(ratios, (4000, rounds)), axis=1), [2.5, 97.5]
+        )
         shares = [f"{100 * (ratio - 1):+.1f}" for ratio in (np.median(ratios), low, high)]
         print(
             f"{name}: {more:+d} operations, {100 * more / plain.operations:+.1f} %; "

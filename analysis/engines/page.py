@@ -2,9 +2,10 @@
 
     python analysis/engines/page.py [CAMPAIGN] [ROUNDS]    # needs playwright and Chromium
 
-Opens the page from a file in Chromium with graphics in software, each time in a browser of its own. By the clock: when
-400 points of the map, and all, are there after opening; in the last browser the longest task of the page's main thread
-while it opens, after a control moves, while a run opens and while a hand scrubs.
+Opens the page from a file in Chromium with graphics in software, each time in a browser of its own.
+By the clock: when 400 points of the map, and all, are there after opening; in the last browser the
+longest task of the page's main thread while it opens, after a control moves, while a run opens and
+while a hand scrubs.
 """
 
 from __future__ import annotations
@@ -21,12 +22,17 @@ from playwright.sync_api import Page, sync_playwright
 
 from ravenjax.explorer import page
 
-ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
 WATCH = """
 window.tasks = [];
 new PerformanceObserver((list) => list.getEntries().forEach((one) => window.tasks.push(one.duration)))
   .observe({ type: "longtask", buffered: true });
-"""
+"""  # noqa: E501
 
 
 def longest(shown: Page) -> str:
@@ -64,19 +70,29 @@ def main(campaign: str = "quick", rounds: str = "5") -> None:
         times: list[list[float]] = []
         found: dict[str, str] = {}
         for number in range(int(rounds)):
-            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), args=ARGUMENTS
+            )
             shown = browser.new_page(viewport={"width": 1366, "height": 900})
             time.sleep(3.0)  # the browser itself starts
             shown.add_init_script(WATCH)
             shown.goto(place.as_uri())
             filled(shown)
-            times.append(shown.evaluate("[document.body.dataset.first * 1e-3, performance.now() * 1e-3]"))
+            times.append(
+                shown.evaluate("[document.body.dataset.first * 1e-3, performance.now() * 1e-3]")
+            )
             if number == int(rounds) - 1:
                 found = used(shown)
             browser.close()
-        print(f"{place.stat().st_size / 1e6:.1f} MB; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+        print(
+            f"{place.stat().st_size / 1e6:.1f} MB; {os.cpu_count()} cores, load"
+            f" {os.getloadavg()[0]:.1f}"
+        )
         for name, each in zip(("400 points", "all points"), zip(*times, strict=True), strict=True):
-            print(f"{name}: {statistics.median(each):.2f} s after opening, {min(each):.2f} to {max(each):.2f}")
+            print(
+                f"{name}: {statistics.median(each):.2f} s after opening, {min(each):.2f} to"
+                f" {max(each):.2f}"
+            )
         for name, told in found.items():
             print(f"longest task {name}: {told}")
 

@@ -2,9 +2,10 @@
 
     python analysis/engines/page_memory.py [CAMPAIGN] [MINUTES]    # needs playwright and Chromium
 
-Another start of the fault, another joint and so another map, another run and another moment, again and again. Prints
-once a minute the rounds so far, the page's own heap after a collection, and the proportional resident memory (PSS) of
-all processes of the browser, the worker that draws the robot among them.
+Another start of the fault, another joint and so another map, another run and another moment, again
+and again. Prints once a minute the rounds so far, the page's own heap after a collection, and the
+proportional resident memory (PSS) of all processes of the browser, the worker that draws the robot
+among them.
 """
 
 from __future__ import annotations
@@ -50,7 +51,11 @@ def browser_mb() -> float:
 
 
 def _below(process: int) -> list[int]:
-    children = [int(n) for file in Path(f"/proc/{process}/task").glob("*/children") for n in file.read_text().split()]
+    children = [
+        int(n)
+        for file in Path(f"/proc/{process}/task").glob("*/children")
+        for n in file.read_text().split()
+    ]
     return [*children, *(deeper for child in children for deeper in _below(child))]
 
 
@@ -59,13 +64,17 @@ def _pss_mb(process: int) -> float:
         lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
     except OSError:  # it ended meanwhile
         return 0.0
-    return next((int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("Pss:")), 0.0)
+    return next(
+        (int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("Pss:")), 0.0
+    )
 
 
 def main(campaign: str = "quick", minutes: str = "10") -> None:
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         place = page.build(campaign, Path(folder) / "page.html")
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=ARGUMENTS
+        )
         shown = browser.new_page(viewport={"width": 1366, "height": 900})
         session = shown.context.new_cdp_session(shown)
         shown.goto(place.as_uri())
@@ -75,7 +84,10 @@ def main(campaign: str = "quick", minutes: str = "10") -> None:
         while told < 60 * float(minutes):
             if (passed := time.monotonic() - began) >= told + EVERY_S:
                 told = passed
-                print(f"| {passed:.0f} | {number} | {heap_mb(session):.1f} | {browser_mb():.0f} |", flush=True)
+                print(
+                    f"| {passed:.0f} | {number} | {heap_mb(session):.1f} | {browser_mb():.0f} |",
+                    flush=True,
+                )
             one_round(shown, number)
             number += 1
         browser.close()

@@ -1,9 +1,12 @@
-"""Thousands of random extreme but legal runs: crashes, rows that are not sound, verdicts of two engines.
+"""Thousands of random extreme but legal runs: crashes, rows that are not sound, verdicts of two
+engines.
 
-python analysis/extremes/extremes.py 8 125             # campaigns and groups of 20 runs each: 20 008 runs
-python analysis/extremes/extremes.py 15:20 simd xla    # 15 forms of 20 groups of 67 runs at two sites: 20 115 runs
+python analysis/extremes/extremes.py 8 125             # campaigns and groups of 20 runs each: 20
+008 runs python analysis/extremes/extremes.py 15:20 simd xla    # 15 forms of 20 groups of 67 runs
+at two sites: 20 115 runs
 
-Of a run that two engines tell differently, the first engine is asked whether last bits of its numbers decide it.
+Of a run that two engines tell differently, the first engine is asked whether last bits of its
+numbers decide it.
 """
 
 from __future__ import annotations
@@ -42,7 +45,10 @@ def main(*words: str) -> int:
             tables.append(table)
             causes = table.loc[table["failed"] != "", "failed"].astype(str).value_counts().to_dict()
             took = time.perf_counter() - began
-            print(f"campaign {number}, {engine}: {len(table)} runs, {took:.0f} s, failed: {causes}", flush=True)
+            print(
+                f"campaign {number}, {engine}: {len(table)} runs, {took:.0f} s, failed: {causes}",
+                flush=True,
+            )
             for line in extremes.unsound(table):
                 wrong += 1
                 print(f"  {line}")
@@ -52,16 +58,28 @@ def main(*words: str) -> int:
 
 
 def _compare(config: CampaignConfig, engine: str, first: pd.DataFrame, other: pd.DataFrame) -> int:
-    """Print what two engines say differently; the number of runs of which last bits do not decide it."""
+    """Print what two engines say differently; the number of runs of which last bits do not
+    decide it.
+    """
     apart = extremes.differences(first, other)
     if not apart:
         return 0
-    decided = {one.run_id for table in extremes.nudged(config, engine) for one in extremes.differences(first, table)}
+    decided = {
+        one.run_id
+        for table in extremes.nudged(config, engine)
+        for one in extremes.differences(first, table)
+    }
     runs = {one.run_id for one in apart}
-    print(f"  apart: {len(runs)}, of these by last bits: {len(runs & decided)}; runs by last bits: {len(decided)}")
+    print(
+        f"  apart: {len(runs)}, of these by last bits: {len(runs & decided)}; runs by last bits:"
+        f" {len(decided)}"
+    )
     for one in apart:
         by = "by last bits" if one.run_id in decided else "NOT BY LAST BITS"
-        print(f"  {one.run_id} {one.group}: {one.column} {one.first!r} and {one.second!r}, {by}", flush=True)
+        print(
+            f"  {one.run_id} {one.group}: {one.column} {one.first!r} and {one.second!r}, {by}",
+            flush=True,
+        )
     return len(runs - decided)
 
 

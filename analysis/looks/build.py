@@ -1,7 +1,8 @@
 """Write models/raven2/raven2.xml and its meshes: `python analysis/looks/build.py [FOLDER]`.
 
-Bodies carry the DH frames of the control software (raven2: src/raven/r2_kinematics.cpp), so that MuJoCo's qpos are its
-jpos. Gold is written out; green is its mirror image. Numbers and sources: models/raven2/PROVENANCE.md.
+Bodies carry the DH frames of the control software (raven2: src/raven/r2_kinematics.cpp), so that
+MuJoCo's qpos are its jpos. Gold is written out; green is its mirror image. Numbers and sources:
+models/raven2/PROVENANCE.md.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ import shapes
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "raven2"
 
-FLIPPED = {  # signs of the axes of a link frame under which green is the mirror image of gold (tool at zero)
+# signs of the axes of a link frame under which green is the mirror image of gold (tool at zero)
+FLIPPED = {
     "frame0": (1, -1, 1),
     "shoulder": (-1, -1, -1),
     "elbow": (1, 1, -1),
@@ -43,7 +45,9 @@ HOME = (math.radians(30), math.radians(90), 0.40, 0.0, 0.0, math.radians(45), ma
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """One joint's body in its parent: Rx(twist) Rz(turn), then `position` in the parent; deg and m."""
+    """One joint's body in its parent: Rx(twist) Rz(turn), then `position` in the parent; deg and
+    m.
+    """
 
     joint: str
     parent: str
@@ -72,7 +76,9 @@ def numbers(values) -> str:
 
 def quaternion(twist: float, turn: float) -> tuple[float, ...]:
     """Of Rx(twist) Rz(turn), deg."""
-    (a, b), (c, d) = ((math.cos(math.radians(x) / 2), math.sin(math.radians(x) / 2)) for x in (twist, turn))
+    (a, b), (c, d) = (
+        (math.cos(math.radians(x) / 2), math.sin(math.radians(x) / 2)) for x in (twist, turn)
+    )
     return a * c, b * c, -b * d, a * d
 
 
@@ -92,12 +98,18 @@ def add_arm(world: ET.Element, arm: str) -> None:
         part = parts[name] if arm == "gold" else parts[name].mirrored(FLIPPED[name])
         tensor = part.tensor
         full = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
-        ET.SubElement(body, "inertial", mass=repr(part.mass), pos=numbers(part.com), fullinertia=numbers(full))
+        ET.SubElement(
+            body, "inertial", mass=repr(part.mass), pos=numbers(part.com), fullinertia=numbers(full)
+        )
         low, high = LIMITS_DEG[name]
         slide = name == "insertion"
-        joint = ET.SubElement(body, "joint", name=f"{arm}_{name}", type="slide" if slide else "hinge")
+        joint = ET.SubElement(
+            body, "joint", name=f"{arm}_{name}", type="slide" if slide else "hinge"
+        )
         joint.set("axis", " ".join(str(x) for x in step.axis))
-        joint.set("range", numbers((low, high) if slide else (math.radians(low), math.radians(high))))
+        joint.set(
+            "range", numbers((low, high) if slide else (math.radians(low), math.radians(high)))
+        )
         if name in ("tool_roll", "wrist", "grasp1", "grasp2"):
             joint.set("armature", repr(inertias.spindle_armature(name)))
         if name == "wrist":
@@ -127,7 +139,10 @@ def build() -> ET.Element:
 
 def text() -> str:
     root = build()
-    root.insert(0, ET.Comment(" Written by analysis/looks/build.py; sources of the numbers in PROVENANCE.md "))
+    root.insert(
+        0,
+        ET.Comment(" Written by analysis/looks/build.py; sources of the numbers in PROVENANCE.md "),
+    )
     ET.indent(root, space="  ")
     return ET.tostring(root, encoding="unicode") + "\n"
 

@@ -1,9 +1,11 @@
-"""Inertial numbers of models/raven2/raven2.xml: the authors' links 1-3, the tool, and what makes the two fit together.
+"""Inertial numbers of models/raven2/raven2.xml: the authors' links 1-3, the tool, and what makes
+the two fit together.
 
-The authors' model (raven2_sim: Li_DYN) ends at link 3, tool included. Here the tool moves on joints of its own, so link
-3 is the authors' less the tool: mass and first moment of all that hangs on the insertion joint in the reference tool
-pose (roll 0, wrist 0, jaws 45 deg) equal the authors'. The tensor of link 3 is that of a box of the carriage's size;
-the difference goes to link 2, which never turns relative to link 3, so that only their sum acts.
+The authors' model (raven2_sim: Li_DYN) ends at link 3, tool included. Here the tool moves on joints
+of its own, so link 3 is the authors' less the tool: mass and first moment of all that hangs on the
+insertion joint in the reference tool pose (roll 0, wrist 0, jaws 45 deg) equal the authors'. The
+tensor of link 3 is that of a box of the carriage's size; the difference goes to link 2, which never
+turns relative to link 3, so that only their sum acts.
 """
 
 from __future__ import annotations
@@ -14,14 +16,23 @@ import math
 import numpy as np
 
 SIN_75 = math.sin(math.radians(75))
-LINK_1_IZZ = 0.0045358983848622445 + 0.008 * SIN_75**2  # kg m^2 about its centre of mass, with the CAD tensor of link 2
-LINK_2_SHIFT = 0.008  # kg m^2, moved from link 1 Izz to link 2 as diag(1, 1, 0): makes link 2's tensor physical
-CARRIAGE_SIZE = (0.09, 0.13, 0.11)  # m along x3, y3, z3; extent of the tool carriage in raven2_sim's left arm meshes
+LINK_1_IZZ = (
+    0.0045358983848622445 + 0.008 * SIN_75**2
+)  # kg m^2 about its centre of mass, with the CAD tensor of link 2
+# kg m^2, moved from link 1 Izz to link 2 as diag(1, 1, 0): makes link 2's tensor physical
+LINK_2_SHIFT = 0.008
+CARRIAGE_SIZE = (
+    0.09,
+    0.13,
+    0.11,
+)  # m along x3, y3, z3; extent of the tool carriage in raven2_sim's left arm meshes
 
 
 @dataclasses.dataclass(frozen=True)
 class Inertial:
-    """Mass (kg), centre of mass (m) and central tensor (kg m^2), all in the frame of the body that carries it."""
+    """Mass (kg), centre of mass (m) and central tensor (kg m^2), all in the frame of the body
+    that carries it.
+    """
 
     mass: float
     com: np.ndarray
@@ -36,7 +47,9 @@ class Inertial:
 
     def placed(self, rotation: np.ndarray, position: np.ndarray) -> Inertial:
         """The same body seen from a frame in which its own frame has this rotation and position."""
-        return Inertial(self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T)
+        return Inertial(
+            self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T
+        )
 
 
 def _parallel(com: np.ndarray) -> np.ndarray:
@@ -50,7 +63,8 @@ def _symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float)
 def authors_links() -> tuple[Inertial, Inertial, Inertial]:
     """Links 1-3 in DH frames 1-3 (raven2_sim: Li_DYN/two_arm_dyn.cpp, Li_DYN/Matlab/global_vars.m).
 
-    Link 2 is the CAD tensor; only the part of link 1's Izz that is left for it (0.012) is known, Ixx and Iyy never act.
+    Link 2 is the CAD tensor; only the part of link 1's Izz that is left for it (0.012) is known,
+    Ixx and Iyy never act.
     """
     one = Inertial(0.503, np.array([0.00717636, 0.104721, -0.132424]), np.eye(3) * LINK_1_IZZ)
     two = Inertial(
@@ -61,7 +75,14 @@ def authors_links() -> tuple[Inertial, Inertial, Inertial]:
     three = Inertial(
         0.407,
         np.array([-0.0187051213, -0.000150527, -0.0005150726]),
-        _symmetric(2.97150333977e-3, 4.21000029e-4, 2.91349666e-3, -1.33215489e-5, -2.73932557e-5, -5.53285783e-5),
+        _symmetric(
+            2.97150333977e-3,
+            4.21000029e-4,
+            2.91349666e-3,
+            -1.33215489e-5,
+            -2.73932557e-5,
+            -5.53285783e-5,
+        ),
     )
     return one, two, three
 
@@ -74,10 +95,17 @@ def box(mass: float, com: tuple[float, float, float], size: tuple[float, float, 
 
 
 def tool() -> dict[str, Inertial]:
-    """Instrument bodies in their own frames: roll (frame 4), wrist (frame 5), grasp1 and grasp2 (frame 6 at yaw 0)."""
-    across, along = 4.385435e-4, 3.98541e-7  # raven2_sim: raven2_model.slx, tool shaft right, made axisymmetric
+    """Instrument bodies in their own frames: roll (frame 4), wrist (frame 5), grasp1 and grasp2
+    (frame 6 at yaw 0).
+    """
+    across, along = (
+        4.385435e-4,
+        3.98541e-7,
+    )  # raven2_sim: raven2_model.slx, tool shaft right, made axisymmetric
     return {
-        "tool_roll": Inertial(0.031894, np.array([0.0, 0.0, 0.47 - 0.26614]), np.diag([across, across, along])),
+        "tool_roll": Inertial(
+            0.031894, np.array([0.0, 0.0, 0.47 - 0.26614]), np.diag([across, across, along])
+        ),
         "wrist": box(0.0020, (0.005, 0.0, 0.0), (0.016, 0.007, 0.007)),
         "grasp1": box(0.0008, (0.008, 0.0, 0.0), (0.020, 0.002, 0.004)),
         "grasp2": box(0.0008, (0.008, 0.0, 0.0), (0.020, 0.002, 0.004)),
@@ -85,10 +113,18 @@ def tool() -> dict[str, Inertial]:
 
 
 def spindle_armature(joint: str) -> float:
-    """kg m^2 at the joint: the tool-adapter spindle that drives it, an aluminium disc of the tool capstan's radius."""
-    radius, thickness, density = 10.905e-3, 6e-3, 2700.0  # m, m, kg/m^3; radius: raven2 include/raven/defines.h
+    """kg m^2 at the joint: the tool-adapter spindle that drives it, an aluminium disc of the
+    tool capstan's radius.
+    """
+    radius, thickness, density = (
+        10.905e-3,
+        6e-3,
+        2700.0,
+    )  # m, m, kg/m^3; radius: raven2 include/raven/defines.h
     disc = 0.5 * math.pi * radius**4 * thickness * density
-    ratio = {"tool_roll": 120 / 180, "wrist": 200 / 180, "grasp1": 100 / 90, "grasp2": 100 / 90}[joint]
+    ratio = {"tool_roll": 120 / 180, "wrist": 200 / 180, "grasp1": 100 / 90, "grasp2": 100 / 90}[
+        joint
+    ]
     return disc * ratio**2
 
 
@@ -122,12 +158,18 @@ def gold() -> dict[str, Inertial]:
     mass = three.mass - sum(part.mass for part in hanging)
     com = (three.mass * three.com - sum(part.mass * part.com for part in hanging)) / mass
     carriage = box(mass, tuple(com), CARRIAGE_SIZE)
-    surplus = carriage.about_origin() + sum(part.about_origin() for part in hanging) - three.about_origin()
+    surplus = (
+        carriage.about_origin()
+        + sum(part.about_origin() for part in hanging)
+        - three.about_origin()
+    )
     turn = _rx(128) @ _rz(90)
     shift = LINK_2_SHIFT
     return {
         "shoulder": dataclasses.replace(one, tensor=one.tensor - np.eye(3) * shift * SIN_75**2),
-        "elbow": dataclasses.replace(two, tensor=two.tensor - turn @ surplus @ turn.T + np.diag([shift, shift, 0.0])),
+        "elbow": dataclasses.replace(
+            two, tensor=two.tensor - turn @ surplus @ turn.T + np.diag([shift, shift, 0.0])
+        ),
         "insertion": carriage,
         **tool(),
     }

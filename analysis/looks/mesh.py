@@ -1,4 +1,6 @@
-"""Triangle meshes out of beams, swept strips, tubes and grids; written as OBJ text. Lengths in metres."""
+"""Triangle meshes out of beams, swept strips, tubes and grids; written as OBJ text. Lengths in
+metres.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,10 @@ class Mesh:
         side /= np.linalg.norm(side)
         up = np.cross(along, side)
         corners = [
-            p + i * side * width / 2 + j * up * height / 2 for p in (start, end) for i in (-1, 1) for j in (-1, 1)
+            p + i * side * width / 2 + j * up * height / 2
+            for p in (start, end)
+            for i in (-1, 1)
+            for j in (-1, 1)
         ]
         return self.hexahedron(np.array(corners))
 
@@ -86,17 +91,34 @@ class Mesh:
         for i in range(rows - 1):
             faces.append((at(i, 0, 0), at(i, 0, 1), at(i + 1, 0, 1), at(i + 1, 0, 0)))
             faces.append(
-                (at(i, columns - 1, 0), at(i + 1, columns - 1, 0), at(i + 1, columns - 1, 1), at(i, columns - 1, 1))
+                (
+                    at(i, columns - 1, 0),
+                    at(i + 1, columns - 1, 0),
+                    at(i + 1, columns - 1, 1),
+                    at(i, columns - 1, 1),
+                )
             )
         for j in range(columns - 1):
             faces.append((at(0, j, 0), at(0, j + 1, 0), at(0, j + 1, 1), at(0, j, 1)))
-            faces.append((at(rows - 1, j, 0), at(rows - 1, j, 1), at(rows - 1, j + 1, 1), at(rows - 1, j + 1, 0)))
+            faces.append(
+                (
+                    at(rows - 1, j, 0),
+                    at(rows - 1, j, 1),
+                    at(rows - 1, j + 1, 1),
+                    at(rows - 1, j + 1, 0),
+                )
+            )
         return self.quads(np.concatenate([top.reshape(-1, 3), low.reshape(-1, 3)]), faces)
 
     def _loft(self, rings: np.ndarray, sides: int) -> Mesh:
         count = len(rings) // sides
         faces = [
-            (sides * k + i, sides * k + (i + 1) % sides, sides * (k + 1) + (i + 1) % sides, sides * (k + 1) + i)
+            (
+                sides * k + i,
+                sides * k + (i + 1) % sides,
+                sides * (k + 1) + (i + 1) % sides,
+                sides * (k + 1) + i,
+            )
             for k in range(count - 1)
             for i in range(sides)
         ]
@@ -123,5 +145,13 @@ def smooth(points, count: int) -> np.ndarray:
         k = min(int(u), len(points) - 2)
         t = u - k
         a, b, c, d = padded[k : k + 4]
-        out.append(0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3))
+        out.append(
+            0.5
+            * (
+                2 * b
+                + (c - a) * t
+                + (2 * a - 5 * b + 4 * c - d) * t**2
+                + (3 * b - a - 3 * c + d) * t**3
+            )
+        )
     return np.array(out)

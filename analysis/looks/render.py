@@ -1,7 +1,7 @@
 """Render models/raven2/raven2.xml at home.
 
-`MUJOCO_GL=egl python analysis/looks/render.py FOLDER` writes one PNG per camera and raven2.png, the theatre with the
-close-up set into a corner, as shown in the README.
+`MUJOCO_GL=egl python analysis/looks/render.py FOLDER` writes one PNG per camera and raven2.png, the
+theatre with the close-up set into a corner, as shown in the README.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ MODEL = Path(__file__).resolve().parents[2] / "models" / "raven2" / "raven2.xml"
 
 
 def views(model: mujoco.MjModel, width: int, height: int) -> dict[str, Image.Image]:
-    """One picture per camera of the model, in the pose of key "home"; rendered at twice the size for smooth edges."""
+    """One picture per camera of the model, in the pose of key "home"; rendered at twice the size
+    for smooth edges.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
     mujoco.mj_forward(model, data)
@@ -25,7 +27,9 @@ def views(model: mujoco.MjModel, width: int, height: int) -> dict[str, Image.Ima
         for camera in range(model.ncam):
             renderer.update_scene(data, camera)
             image = Image.fromarray(renderer.render())
-            pictures[model.camera(camera).name] = image.resize((width, height), Image.Resampling.LANCZOS)
+            pictures[model.camera(camera).name] = image.resize(
+                (width, height), Image.Resampling.LANCZOS
+            )
     return pictures
 
 
@@ -36,10 +40,16 @@ def main(folder: Path) -> None:
         picture.save(folder / f"{name}.png")
     whole = pictures["theatre"].copy()
     inset = ImageOps.expand(
-        pictures["closeup"].crop((200, 130, 1000, 650)).resize((372, 242), Image.Resampling.LANCZOS), 3, "white"
+        pictures["closeup"]
+        .crop((200, 130, 1000, 650))
+        .resize((372, 242), Image.Resampling.LANCZOS),
+        3,
+        "white",
     )
     whole.paste(inset, (whole.width - inset.width - 18, 18))
-    whole = whole.resize((960, 624), Image.Resampling.LANCZOS).point(lambda level: level & 0xFE)  # halves the file
+    whole = whole.resize((960, 624), Image.Resampling.LANCZOS).point(
+        lambda level: level & 0xFE
+    )  # halves the file
     whole.save(folder / "raven2.png", optimize=True)
 
 

@@ -1,4 +1,6 @@
-"""The operating scene around the arms: board, frames, phantom, vessel, light. World: x right, y away, z up; metres."""
+"""The operating scene around the arms: board, frames, phantom, vessel, light. World: x right, y
+away, z up; metres.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,11 @@ from pathlib import Path
 import numpy as np
 from mesh import Mesh, smooth
 
-RCM = (0.028, -0.025, 0.28)  # of the green arm; gold has -x. Brings the tips 3 cm apart over the phantom at home
+RCM = (
+    0.028,
+    -0.025,
+    0.28,
+)  # of the green arm; gold has -x. Brings the tips 3 cm apart over the phantom at home
 TISSUE_TOP = 0.182  # height of the tissue under the tips: 2 cm below the jaw axes at home
 FRAME_X, POST_Y, TOP = 0.283, (-0.14, 0.24), 0.56
 
@@ -39,14 +45,18 @@ MATERIALS = {  # rgba, specular, shininess, reflectance
 def surface(x, y) -> np.ndarray:
     """Height of the tissue: a gentle dome with soft folds and a rounded rim."""
     dome = 0.012 * (1 - (x / 0.085) ** 2 - 0.7 * (y / 0.07) ** 2)
-    folds = 0.0012 * np.sin(95 * x + 40 * y) * np.cos(70 * y - 30 * x) + 0.0008 * np.sin(150 * y + 60 * x)
+    folds = 0.0012 * np.sin(95 * x + 40 * y) * np.cos(70 * y - 30 * x) + 0.0008 * np.sin(
+        150 * y + 60 * x
+    )
     edge = np.maximum(np.abs(x) / 0.075, np.abs(y) / 0.060)
     rim = 0.010 * np.clip((edge - 0.86) / 0.14, 0, 1) ** 2
     return TISSUE_TOP - 0.012 + dome + folds - rim
 
 
 def tissue() -> Mesh:
-    x, y = np.meshgrid(np.linspace(-0.075, 0.075, 36), np.linspace(-0.060, 0.060, 30), indexing="ij")
+    x, y = np.meshgrid(
+        np.linspace(-0.075, 0.075, 36), np.linspace(-0.060, 0.060, 30), indexing="ij"
+    )
     return Mesh().slab(np.stack([x, y, surface(x, y)], axis=-1), TISSUE_TOP - 0.030)
 
 
@@ -57,7 +67,14 @@ def _on_tissue(path, depth: float, count: int = 60) -> np.ndarray:
 
 
 def vessel() -> Mesh:
-    trunk = [(-0.073, -0.024), (-0.045, -0.016), (-0.015, -0.004), (0.012, 0.002), (0.040, 0.018), (0.073, 0.022)]
+    trunk = [
+        (-0.073, -0.024),
+        (-0.045, -0.016),
+        (-0.015, -0.004),
+        (0.012, 0.002),
+        (0.040, 0.018),
+        (0.073, 0.022),
+    ]
     branch = [(0.012, 0.002), (0.028, -0.010), (0.046, -0.030), (0.058, -0.058)]
     mesh = Mesh().tube(_on_tissue(trunk, 0.0004), 0.0031, 14)
     return mesh.tube(_on_tissue(branch, 0.0004, 40), np.linspace(0.0022, 0.0014, 40), 12)
@@ -74,7 +91,12 @@ def ring() -> Mesh:
     return Mesh().tube(path, 0.0018, 10)
 
 
-MESHES: dict[str, Callable[[], Mesh]] = {"tissue": tissue, "vessel": vessel, "vein": vein, "ring": ring}
+MESHES: dict[str, Callable[[], Mesh]] = {
+    "tissue": tissue,
+    "vessel": vessel,
+    "vein": vein,
+    "ring": ring,
+}
 
 
 def write_meshes(folder: Path) -> None:
@@ -92,7 +114,13 @@ def add_settings(root: ET.Element) -> None:
     _add(visual, "global", azimuth=90, elevation=-22, fovy=38, offwidth=2560, offheight=1600)
     _add(visual, "quality", shadowsize=8192, offsamples=8, numslices=48)
     _add(visual, "map", znear=0.02, zfar=12, shadowclip=1.1, haze=0.45)
-    _add(visual, "headlight", ambient="0.40 0.40 0.42", diffuse="0.20 0.20 0.20", specular="0.08 0.08 0.08")
+    _add(
+        visual,
+        "headlight",
+        ambient="0.40 0.40 0.42",
+        diffuse="0.20 0.20 0.20",
+        specular="0.08 0.08 0.08",
+    )
     _add(visual, "rgba", haze="0.87 0.89 0.91 1")
     _add(root, "statistic", center="0 0 0.28", extent=1.2)
     default = _add(root, "default")
@@ -102,14 +130,49 @@ def add_settings(root: ET.Element) -> None:
 
 
 def add_assets(assets: ET.Element) -> None:
-    _add(assets, "texture", name="sky", type="skybox", builtin="gradient", rgb1="0.80 0.84 0.89", rgb2="0.90 0.91 0.92",
-         width=256, height=256)  # fmt: skip
-    _add(assets, "texture", name="floor", type="2d", builtin="flat", rgb1="0.72 0.73 0.75", width=64, height=64)
-    _add(assets, "texture", name="wood", type="2d", builtin="flat", rgb1="0.74 0.65 0.52", width=64, height=64)
+    _add(
+        assets,
+        "texture",
+        name="sky",
+        type="skybox",
+        builtin="gradient",
+        rgb1="0.80 0.84 0.89",
+        rgb2="0.90 0.91 0.92",
+        width=256,
+        height=256,
+    )
+    _add(
+        assets,
+        "texture",
+        name="floor",
+        type="2d",
+        builtin="flat",
+        rgb1="0.72 0.73 0.75",
+        width=64,
+        height=64,
+    )
+    _add(
+        assets,
+        "texture",
+        name="wood",
+        type="2d",
+        builtin="flat",
+        rgb1="0.74 0.65 0.52",
+        width=64,
+        height=64,
+    )
     for name, (rgba, specular, shininess, reflectance) in MATERIALS.items():
         extra = {"texture": name} if name in ("wood", "floor") else {}
-        _add(assets, "material", name=name, rgba=rgba, specular=specular, shininess=shininess, reflectance=reflectance,
-             **extra)  # fmt: skip
+        _add(
+            assets,
+            "material",
+            name=name,
+            rgba=rgba,
+            specular=specular,
+            shininess=shininess,
+            reflectance=reflectance,
+            **extra,
+        )
     for name in MESHES:
         smooth_normals = {} if name == "tissue" else {"smoothnormal": "true"}
         _add(assets, "mesh", name=name, kind="visual", file=f"{name}.obj", **smooth_normals)
@@ -117,11 +180,37 @@ def add_assets(assets: ET.Element) -> None:
 
 def add_world(world: ET.Element) -> None:
     light = {"castshadow": "true", "specular": "0.35 0.35 0.35"}
-    _add(world, "light", name="lamp", pos="-0.25 -1.1 1.5", dir="0.16 0.72 -0.95", diffuse="0.52 0.51 0.49",
-         type="directional", **light)  # fmt: skip
-    _add(world, "light", name="fill", pos="0.9 -0.4 1.6", dir="-0.6 0.25 -0.9", diffuse="0.24 0.25 0.28",
-         castshadow="false", specular="0.1 0.1 0.1", type="directional")  # fmt: skip
-    _add(world, "geom", name="floor", type="plane", size="0 0 0.1", pos="0 0 -0.03", material="floor", kind="visual")
+    _add(
+        world,
+        "light",
+        name="lamp",
+        pos="-0.25 -1.1 1.5",
+        dir="0.16 0.72 -0.95",
+        diffuse="0.52 0.51 0.49",
+        type="directional",
+        **light,
+    )
+    _add(
+        world,
+        "light",
+        name="fill",
+        pos="0.9 -0.4 1.6",
+        dir="-0.6 0.25 -0.9",
+        diffuse="0.24 0.25 0.28",
+        castshadow="false",
+        specular="0.1 0.1 0.1",
+        type="directional",
+    )
+    _add(
+        world,
+        "geom",
+        name="floor",
+        type="plane",
+        size="0 0 0.1",
+        pos="0 0 -0.03",
+        material="floor",
+        kind="visual",
+    )
     _board(world)
     _frames(world)
     _phantom(world)
@@ -140,16 +229,31 @@ def _camera(world: ET.Element, name: str, eye: tuple, target: tuple, fovy: float
 
 
 def _block(world: ET.Element, center, size, material: str) -> None:
-    _add(world, "geom", type="box", kind="visual", material=material, pos=" ".join(f"{x:.6g}" for x in center),
-         size=" ".join(f"{x / 2:.6g}" for x in size))  # fmt: skip
+    _add(
+        world,
+        "geom",
+        type="box",
+        kind="visual",
+        material=material,
+        pos=" ".join(f"{x:.6g}" for x in center),
+        size=" ".join(f"{x / 2:.6g}" for x in size),
+    )
 
 
 def _board(world: ET.Element) -> None:
     tones = (0.98, 1.0, 0.95, 1.0, 0.97, 0.99)
     for k, tone in enumerate(tones):
         y = -0.36 + 0.15 * k
-        _add(world, "geom", type="box", kind="visual", material="wood", rgba=f"{tone} {tone} {tone * 0.985:.4g} 1",
-             pos=f"0 {y:.6g} 0", size="0.72 0.0745 0.018")  # fmt: skip
+        _add(
+            world,
+            "geom",
+            type="box",
+            kind="visual",
+            material="wood",
+            rgba=f"{tone} {tone} {tone * 0.985:.4g} 1",
+            pos=f"0 {y:.6g} 0",
+            size="0.72 0.0745 0.018",
+        )
 
 
 def _extrusion(world: ET.Element, start, end, width: float = 0.04) -> None:
@@ -190,8 +294,15 @@ def _phantom(world: ET.Element) -> None:
         _add(world, "geom", name=name, type="mesh", mesh=name, material=name, kind="visual")
     top = TISSUE_TOP - 0.030
     for k, (x, y) in enumerate((x, y) for x in (-0.095, 0.095) for y in (-0.06, 0.0, 0.06)):
-        _add(world, "geom", type="cylinder", kind="visual", material="peg", size="0.003 0.011",
-             pos=f"{x} {y} {top + 0.011:.6g}")  # fmt: skip
+        _add(
+            world,
+            "geom",
+            type="cylinder",
+            kind="visual",
+            material="peg",
+            size="0.003 0.011",
+            pos=f"{x} {y} {top + 0.011:.6g}",
+        )
         if k in (0, 2, 4):
             material = ("ring_red", "", "ring_blue", "", "ring_yellow")[k]
             _add(
@@ -203,4 +314,6 @@ def _phantom(world: ET.Element) -> None:
                 material=material,
                 pos=f"{x} {y} {top + 0.002:.6g}",
             )
-    _add(world, "site", name="tissue_top", pos=f"0 0 {surface(0.0, 0.0):.6g}", size="0.001", group=4)
+    _add(
+        world, "site", name="tissue_top", pos=f"0 0 {surface(0.0, 0.0):.6g}", size="0.001", group=4
+    )

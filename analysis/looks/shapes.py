@@ -1,7 +1,8 @@
 """What the arm looks like: visual shapes of each body, in the link frames of the gold arm.
 
-Sizes after the extents measured on raven2_sim's left arm meshes (raven_visualization) and a public photograph; the
-shapes are drawn anew. Green gets every shape mirrored by the signs of its link frame.
+Sizes after the extents measured on raven2_sim's left arm meshes (raven_visualization) and a public
+photograph; the shapes are drawn anew. Green gets every shape mirrored by the signs of its link
+frame.
 """
 
 from __future__ import annotations
@@ -17,23 +18,40 @@ from mesh import Mesh, smooth
 X = np.array([1.0, 0.0, 0.0])
 SHOULDER_AT = -0.225  # m along z0: shoulder pulley
 THICK = ((-0.078, -0.345), (0.0, -0.365), (0.078, -0.345))  # m, (y0, z0) of the RE40 motors
-THIN = ((-0.092, -0.425), (-0.033, -0.445), (0.033, -0.445), (0.092, -0.425))  # m, (y0, z0) of the RE30 motors
+THIN = (
+    (-0.092, -0.425),
+    (-0.033, -0.445),
+    (0.033, -0.445),
+    (0.092, -0.425),
+)  # m, (y0, z0) of the RE30 motors
 RAIL = 0.075  # m from the instrument axis to the rail's middle
 SIN_52, COS_52 = np.sin(np.radians(52)), np.cos(np.radians(52))
 RAIL_WAY = np.array([0, -SIN_52, -COS_52])  # z3 in frame 2
 RAIL_SIDE = np.array([0, COS_52, -SIN_52])  # -x3 in frame 2
 
 
-# --- meshes -----------------------------------------------------------------------------------------------------------
+# --- meshes ---------------------------------------------------------------------------------------
+# --------------------
 
 
 def _arc(radius: float, x: float, start: float, stop: float, count: int, sign: int) -> np.ndarray:
     """Points around the x axis from -z (0 deg) towards +y (sign 1) or -y (sign -1)."""
     turns = np.radians(np.linspace(start, stop, count))
-    return np.column_stack([np.full(count, x), sign * radius * np.sin(turns), -radius * np.cos(turns)])
+    return np.column_stack(
+        [np.full(count, x), sign * radius * np.sin(turns), -radius * np.cos(turns)]
+    )
 
 
-def _arc_truss(mesh: Mesh, inner: float, outer: float, half: float, start: float, stop: float, bays: int, sign: int):
+def _arc_truss(
+    mesh: Mesh,
+    inner: float,
+    outer: float,
+    half: float,
+    start: float,
+    stop: float,
+    bays: int,
+    sign: int,
+):
     """Two curved side frames with zigzag webs, joined by rods."""
     for x in (-half, half):
         rims = [_arc(r, x, start, stop, 2 * bays + 1, sign) for r in (inner, outer)]
@@ -83,8 +101,19 @@ def link2() -> Mesh:
                 mesh.beam(at(first, stations[k - 1]), at(second, s), across, 0.004, 0.004)
     for x in (-0.0205, 0.0205):  # gussets from the arc into the rail
         for radius, along in ((0.176, 0.20), (0.222, 0.255)):
-            mesh.beam(_arc(radius, x * 1.2, 27, 27, 1, -1)[0], at((x * 0.78, RAIL), along), X, 0.006, 0.012)
-    cap = [at((i * 0.019, RAIL + j * 0.019), s) for s in (high, high + 0.008) for i in (-1, 1) for j in (-1, 1)]
+            mesh.beam(
+                _arc(radius, x * 1.2, 27, 27, 1, -1)[0],
+                at((x * 0.78, RAIL), along),
+                X,
+                0.006,
+                0.012,
+            )
+    cap = [
+        at((i * 0.019, RAIL + j * 0.019), s)
+        for s in (high, high + 0.008)
+        for i in (-1, 1)
+        for j in (-1, 1)
+    ]
     mesh.hexahedron(np.array(cap))
     return mesh
 
@@ -92,12 +121,21 @@ def link2() -> Mesh:
 def jaw(side: int) -> Mesh:
     """Slim jaw along x with its gripping face at y = 0; side +1 opens towards +y."""
     mesh = Mesh()
-    sections = [(-0.0022, 0.0020, 0.0017), (0.004, 0.0022, 0.0017), (0.013, 0.0015, 0.0014), (0.0200, 0.0007, 0.0008)]
+    sections = [
+        (-0.0022, 0.0020, 0.0017),
+        (0.004, 0.0022, 0.0017),
+        (0.013, 0.0015, 0.0014),
+        (0.0200, 0.0007, 0.0008),
+    ]
     gap = 0.00015
     for (x0, y0, z0), (x1, y1, z1) in itertools.pairwise(sections):
         corners = []
         for x, y, z in ((x0, y0, z0), (x1, y1, z1)):
-            corners += [(x, s * side, t * z) for s in sorted((gap, y), key=lambda v: v * side) for t in (-1, 1)]
+            corners += [
+                (x, s * side, t * z)
+                for s in sorted((gap, y), key=lambda v: v * side)
+                for t in (-1, 1)
+            ]
         mesh.hexahedron(np.array(corners))
     for k in range(5):  # teeth
         x = 0.008 + 0.0022 * k
@@ -135,11 +173,24 @@ MESHES: dict[str, Callable[[], Mesh]] = {
     "jaw2": lambda: jaw(1),
     "cables": cables,
 }
-MESH_OF_BODY = {"shoulder": "link1", "elbow": "link2", "grasp1": "jaw1", "grasp2": "jaw2", "frame0": "cables"}
-MESH_MATERIAL = {"link1": "black", "link2": "black", "jaw1": "steel", "jaw2": "steel", "cables": "cable"}
+MESH_OF_BODY = {
+    "shoulder": "link1",
+    "elbow": "link2",
+    "grasp1": "jaw1",
+    "grasp2": "jaw2",
+    "frame0": "cables",
+}
+MESH_MATERIAL = {
+    "link1": "black",
+    "link2": "black",
+    "jaw1": "steel",
+    "jaw2": "steel",
+    "cables": "cable",
+}
 
 
-# --- geoms ------------------------------------------------------------------------------------------------------------
+# --- geoms ----------------------------------------------------------------------------------------
+# --------------------
 
 
 class Pen:
@@ -149,7 +200,9 @@ class Pen:
         self.body, self.signs = body, signs
 
     def _geom(self, kind: str, material: str, **attributes: str) -> None:
-        ET.SubElement(self.body, "geom", {"type": kind, "material": material, "class": "visual", **attributes})
+        ET.SubElement(
+            self.body, "geom", {"type": kind, "material": material, "class": "visual", **attributes}
+        )
 
     def rod(self, start, end, radius: float, material: str, kind: str = "cylinder") -> None:
         ends = [*(self.signs * start), *(self.signs * end)]
@@ -192,10 +245,20 @@ def _link1(pen: Pen) -> None:
     out = np.array([0, np.sin(np.radians(75)), -np.cos(np.radians(75))])
     pen.rod(out * 0.160, out * 0.240, 0.026, "black")
     pen.rod(out * 0.150, out * 0.248, 0.010, "steel")
-    for turn, radius, x in ((20, 0.0155, 0.044), (44, 0.0155, 0.044), (44, 0.011, -0.044), (64, 0.013, -0.044)):
+    for turn, radius, x in (
+        (20, 0.0155, 0.044),
+        (44, 0.0155, 0.044),
+        (44, 0.011, -0.044),
+        (64, 0.013, -0.044),
+    ):
         center = _arc(0.198, 0.0, turn, turn, 1, 1)[0]
         pen.rod(center + X * (x - np.sign(x) * 0.012), center + X * x, radius, "pulley")
-        pen.rod(center + X * (x - np.sign(x) * 0.012), center + X * (x + np.sign(x) * 0.003), radius * 0.35, "steel")
+        pen.rod(
+            center + X * (x - np.sign(x) * 0.012),
+            center + X * (x + np.sign(x) * 0.003),
+            radius * 0.35,
+            "steel",
+        )
 
 
 def _link2(pen: Pen) -> None:
@@ -204,11 +267,24 @@ def _link2(pen: Pen) -> None:
     pen.rod(down * 0.208, down * 0.211, 0.044, "black")
     pen.rod(down * 0.189, down * 0.192, 0.044, "black")
     pen.rod(down * 0.225, down * 0.250, 0.022, "black")
-    for turn, radius, x in ((14, 0.014, 0.034), (26, 0.011, 0.034), (14, 0.011, -0.034), (26, 0.014, -0.034)):
+    for turn, radius, x in (
+        (14, 0.014, 0.034),
+        (26, 0.011, 0.034),
+        (14, 0.011, -0.034),
+        (26, 0.014, -0.034),
+    ):
         center = _arc(0.199, 0.0, turn, turn, 1, -1)[0]
         pen.rod(center + X * (x - np.sign(x) * 0.010), center + X * x, radius, "pulley")
-        pen.rod(center + X * (x - np.sign(x) * 0.010), center + X * (x + np.sign(x) * 0.003), radius * 0.35, "steel")
-    for along, radius in ((0.655, 0.0125), (0.185, 0.0125)):  # cable return pulleys at both ends of the rail
+        pen.rod(
+            center + X * (x - np.sign(x) * 0.010),
+            center + X * (x + np.sign(x) * 0.003),
+            radius * 0.35,
+            "steel",
+        )
+    for along, radius in (
+        (0.655, 0.0125),
+        (0.185, 0.0125),
+    ):  # cable return pulleys at both ends of the rail
         for x in (-0.026, 0.026):
             center = RAIL_WAY * along + RAIL_SIDE * (RAIL - 0.004)
             pen.rod(center + X * (x - np.sign(x) * 0.006), center + X * x, radius, "pulley")
@@ -216,7 +292,9 @@ def _link2(pen: Pen) -> None:
         for offset in (-0.012, 0.008):
             near = RAIL_SIDE * (RAIL + offset) + X * x
             pen.rod(RAIL_WAY * 0.185 + near, RAIL_WAY * 0.655 + near, 0.0006, "steel")
-    pen.rod(RAIL_WAY * 0.19 + RAIL_SIDE * 0.053, RAIL_WAY * 0.655 + RAIL_SIDE * 0.053, 0.0038, "steel")  # guide rod
+    pen.rod(
+        RAIL_WAY * 0.19 + RAIL_SIDE * 0.053, RAIL_WAY * 0.655 + RAIL_SIDE * 0.053, 0.0038, "steel"
+    )  # guide rod
 
 
 def _carriage(pen: Pen) -> None:
@@ -232,7 +310,12 @@ def _carriage(pen: Pen) -> None:
             pen.rod((x, y, 0.056), (x, y, 0.060), 0.0050, "steel")
     for y in (-0.042, 0.042):
         for z in (-0.030, 0.028):
-            pen.rod((-0.040, y - np.sign(y) * 0.004, z), (-0.040, y + np.sign(y) * 0.006, z), 0.0125, "pulley")
+            pen.rod(
+                (-0.040, y - np.sign(y) * 0.004, z),
+                (-0.040, y + np.sign(y) * 0.006, z),
+                0.0125,
+                "pulley",
+            )
     pen.rod((0, 0, -0.066), (0, 0, -0.046), 0.0105, "black")
 
 
@@ -277,7 +360,14 @@ def add_assets(assets: ET.Element, flipped: dict[str, tuple[int, int, int]]) -> 
         if flipped[body] != (1, 1, 1):
             scale = " ".join(str(sign) for sign in flipped[body])
             ET.SubElement(
-                assets, "mesh", {"name": f"{name}_mirrored", "class": "visual", "file": f"{name}.obj", "scale": scale}
+                assets,
+                "mesh",
+                {
+                    "name": f"{name}_mirrored",
+                    "class": "visual",
+                    "file": f"{name}.obj",
+                    "scale": scale,
+                },
             )
 
 

@@ -1,12 +1,14 @@
-"""Whether monitors keep what they promise: 200 calibrations, with and without varied robots, and shifted robots.
+"""Whether monitors keep what they promise: 200 calibrations, with and without varied robots, and
+shifted robots.
 
     python analysis/monitors/pools.py FOLDER && python analysis/monitors/coverage.py FOLDER
 
-Half of a pool's operators stand for all operators that there are: 200 calibrations draw theirs from them with
-replacement, so each is an independent draw from a population whose false-alarm rate at any threshold is known exactly.
-The other half is fresh: no calibration has seen it, nor has the population. Beside the promised threshold stands the
-naive one, the plain quantile of all scores. Then the test for a shift: fresh operators of the same robots, drawn anew
-200 times, and of shifted ones. Prints one table; writes nothing.
+Half of a pool's operators stand for all operators that there are: 200 calibrations draw theirs from
+them with replacement, so each is an independent draw from a population whose false-alarm rate at
+any threshold is known exactly. The other half is fresh: no calibration has seen it, nor has the
+population. Beside the promised threshold stands the naive one, the plain quantile of all scores.
+Then the test for a shift: fresh operators of the same robots, drawn anew 200 times, and of shifted
+ones. Prints one table; writes nothing.
 """
 
 from __future__ import annotations
@@ -47,12 +49,16 @@ class Coverage(NamedTuple):
 
 
 def scores(peaks: Peaks) -> OperationScores:
-    """The joint score of each operation, in scales that every eighth operator has learned; of the others."""
+    """The joint score of each operation, in scales that every eighth operator has learned; of
+    the others.
+    """
     learns = peaks.unit % 8 == 0
     some = peaks.peak[learns]
     scale = bands.scales(some[np.isfinite(some).all(axis=1)][:, :, None])
     score = bands.joint(peaks.peak[~learns][:, :, None], scale)
-    return OperationScores(peaks.unit[~learns], np.where(np.isnan(score), np.inf, score), peaks.hours[~learns])
+    return OperationScores(
+        peaks.unit[~learns], np.where(np.isnan(score), np.inf, score), peaks.hours[~learns]
+    )
 
 
 def halves(whole: OperationScores) -> tuple[OperationScores, OperationScores]:
@@ -61,12 +67,16 @@ def halves(whole: OperationScores) -> tuple[OperationScores, OperationScores]:
     return whole.taken_from(units[::2]), whole.taken_from(units[1::2])
 
 
-def drawn(population: OperationScores, rng: np.random.Generator, units: int = UNITS) -> OperationScores:
+def drawn(
+    population: OperationScores, rng: np.random.Generator, units: int = UNITS
+) -> OperationScores:
     """Units of the population, with replacement, each a unit of its own."""
     order = np.argsort(population.unit, kind="stable")
     each = len(order) // population.units  # operations of each
     rows = order.reshape(-1, each)[rng.integers(population.units, size=units)]
-    return OperationScores(np.repeat(np.arange(units), each), *(v[rows.ravel()] for v in population[1:]))
+    return OperationScores(
+        np.repeat(np.arange(units), each), *(v[rows.ravel()] for v in population[1:])
+    )
 
 
 def loss(whole: OperationScores, limit: float) -> float:
@@ -80,7 +90,9 @@ def rate(whole: OperationScores, limit: float) -> float:
 
 
 def coverage(whole: OperationScores, one_each: bool, seed: int) -> Coverage:
-    """CALIBRATIONS independent ones. one_each: with one operation of each unit, which is Wilks' order statistic."""
+    """CALIBRATIONS independent ones. one_each: with one operation of each unit, which is Wilks'
+    order statistic.
+    """
     population, fresh = halves(whole)
     if one_each:
         population = population.one_each()
@@ -108,7 +120,9 @@ def columns(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
 
 
 def shifts(same: np.ndarray, other: np.ndarray | None, seed: int) -> int:
-    """How many of CALIBRATIONS checks of FRESH_UNITS operators against UNITS others call a shift at LEVEL."""
+    """How many of CALIBRATIONS checks of FRESH_UNITS operators against UNITS others call a shift
+    at LEVEL.
+    """
     rng, calls = np.random.default_rng(seed), 0
     for k in range(CALIBRATIONS):
         order = rng.permutation(len(same))
@@ -125,27 +139,33 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
-    pools = {name: score_folder.read(folder / name / score_folder.FOLDER) for name in ("drawn", "one", "shifted")}
+    pools = {
+        name: score_folder.read(folder / name / score_folder.FOLDER)
+        for name in ("drawn", "one", "shifted")
+    }
     most = int(binom.ppf(0.95, CALIBRATIONS, 1 - TARGET.confidence))
     print(
-        f"promise: at most {TARGET.per_hour:g} alarms an hour with {TARGET.confidence:.0%} confidence; {CALIBRATIONS} "
-        f"calibrations on {UNITS} operators each.\nIf the confidence were exact, "
-        f"{CALIBRATIONS * (1 - TARGET.confidence):g} would break it, and 95 of 100 such studies would have at most "
-        f"{most}.\n"
+        f"promise: at most {TARGET.per_hour:g} alarms an hour with {TARGET.confidence:.0%}"
+        f" confidence; {CALIBRATIONS} calibrations on {UNITS} operators each.\nIf the confidence"
+        f" were exact, {CALIBRATIONS * (1 - TARGET.confidence):g} would break it, and 95 of 100"
+        f" such studies would have at most {most}.\n"
     )
     print(
-        "| robots | operations of an operator | broken | naive: broken | alarms/h, fresh: median, 95th of 100 | naive |"
+        "| robots | operations of an operator | broken | naive: broken | alarms/h, fresh: median,"
+        " 95th of 100 | naive |"
     )
     print("|---|---|---|---|---|---|")
-    for seed, (name, one_each) in enumerate((n, o) for n in ("drawn", "one") for o in (False, True)):
+    for seed, (name, one_each) in enumerate(
+        (n, o) for n in ("drawn", "one") for o in (False, True)
+    ):
         whole = scores(pools[name])
         own = coverage(whole, one_each, seed)
         plain = int((own.naive > TARGET.risk).sum())
         median, high = np.quantile(own.fresh, [0.5, 0.95])
         naive_median, naive_high = np.quantile(own.naive_fresh, [0.5, 0.95])
         print(
-            f"| {name} | {1 if one_each else 'all'} | {own.broken} | {plain} | {median:.2f}, {high:.2f} "
-            f"| {naive_median:.2f}, {naive_high:.2f} |"
+            f"| {name} | {1 if one_each else 'all'} | {own.broken} | {plain} | {median:.2f},"
+            f" {high:.2f} | {naive_median:.2f}, {naive_high:.2f} |"
         )
     whole, moved = scores(pools["drawn"]), pools["shifted"]
     learns = pools["drawn"].unit % 8 == 0
@@ -156,10 +176,10 @@ def main() -> None:
     broken_rate = alarm_rate(int((other[:, 0] > limit).sum()), float(moved.hours[first].sum()))
     false, true = shifts(same, None, 1), shifts(same, other, 2)
     print(
-        f"\nshift at level {LEVEL:g}, {FRESH_UNITS} fresh operators against {UNITS}: called in {false} of "
-        f"{CALIBRATIONS} where nothing changed, in {true} of {CALIBRATIONS} with shifted robots, whose alarms are "
-        f"{broken_rate.per_hour:.1f} an hour ({broken_rate.low:.1f} to {broken_rate.high:.1f}) at the promised "
-        "threshold"
+        f"\nshift at level {LEVEL:g}, {FRESH_UNITS} fresh operators against {UNITS}: called in"
+        f" {false} of {CALIBRATIONS} where nothing changed, in {true} of {CALIBRATIONS} with"
+        f" shifted robots, whose alarms are {broken_rate.per_hour:.1f} an hour"
+        f" ({broken_rate.low:.1f} to {broken_rate.high:.1f}) at the promised threshold"
     )
 
 

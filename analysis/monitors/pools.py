@@ -2,9 +2,9 @@
 
     python analysis/monitors/pools.py FOLDER [--operators 4000] [--engine auto]
 
-Three folders of scores: `drawn` (campaigns/drawn_robots.toml), `one` (the robot as it is known: noise and packets are
-drawn, nothing of the robot), `shifted` (drawn robots with 4 times the friction of the known one). No two share an
-operator. An interrupted call goes on.
+Three folders of scores: `drawn` (campaigns/drawn_robots.toml), `one` (the robot as it is known:
+noise and packets are drawn, nothing of the robot), `shifted` (drawn robots with 4 times the
+friction of the known one). No two share an operator. An interrupted call goes on.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ def campaign(name: str) -> CampaignConfig:
     """The campaign of a pool."""
     if name == "one":
         config = loading.load("drawn_robots", ["campaign.kinematic_errors=none"])
-        kept = {path: value for path, value in config.parameters.items() if path == "operator.scale"}
+        kept = {
+            path: value for path, value in config.parameters.items() if path == "operator.scale"
+        }
         return config.model_copy(update={"parameters": kept})
     return loading.load("drawn_robots", [SHIFT] if name == "shifted" else [])
 
@@ -44,9 +46,15 @@ def main() -> None:
         design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
         wanted = terms(calibrate.chosen(config.robot, calibrate.SIGNALS))
         count, place = max(1, round(share * options.operators)), options.folder / name
-        peaks = calibrate.operate(config, design, wanted, WHOLE, place, count, options.engine, lambda *_: None)
+        peaks = calibrate.operate(
+            config, design, wanted, WHOLE, place, count, options.engine, lambda *_: None
+        )
         hours = len(peaks.unit) * LENGTH_S / 3600
-        print(f"{name}: {count} operators, {hours:.0f} h of operation, {time.perf_counter() - began:.0f} s", flush=True)
+        print(
+            f"{name}: {count} operators, {hours:.0f} h of operation,"
+            f" {time.perf_counter() - began:.0f} s",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,12 @@
-"""Measures what each channel that a fault can strike does when nothing is wrong; writes normal_ranges.csv of hazards.
+"""Measures what each channel that a fault can strike does when nothing is wrong; writes
+normal_ranges.csv of hazards.
 
     python analysis/normal_ranges/measure.py
 
-Every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, both arms, present software, a console of
-increments, without noise. Minimum, 0.1 and 99.9 percentile and maximum over all ticks of all runs. Normal is where no
-command is clipped; at scale 0.2 the fastest moves are, for up to a fifth of the time.
+Every generated motion, 20 s each, at teleoperation scales 0.05 and 0.1, both arms, present
+software, a console of increments, without noise. Minimum, 0.1 and 99.9 percentile and maximum over
+all ticks of all runs. Normal is where no command is clipped; at scale 0.2 the fastest moves are,
+for up to a fifth of the time.
 """
 
 from __future__ import annotations
@@ -48,7 +50,9 @@ NEUTRAL = {
 
 
 def crossing(signals: Any, scale: float) -> dict[str, Any]:
-    """Site -> what crossed it, a signal as `vocabulary.sites` describes it, of all sites but those in NEUTRAL."""
+    """Site -> what crossed it, a signal as `vocabulary.sites` describes it, of all sites but
+    those in NEUTRAL.
+    """
 
     def of(name: str) -> tuple[Any, ...]:
         return tuple(getattr(arm, name) for arm in signals.control.arms)
@@ -58,9 +62,15 @@ def crossing(signals: Any, scale: float) -> dict[str, Any]:
         "packet": signals.packet,
         "packet_header": signals.packet,
         "encoder": tuple(out.enc_val for out in signals.plant),
-        "usb_in": _Fields(enc_val=of("enc_val"), pins=(plc.input_pins(np.asarray(signals.plc.runlevel)),) * len(ARMS)),
+        "usb_in": _Fields(
+            enc_val=of("enc_val"),
+            pins=(plc.input_pins(np.asarray(signals.plc.runlevel)),) * len(ARMS),
+        ),
         "runlevel": signals.control.runlevel,
-        **{name: of(name) for name in ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d", "current_cmd")},
+        **{
+            name: of(name)
+            for name in ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d", "current_cmd")
+        },
         **{name: tuple(Vec(pose.position_um) for pose in of(name)) for name in ("pos", "pos_d")},
         **{
             name: tuple(quat_from_matrix(Vec(map(Vec, pose.rotation))) for pose in of(pose_name))
@@ -85,22 +95,34 @@ def runs() -> Iterator[tuple[Any, float]]:
         group = {"name": "fault_free", "parameters": {"operator.scale": list(SCALES)}}
         raw = {"campaign": campaign, "operator": {"motion": motion}, "group": [group]}
         ready = plan.make(loading.from_dict(raw))
-        tracer = selection.select("simd", ready.program.setup.precision).tracer(ready.program, replay.LANES)
+        tracer = selection.select("simd", ready.program.setup.precision).tracer(
+            ready.program, replay.LANES
+        )
         for row, scale in enumerate(SCALES):
             block = Block(*ready.lanes([row], replay.LANES), None)
             _, _, signals = tracer.run(block, block, ready.columns)
             for arm in signals.control.arms:
                 if not np.array_equal(arm.current_cmd, arm.current_cmd_written):
-                    raise SystemExit(f"{motion} at scale {scale}: the overdrive check clips, so the run is not normal")
+                    raise SystemExit(
+                        f"{motion} at scale {scale}: the overdrive check clips, so the run is not"
+                        " normal"
+                    )
             yield signals, scale
 
 
 def channels() -> Iterator[tuple[str, str, Channel, tuple[str | int, ...]]]:
-    """(site, arm or "", channel, path in the site's signal) of everything that a fault can strike."""
+    """(site, arm or "", channel, path in the site's signal) of everything that a fault can
+    strike.
+    """
     for site in SITES.values():
         for i, arm in enumerate(ARMS if site.per_arm else ("",)):
             for channel in site.channels:
-                yield site.name, arm, channel, tuple(i if step == ARM else step for step in channel.path)
+                yield (
+                    site.name,
+                    arm,
+                    channel,
+                    tuple(i if step == ARM else step for step in channel.path),
+                )
 
 
 def main() -> None:
@@ -110,7 +132,11 @@ def main() -> None:
         found = crossing(signals, scale)
         ticks = len(np.asarray(signals.control.tick))
         for site, arm, channel, path in channels():
-            values = np.full(ticks, NEUTRAL[site]) if site in NEUTRAL else np.asarray(read(found[site], path))
+            values = (
+                np.full(ticks, NEUTRAL[site])
+                if site in NEUTRAL
+                else np.asarray(read(found[site], path))
+            )
             seen.setdefault((site, arm, channel.name), []).append(values.astype(float))
     with open(TARGET, "w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
@@ -119,7 +145,9 @@ def main() -> None:
             values = np.concatenate(parts)
             numbers = np.quantile(values, (0.0, 0.001, 0.999, 1.0))
             unit = SITES[site].channel(name).unit
-            rows.writerow((site, arm, name, unit, *(f"{number:.6g}" for number in numbers), len(values)))
+            rows.writerow(
+                (site, arm, name, unit, *(f"{number:.6g}" for number in numbers), len(values))
+            )
     print(f"wrote {TARGET}: {len(seen)} channels")
 
 

@@ -4,9 +4,10 @@
     python analysis/outcomes/fingerprints.py --write             # replace it
     python analysis/outcomes/fingerprints.py quick dsn16_a       # compare these alone
 
-Runs each campaign on engine simd. A fingerprint is the sha256 of the printed LLVM IR, of the CUDA C printed from the
-same program, and of the result table. The vector width is part of the IR, so the file names it: on a CPU of
-another width only CUDA C and tables are compared. Large campaigns run with a limit, see LIMIT.
+Runs each campaign on engine simd. A fingerprint is the sha256 of the printed LLVM IR, of the CUDA C
+printed from the same program, and of the result table. The vector width is part of the IR, so the
+file names it: on a CPU of another width only CUDA C and tables are compared. Large campaigns run
+with a limit, see LIMIT.
 """
 
 from __future__ import annotations
@@ -53,7 +54,12 @@ def fingerprint(name: str) -> dict[str, Any]:
         table = rj.run(load(name), engine="simd")
     finally:
         code.VectorCode.__init__ = compile_loop
-    return {"runs": len(table), "llvm": sorted(llvm_ir), "cuda": sorted(cuda_c), "table": table_hash(table)}
+    return {
+        "runs": len(table),
+        "llvm": sorted(llvm_ir),
+        "cuda": sorted(cuda_c),
+        "table": table_hash(table),
+    }
 
 
 def load(name: str) -> rj.CampaignConfig:
@@ -66,10 +72,16 @@ def table_hash(table: pd.DataFrame) -> str:
     """sha256 over the names, types and values of all columns."""
     digest = hashlib.sha256()
     for column in table:
-        values = table[column].astype(object) if table[column].dtype.kind not in "biuf" else table[column]
+        values = (
+            table[column].astype(object)
+            if table[column].dtype.kind not in "biuf"
+            else table[column]
+        )
         digest.update(f"{column} {values.dtype}\n".encode())
         plain = values.to_numpy()
-        digest.update("\0".join(map(str, plain)).encode() if plain.dtype == object else plain.tobytes())
+        digest.update(
+            "\0".join(map(str, plain)).encode() if plain.dtype == object else plain.tobytes()
+        )
     return digest.hexdigest()[:16]
 
 
@@ -80,12 +92,18 @@ def sha256(text: str) -> str:
 
 def main() -> int:
     """Compute, then compare or write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("campaigns", nargs="*")
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     names = options.campaigns or sorted(path.stem for path in CAMPAIGNS.glob("*.toml"))
-    kept = json.loads(FILE.read_text()) if FILE.is_file() else {"width": jit.host().width, "campaigns": {}}
+    kept = (
+        json.loads(FILE.read_text())
+        if FILE.is_file()
+        else {"width": jit.host().width, "campaigns": {}}
+    )
     compared = ["table", "cuda", *(["llvm"] if kept["width"] == jit.host().width else [])]
     different = 0
     for name in names:
@@ -95,7 +113,10 @@ def main() -> int:
         changes = [key for key in compared if found[key] != expected.get(key)]
         different += bool(changes)
         seconds = time.perf_counter() - begin
-        print(f"{name}: {found['runs']} runs, {seconds:.0f} s, {', '.join(changes) or 'equal'}", flush=True)
+        print(
+            f"{name}: {found['runs']} runs, {seconds:.0f} s, {', '.join(changes) or 'equal'}",
+            flush=True,
+        )
         if options.write:
             kept["campaigns"][name] = found
     if options.write:

@@ -1,11 +1,13 @@
-"""What the coordinator of worker processes costs: its own time a chunk, beside the time that chunks take to compute.
+"""What the coordinator of worker processes costs: its own time a chunk, beside the time that chunks
+take to compute.
 
     python analysis/scale/coordinator.py [--workers N] [--case CHUNKS ROWS SECONDS]
 
-Runs campaigns of 10 000 tiny chunks, of chunks of the smallest and of the largest default size through executor
-`processes` into a temporary folder. Counted is the CPU time of this process, which hands out, receives, writes, records
-and shows progress, and that of the workers, without their start; waiting counts for nothing, so a busy machine hardly
-disturbs it. A campaign of 10 000 chunks has the largest ones unless its file says otherwise.
+Runs campaigns of 10 000 tiny chunks, of chunks of the smallest and of the largest default size
+through executor `processes` into a temporary folder. Counted is the CPU time of this process, which
+hands out, receives, writes, records and shows progress, and that of the workers, without their
+start; waiting counts for nothing, so a busy machine hardly disturbs it. A campaign of 10 000 chunks
+has the largest ones unless its file says otherwise.
 """
 
 from __future__ import annotations
@@ -88,7 +90,9 @@ def campaign(runs: int, rows: int, duration_s: float) -> rj.api.CampaignConfig:
 
 
 def measure(chunks: int, rows: int, duration_s: float, workers: int) -> Measured:
-    """One campaign of so many chunks. CPU of workers is read from the kernel, while they run and once they ended."""
+    """One campaign of so many chunks. CPU of workers is read from the kernel, while they run and
+    once they ended.
+    """
     began: list[tuple[float, float, float]] = []
 
     def told(status) -> None:
@@ -102,9 +106,15 @@ def measure(chunks: int, rows: int, duration_s: float, workers: int) -> Measured
         now = resource.getrusage(resource.RUSAGE_CHILDREN)
     wall, cpu, starting = began[0]
     total = now.ru_utime + now.ru_stime - ended.ru_utime - ended.ru_stime
-    # A worker that is ready later than the first still starts when the clock does: as much as the first took, each.
+    # A worker that is ready later than the first still starts when the clock does: as much as the
+    # first took, each.
     return Measured(
-        chunks, rows, duration_s, time.perf_counter() - wall, max(1e-9, total - starting), time.process_time() - cpu
+        chunks,
+        rows,
+        duration_s,
+        time.perf_counter() - wall,
+        max(1e-9, total - starting),
+        time.process_time() - cpu,
     )
 
 
@@ -125,12 +135,23 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--case", nargs=3, type=float, metavar=("CHUNKS", "ROWS", "SECONDS"), help="only this campaign")
+    parser.add_argument(
+        "--case",
+        nargs=3,
+        type=float,
+        metavar=("CHUNKS", "ROWS", "SECONDS"),
+        help="only this campaign",
+    )
     given = parser.parse_args()
-    cases = CASES if given.case is None else ((int(given.case[0]), int(given.case[1]), given.case[2]),)
+    cases = (
+        CASES if given.case is None else ((int(given.case[0]), int(given.case[1]), given.case[2]),)
+    )
     print("| " + " | ".join(COLUMNS) + " |\n|" + "--:|" * len(COLUMNS))
     for chunks, rows, duration_s in cases:
-        print("| " + " | ".join(measure(chunks, rows, duration_s, given.workers).cells()) + " |", flush=True)
+        print(
+            "| " + " | ".join(measure(chunks, rows, duration_s, given.workers).cells()) + " |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
-"""Measures what each step of a campaign costs beside the computing itself; writes costs.json beside this file.
+"""Measures what each step of a campaign costs beside the computing itself; writes costs.json beside
+this file.
 
     python analysis/scale/costs.py [FOLDER]
 
-FOLDER is on the disk whose writes are measured, default a temporary folder of this machine. Steps that compute are
-timed by the CPU time of this process, so other processes hardly disturb them; steps that wait for a disk by the clock.
-Each figure is the least of several repeats. The campaign is one group of Sobol draws with one fault slot, the usual
-shape. A Ray task is timed empty, with one local worker: what it takes of the process that starts it.
+FOLDER is on the disk whose writes are measured, default a temporary folder of this machine. Steps
+that compute are timed by the CPU time of this process, so other processes hardly disturb them;
+steps that wait for a disk by the clock. Each figure is the least of several repeats. The campaign
+is one group of Sobol draws with one fault slot, the usual shape. A Ray task is timed empty, with
+one local worker: what it takes of the process that starts it.
 """
 
 from __future__ import annotations
@@ -55,7 +57,9 @@ def campaign(runs: int) -> Plan:
     return plan.make(loading.from_dict(raw))
 
 
-def least(work: Callable[[], Any], clock: Callable[[], float] = time.process_time, repeats: int = REPEATS) -> float:
+def least(
+    work: Callable[[], Any], clock: Callable[[], float] = time.process_time, repeats: int = REPEATS
+) -> float:
     """Seconds of the quickest of several calls."""
     found = []
     for _ in range(repeats):
@@ -68,7 +72,10 @@ def least(work: Callable[[], Any], clock: Callable[[], float] = time.process_tim
 def bytes_of(ready: Plan) -> int:
     """Bytes that a plan holds for its runs."""
     arrays = [*ready.faults.values(), *ready.varied.values(), ready.golden]
-    columns = [values.codes if isinstance(values, WordColumn) else values for values in ready.rows.columns.values()]
+    columns = [
+        values.codes if isinstance(values, WordColumn) else values
+        for values in ready.rows.columns.values()
+    ]
     return sum(array.nbytes for array in (*arrays, *columns))
 
 
@@ -134,15 +141,23 @@ def chunk_costs(
     part = finished.packed.part
     return {
         "rows": chunk,
-        "share_s": least(lambda: pickle.dumps(remote.share(ready, range(chunk)), protocol=5), repeats=repeats),
+        "share_s": least(
+            lambda: pickle.dumps(remote.share(ready, range(chunk)), protocol=5), repeats=repeats
+        ),
         "share_bytes": len(sent),
         "compute_s_per_tick": least(lambda: bench.compute(share), repeats=2) / (chunk * TICKS),
         "table_s": least(lambda: bench.finish(*computed), repeats=repeats),
         "receive_s": least(lambda: pickle.loads(back), repeats=repeats),
         "part_bytes": part.size,
-        "put_s": least(lambda: parts.put(folder / "parts", finished.packed), time.perf_counter, 3 * repeats),
-        "put_cpu_s": least(lambda: parts.put(folder / "parts", finished.packed), repeats=3 * repeats),
-        "record_s": least(lambda: manifest.record(store.path, part), time.perf_counter, 3 * repeats),
+        "put_s": least(
+            lambda: parts.put(folder / "parts", finished.packed), time.perf_counter, 3 * repeats
+        ),
+        "put_cpu_s": least(
+            lambda: parts.put(folder / "parts", finished.packed), repeats=3 * repeats
+        ),
+        "record_s": least(
+            lambda: manifest.record(store.path, part), time.perf_counter, 3 * repeats
+        ),
     }
 
 
@@ -150,7 +165,8 @@ def folder_costs(folder: Path, record: manifest.Manifest, count: int = 2000) -> 
     """What the record of a folder costs for each of its parts."""
     (folder / "parts").mkdir(parents=True)
     listed = [
-        parts.Part(file=f"part-{i:09d}-{i:09d}.parquet", first=i, last=i, sha256="0" * 64, size=1) for i in range(count)
+        parts.Part(file=f"part-{i:09d}-{i:09d}.parquet", first=i, last=i, sha256="0" * 64, size=1)
+        for i in range(count)
     ]
     whole = record.model_copy(update={"parts": tuple(listed), "runs": count})
     write = least(lambda: manifest.write(folder, whole), time.perf_counter)

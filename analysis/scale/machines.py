@@ -1,11 +1,13 @@
-"""A campaign on 1 to 100 machines, simulated with the measured costs of costs.json; writes tables and a figure.
+"""A campaign on 1 to 100 machines, simulated with the measured costs of costs.json; writes tables
+and a figure.
 
     python analysis/scale/machines.py
 
-A discrete-event model of executor `ray`: one coordinator (a Python process, one thing at a time) sends each chunk's
-rows, seats compute and make the part, the bytes come back over the coordinator's link, four writers store them. Each of
-these is a queue with a number of servers; a chunk passes them in turn. At most two chunks a seat are under way, as in
-the executor. Of shards the times are added up: they share nothing but the plan that each makes, and the merge.
+A discrete-event model of executor `ray`: one coordinator (a Python process, one thing at a time)
+sends each chunk's rows, seats compute and make the part, the bytes come back over the coordinator's
+link, four writers store them. Each of these is a queue with a number of servers; a chunk passes
+them in turn. At most two chunks a seat are under way, as in the executor. Of shards the times are
+added up: they share nothing but the plan that each makes, and the merge.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ class Machine:
     name: str
     seats: int  # tasks side by side
     ticks_per_s: float  # of a seat
-    wave: int  # runs that a seat computes at once: four blocks of 64 lanes, or a full GPU; fewer take as long
+    # runs that a seat computes at once: four blocks of 64 lanes, or a full GPU; fewer take as long
+    wave: int
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,9 @@ def at(costs: dict[str, Any], name: str, chunk: int) -> float:
 
 
 def kinds(costs: dict[str, Any]) -> tuple[Machine, Machine]:
-    """64 cores in tasks of four; eight H200 (analysis/engines/gpu.md: 4 369 M ticks/s each, in waves of 50 688)."""
+    """64 cores in tasks of four; eight H200 (analysis/engines/gpu.md: 4 369 M ticks/s each, in
+    waves of 50 688).
+    """
     core = 1 / min(row["compute_s_per_tick"] for row in costs["chunks"])
     return Machine("64 cores", 16, 4 * core, 256), Machine("8 GPUs", 8, 4.369e9, 50_688)
 
@@ -90,7 +95,10 @@ def steps(costs: dict[str, Any], kind: Machine, chunk: int, ticks: int) -> list[
         Step("seats", waves * ticks / kind.ticks_per_s + at(costs, "table_s", chunk)),
         Step("link in", at(costs, "part_bytes", chunk) / LINK),
         Step(
-            "coordinator", at(costs, "receive_s", chunk) + at(costs, "put_cpu_s", chunk) + at(costs, "record_s", chunk)
+            "coordinator",
+            at(costs, "receive_s", chunk)
+            + at(costs, "put_cpu_s", chunk)
+            + at(costs, "record_s", chunk),
         ),
         Step("writers", at(costs, "put_s", chunk)),
     ]
@@ -110,9 +118,14 @@ def simulate(way: list[Step], seats: int, chunks: int) -> tuple[list[float], dic
         if way[step].queue == "link in" and begun < chunks:  # a task has ended, the next is sent
             heapq.heappush(events, (now, 0, begun))
             begun += 1
-        heapq.heappush(events, (queues[way[step].queue].serve(now, way[step].seconds), step + 1, number))
+        heapq.heappush(
+            events, (queues[way[step].queue].serve(now, way[step].seconds), step + 1, number)
+        )
     rate = steady(done)
-    busy = {name: min(1.0, rate * sum(s.seconds for s in way if s.queue == name) / servers[name]) for name in queues}
+    busy = {
+        name: min(1.0, rate * sum(s.seconds for s in way if s.queue == name) / servers[name])
+        for name in queues
+    }
     return done, busy
 
 
@@ -122,19 +135,33 @@ def steady(done: list[float]) -> float:
     return (last - first) / (done[last] - done[first]) if done[last] > done[first] else 0.0
 
 
-def table(costs: dict[str, Any], kind: Machine, ticks: int) -> Iterator[tuple[int, int, float, float, str]]:
-    """(machines, chunk, runs/s, share of what they could compute, what is busiest) of each number and size."""
+def table(
+    costs: dict[str, Any], kind: Machine, ticks: int
+) -> Iterator[tuple[int, int, float, float, str]]:
+    """(machines, chunk, runs/s, share of what they could compute, what is busiest) of each
+    number and size.
+    """
     for machines in MACHINES:
         for chunk in CHUNKS:
             seats = machines * kind.seats
             done, busy = simulate(steps(costs, kind, chunk, ticks), seats, 30 * seats)
             rate = steady(done)
             could = machines * kind.seats * kind.ticks_per_s / ticks
-            yield machines, chunk, rate * chunk, rate * chunk / could, max(busy, key=lambda name: busy[name])
+            yield (
+                machines,
+                chunk,
+                rate * chunk,
+                rate * chunk / could,
+                max(busy, key=lambda name: busy[name]),
+            )
 
 
-def whole(costs: dict[str, Any], kind: Machine, machines: int, runs: int, chunk: int, ticks: int) -> float:
-    """s of a campaign of so many runs from the first chunk that is sent to the last that is stored."""
+def whole(
+    costs: dict[str, Any], kind: Machine, machines: int, runs: int, chunk: int, ticks: int
+) -> float:
+    """s of a campaign of so many runs from the first chunk that is sent to the last that is
+    stored.
+    """
     done, _ = simulate(steps(costs, kind, chunk, ticks), machines * kind.seats, -(-runs // chunk))
     return done[-1]
 
@@ -149,7 +176,14 @@ def shards(costs: dict[str, Any], kind: Machine, machines: int, chunk: int) -> d
         "compute": mine * TICKS / (kind.seats * kind.ticks_per_s),
         "with tables": parts * per_chunk / kind.seats,
         "write": parts * (at(costs, "put_s", chunk) + NETWORK_PUT) / WRITERS,
-        "merge": RUNS / chunk * (2 * at(costs, "part_bytes", chunk) * costs["sha256_s_per_byte"] / 4 + NETWORK_PUT / 4),
+        "merge": (
+            RUNS
+            / chunk
+            * (
+                2 * at(costs, "part_bytes", chunk) * costs["sha256_s_per_byte"] / 4
+                + NETWORK_PUT / 4
+            )
+        ),
     }
 
 
@@ -158,36 +192,59 @@ def markdown(costs: dict[str, Any]) -> str:
     out = []
     for kind in kinds(costs):
         out += [
-            f"Machines of {kind.name}, runs of {TICKS / 1000:g} s, executor `ray`: M runs/s, and the share of what the "
+            f"Machines of {kind.name}, runs of {TICKS / 1000:g} s, executor `ray`: M runs/s, and"
+            " the share of what the "
         ]
         out += ["machines could compute, by rows of a chunk; in brackets what is busiest.", ""]
-        out += ["| machines | " + " | ".join(f"{chunk}" for chunk in CHUNKS) + " |", "|---" * (len(CHUNKS) + 1) + "|"]
+        out += [
+            "| machines | " + " | ".join(f"{chunk}" for chunk in CHUNKS) + " |",
+            "|---" * (len(CHUNKS) + 1) + "|",
+        ]
         cells: dict[int, list[str]] = {}
         for machines, _, rate, share, busiest in table(costs, kind, TICKS):
             cells.setdefault(machines, []).append(f"{rate / 1e6:.3g}, {share:.0%} ({busiest})")
-        out += [f"| {machines} | " + " | ".join(row) + " |" for machines, row in cells.items()] + [""]
+        out += [f"| {machines} | " + " | ".join(row) + " |" for machines, row in cells.items()] + [
+            ""
+        ]
     out += [
-        "A million runs of 30 s on machines of 64 cores, s without planning and making ready, by rows of a chunk:",
+        (
+            "A million runs of 30 s on machines of 64 cores, s without planning and making ready,"
+            " by rows of a chunk:"
+        ),
         "",
     ]
     some = (128, 512, 2048, 8192, 15_625)
-    out += ["| machines | " + " | ".join(f"{chunk}" for chunk in some) + " |", "|---" * (len(some) + 1) + "|"]
+    out += [
+        "| machines | " + " | ".join(f"{chunk}" for chunk in some) + " |",
+        "|---" * (len(some) + 1) + "|",
+    ]
     for machines in (1, 10, 100):
-        found = (whole(costs, kinds(costs)[0], machines, 10**6, chunk, 10 * TICKS) for chunk in some)
+        found = (
+            whole(costs, kinds(costs)[0], machines, 10**6, chunk, 10 * TICKS) for chunk in some
+        )
         out += [f"| {machines} | " + " | ".join(f"{value:.3g}" for value in found) + " |"]
     out += [""]
     names = shards(costs, kinds(costs)[0], 1, 4096)
-    out += [f"Shards: {RUNS / 1e6:.0f} M runs of {TICKS / 1000:g} s, chunks of {CHUNKS[-2]} rows:", ""]
+    out += [
+        f"Shards: {RUNS / 1e6:.0f} M runs of {TICKS / 1000:g} s, chunks of {CHUNKS[-2]} rows:",
+        "",
+    ]
     out += ["| machines | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
     for kind in kinds(costs):
         for machines in (1, 10, 100):
             found = shards(costs, kind, machines, CHUNKS[-2]).values()
-            out += [f"| {machines} x {kind.name} | " + " | ".join(f"{value:.3g} s" for value in found) + " |"]
+            out += [
+                f"| {machines} x {kind.name} | "
+                + " | ".join(f"{value:.3g} s" for value in found)
+                + " |"
+            ]
     return "\n".join(out) + "\n"
 
 
 def draw(costs: dict[str, Any]) -> None:
-    """Runs a second over machines, for each chunk size; the dashed line is what they could compute."""
+    """Runs a second over machines, for each chunk size; the dashed line is what they could
+    compute.
+    """
     import matplotlib
 
     matplotlib.use("agg")
@@ -199,12 +256,22 @@ def draw(costs: dict[str, Any]) -> None:
         figure, axes = plt.subplots(1, 2, figsize=(7.5, 3.2), layout="constrained", sharex=True)
         for axis, kind in zip(axes, kinds(costs), strict=True):
             found = list(table(costs, kind, TICKS))
-            for chunk, colour in zip(CHUNKS, ("#c8d5e3", "#8fb0cf", "#4f83b5", "#1d4e80", "#0a1f36"), strict=True):
+            for chunk, colour in zip(
+                CHUNKS, ("#c8d5e3", "#8fb0cf", "#4f83b5", "#1d4e80", "#0a1f36"), strict=True
+            ):
                 line = [(m, runs) for m, c, runs, *_ in found if c == chunk]
-                axis.loglog(*zip(*line, strict=True), color=colour, label=f"{chunk:,} runs".replace(",", " "))
+                axis.loglog(
+                    *zip(*line, strict=True),
+                    color=colour,
+                    label=f"{chunk:,} runs".replace(",", " "),
+                )
             could = [m * kind.seats * kind.ticks_per_s / TICKS for m in MACHINES]
             axis.loglog(MACHINES, could, "--", color=SOFT, label="what they could compute")
-            axis.set(title=f"machines of {kind.name}", xlabel="machines", ylabel=f"runs of {TICKS // 1000} s a second")
+            axis.set(
+                title=f"machines of {kind.name}",
+                xlabel="machines",
+                ylabel=f"runs of {TICKS // 1000} s a second",
+            )
         axes[0].legend(title="chunk", fontsize=7)
         figure.savefig(HERE / "machines.svg", metadata={"Date": None})
 

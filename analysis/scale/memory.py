@@ -2,8 +2,8 @@
 
     python analysis/scale/memory.py [--runs 1000000] [--duration 0.5] [--workers N]
 
-Prints resident memory of this process (and of all workers, where there are any) at 0, 10, 50 and 100 % of the runs,
-beside that of the plan, which is the one thing that grows with their number.
+Prints resident memory of this process (and of all workers, where there are any) at 0, 10, 50 and
+100 % of the runs, beside that of the plan, which is the one thing that grows with their number.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ def main() -> None:
     ready = plan.make(config)
     planned = _resident(os.getpid()) - before
     del ready
-    print(f"{given.runs} runs of {given.duration} s; the plan of them takes about {planned:.0f} MiB")
+    print(
+        f"{given.runs} runs of {given.duration} s; the plan of them takes about {planned:.0f} MiB"
+    )
     print("| done | this process, MiB | workers, MiB | runs/s |\n|--:|--:|--:|--:|")
     marks = list(MARKS)
 
@@ -56,7 +58,9 @@ def _resident(process: int) -> float:
         text = Path(f"/proc/{process}/status").read_text()
     except OSError:
         return 0.0
-    return next((int(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmRSS")), 0.0)
+    return next(
+        (int(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmRSS")), 0.0
+    )
 
 
 def _children() -> list[int]:

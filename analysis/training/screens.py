@@ -1,13 +1,15 @@
-"""Pictures of the training page: each task, role and size of screen, the scene's second pictures, and as a protanope
-sees them.
+"""Pictures of the training page: each task, role and size of screen, the scene's second pictures,
+and as a protanope sees them.
 
     python analysis/training/screens.py FOLDER [--scenario first_steps,touch] [--scene]
     python analysis/training/screens.py docs/pictures --scenario creep --fault
 
-Starts a session of each scenario, presses the pedal and moves; writes FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With
---scene in 3D, drawn in software where there is no graphics card, at 1366 px: before the start, driving, and each second
-picture. With --fault the picture of the README, FOLDER/training.webp: the scenario's first hazard at work, the cue
-pulling. A page that is drawn in software is silent for longer than a console may be, so these sessions wait longer.
+Starts a session of each scenario, presses the pedal and moves; writes
+FOLDER/SCENARIO-ROLE-SIZE[-protanope].png. With --scene in 3D, drawn in software where there is no
+graphics card, at 1366 px: before the start, driving, and each second picture. With --fault the
+picture of the README, FOLDER/training.webp: the scenario's first hazard at work, the cue pulling. A
+page that is drawn in software is silent for longer than a console may be, so these sessions wait
+longer.
 """
 
 from __future__ import annotations
@@ -27,7 +29,12 @@ SIZES = {"phone": (390, 844), "tablet": (820, 1180), "1366": (1366, 768), "1920"
 ROLES = ("operator", "instructor")
 SCENARIOS = "first_steps,levels,path_network,peg_transfer,touch"
 INSETS = ("theatre", "second", "stereo")
-SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SOFTWARE = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
 PEDAL, DOWN = "Space", "KeyF"
 PATIENT = """from ravenjax.cli import main
 from ravenjax.trainer.protocol import messages
@@ -51,7 +58,15 @@ def main() -> None:
     given.folder.mkdir(parents=True, exist_ok=True)
     for scenario in given.scenario.split(","):
         with tempfile.TemporaryDirectory() as place:
-            command = [sys.executable, "-c", PATIENT, "train", scenario, "--out", f"{place}/session"]
+            command = [
+                sys.executable,
+                "-c",
+                PATIENT,
+                "train",
+                scenario,
+                "--out",
+                f"{place}/session",
+            ]
             command += ["--port", "0", "--linger", "0"]
             session = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
             try:
@@ -62,7 +77,9 @@ def main() -> None:
                 session.wait(30)
 
 
-def _take(session: subprocess.Popen[str], base: Path, way: Callable[[Browser, dict[str, str], Path], None]) -> None:
+def _take(
+    session: subprocess.Popen[str], base: Path, way: Callable[[Browser, dict[str, str], Path], None]
+) -> None:
     assert session.stdout is not None
     urls: dict[str, str] = {}
     for line in session.stdout:
@@ -72,7 +89,9 @@ def _take(session: subprocess.Popen[str], base: Path, way: Callable[[Browser, di
         if len(urls) == len(ROLES):
             break
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=SOFTWARE)
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=SOFTWARE
+        )
         way(browser, urls, base)
         browser.close()
 
@@ -100,7 +119,9 @@ def _flat(browser: Browser, urls: dict[str, str], base: Path) -> None:
 
 def _in_scene(browser: Browser, url: str) -> Page:
     page = _opened(browser, url + "&scene=on", *SIZES["1366"])
-    page.wait_for_function("[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)", polling=200)
+    page.wait_for_function(
+        "[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)", polling=200
+    )
     page.wait_for_timeout(12000)
     return page
 
@@ -122,7 +143,9 @@ def _fault(browser: Browser, urls: dict[str, str], base: Path) -> None:
     instructor = _opened(browser, urls["instructor"] + "&scene=off", *SIZES["1366"])
     page.bring_to_front()
     page.keyboard.down(PEDAL)
-    while not page.inner_text("#pedal-state").startswith("down, d"):  # it was silent in the background
+    while not page.inner_text("#pedal-state").startswith(
+        "down, d"
+    ):  # it was silent in the background
         page.keyboard.up(PEDAL)
         page.wait_for_timeout(DOWN_MS)
         page.keyboard.down(PEDAL)
@@ -132,7 +155,9 @@ def _fault(browser: Browser, urls: dict[str, str], base: Path) -> None:
     page.wait_for_function(off, timeout=20000, polling=50)
     with tempfile.TemporaryDirectory() as place:
         page.screenshot(path=f"{place}/page.png", timeout=120000)
-        Image.open(f"{place}/page.png").convert("RGB").save(base.parent / "training.webp", quality=80)
+        Image.open(f"{place}/page.png").convert("RGB").save(
+            base.parent / "training.webp", quality=80
+        )
 
 
 def _drive(page: Page, wait_ms: int) -> None:

@@ -1,12 +1,14 @@
-"""A session that somebody drives from a browser for some minutes: its start, its loop, its page and its memory.
+"""A session that somebody drives from a browser for some minutes: its start, its loop, its page and
+its memory.
 
     python analysis/training/session.py [--minutes 10] [--contact | --without-contact]
 
-Starts `ravenjax train`, opens the operator's page in Chromium without the scene, holds the pedal and moves the arm to
-and fro. Prints proportional resident memory (PSS, MiB) of each process of the session, twice a minute, and the growth
-from the second minute on; then one line of JSON: s from the shell to the page's first answer, pictures a second, ms
-from a key to mark and tip (medians), and the loop's own account of its ticks. --contact and --without-contact drive
-the scenario `touch`, as it is and without forces of contact.
+Starts `ravenjax train`, opens the operator's page in Chromium without the scene, holds the pedal
+and moves the arm to and fro. Prints proportional resident memory (PSS, MiB) of each process of the
+session, twice a minute, and the growth from the second minute on; then one line of JSON: s from the
+shell to the page's first answer, pictures a second, ms from a key to mark and tip (medians), and
+the loop's own account of its ticks. --contact and --without-contact drive the scenario `touch`, as
+it is and without forces of contact.
 """
 
 from __future__ import annotations
@@ -42,7 +44,17 @@ def main() -> None:
     if given.contact or given.without_contact:
         scenario = ["touch", "--set", f"contact.on={str(given.contact).lower()}"]
     with tempfile.TemporaryDirectory() as place:
-        command = [sys.executable, "-m", "ravenjax.cli", "train", *scenario, "--out", f"{place}/session", "--port", "0"]
+        command = [
+            sys.executable,
+            "-m",
+            "ravenjax.cli",
+            "train",
+            *scenario,
+            "--out",
+            f"{place}/session",
+            "--port",
+            "0",
+        ]
         command += ["--linger", "0", "--set", f"duration_s={60 * given.minutes + 30:g}"]
         began = time.monotonic()
         session = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -53,24 +65,33 @@ def main() -> None:
             session.communicate(timeout=60)
         header = json.loads(Path(f"{place}/session/session.json").read_text())
         load = [round(one, 1) for one in os.getloadavg()]
-        print(json.dumps({**told, "loop": header["summary"]["timing"], "cpus": os.cpu_count(), "load": load}))
+        print(
+            json.dumps(
+                {**told, "loop": header["summary"]["timing"], "cpus": os.cpu_count(), "load": load}
+            )
+        )
 
 
 def _drive(session: subprocess.Popen[str], seconds: float, started: float) -> dict[str, Any]:
     assert session.stdout is not None
-    url = next(line.split(": ", 1)[1].strip() for line in session.stdout if line.startswith("operator: "))
+    url = next(
+        line.split(": ", 1)[1].strip() for line in session.stdout if line.startswith("operator: ")
+    )
     with urllib.request.urlopen(url) as answer:
         answer.read()
     told: dict[str, Any] = {"start_s": round(time.monotonic() - started, 2)}
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
         page = browser.new_page(viewport={"width": 1366, "height": 768})
         page.goto(f"{url}&scene=off")
         page.wait_for_function("window.ravenjax?.state?.().frames > 3")
         page.wait_for_timeout(2000)
         page.keyboard.down("Space")
         page.evaluate(
-            "{ window.pictures = 0; const one = () => { pictures += 1; requestAnimationFrame(one); }; one(); }"
+            "{ window.pictures = 0; const one = () => { pictures += 1; requestAnimationFrame(one);"
+            " }; one(); }"
         )
         began, rows = time.monotonic(), []
         print("| s | " + " | ".join(_memory(session.pid)) + " | all |")
@@ -85,7 +106,9 @@ def _drive(session: subprocess.Popen[str], seconds: float, started: float) -> di
             slopes = [np.polyfit(settled[:, 0] / 60, column, 1)[0] for column in settled.T[1:]]
             print("MiB/min: " + ", ".join(f"{slope:.2f}" for slope in slopes))
         told["pictures_per_s"] = round(page.evaluate("pictures") / (time.monotonic() - began), 1)
-        told["latency_ms"] = page.evaluate("(({ samples, ...medians }) => medians)(ravenjax.latency())")
+        told["latency_ms"] = page.evaluate(
+            "(({ samples, ...medians }) => medians)(ravenjax.latency())"
+        )
         told["pedal"] = page.inner_text("#pedal-state")
         browser.close()
     return told
@@ -100,7 +123,9 @@ def _to_and_fro(page: Page) -> None:
 
 
 def _memory(process: int) -> dict[str, float]:
-    """Name and MiB of the process and of those below it, by number; shared memory divided among those that have it."""
+    """Name and MiB of the process and of those below it, by number; shared memory divided among
+    those that have it.
+    """
     out: dict[str, float] = {}
     for one in (process, *_below(process)):
         try:
@@ -110,7 +135,9 @@ def _memory(process: int) -> dict[str, float]:
             lines = Path(f"/proc/{one}/smaps_rollup").read_text().splitlines()
         except OSError:
             continue
-        out[f"{one}"] = next(int(line.split()[1]) / 1024 for line in lines if line.startswith("Pss:"))
+        out[f"{one}"] = next(
+            int(line.split()[1]) / 1024 for line in lines if line.startswith("Pss:")
+        )
     return out
 
 

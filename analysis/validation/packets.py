@@ -2,8 +2,9 @@
 
     python analysis/validation/packets.py [FOLDER]
 
-FOLDER holds recording_gold_joints123, operator_positions, recording_gold_7joints and console_itp_packets (.parquet); by
-default $RAVENJAX_DATA, then ../shared/data beside the repository. `ravenjax.vocabulary.packets` says what follows.
+FOLDER holds recording_gold_joints123, operator_positions, recording_gold_7joints and
+console_itp_packets (.parquet); by default $RAVENJAX_DATA, then ../shared/data beside the
+repository. `ravenjax.vocabulary.packets` says what follows.
 """
 
 from __future__ import annotations
@@ -24,12 +25,17 @@ CONSOLE_BEGINS_MS = 200.0
 
 def line(what: str, lengths: np.ndarray) -> None:
     percent = 100.0 * arrivals.shares(lengths)[:12]
-    print(f"{what:32s} {len(lengths):6d} packets, mean {lengths.mean():5.3f} cycles; % of 1, 2, ..:", end=" ")
+    print(
+        f"{what:32s} {len(lengths):6d} packets, mean {lengths.mean():5.3f} cycles; % of 1, 2, ..:",
+        end=" ",
+    )
     print(" ".join(f"{share:.1f}" for share in percent))
 
 
 def main() -> None:
-    default = os.environ.get("RAVENJAX_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data"
+    default = (
+        os.environ.get("RAVENJAX_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data"
+    )
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else default)
     robot = closed_loop.read(folder / closed_loop.FILE)
     for counts in (3.0, 5.0, 8.0, 12.0, 16.0):
@@ -41,12 +47,17 @@ def main() -> None:
     joints = pd.read_parquet(folder / "recording_gold_7joints.parquet")
     repeats = np.all(np.diff(joints.filter(like="jpos_d_").to_numpy(), axis=0) == 0, axis=1)
     print(f"recording_gold_7joints: {100.0 * repeats.mean():.2f} % of rows, 4.94 ms apart, repeat")
-    ms = pd.read_parquet(folder / "console_itp_packets.parquet")["arrival_us"].to_numpy() * 1e-6  # they are ns
+    ms = (
+        pd.read_parquet(folder / "console_itp_packets.parquet")["arrival_us"].to_numpy() * 1e-6
+    )  # they are ns
     ms = ms[ms > CONSOLE_BEGINS_MS]
     for phase in (0.0, 0.25, 0.5, 0.75):
         line(f"console, cycle begins at {phase:g} ms", arrivals.lengths(ms - phase))
     burst = np.bincount(np.unique(np.floor(ms), return_counts=True)[1])[1:]
-    print("console, % of cycles with 1, 2, .. datagrams:", " ".join(f"{x:.1f}" for x in 100.0 * burst / burst.sum()))
+    print(
+        "console, % of cycles with 1, 2, .. datagrams:",
+        " ".join(f"{x:.1f}" for x in 100.0 * burst / burst.sum()),
+    )
 
 
 if __name__ == "__main__":

@@ -2,15 +2,18 @@
 
     python analysis/validation/recording.py [FOLDER]
 
-FOLDER holds recording_gold_joints123.parquet: 21 s of a real gold arm in pedal-down teleoperation, motors of
-shoulder, elbow and insertion at 1 kHz (public repository CSLDepend/raven2_sim); by default $RAVENJAX_DATA, then
-../shared/data beside the repository. Three views:
+FOLDER holds recording_gold_joints123.parquet: 21 s of a real gold arm in pedal-down
+teleoperation, motors of shoulder, elbow and insertion at 1 kHz (public repository
+CSLDepend/raven2_sim); by default $RAVENJAX_DATA, then ../shared/data beside the repository.
+Three views:
 
-1. the authors' own model, re-initialised from the recording every 1 and 20 ms and never (their published behaviour);
-2. the virtual robot under the recorded DAC, re-initialised in the same way; 3. the virtual robot in closed loop under
-the control software's PD law with the 2015 fork's estimator. What the real robot
-   was asked to do is not in the file, but its PD law can be inverted: mpos_d = mpos + (tau + KD mvel) / KP. The arm is
-   asked for that, and, as an earlier rebuild was, for the recording itself through a 20 Hz low-pass.
+1. the authors' own model, re-initialised from the recording every 1 and 20 ms and never (their
+   published behaviour);
+2. the virtual robot under the recorded DAC, re-initialised in the same way; 3. the virtual robot
+   in closed loop under the control software's PD law with the 2015 fork's estimator. What the
+   real robot was asked to do is not in the file, but its PD law can be inverted: mpos_d = mpos +
+   (tau + KD mvel) / KP. The arm is asked for that, and, as an earlier rebuild was, for the
+   recording itself through a 20 Hz low-pass.
 """
 
 from __future__ import annotations
@@ -29,7 +32,15 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import authors, robot
 from ravenjax.studies.dsn16.recording import closed_loop as recording
-from ravenjax.studies.dsn16.recording.closed_loop import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+from ravenjax.studies.dsn16.recording.closed_loop import (
+    ARM,
+    FILE,
+    JOINTS,
+    SETUP,
+    closed_loop,
+    started,
+    tips,
+)
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:
@@ -43,7 +54,7 @@ def rms(error: np.ndarray) -> np.ndarray:
 
 
 def authors_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Their Euler model re-initialised every `length` ms: rms errors of motor angle (rad) and speed (rad/s)."""
+    """Their Euler model re-initialised every `length` ms: rms errors of motor angle (rad) and speed (rad/s)."""  # noqa: E501
 
     def window(start_angle, start_speed, counts):
         state = authors.initial(Vec(start_angle), Vec(start_speed))
@@ -58,7 +69,7 @@ def authors_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndar
 
 
 def robot_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """The virtual robot, started in the same way: links where the motors say, cables carrying gravity."""
+    """The virtual robot, started in the same way: links where the motors say, cables carrying gravity."""  # noqa: E501
     params = robot.params(SETUP, ARM)
 
     def window(start_angle, start_speed, counts):
@@ -66,7 +77,9 @@ def robot_windows(angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndarra
 
         def tick(state, row):
             command = Vec((*(row[i].astype(jnp.int32) for i in range(3)), *(jnp.int32(0),) * 4))
-            state, out = robot.step(SETUP, ARM, params, state, robot.nominal_signal(command, jnp.int32(0)))
+            state, out = robot.step(
+                SETUP, ARM, params, state, robot.nominal_signal(command, jnp.int32(0))
+            )
             return state, (jnp.stack(out.mpos[:3]), jnp.stack(out.mvel[:3]))
 
         return jax.lax.scan(tick, state, counts)[1]
@@ -80,7 +93,9 @@ def compare(window, angle, speed, dac, length: int) -> tuple[np.ndarray, np.ndar
     found_angle, found_speed = jax.jit(jax.vmap(window))(
         starts, windows(speed[:-1], length)[:, 0], windows(dac[:-1], length)
     )
-    return rms(np.asarray(found_angle) - ends), rms(np.asarray(found_speed) - windows(speed[1:], length))
+    return rms(np.asarray(found_angle) - ends), rms(
+        np.asarray(found_speed) - windows(speed[1:], length)
+    )
 
 
 def row(label: str, *groups: np.ndarray) -> None:
@@ -93,9 +108,15 @@ def report_closed_loop(label: str, asked, angle, speed, dac, parameter_set: str 
     mpos = found["mpos"][settle:, :3]
     row(f"{label}: motor rms", rms(mpos - angle[settle:]))
     ratio = np.array(transmission.TR[:3])
-    row("    the same at the joint (deg, mm)", rms(mpos - angle[settle:]) / ratio * (180 / math.pi, 180 / math.pi, 1e3))
+    row(
+        "    the same at the joint (deg, mm)",
+        rms(mpos - angle[settle:]) / ratio * (180 / math.pi, 180 / math.pi, 1e3),
+    )
     distance = np.linalg.norm(tips(mpos) - tips(angle[settle:]), axis=1) * 1e3
-    row("    tip mean, 99 %, max (mm)", np.array([distance.mean(), np.quantile(distance, 0.99), distance.max()]))
+    row(
+        "    tip mean, 99 %, max (mm)",
+        np.array([distance.mean(), np.quantile(distance, 0.99), distance.max()]),
+    )
     counts = found["dac"][settle:, :3]
     row("    DAC std of robot, of recording", counts.std(axis=0), dac[settle:].std(axis=0))
     correlation = [np.corrcoef(counts[:, i], dac[settle:, i])[0, 1] for i in range(3)]
@@ -104,7 +125,9 @@ def report_closed_loop(label: str, asked, angle, speed, dac, parameter_set: str 
 
 
 def main() -> None:
-    default = Path(os.environ.get("RAVENJAX_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+    default = Path(
+        os.environ.get("RAVENJAX_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
+    )
     path = (Path(sys.argv[1]) if len(sys.argv) > 1 else default) / FILE
     if not path.is_file():
         sys.exit(f"{path} is absent; give the folder that holds it as argument or in RAVENJAX_DATA")
@@ -123,10 +146,14 @@ def main() -> None:
         print("\nclosed loop; desired motor angles recovered from the recorded torque")
         for name in ("traj3", "E", "B", "matlab_global"):
             report_closed_loop(f"set {name}", found.asked, angle, speed, dac, name)
-        print("\nclosed loop; asked for the recording itself, low-passed at 20 Hz (both ways, no delay)")
+        print(
+            "\nclosed loop; asked for the recording itself, low-passed at 20 Hz (both ways, no delay)"  # noqa: E501
+        )
         low_passed = filtfilt(*butter(2, 20, fs=1000), angle, axis=0)
         report_closed_loop("set traj3", low_passed, angle, speed, dac)
-        print("a three-joint rebuild: motor rms 0.385 0.548 0.631 rad, tip mean 0.41, max 1.08 mm, DAC std 228 328 198")
+        print(
+            "a three-joint rebuild: motor rms 0.385 0.548 0.631 rad, tip mean 0.41, max 1.08 mm, DAC std 228 328 198"  # noqa: E501
+        )
 
 
 if __name__ == "__main__":

@@ -1,21 +1,24 @@
-"""Why does the recorded wrist lag more in the later half of its recording? Tries what could make it; prints Markdown.
+"""Why does the recorded wrist lag more in the later half of its recording? Tries what could make
+it; prints Markdown.
 
     RAVENJAX_DATA=FOLDER python analysis/wrist/hypotheses.py
 
-The wrist's motor by itself: its controller, its inertia, dry and viscous friction of motor and joint, and the rigid
-tool cable that the recorded joints 1-3 carry along. On the later half it has the following error of the whole robot's
-replay within a few per cent. Each hypothesis adds one number or two. It is fitted to 1 to 10 s of the recording and
-asked for 10 to 20 s, and the other way round; the later half of the recording is not looked at. There the three of
-`JUDGED` are judged, once each, beside the wrist's own friction alone. About 10 minutes on one core.
+The wrist's motor by itself: its controller, its inertia, dry and viscous friction of motor and
+joint, and the rigid tool cable that the recorded joints 1-3 carry along. On the later half it has
+the following error of the whole robot's replay within a few per cent. Each hypothesis adds one
+number or two. It is fitted to 1 to 10 s of the recording and asked for 10 to 20 s, and the other
+way round; the later half of the recording is not looked at. There the three of `JUDGED` are judged,
+once each, beside the wrist's own friction alone. About 10 minutes on one core.
 
-Fits are by the cross-entropy method with a fixed seed: another one moves the first column by up to 0.1, the second by
-up to 0.3. The wrist's bend counts from the median of what it was asked for, 0.40 rad.
+Fits are by the cross-entropy method with a fixed seed: another one moves the first column by up to
+0.1, the second by up to 0.3. The wrist's bend counts from the median of what it was asked for, 0.40
+rad.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -35,11 +38,15 @@ JUDGED = (
     "level grows with the jaws' angle",
     "level grows with the wrist's bend",
 )
-"""Their shares are within a quarter both ways round in the first half; of the first one with another seed."""
+"""Their shares are within a quarter both ways round in the first half; of the first one with
+another seed.
+"""
 
 Values = Mapping[str, np.ndarray]
 
-USUAL = {  # logarithm of the centre, spread of the logarithm: of friction wide, as nothing is known of the wrist's
+# logarithm of the centre, spread of the logarithm: of friction wide, as nothing is known of the
+# wrist's
+USUAL = {
     "motor": (np.log(0.01), 0.8),  # N m
     "link": (np.log(0.003), 1.0),  # N m after the gearbox
     "viscous": (np.log(3e-3), 1.2),  # N m s/rad of the motor
@@ -72,20 +79,32 @@ class Course:
         """That of the arm of 2018. Raises FileNotFoundError."""
         path = closed_loop.locate(recordings.SEVEN_JOINTS)
         if path is None:
-            raise FileNotFoundError(f"{recordings.SEVEN_JOINTS}: set {closed_loop.DATA} to its folder")
+            raise FileNotFoundError(
+                f"{recordings.SEVEN_JOINTS}: set {closed_loop.DATA} to its folder"
+            )
         log = recordings.seven_joints(path).log
         period = recordings.SEVEN_PERIOD_MS * 1e-3
         times = period * np.arange(len(log.measured) + 1)
-        joints, desired = np.vstack([log.start, log.measured]), log.desired[np.round(times * 1e3).astype(int)]
+        joints, desired = (
+            np.vstack([log.start, log.measured]),
+            log.desired[np.round(times * 1e3).astype(int)],
+        )
         matrix = np.array(transmission.motor_matrix("gold", "r_grasper", "fork2015"))
         clock = np.arange(0.0, times[-1], STEP_S)
         smooth = np.hanning(11)[1:-1] / np.hanning(11).sum()
-        carried = np.convolve(np.pad(joints[:, :3] @ matrix[WRIST, :3], 4, mode="edge"), smooth, "valid")
-        on_clock: Callable[[np.ndarray], np.ndarray] = lambda column: np.interp(clock, times, column)  # noqa: E731
+        carried = np.convolve(
+            np.pad(joints[:, :3] @ matrix[WRIST, :3], 4, mode="edge"), smooth, "valid"
+        )
+
+        def on_clock(column: np.ndarray) -> np.ndarray:
+            return np.interp(clock, times, column)
+
         errors = np.diag(matrix)[3:] * (desired - joints)[:, 3:]
         gains = (np.array([*gain])[3:] for gain in (RAVEN2.kp, RAVEN2.ki))
         kp, ki = gains
-        torques = np.stack([on_clock(c) for c in (kp * errors + ki * np.cumsum(errors, axis=0) * period).T])
+        torques = np.stack(
+            [on_clock(c) for c in (kp * errors + ki * np.cumsum(errors, axis=0) * period).T]
+        )
         roll, _, grasp1, grasp2 = torques
         signals = {
             "roll": roll,
@@ -101,7 +120,9 @@ class Course:
         return cls(times, joints, desired, clock, target, on_clock(carried), signals)
 
 
-HYPOTHESES: dict[str, tuple[tuple[str, ...], str]] = {  # what is fitted beside the usual, the signal it follows
+HYPOTHESES: dict[
+    str, tuple[tuple[str, ...], str]
+] = {  # what is fitted beside the usual, the signal it follows
     OWN: ((), ""),
     "another integral gain": (("ki",), ""),
     "another proportional gain": (("kp",), ""),
@@ -134,12 +155,20 @@ def replay(course: Course, name: str, values: Values, end_s: float) -> np.ndarra
         read = np.round(angle / transmission.ENCODER_RAD) * transmission.ENCODER_RAD
         error = course.target[t] + course.carried[t] - read
         integral = integral + error * STEP_S
-        torque = values["kp"] * error + values["ki"] * integral + values["bias"] + values["pull"] * signal[t]
+        torque = (
+            values["kp"] * error
+            + values["ki"] * integral
+            + values["bias"]
+            + values["pull"] * signal[t]
+        )
         turned = angle - course.carried[t]
         play = np.clip(play, turned - values["band"] / 2, turned + values["band"] / 2)
         touches = np.abs(turned - play) >= values["band"] / 2 - 1e-9
         motor = values["motor"] * np.where(np.abs(speed) < 2e-3, 1.0 + values["stick"], 1.0)
-        motor, link = motor + values["level"] * np.abs(signal[t]), np.where(touches, values["link"], 0.0)
+        motor, link = (
+            motor + values["level"] * np.abs(signal[t]),
+            np.where(touches, values["link"], 0.0),
+        )
         slope = rate + values["viscous"] + values["link_viscous"]
         drive = rate * speed + torque + values["link_viscous"] * carried
         speed = _slid(drive, slope, motor, link, carried)
@@ -149,30 +178,55 @@ def replay(course: Course, name: str, values: Values, end_s: float) -> np.ndarra
     return out[rows]
 
 
-def _slid(drive: np.ndarray, slope: np.ndarray, motor: np.ndarray, link: np.ndarray, carried: float) -> np.ndarray:
-    """Speed w at which `slope w + motor sgn(w) + link sgn(w - carried) = drive`, or where friction holds it."""
+def _slid(
+    drive: np.ndarray, slope: np.ndarray, motor: np.ndarray, link: np.ndarray, carried: float
+) -> np.ndarray:
+    """Speed w at which `slope w + motor sgn(w) + link sgn(w - carried) = drive`, or where
+    friction holds it.
+    """
     low, high = min(0.0, carried), max(0.0, carried)
     between = (drive + (link - motor) * (1.0 if carried >= 0.0 else -1.0)) / slope
     back, forth = (drive + motor + link) / slope, (drive - motor - link) / slope
     return np.where(back < low, back, np.where(forth > high, forth, np.clip(between, low, high)))
 
 
-def shares(course: Course, joints: np.ndarray, part: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Following error, and distance from the recording, by the recorded following error over `part` (s); [K] each."""
+def shares(
+    course: Course, joints: np.ndarray, part: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Following error, and distance from the recording, by the recorded following error over
+    `part` (s); [K] each.
+    """
     times = course.times[: len(joints)]
     there = (times >= part[0]) & (times < part[1])
-    measured, desired = (x[: len(joints), WRIST, None][there] for x in (course.joints, course.desired))
-    rms = [np.sqrt(((a - b) ** 2).mean(axis=0)) for a, b in ((joints[there], desired), (joints[there], measured))]
+    measured, desired = (
+        x[: len(joints), WRIST, None][there] for x in (course.joints, course.desired)
+    )
+    rms = [
+        np.sqrt(((a - b) ** 2).mean(axis=0))
+        for a, b in ((joints[there], desired), (joints[there], measured))
+    ]
     recorded = np.sqrt(((measured - desired) ** 2).mean())
     return rms[0] / recorded, rms[1] / recorded
 
 
 def _values(steps: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:
-    """Candidates [K, parameters] by name; what is not fitted is as in the set of gains, or absent."""
+    """Candidates [K, parameters] by name; what is not fitted is as in the set of gains, or
+    absent.
+    """
     count = len(steps)
-    usual = {"kp": RAVEN2.kp[WRIST], "ki": RAVEN2.ki[WRIST], "level": 0.0, "band": 0.0, "stick": 0.0, "pull": 0.0}
+    usual = {
+        "kp": RAVEN2.kp[WRIST],
+        "ki": RAVEN2.ki[WRIST],
+        "level": 0.0,
+        "band": 0.0,
+        "stick": 0.0,
+        "pull": 0.0,
+    }
     values = {name: np.full(count, float(value)) for name, value in usual.items()}
-    return values | {name: steps[:, k] if name in OFFSETS else np.exp(steps[:, k]) for k, name in enumerate(names)}
+    return values | {
+        name: steps[:, k] if name in OFFSETS else np.exp(steps[:, k])
+        for k, name in enumerate(names)
+    }
 
 
 def fitted(course: Course, name: str, part: tuple[float, float]) -> dict[str, np.ndarray]:
@@ -182,11 +236,17 @@ def fitted(course: Course, name: str, part: tuple[float, float]) -> dict[str, np
     spread = np.array([OFFSETS[n] if n in OFFSETS else (USUAL | MORE)[n][1] for n in names])
     random, best = np.random.default_rng(1), centre
     for turn in range(ROUNDS):
-        steps = centre + spread * random.standard_normal((CANDIDATES if turn == 0 else CANDIDATES // 2, len(names)))
+        steps = centre + spread * random.standard_normal(
+            (CANDIDATES if turn == 0 else CANDIDATES // 2, len(names))
+        )
         steps[0] = best
         _, off = shares(course, replay(course, name, _values(steps, names), part[1]), part)
         nearest = np.argsort(off)[:NEAREST]
-        centre, spread, best = steps[nearest].mean(axis=0), steps[nearest].std(axis=0) + 1e-3, steps[nearest[0]]
+        centre, spread, best = (
+            steps[nearest].mean(axis=0),
+            steps[nearest].std(axis=0) + 1e-3,
+            steps[nearest[0]],
+        )
     return _values(best[None], names)
 
 
@@ -201,9 +261,19 @@ def main() -> None:
     rows = []
     for name in HYPOTHESES:
         early, late = fitted(course, name, EARLY), fitted(course, name, LATE)
-        rows.append((name, _compared(course, name, early, LATE), _compared(course, name, late, EARLY)))
-    print(markdown_table(("hypothesis", "1-10 s asked for 10-20 s", "10-20 s asked for 1-10 s"), rows), "\n")
-    judged = [(name, _compared(course, name, fitted(course, name, WHOLE), SECOND)) for name in (OWN, *JUDGED)]
+        rows.append(
+            (name, _compared(course, name, early, LATE), _compared(course, name, late, EARLY))
+        )
+    print(
+        markdown_table(
+            ("hypothesis", "1-10 s asked for 10-20 s", "10-20 s asked for 1-10 s"), rows
+        ),
+        "\n",
+    )
+    judged = [
+        (name, _compared(course, name, fitted(course, name, WHOLE), SECOND))
+        for name in (OWN, *JUDGED)
+    ]
     print(markdown_table(("fitted to the first half", "second half"), judged))
 
 

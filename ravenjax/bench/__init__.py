@@ -1,1 +1,3 @@
-"""`ravenjax bench`: how fast this machine runs the tick, with each engine and beside MuJoCo's own ways."""
+"""`ravenjax bench`: how fast this machine runs the tick, with each engine and beside MuJoCo's
+own ways.
+"""

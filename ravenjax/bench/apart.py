@@ -1,6 +1,8 @@
-"""Work in a process of its own: what it breaks, fills or pins is gone with it, and the others go on.
+"""Work in a process of its own: what it breaks, fills or pins is gone with it, and the others go
+on.
 
-A part that crashes, is ended for its memory or waits for itself for ever leaves one line that says why.
+A part that crashes, is ended for its memory or waits for itself for ever leaves one line that says
+why.
 """
 
 from __future__ import annotations
@@ -37,16 +39,23 @@ class Answer:
 
 
 def run(
-    work: Callable[..., Any], *arguments: Any, limit_s: float, environment: Mapping[str, str] | None = None
+    work: Callable[..., Any],
+    *arguments: Any,
+    limit_s: float,
+    environment: Mapping[str, str] | None = None,
 ) -> Answer:
-    """`work(*arguments)` in a fresh process; it and all that it started are ended after `limit_s` seconds.
+    """`work(*arguments)` in a fresh process; it and all that it started are ended after `limit_s`
+    seconds.
 
-    environment: variables beside those of this process. Functions, arguments and result must be able to travel
-    (`pickle`). What the process prints goes to standard error. Never raises for what happens inside.
+    environment: variables beside those of this process. Functions, arguments and result must be
+    able to travel (`pickle`). What the process prints goes to standard error. Never raises for what
+    happens inside.
     """
     context, start = multiprocessing.get_context("spawn"), time.perf_counter()
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_inside, args=(theirs, dict(environment or {}), work, arguments))
+    process = context.Process(
+        target=_inside, args=(theirs, dict(environment or {}), work, arguments)
+    )
     value, why, peak_mb = None, "", float("nan")
     try:
         process.start()
@@ -85,7 +94,9 @@ def one_line(error: BaseException) -> str:
     return text if len(text) <= LONGEST_WHY else f"{text[: LONGEST_WHY - 2]}.."
 
 
-def _inside(answer: Connection, environment: Mapping[str, str], work: Callable[..., Any], arguments: Any) -> None:
+def _inside(
+    answer: Connection, environment: Mapping[str, str], work: Callable[..., Any], arguments: Any
+) -> None:
     """In the fresh process."""
     with contextlib.suppress(OSError):
         os.setsid()  # whatever it starts is ended with it
@@ -114,7 +125,9 @@ def _end(process: Any) -> None:
 
 
 def _peak_mb() -> float:
-    """MB that this process had resident at most; of the system's two numbers the one that no parent adds to."""
+    """MB that this process had resident at most; of the system's two numbers the one that no
+    parent adds to.
+    """
     with contextlib.suppress(OSError, ValueError, IndexError):
         lines = Path("/proc/self/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024 / 1e6

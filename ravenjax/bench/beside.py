@@ -1,6 +1,8 @@
-"""Two checkouts beside each other in one run: they take turns, so that load and clocks change for both alike.
+"""Two checkouts beside each other in one run: they take turns, so that load and clocks change for
+both alike.
 
-Only what every commit has is used: commands from the shell, and `ravenjax.run` in a process of its own.
+Only what every commit has is used: commands from the shell, and `ravenjax.run` in a process of its
+own.
 """
 
 from __future__ import annotations
@@ -59,10 +61,18 @@ class BesideRow:
         return self.here.smallest / self.there.smallest
 
     def sentence(self) -> str:
-        """What repeats tell: that all of one are longer than all of the other, and that this is hardly chance."""
+        """What repeats tell: that all of one are longer than all of the other, and that this is
+        hardly chance.
+        """
         one, other = self.here, self.there
-        if max(one.smallest, other.smallest) <= min(one.largest, other.largest) and len(one.values) > 1:
-            return f"{self.what}: repeats do not tell them apart ({text.times(self.ratio)} times at best)."
+        if (
+            max(one.smallest, other.smallest) <= min(one.largest, other.largest)
+            and len(one.values) > 1
+        ):
+            return (
+                f"{self.what}: repeats do not tell them apart ({text.times(self.ratio)} times at"
+                " best)."
+            )
         doubt = "" if len(one.values) >= ENOUGH_ROUNDS else ", in too few rounds to be sure"
         return f"{self.what}: {text.times(self.ratio)} times as long here as there{doubt}."
 
@@ -84,7 +94,10 @@ class Beside:
 
     def table(self) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
         """Title, columns, rows."""
-        cells = [(row.what, _cell(row.here), _cell(row.there), text.times(row.ratio)) for row in self.rows]
+        cells = [
+            (row.what, _cell(row.here), _cell(row.there), text.times(row.ratio))
+            for row in self.rows
+        ]
         return "Beside each other", ("what", "here", "there", "here/there"), cells
 
     def sentences(self) -> list[str]:
@@ -101,17 +114,26 @@ def _cell(side: Repeats) -> str:
 
 
 def measure(
-    folder: Path, total_s: float, tell: Callable[[str], None] = lambda _: None, here: Path = start.ROOT
+    folder: Path,
+    total_s: float,
+    tell: Callable[[str], None] = lambda _: None,
+    here: Path = start.ROOT,
 ) -> Beside:
     """Measure `here` and another checkout in turn, for about so long; one round at least.
 
-    Raises UserError for a folder that holds no other checkout, RuntimeError for a command that fails.
+    Raises UserError for a folder that holds no other checkout, RuntimeError for a command that
+    fails.
     """
     there = folder.resolve()
     if not (there / "ravenjax/__init__.py").is_file():
-        raise UserError(f"--beside {folder}: holds no ravenjax/__init__.py, expected the folder of another checkout")
+        raise UserError(
+            f"--beside {folder}: holds no ravenjax/__init__.py, expected the folder of another"
+            " checkout"
+        )
     if there == here:
-        raise UserError(f"--beside {folder}: is the checkout that runs, expected the folder of another one")
+        raise UserError(
+            f"--beside {folder}: is the checkout that runs, expected the folder of another one"
+        )
     values: dict[str, tuple[list[float], list[float]]] = {}
     rounds = 0
     with tempfile.TemporaryDirectory() as temporary:
@@ -127,7 +149,10 @@ def measure(
                     values.setdefault(what, ([], []))[side].append(seconds)
 
         scaling.rounds(once, total_s, ROUNDS)
-    rows = tuple(BesideRow(what, Repeats(tuple(one)), Repeats(tuple(other))) for what, (one, other) in values.items())
+    rows = tuple(
+        BesideRow(what, Repeats(tuple(one)), Repeats(tuple(other)))
+        for what, (one, other) in values.items()
+    )
     return Beside(str(here), str(there), rows)
 
 
@@ -136,11 +161,15 @@ def _one(root: Path, place: Path, number: int) -> list[tuple[str, float]]:
     own = place / str(number)
     own.mkdir(parents=True)
     times = [
-        (f"ravenjax {what}", start.timed_command(own, *tokens, root=root)[0]) for what, tokens in start.commands(own)
+        (f"ravenjax {what}", start.timed_command(own, *tokens, root=root)[0])
+        for what, tokens in start.commands(own)
     ]
     order = [cpu for cpu, _ in machine.spread(os.sched_getaffinity(0))]
     for count in sorted({1, machine.usable_cpus()}):
-        what = f"a campaign of {RUNS} runs of {text.seconds(TICKS / 1e3)} on {text.several(count, 'core')}"
+        what = (
+            f"a campaign of {RUNS} runs of {text.seconds(TICKS / 1e3)} on"
+            f" {text.several(count, 'core')}"
+        )
         times.append((what, _campaign_s(root, own, order[:count])))
     return times
 
@@ -149,9 +178,14 @@ def _campaign_s(root: Path, place: Path, cpus: list[int]) -> float:
     """s of the second `ravenjax.run` of a process."""
     environment = start.environment(root) | {compile_cache.VARIABLE: str(place / "cache")}
     command = [sys.executable, "-c", _SCRIPT, json.dumps([cpus, RUNS, TICKS])]
-    answer = subprocess.run(command, env=environment, cwd=place, capture_output=True, text=True, check=False)
+    answer = subprocess.run(
+        command, env=environment, cwd=place, capture_output=True, text=True, check=False
+    )
     if answer.returncode:
-        raise RuntimeError(f"ravenjax.run in {root}: exit code {answer.returncode}: {text.last_line(answer.stderr)}")
+        raise RuntimeError(
+            f"ravenjax.run in {root}: exit code {answer.returncode}:"
+            f" {text.last_line(answer.stderr)}"
+        )
     seconds, file = json.loads(answer.stdout.splitlines()[-1])
     if Path(file) != root / "ravenjax/__init__.py":
         raise RuntimeError(f"{file} was measured in place of {root}/ravenjax/__init__.py")

@@ -1,4 +1,6 @@
-"""Whole campaigns kept in memory: what one costs before its first run, and what each further run adds."""
+"""Whole campaigns kept in memory: what one costs before its first run, and what each further run
+adds.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,14 @@ TICKS = {"cuda": 10_000, "simd": 1000}
 
 @dataclasses.dataclass(frozen=True)
 class Campaigns:
-    """Seconds of whole campaigns: planning, running, tables; tracing and compiling once, in the first alone."""
+    """Seconds of whole campaigns: planning, running, tables; tracing and compiling once, in the
+    first alone.
+    """
 
     engine: str
     ticks: int  # of a run
-    first_s: float  # s of the first in its process, of the smallest size: tracing and compiling, nothing cached
+    # s of the first in its process, of the smallest size: tracing and compiling, nothing cached
+    first_s: float
     seconds: Mapping[int, float]  # runs -> s, the best of some
 
     @property
@@ -32,9 +37,14 @@ class Campaigns:
 
 
 def measure(
-    seconds: float, engine: str = "auto", sizes: Sequence[int] | None = None, ticks: int | None = None
+    seconds: float,
+    engine: str = "auto",
+    sizes: Sequence[int] | None = None,
+    ticks: int | None = None,
 ) -> Campaigns:
-    """Measure for about so long beyond tracing; the smallest size always, a larger one if it promises to fit."""
+    """Measure for about so long beyond tracing; the smallest size always, a larger one if it
+    promises to fit.
+    """
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
@@ -46,7 +56,9 @@ def measure(
         promise = spent[sizes[number - 1]] * runs / sizes[number - 1] if number else 0.0
         if number and time.perf_counter() + promise > end:
             break
-        spent[runs] = min(clock.seconds(lambda runs=runs: _campaign(runs, length, name)) for _ in range(2))
+        spent[runs] = min(
+            clock.seconds(lambda runs=runs: _campaign(runs, length, name)) for _ in range(2)
+        )
     return Campaigns(name, length, first, spent)
 
 

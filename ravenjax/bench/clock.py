@@ -59,7 +59,9 @@ REPEATS = 7
 
 
 def timed(work: Callable[[], Any], repeats: int, enough_s: float) -> WorkTiming:
-    """Do `work` once untimed, then up to `repeats` times, or until `enough_s` are spent; once at least."""
+    """Do `work` once untimed, then up to `repeats` times, or until `enough_s` are spent; once at
+    least.
+    """
     work()
     times: list[float] = []
     while not times or (len(times) < repeats and sum(times) < enough_s):
@@ -93,7 +95,9 @@ def xla_compiling() -> Iterator[list[float]]:
 
 
 class Bystanders:
-    """Cores that other processes of this machine kept busy since it was made; nan where the system does not tell."""
+    """Cores that other processes of this machine kept busy since it was made; nan where the
+    system does not tell.
+    """
 
     def __init__(self) -> None:
         self._wall, self._busy, self._own = time.perf_counter(), busy_ticks(_STAT), _own_s()
@@ -101,19 +105,29 @@ class Bystanders:
     def cores(self) -> float:
         """Mean number of them; processes of this one count once they have ended."""
         wall, busy = time.perf_counter() - self._wall, busy_ticks(_STAT) - self._busy
-        return max(0.0, busy / _TICKS_A_SECOND - (_own_s() - self._own)) / wall if wall and busy == busy else busy
+        return (
+            max(0.0, busy / _TICKS_A_SECOND - (_own_s() - self._own)) / wall
+            if wall and busy == busy
+            else busy
+        )
 
 
 _TICKS_A_SECOND = 100.0  # USER_HZ, in which Linux writes /proc/stat on every architecture
 
 
 def busy_ticks(path: Path) -> float:
-    """Ticks that all CPUs of the machine have been busy, or taken away from it; nan where the system does not tell."""
+    """Ticks that all CPUs of the machine have been busy, or taken away from it; nan where the
+    system does not tell.
+    """
     try:
         numbers = [int(word) for word in path.read_text().splitlines()[0].split()[1 : 1 + _TIMES]]
     except (OSError, ValueError, IndexError):
         return float("nan")
-    return float(sum(number for place, number in enumerate(numbers) if place not in _IDLE)) if numbers else float("nan")
+    return (
+        float(sum(number for place, number in enumerate(numbers) if place not in _IDLE))
+        if numbers
+        else float("nan")
+    )
 
 
 def _own_s() -> float:

@@ -1,6 +1,8 @@
-"""The bare kernel beside whole campaigns on 1, 2, 4 .. cores: real cores first, then their hyper-threads.
+"""The bare kernel beside whole campaigns on 1, 2, 4 .. cores: real cores first, then their
+hyper-threads.
 
-CPUs that this process may not use, and time that its control group does not give it, are left alone.
+CPUs that this process may not use, and time that its control group does not give it, are left
+alone.
 """
 
 from __future__ import annotations
@@ -31,10 +33,13 @@ def counts(real: int, threads: int, usable: int) -> list[int]:
 
 
 def measure(
-    seconds: float, least_runs: int = LEAST_RUNS, kernel_ticks: int = KERNEL_TICKS, ticks: int = TICKS
+    seconds: float,
+    least_runs: int = LEAST_RUNS,
+    kernel_ticks: int = KERNEL_TICKS,
+    ticks: int = TICKS,
 ) -> Scaling:
-    """Measure for about so long beyond tracing, each count in turn and again. Which CPUs this process uses is as before
-    afterwards."""
+    """Measure for about so long beyond tracing, each count in turn and again. Which CPUs this
+    process uses is as before afterwards."""
     allowed = os.sched_getaffinity(0)
     order, quota = machine.spread(allowed), machine.quota()
     real = sum(not shared for _, shared in order)
@@ -56,7 +61,8 @@ def measure(
     finally:
         os.sched_setaffinity(0, allowed)
     points = tuple(
-        ScalingPoint(n, n > real, Repeats(tuple(kernel[n])), Repeats(tuple(campaign[n])), n * runs) for n in numbers
+        ScalingPoint(n, n > real, Repeats(tuple(kernel[n])), Repeats(tuple(campaign[n])), n * runs)
+        for n in numbers
     )
     return Scaling(ENGINE, points, ticks, kernel_ticks, note(quota, len(order)))
 
@@ -68,9 +74,13 @@ def note(quota: float, cpus: int) -> str:
     return f"the control group of this process gives it the time of {quota:.3g} of its {cpus} CPUs"
 
 
-def _runs_for_each(order: Sequence[tuple[int, bool]], least: int, ticks: int, target_s: float) -> int:
+def _runs_for_each(
+    order: Sequence[tuple[int, bool]], least: int, ticks: int, target_s: float
+) -> int:
     _use(order, 1)
-    return scaling.affordable(lambda runs: scaling.campaign_rate(ENGINE, runs, ticks), ticks, least, target_s)
+    return scaling.affordable(
+        lambda runs: scaling.campaign_rate(ENGINE, runs, ticks), ticks, least, target_s
+    )
 
 
 def _use(order: Sequence[tuple[int, bool]], number: int) -> None:

@@ -1,8 +1,8 @@
 """How long each part may measure, so that the whole stays below the time that was asked for.
 
-A part costs what it costs on two quiet cores times how much slower this machine has proved with the parts before it;
-what is left beyond that is shared by weight. A part that no longer fits is left out and says so: the most telling come
-first.
+A part costs what it costs on two quiet cores times how much slower this machine has proved with the
+parts before it; what is left beyond that is shared by weight. A part that no longer fits is left
+out and says so: the most telling come first.
 """
 
 from __future__ import annotations
@@ -11,10 +11,13 @@ import dataclasses
 from collections.abc import Sequence
 
 FULL_S, QUICK_S = 160.0, 35.0
-"""s, of the whole benchmark where nothing else is asked for: the rest to three minutes is for the last part's error."""
+"""s, of the whole benchmark where nothing else is asked for: the rest to three minutes is for
+the last part's error.
+"""
 LEAST_S, LONGEST_S = 5.0, 86_400.0
 """s that may be asked for."""
-_PRIOR_S = 10.0  # s, how much the belief weighs that this machine is as fast as the one that costs are from
+# s, how much the belief weighs that this machine is as fast as the one that costs are from
+_PRIOR_S = 10.0
 _SLOWEST, _FASTEST = 20.0, 0.2  # that a machine may prove: one odd part says no more
 
 
@@ -22,7 +25,8 @@ _SLOWEST, _FASTEST = 20.0, 0.2  # that a machine may prove: one odd part says no
 class PartCost:
     """What a part takes."""
 
-    usual_s: float  # s on two quiet cores without what it measures: processes, imports, tracing, compiling
+    # s on two quiet cores without what it measures: processes, imports, tracing, compiling
+    usual_s: float
     least_s: float  # s that it must measure, below which it says nothing
     most_s: float  # s, beyond which more says no more
 
@@ -62,7 +66,9 @@ class Allotment:
             return None
         spare -= sum(map(self.needs, later))
         weights = cost.weight + sum(one.weight for one in later)
-        return cost.least_s + max(0.0, min(cost.weight, spare * cost.weight / weights if weights else 0.0))
+        return cost.least_s + max(
+            0.0, min(cost.weight, spare * cost.weight / weights if weights else 0.0)
+        )
 
     def done(self, cost: PartCost, measuring_s: float, seconds: float) -> None:
         """A part took `seconds`, of which it was to measure `measuring_s`."""

@@ -1,11 +1,13 @@
 """Campaigns of random extreme runs that are all legal, and what must hold of whatever they do.
 
-Each number draws one campaign: of software, build, mechanics, console, packets, detectors and operator one choice each;
-then groups of faults at any site, with any effect and the largest values that it takes, beside parameters at the ends
-of their ranges. Nothing is drawn that a file could not say.
+Each number draws one campaign: of software, build, mechanics, console, packets, detectors and
+operator one choice each; then groups of faults at any site, with any effect and the largest values
+that it takes, beside parameters at the ends of their ranges. Nothing is drawn that a file could not
+say.
 
-A campaign is one form: engine `xla` compiles it once, whatever values its runs have. `form` shares all sites and
-parameters out to campaigns that have few sites each, since what compiling takes grows with the sites.
+A campaign is one form: engine `xla` compiles it once, whatever values its runs have. `form` shares
+all sites and parameters out to campaigns that have few sites each, since what compiling takes grows
+with the sites.
 """
 
 from __future__ import annotations
@@ -62,9 +64,11 @@ def campaign(number: int, groups: int) -> CampaignConfig:
 
 
 def form(number: int, groups: int) -> CampaignConfig:
-    """As `campaign`, at two sites: each `FORMS` numbers in a row have each site and each parameter that there is once.
+    """As `campaign`, at two sites: each `FORMS` numbers in a row have each site and each parameter
+    that there is once.
 
-    A parameter that the drawn software or build lacks is left out of its form, and another takes its place.
+    A parameter that the drawn software or build lacks is left out of its form, and another takes
+    its place.
     """
     turn, place = divmod(number, FORMS)
     shared = random.Random(f"turn {turn}")
@@ -73,7 +77,12 @@ def form(number: int, groups: int) -> CampaignConfig:
     shared.shuffle(rows)
     first = place * len(rows) // FORMS
     return _campaign(
-        random.Random(f"form {number}"), number, groups, FORM_RUNS, sites[place::FORMS], rows[first:] + rows[:first]
+        random.Random(f"form {number}"),
+        number,
+        groups,
+        FORM_RUNS,
+        sites[place::FORMS],
+        rows[first:] + rows[:first],
     )
 
 
@@ -86,13 +95,19 @@ def _campaign(
     parameters: Sequence[tuple[str, Quantity]],
 ) -> CampaignConfig:
     raw = _frame(draw, number)
-    while not _is_legal({**raw, "group": [{"name": "free"}]}):  # two of the choices do not go together
+    while not _is_legal(
+        {**raw, "group": [{"name": "free"}]}
+    ):  # two of the choices do not go together
         raw = _frame(draw, number)
     varied = _varied(draw, raw, parameters)
     rows: list[dict[str, Any]] = [{"name": "free"}]
     while len(rows) <= groups:
-        group = _group(draw, f"g{len(rows)}", raw["campaign"]["arms"], varied, sites) | {"runs": runs}
-        if _is_legal({**raw, "group": [group]}):  # a word of DAC counts that is not to be stored as it is, for one
+        group = _group(draw, f"g{len(rows)}", raw["campaign"]["arms"], varied, sites) | {
+            "runs": runs
+        }
+        if _is_legal(
+            {**raw, "group": [group]}
+        ):  # a word of DAC counts that is not to be stored as it is, for one
             rows.append(group)
     return loading.from_dict({**raw, "group": rows})
 
@@ -119,7 +134,11 @@ def _frame(draw: random.Random, number: int) -> dict[str, Any]:
             "arms": draw.choice((["gold"], ["green"], ["gold", "green"])),
             "noise": draw.random() < 0.5,
             "software": software,
-            "build": draw.choice(("robot", "robot", "dyn_sim", "dyn_sim_tools")) if software != "raven2" else "robot",
+            "build": (
+                draw.choice(("robot", "robot", "dyn_sim", "dyn_sim_tools"))
+                if software != "raven2"
+                else "robot"
+            ),
             "dac_words": draw.choice(("wrap", "saturate", "unwrapped")),
             "console": draw.choice(("increments", "increments", "absolute")),
             "packets": draw.choice(("every_cycle", "measured", "bursts", [0.2, 0.5, 0.3])),
@@ -129,13 +148,22 @@ def _frame(draw: random.Random, number: int) -> dict[str, Any]:
             "substeps": draw.choice((1, 1, 2)),
         },
         "operator": {"motion": draw.choice(list(MOTIONS)), "scale": draw.choice((0.05, 0.1, 1.0))},
-        "haptics": {"threshold_mm": [3, draw.choice((0.01, 10.0))], "cap": draw.choice((0.05, 10.0))},
+        "haptics": {
+            "threshold_mm": [3, draw.choice((0.01, 10.0))],
+            "cap": draw.choice((0.05, 10.0)),
+        },
         "outcomes": {"cue": draw.choice((0, 1))},
     }
     if draw.random() < 0.5:
-        raw["reaction"] = {"action": draw.choice(("release", "slow", "correct")), "delay_ms": draw.choice((0, 20))}
+        raw["reaction"] = {
+            "action": draw.choice(("release", "slow", "correct")),
+            "delay_ms": draw.choice((0, 20)),
+        }
     if draw.random() < 0.5:
-        raw["hand"] = {"grip": draw.choice((0, 1)), "newtons_per_unit": draw.choice((3.3, 1e3, -1e3))}
+        raw["hand"] = {
+            "grip": draw.choice((0, 1)),
+            "newtons_per_unit": draw.choice((3.3, 1e3, -1e3)),
+        }
     if draw.random() < 0.7:
         raw["detector"] = [{"name": kind, "kind": kind, "consecutive": [1, 8]} for kind in MEANINGS]
     return raw
@@ -147,7 +175,9 @@ MOST_PARAMETERS = 12
 
 def _parameters() -> list[tuple[str, Quantity]]:
     """All that the robot has."""
-    return [row for row in bounds.rows(ROBOT) if not row[0].startswith("contact.")]  # these campaigns have no contact
+    return [
+        row for row in bounds.rows(ROBOT) if not row[0].startswith("contact.")
+    ]  # these campaigns have no contact
 
 
 def _varied(
@@ -174,10 +204,14 @@ def _group(
     varied: Sequence[tuple[str, Quantity]],
     sites: Sequence[Site],
 ) -> dict[str, Any]:
-    """Runs of up to two faults, with up to three parameters at or near an end of what they may be."""
+    """Runs of up to two faults, with up to three parameters at or near an end of what they may
+    be.
+    """
     parameters = {
         path: {"choice": _at_the_ends(draw, quantity)}
-        for path, quantity in (draw.sample(varied, draw.choice((0, 1, 3))) if len(varied) > 2 else ())
+        for path, quantity in (
+            draw.sample(varied, draw.choice((0, 1, 3))) if len(varied) > 2 else ()
+        )
     }
     faults = [_fault(draw, arms, sites) for _ in range(draw.choice((1, 1, 2, 2, 0)))]
     group: dict[str, Any] = {"name": name, "design": "random", "parameters": parameters}
@@ -198,7 +232,11 @@ def _fault(draw: random.Random, arms: Sequence[str], sites: Sequence[Site]) -> d
     effect = draw.choice(effects)
     first = draw.choice(site.channels)
     again = draw.random() < 0.3
-    alike = [channel.name for channel in site.channels if (channel.kind, channel.bits) == (first.kind, first.bits)]
+    alike = [
+        channel.name
+        for channel in site.channels
+        if (channel.kind, channel.bits) == (first.kind, first.bits)
+    ]
     fault: dict[str, Any] = {
         "site": site.name,
         "effect": effect,
@@ -221,7 +259,11 @@ def _fault(draw: random.Random, arms: Sequence[str], sites: Sequence[Site]) -> d
 def _values(draw: random.Random, channel: Channel, effect: str) -> list[float]:
     """The ends of what is legal there, and some of what lies between."""
     low, high, whole, _ = legal.legal(channel, effect)
-    values = [x for x in (low, high, *LARGE, *(draw.gauss(0.0, 100.0) for _ in range(3))) if low <= x <= high]
+    values = [
+        x
+        for x in (low, high, *LARGE, *(draw.gauss(0.0, 100.0) for _ in range(3)))
+        if low <= x <= high
+    ]
     values = [float(np.float32(x)) if abs(x) < 1e38 else x for x in values if np.isfinite(x)]
     fit = [float(int(x)) if whole else x for x in values]
     return [x for x in fit if legal.rounding(channel, effect, x) is None and low <= x <= high]
@@ -238,21 +280,33 @@ class EngineDifference(NamedTuple):
 
 
 def unsound(table: pd.DataFrame) -> Iterator[str]:
-    """What is wrong with the rows of a result table: one line for each column with numbers that are not finite."""
+    """What is wrong with the rows of a result table: one line for each column with numbers that
+    are not finite.
+    """
     failed = (table["failed"].astype(str) != "").to_numpy()
     for name in table.columns:
         own = str(name).removeprefix(schema.GOLDEN)
-        if table[name].dtype.kind != "f" or own.startswith(("fault", "param:")) or own == "tip_distance_mm":
+        if (
+            table[name].dtype.kind != "f"
+            or own.startswith(("fault", "param:"))
+            or own == "tip_distance_mm"
+        ):
             continue
         values = table[name].to_numpy()
         invalid = np.isnan(values) if own.endswith(schema.MAY_BE_INFINITE) else ~np.isfinite(values)
         if (invalid & ~failed).any():
             rows = table.loc[invalid & ~failed]
             yield f"{name}: {len(rows)} rows of no class failed, the first {rows['run_id'].iloc[0]}"
-    dated, silent = (table["failed_first_ms"] >= 0).to_numpy(), (table["verdict"].astype(str) == "").to_numpy()
+    dated, silent = (
+        (table["failed_first_ms"] >= 0).to_numpy(),
+        (table["verdict"].astype(str) == "").to_numpy(),
+    )
     odd = (failed != dated) | (failed != silent)
     if np.any(odd):
-        yield f"{np.count_nonzero(odd)} rows: a verdict although the run failed, or no tick of the failure"
+        yield (
+            f"{np.count_nonzero(odd)} rows: a verdict although the run failed, or no tick of the"
+            " failure"
+        )
 
 
 def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDifference]:
@@ -265,7 +319,11 @@ def differences(first: pd.DataFrame, second: pd.DataFrame) -> list[EngineDiffere
         for row in np.flatnonzero((one != other).to_numpy()):
             out.append(
                 EngineDifference(
-                    str(first["run_id"][row]), str(first["group"][row]), name, str(one[row]), str(other[row])
+                    str(first["run_id"][row]),
+                    str(first["group"][row]),
+                    name,
+                    str(one[row]),
+                    str(other[row]),
                 )
             )
     return out
@@ -284,7 +342,8 @@ NUDGED = (
 
 
 def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
-    """The campaign's table once for each of `NUDGES`: `NUDGED` and the faults' values so many last bits beside theirs.
+    """The campaign's table once for each of `NUDGES`: `NUDGED` and the faults' values so many last
+    bits beside theirs.
 
     A run whose words change with them is decided by last bits, which no two engines need to share.
     """
@@ -294,11 +353,15 @@ def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
         varied = dict(ready.varied)
         for path in NUDGED:
             for place, own in paths.named(program.params, program.setup, path).items():
-                values = varied.get(place, varied.get(path, np.full(ready.runs, own, program.setup.precision.real)))
+                values = varied.get(
+                    place, varied.get(path, np.full(ready.runs, own, program.setup.precision.real))
+                )
                 varied[place] = _moved(values, bits)
         other = dataclasses.replace(program, varied=tuple(varied))
         faults = {**ready.faults, "value": _moved(ready.faults["value"], bits)}
-        yield _table(dataclasses.replace(ready, varied=varied, faults=faults, program=other), engine)
+        yield _table(
+            dataclasses.replace(ready, varied=varied, faults=faults, program=other), engine
+        )
 
 
 def _moved(values: np.ndarray, bits: int) -> np.ndarray:
@@ -308,7 +371,11 @@ def _moved(values: np.ndarray, bits: int) -> np.ndarray:
 
 def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:
     """What `ravenjax.run` would return."""
-    backend, shape, tables = selection.select(engine, ready.program.setup.precision), runner.shape_of(ready), {}
+    backend, shape, tables = (
+        selection.select(engine, ready.program.setup.precision),
+        runner.shape_of(ready),
+        {},
+    )
 
     def deliver(done: FinishedChunk[pa.Table]) -> None:
         tables[done.rows.start] = done.packed

@@ -1,7 +1,8 @@
-"""What a run costs by its length after the fault: planning and tables aside, its golden run included.
+"""What a run costs by its length after the fault: planning and tables aside, its golden run
+included.
 
-Up to its fault a run is its golden run. An engine that goes on from there computes only what comes after, and with
-`observe_ms` only so much of that.
+Up to its fault a run is its golden run. An engine that goes on from there computes only what comes
+after, and with `observe_ms` only so much of that.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from ravenjax.engines import selection
 from ravenjax.numbers.setup import CAMPAIGN
 
 TICKS, OBSERVE_MS, FAULT_MS = 10_000, 1000, 10
-"""Of a run; how long a run is observed after its fault in the second column; how long that lasts."""
+"""Of a run; how long a run is observed after its fault in the second column; how long that
+lasts.
+"""
 SHARES = (0.0, 0.25, 0.5, 0.75, 0.9)
 """Of the run that are over when the fault strikes. At the first there is nothing to go on from."""
 LEAST_RUNS, MOST_RUNS = {"cuda": 101_376}, 2**18
@@ -53,11 +56,15 @@ class FaultTimes:
     @property
     def whole_s(self) -> float:
         """s of a run whose fault strikes at its very beginning and that is observed to its end."""
-        return next(one.run_s.smallest for one in self.times if one.start_ms == 0 and one.observe_ms is None)
+        return next(
+            one.run_s.smallest for one in self.times if one.start_ms == 0 and one.observe_ms is None
+        )
 
     @property
     def line(self) -> tuple[float, float]:
-        """(s a run, s a run and second after the fault): the line through all that are observed to their end."""
+        """(s a run, s a run and second after the fault): the line through all that are observed
+        to their end.
+        """
         some = [one for one in self.times if one.observe_ms is None]
         x, y = [one.after_ms / 1e3 for one in some], [one.run_s.smallest for one in some]
         slope, base = np.polyfit(x, y, 1)
@@ -77,7 +84,13 @@ def campaign(runs: int, start_ms: int, observe_ms: int | None, ticks: int) -> Ca
     observed = {} if observe_ms is None else {"observe_ms": observe_ms}
     return loading.from_dict(
         {
-            "campaign": {"name": "bench", "seed": 1, "duration_s": ticks / 1000, "arms": ["gold"], **observed},
+            "campaign": {
+                "name": "bench",
+                "seed": 1,
+                "duration_s": ticks / 1000,
+                "arms": ["gold"],
+                **observed,
+            },
             "operator": {"motion": "suture", "seed": 1},
             "group": [{"name": "dac", "design": "random", "runs": runs, "fault": [fault]}],
         }
@@ -92,7 +105,9 @@ def measure(
     shares: Sequence[float] = SHARES,
     least_runs: int | None = None,
 ) -> FaultTimes:
-    """Measure for about so long beyond tracing, each time in turn and again. least_runs: None: as the engine needs."""
+    """Measure for about so long beyond tracing, each time in turn and again. least_runs: None:
+    as the engine needs.
+    """
     starts = [round(share * ticks) for share in shares]
     ways = [(start, way) for way in (None, observe_ms) for start in starts]
     backend = selection.select(engine, CAMPAIGN, compile_cache.objects())
@@ -124,13 +139,16 @@ def measure(
 
     scaling.rounds(once, 0.6 * seconds)
     times = [
-        FaultTime(start, way, after_ms(plans[start, way]), Repeats(tuple(spent[start, way]))) for start, way in ways
+        FaultTime(start, way, after_ms(plans[start, way]), Repeats(tuple(spent[start, way])))
+        for start, way in ways
     ]
     return FaultTimes(backend.name, ticks, runs, tuple(times))
 
 
 def after_ms(ready: Plan) -> int:
-    """Mean ticks of a plan's runs from the first in which its fault may act to the last that counts."""
+    """Mean ticks of a plan's runs from the first in which its fault may act to the last that
+    counts.
+    """
     return round(float((ready.ends - np.minimum(ready.acts, ready.ends)).mean()))
 
 

@@ -1,6 +1,8 @@
-"""What the benchmark's tables say, in plain sentences. Each follows from its numbers, whatever they are.
+"""What the benchmark's tables say, in plain sentences. Each follows from its numbers, whatever they
+are.
 
-A sentence that compares says which is more, and that they are alike where repeats do not tell them apart.
+A sentence that compares says which is more, and that they are alike where repeats do not tell them
+apart.
 """
 
 from __future__ import annotations
@@ -45,10 +47,10 @@ def _starts(found: BenchFindings) -> Iterator[str]:
             continue
         most = max(cold.peak_mb, others.peak_mb)
         yield (
-            f"`{command}` takes {text.seconds(cold.seconds.smallest)} from the shell with an empty cache and "
-            f"{text.seconds(others.seconds.smallest)} with other values of a form that was run before, "
-            f"{text.compared(others.seconds, cold.seconds, 'as long')}; it has "
-            f"{text.megabytes(most)} in memory at most."
+            f"`{command}` takes {text.seconds(cold.seconds.smallest)} from the shell with an empty"
+            f" cache and {text.seconds(others.seconds.smallest)} with other values of a form that"
+            f" was run before, {text.compared(others.seconds, cold.seconds, 'as long')}; it has"
+            f" {text.megabytes(most)} in memory at most."
         )
 
 
@@ -59,15 +61,19 @@ def _engines(found: BenchFindings) -> Iterator[str]:
     rate = fastest.best.ticks_per_s
     among = "The one engine measured" if len(found.engines) == 1 else "The fastest engine measured"
     yield (
-        f"{among} is {fastest.engine}: {text.millions(rate)} M full ticks a second with "
-        f"{text.several(fastest.best.runs, 'run')} at once, {text.times(rate / 1000.0)} seconds of operation a second."
+        f"{among} is {fastest.engine}: {text.millions(rate)} M full ticks a second with"
+        f" {text.several(fastest.best.runs, 'run')} at once, {text.times(rate / 1000.0)} seconds of"
+        " operation a second."
     )
     for name in PRINTING:
         share = found.peak_share(name)
         if share is None:
             continue
         beyond = "; more than all of it means that the peak was disturbed" if share > 1.0 else ""
-        yield f"Engine {name} computes at {text.percent(share)} of the device's rate of multiply-adds{beyond}."
+        yield (
+            f"Engine {name} computes at {text.percent(share)} of the device's rate of"
+            f" multiply-adds{beyond}."
+        )
 
 
 def _peers(found: BenchFindings) -> Iterator[str]:
@@ -75,8 +81,8 @@ def _peers(found: BenchFindings) -> Iterator[str]:
         for peer in found.peers:
             ratio = ratios[peer.name]
             yield (
-                f"Engine {engine} makes {text.times(ratio)} times as many full ticks a second as {peer.name} makes "
-                "steps of rigid bodies alone."
+                f"Engine {engine} makes {text.times(ratio)} times as many full ticks a second as"
+                f" {peer.name} makes steps of rigid bodies alone."
             )
 
 
@@ -84,7 +90,10 @@ def _cores(found: Scaling | None) -> Iterator[str]:
     if found is None:
         return
     if len(found.points) == 1:
-        yield f"Only {text.several(found.points[0].count, 'core')} can be used: there is nothing to scale over."
+        yield (
+            f"Only {text.several(found.points[0].count, 'core')} can be used: there is nothing to"
+            " scale over."
+        )
     else:
         yield from _scaling(found, "cores")
     if found.note:
@@ -99,8 +108,9 @@ def _devices(found: BenchFindings) -> Iterator[str]:
     if len(scaling.points) == 1:
         (one,) = scaling.points
         yield (
-            f"One GPU was measured: {text.millions(one.kernel.largest)} M full ticks a second of the bare kernel, "
-            f"{text.millions(one.campaign.largest)} M in whole campaigns; there is nothing to scale over."
+            f"One GPU was measured: {text.millions(one.kernel.largest)} M full ticks a second of"
+            f" the bare kernel, {text.millions(one.campaign.largest)} M in whole campaigns; there"
+            " is nothing to scale over."
         )
     else:
         yield from _scaling(scaling, "GPUs")
@@ -114,8 +124,12 @@ def _scaling(found: Scaling, what: str) -> Iterator[str]:
     first, last = found.points[0], real[-1]
     if last is not first:
         of_kernel, of_campaign = found.efficiency(last)
-        ratio, kernel_ratio = (share * last.count / first.count for share in (of_campaign, of_kernel))
-        apart = max(one.spread for one in (first.kernel, last.kernel, first.campaign, last.campaign))
+        ratio, kernel_ratio = (
+            share * last.count / first.count for share in (of_campaign, of_kernel)
+        )
+        apart = max(
+            one.spread for one in (first.kernel, last.kernel, first.campaign, last.campaign)
+        )
         lost = of_kernel - of_campaign
         if abs(lost) <= max(0.5 * apart, 0.02):
             verdict = "what surrounds the kernel costs nothing that repeats can tell"
@@ -124,9 +138,9 @@ def _scaling(found: Scaling, what: str) -> Iterator[str]:
         else:
             verdict = "the kernel alone scales less: nothing is lost around it"
         yield (
-            f"Whole campaigns are {text.times(ratio)} times as fast on {last.count} {what} as on {first.count} "
-            f"({text.percent(of_campaign)} of linear), the bare kernel {text.times(kernel_ratio)} times "
-            f"({text.percent(of_kernel)}): {verdict}."
+            f"Whole campaigns are {text.times(ratio)} times as fast on {last.count} {what} as on"
+            f" {first.count} ({text.percent(of_campaign)} of linear), the bare kernel"
+            f" {text.times(kernel_ratio)} times ({text.percent(of_kernel)}): {verdict}."
         )
     for point in found.points:
         if point.shared:
@@ -147,9 +161,9 @@ def _fault_times(found: BenchFindings) -> Iterator[str]:
     if last.start_ms > 0:
         late = last.run_s.smallest
         yield (
-            f"A run of {length} takes {text.seconds(whole)} on engine {times.engine} where its fault strikes at once, "
-            f"and {text.seconds(late)} ({text.percent(late / whole)}) where it strikes after "
-            f"{text.seconds(last.start_ms / 1e3)}."
+            f"A run of {length} takes {text.seconds(whole)} on engine {times.engine} where its"
+            f" fault strikes at once, and {text.seconds(late)} ({text.percent(late / whole)}) where"
+            f" it strikes after {text.seconds(last.start_ms / 1e3)}."
         )
     if len({one.after_ms for one in full}) > 1:
         base, slope = times.line
@@ -164,9 +178,9 @@ def _fault_times(found: BenchFindings) -> Iterator[str]:
     if some:
         least, most = (pick(one.run_s.smallest for one in some) for pick in (min, max))
         yield (
-            f"Observed for {some[0].observe_ms} ms after its fault it takes {text.seconds(least)} to "
-            f"{text.seconds(most)}, {text.percent(least / whole)} to {text.percent(most / whole)} of a whole run, "
-            "by when the fault strikes."
+            f"Observed for {some[0].observe_ms} ms after its fault it takes {text.seconds(least)}"
+            f" to {text.seconds(most)}, {text.percent(least / whole)} to"
+            f" {text.percent(most / whole)} of a whole run, by when the fault strikes."
         )
 
 
@@ -178,13 +192,14 @@ def _campaigns(found: BenchFindings) -> Iterator[str]:
     length = text.seconds(whole.ticks / 1e3)
     if marginal > 0.0:
         yield (
-            f"A further run of {length} adds {text.seconds(marginal)} to a campaign on engine {whole.engine}, and what "
-            f"comes before the first takes {text.seconds(max(0.0, fixed))} once it is traced."
+            f"A further run of {length} adds {text.seconds(marginal)} to a campaign on engine"
+            f" {whole.engine}, and what comes before the first takes"
+            f" {text.seconds(max(0.0, fixed))} once it is traced."
         )
     else:
         yield (
-            f"A campaign of {max(whole.seconds):,} runs took no longer than one of {min(whole.seconds):,}: "
-            "one of them was disturbed."
+            f"A campaign of {max(whole.seconds):,} runs took no longer than one of"
+            f" {min(whole.seconds):,}: one of them was disturbed."
         )
 
 
@@ -199,9 +214,9 @@ def _software(found: BenchFindings) -> Iterator[str]:
         else "times, and so less than, what a robot at 1 kHz needs"
     )
     yield (
-        f"The control software alone makes {rate:,.0f} cycles of both arms a second on one core, a call each: "
-        f"{text.times(rate / REALTIME)} {enough}, and {text.times(rate / rates['interpreted'])} times the "
-        "interpreted one."
+        f"The control software alone makes {rate:,.0f} cycles of both arms a second on one core, a"
+        f" call each: {text.times(rate / REALTIME)} {enough}, and"
+        f" {text.times(rate / rates['interpreted'])} times the interpreted one."
     )
 
 
@@ -211,8 +226,8 @@ def _published(found: BenchFindings) -> Iterator[str]:
     ours = 1.0 / found.published_model.steps_per_s
     place = "inside" if ours <= peers.PUBLISHED_EULER_S else "outside"
     yield (
-        f"A step of the published model takes {text.seconds(ours)}: {place} the published band of at most "
-        f"{text.seconds(peers.PUBLISHED_EULER_S)} (target A2)."
+        f"A step of the published model takes {text.seconds(ours)}: {place} the published band of"
+        f" at most {text.seconds(peers.PUBLISHED_EULER_S)} (target A2)."
     )
 
 
@@ -223,8 +238,11 @@ def _circumstances(found: BenchFindings) -> Iterator[str]:
         others = sum(one.others * one.seconds for one in clocks) / seconds
         if others > BUSY_CORES:
             yield (
-                f"Other processes kept {others:.1f} cores of the machine busy meanwhile: on a quiet machine numbers "
-                "may be better."
+                f"Other processes kept {others:.1f} cores of the machine busy meanwhile: on a quiet"
+                " machine numbers may be better."
             )
     if found.absent:
-        yield f"{text.several(len(found.absent), 'part has', 'parts have')} no result; a table says why."
+        yield (
+            f"{text.several(len(found.absent), 'part has', 'parts have')} no result; a table says"
+            " why."
+        )

@@ -1,4 +1,6 @@
-"""What the benchmark runs on: CPU, caches, cores and hyper-threads, limits of its group, memory, GPUs, versions."""
+"""What the benchmark runs on: CPU, caches, cores and hyper-threads, limits of its group, memory,
+GPUs, versions.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,17 @@ from ravenjax.errors import UserError
 
 CPUS = Path("/sys/devices/system/cpu")
 GROUPS, OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
-PACKAGES = ("ravenjax", "jax", "jaxlib", "numpy", "llvmlite", "mujoco", "cuda-bindings", "pandas", "pyarrow")
+PACKAGES = (
+    "ravenjax",
+    "jax",
+    "jaxlib",
+    "numpy",
+    "llvmlite",
+    "mujoco",
+    "cuda-bindings",
+    "pandas",
+    "pyarrow",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +51,9 @@ class BenchMachine:
 
 
 def usable_cpus() -> int:
-    """Threads that can be busy at a time: CPUs that this process may use, and no more than its control group allows."""
+    """Threads that can be busy at a time: CPUs that this process may use, and no more than its
+    control group allows.
+    """
     cpus, limit = len(os.sched_getaffinity(0)), quota()
     return max(1, min(cpus, int(limit + 0.5))) if limit < cpus else cpus
 
@@ -64,14 +78,18 @@ def describe(seconds: float = 0.0) -> BenchMachine:
         width=host.width,
         gpus=gpus,
         no_gpu=no_gpu,
-        system=f"{platform.system()} {platform.release()} {platform.machine()}, Python {platform.python_version()}",
+        system=(
+            f"{platform.system()} {platform.release()} {platform.machine()}, Python"
+            f" {platform.python_version()}"
+        ),
         versions=_versions(),
         code=manifest.code_hash(ROBOT),
     )
 
 
 def spread(allowed: Iterable[int], cpus: Path = CPUS) -> list[tuple[int, bool]]:
-    """The allowed CPUs in the order in which to use them, and whether each shares its core with an earlier one.
+    """The allowed CPUs in the order in which to use them, and whether each shares its core with an
+    earlier one.
 
     First one of each real core, node by node, then their hyper-threads in the same order.
     """
@@ -85,7 +103,9 @@ def spread(allowed: Iterable[int], cpus: Path = CPUS) -> list[tuple[int, bool]]:
 
 
 def quota(groups: Path = GROUPS, own: Path = OWN_GROUPS) -> float:
-    """CPUs' worth of time that the control groups of this process allow; inf where they set no limit."""
+    """CPUs' worth of time that the control groups of this process allow; inf where they set no
+    limit.
+    """
     limits = [float("inf")]
     for folder in _folders(groups, own, "cpu"):
         with contextlib.suppress(ValueError, ZeroDivisionError):
@@ -93,7 +113,9 @@ def quota(groups: Path = GROUPS, own: Path = OWN_GROUPS) -> float:
                 _text(folder / "cpu.cfs_quota_us"),
                 _text(folder / "cpu.cfs_period_us"),
             ]
-            share = float(words[0]) / float(words[1]) if words[0] not in ("max", "") else float("inf")
+            share = (
+                float(words[0]) / float(words[1]) if words[0] not in ("max", "") else float("inf")
+            )
             limits.append(share if share > 0.0 else float("inf"))
     return min(limits)
 
@@ -122,7 +144,9 @@ def _memory_gb() -> float:
 
 
 def _folders(groups: Path, own: Path, controller: str) -> list[Path]:
-    """Folders of this process's group and of those above it, of both versions; a container's own is the top."""
+    """Folders of this process's group and of those above it, of both versions; a container's own
+    is the top.
+    """
     folders = [groups, groups / controller]
     for line in _text(own).splitlines():
         _, controllers, path = (line.split(":", 2) + ["", ""])[:3]
@@ -138,7 +162,13 @@ def _gpus() -> tuple[tuple[str, ...], str]:
 
     try:
         cuda_device.require()
-        return tuple(f"{one.name}, {one.multiprocessors} multiprocessors" for one in cuda_device.devices()), ""
+        return (
+            tuple(
+                f"{one.name}, {one.multiprocessors} multiprocessors"
+                for one in cuda_device.devices()
+            ),
+            "",
+        )
     except UserError as error:
         return (), str(error)
 
@@ -153,7 +183,9 @@ def _versions() -> dict[str, str]:
 
 def _cpu_name() -> str:
     lines = _text(Path("/proc/cpuinfo")).splitlines()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "CPU")
+    return next(
+        (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "CPU"
+    )
 
 
 def _text(path: Path) -> str:

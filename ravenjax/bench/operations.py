@@ -1,4 +1,6 @@
-"""Operations of the timed tick by stage, as the printing engines compute them: what to shorten first."""
+"""Operations of the timed tick by stage, as the printing engines compute them: what to shorten
+first.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ STAGES = frozenset(("stages", "plant", "console"))
 
 @dataclasses.dataclass(frozen=True)
 class Operations:
-    """Scalar operations of one tick by stage, without those that only some ticks need; a fused multiply-add is one."""
+    """Scalar operations of one tick by stage, without those that only some ticks need; a fused
+    multiply-add is one.
+    """
 
     lane: Mapping[str, int]  # in every run
     shared: Mapping[str, int]  # once for all runs that share their parameters
@@ -48,12 +52,21 @@ def count(workload: Workload) -> Operations:
     """Count the operations of the workload's tick."""
     program = workload.program
     trace = traced.trace(program, workload.golden_runs(1), workload.motion, stage)
-    parts = by_stage(split(trace.without_signals(), range(len(program.varied)), range(1 + trace.series)))
-    return Operations(*({name or "tick.glue": n for name, n in parts[k].most_common()} for k in ("lane", "shared")))
+    parts = by_stage(
+        split(trace.without_signals(), range(len(program.varied)), range(1 + trace.series))
+    )
+    return Operations(
+        *(
+            {name or "tick.glue": n for name, n in parts[k].most_common()}
+            for k in ("lane", "shared")
+        )
+    )
 
 
 def stage(eqn: core.JaxprEqn) -> str:
-    """The file and function of a stage in which an equation was traced, of the tick itself otherwise; "" if unknown."""
+    """The file and function of a stage in which an equation was traced, of the tick itself
+    otherwise; "" if unknown.
+    """
     traceback: Any = eqn.source_info.traceback
     if traceback is None:
         return ""
@@ -65,8 +78,8 @@ def stage(eqn: core.JaxprEqn) -> str:
 
 
 def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
-    """Operations by stage of the "lane" part and of the "shared" part; those without cost are left out, and those of a
-    lane that only some ticks need."""
+    """Operations by stage of the "lane" part and of the "shared" part; those without cost are left
+    out, and those of a lane that only some ticks need."""
     step, loop = parted.loop.step, parted.loop
     leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
     of_groups = [*parted.row, *(step.outputs[k] for k in parted.shared_state)]

@@ -1,9 +1,11 @@
-"""The machine's peak, measured: independent fused multiply-adds in registers, all cores or the whole GPU at once.
+"""The machine's peak, measured: independent fused multiply-adds in registers, all cores or the
+whole GPU at once.
 
-Counted in operations of single numbers, a fused multiply-add as one: the same count as that of a tick's operations.
-Many short bursts are timed and the best is taken, so that other processes on the machine do not lower it. A tick's
-selects and integer operations may go through further units, its divisions and roots take several turns of one: the
-ratio says how near the tick comes to the rate of multiply-adds, no more.
+Counted in operations of single numbers, a fused multiply-add as one: the same count as that of a
+tick's operations. Many short bursts are timed and the best is taken, so that other processes on the
+machine do not lower it. A tick's selects and integer operations may go through further units, its
+divisions and roots take several turns of one: the ratio says how near the tick comes to the rate of
+multiply-adds, no more.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from ravenjax.bench import clock, machine
 from ravenjax.engines.cpu import jit
 
 CHAINS = 12
-"""Independent chains a thread: more than latency times pipes (4 x 2), few enough for 16 registers."""
+"""Independent chains a thread: more than latency times pipes (4 x 2), few enough for 16
+registers.
+"""
 _CPU_ROUNDS, _GPU_ROUNDS = 1_000_000, 4096
 _GPU_THREADS, _GPU_BLOCKS, _GPU_LAUNCHES = 256, 64, 8  # of a block; blocks a multiprocessor
 
@@ -38,11 +42,15 @@ extern "C" __global__ void peak(float* room, int rounds) {{
 
 
 def measure(seconds: float, engine: str) -> float:
-    """Operations a second of what a printing engine runs on. Raises UserError where there is none."""
+    """Operations a second of what a printing engine runs on. Raises UserError where there is
+    none.
+    """
     return cuda() if engine == "cuda" else cpu(machine.usable_cpus(), enough_s=seconds)
 
 
-def cpu(threads: int, repeats: int = 500, rounds: int = _CPU_ROUNDS, enough_s: float = 2.0) -> float:
+def cpu(
+    threads: int, repeats: int = 500, rounds: int = _CPU_ROUNDS, enough_s: float = 2.0
+) -> float:
     """Operations a second of `threads` cores."""
     width = jit.host().width
     module = jit.compile(_ir(width, "fma" in jit.host().features or width == 4), ["peak"])
@@ -50,7 +58,9 @@ def cpu(threads: int, repeats: int = 500, rounds: int = _CPU_ROUNDS, enough_s: f
     rooms = [np.array([0.5, 1.0, 0.0], np.float32) for _ in range(threads)]
     with ThreadPoolExecutor(threads) as pool:
         timing = clock.timed(
-            lambda: list(pool.map(lambda room: peak(room.ctypes.data, rounds), rooms)), repeats, enough_s
+            lambda: list(pool.map(lambda room: peak(room.ctypes.data, rounds), rooms)),
+            repeats,
+            enough_s,
         )
     return threads * rounds * CHAINS * width / timing.best_s
 
@@ -60,7 +70,9 @@ def cuda(repeats: int = 5) -> float:
     from ravenjax.engines.gpu import device as cuda_device
 
     def one(device: cuda_device.Device) -> float:
-        module = cuda_device.DeviceModule(device, cuda_device.compile(_CUDA, device.architecture, ()))
+        module = cuda_device.DeviceModule(
+            device, cuda_device.compile(_CUDA, device.architecture, ())
+        )
         function, blocks = module.function("peak"), device.multiprocessors * _GPU_BLOCKS
         with cuda_device.DeviceSession(device) as session:
             room = session.room(4)
@@ -91,17 +103,27 @@ def _ir(width: int, fused: bool) -> str:
             "  %a1 = load float, ptr %room",
             "  %b1 = load float, ptr %second",
             *(f"  %{n}0 = insertelement {wide} poison, float %{n}1, i64 0" for n in "ab"),
-            *(f"  %{n} = shufflevector {wide} %{n}0, {wide} poison, <{width} x i32> zeroinitializer" for n in "ab"),
+            *(
+                f"  %{n} = shufflevector {wide} %{n}0, {wide} poison, <{width} x i32>"
+                " zeroinitializer"
+                for n in "ab"
+            ),
             "  br label %loop",
             "loop:",
             "  %i = phi i64 [0, %entry], [%next, %loop]",
-            *(f"  %x{k} = phi {wide} [splat (float {k}.0), %entry], [%y{k}, %loop]" for k in chains),
+            *(
+                f"  %x{k} = phi {wide} [splat (float {k}.0), %entry], [%y{k}, %loop]"
+                for k in chains
+            ),
             *(f"  %y{k} = {step.format(k=k)}" for k in chains),
             "  %next = add i64 %i, 1",
             "  %more = icmp slt i64 %next, %rounds",
             "  br i1 %more, label %loop, label %done",
             "done:",
-            *(f"  %s{k + 1} = fadd {wide} {f'%s{k}' if k else 'zeroinitializer'}, %y{k}" for k in chains),
+            *(
+                f"  %s{k + 1} = fadd {wide} {f'%s{k}' if k else 'zeroinitializer'}, %y{k}"
+                for k in chains
+            ),
             f"  %out = extractelement {wide} %s{CHAINS}, i64 0",
             "  store float %out, ptr %third",
             "  ret void",

@@ -1,6 +1,8 @@
-"""MuJoCo's own ways to step the same arm: rigid bodies alone, without motors, cables, control software, faults or cue.
+"""MuJoCo's own ways to step the same arm: rigid bodies alone, without motors, cables, control
+software, faults or cue.
 
-Joint limits and contacts are off, which spares both the constraint solver: the least work that they can do.
+Joint limits and contacts are off, which spares both the constraint solver: the least work that they
+can do.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -48,8 +50,12 @@ def arm() -> mujoco.MjModel:
     return model
 
 
-def rollout(seconds: float, threads: int | None = None, robots: int = ROBOTS, steps: int = ROLLOUT_STEPS) -> Peer:
-    """C MuJoCo's `mujoco.rollout` with so many threads, or with one for each CPU; for about so long."""
+def rollout(
+    seconds: float, threads: int | None = None, robots: int = ROBOTS, steps: int = ROLLOUT_STEPS
+) -> Peer:
+    """C MuJoCo's `mujoco.rollout` with so many threads, or with one for each CPU; for about so
+    long.
+    """
     from mujoco import rollout as module
 
     threads = threads or machine.usable_cpus()
@@ -59,7 +65,9 @@ def rollout(seconds: float, threads: int | None = None, robots: int = ROBOTS, st
     mujoco.mj_getState(model, data[0], initial[0], kind)
     initial[:] = initial[0]
     with module.Rollout(nthread=threads) as pool:
-        timing = clock.timed(lambda: pool.rollout(model, data, initial, nstep=steps), clock.REPEATS, seconds)
+        timing = clock.timed(
+            lambda: pool.rollout(model, data, initial, nstep=steps), clock.REPEATS, seconds
+        )
     return Peer("mujoco.rollout", f"CPU, {threads} threads", robots, steps, 0.0, timing)
 
 
@@ -68,7 +76,9 @@ PUBLISHED_EULER_S = 0.011e-3
 
 
 def published_model(seconds: float, steps: int = EULER_STEPS) -> Peer:
-    """The published three-joint model of one robot, explicit Euler at 1 ms as printed, in float64, on one core."""
+    """The published three-joint model of one robot, explicit Euler at 1 ms as printed, in
+    float64, on one core.
+    """
     import jax
     import jax.numpy as jnp
 
@@ -77,10 +87,14 @@ def published_model(seconds: float, steps: int = EULER_STEPS) -> Peer:
 
     def advance(start: authors.AuthorsState) -> authors.AuthorsState:
         command = Vec.full(3, jnp.float64(0.0))
-        return jax.lax.fori_loop(0, steps, lambda _, now: authors.euler(now, command, tension_bug=True), start)
+        return jax.lax.fori_loop(
+            0, steps, lambda _, now: authors.euler(now, command, tension_bug=True), start
+        )
 
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
-        rest = authors.initial(Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0)))
+        rest = authors.initial(
+            Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0))
+        )
         with clock.xla_compiling() as compiling:
             compiled = jax.jit(advance).lower(rest).compile()
         timing = clock.timed(lambda: jax.block_until_ready(compiled(rest)), clock.REPEATS, seconds)
@@ -99,9 +113,18 @@ def mjx_step(seconds: float, robots: int = ROBOTS, steps: int = MJX_STEPS) -> Pe
     many = jax.vmap(lambda number: one.replace(qvel=one.qvel + 1e-6 * number))(jnp.arange(robots))
 
     def advance(data: mjx.Data) -> mjx.Data:
-        return jax.lax.fori_loop(0, steps, lambda _, now: jax.vmap(mjx.step, in_axes=(None, 0))(model, now), data)
+        return jax.lax.fori_loop(
+            0, steps, lambda _, now: jax.vmap(mjx.step, in_axes=(None, 0))(model, now), data
+        )
 
     with clock.xla_compiling() as compiling:
         compiled = jax.jit(advance).lower(many).compile()
     timing = clock.timed(lambda: jax.block_until_ready(compiled(many)), clock.REPEATS, seconds)
-    return Peer("jax.vmap(mjx.step)", str(jax.devices()[0].device_kind), robots, steps, sum(compiling), timing)
+    return Peer(
+        "jax.vmap(mjx.step)",
+        str(jax.devices()[0].device_kind),
+        robots,
+        steps,
+        sum(compiling),
+        timing,
+    )

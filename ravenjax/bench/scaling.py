@@ -1,8 +1,10 @@
-"""How fast the bare kernel and whole campaigns are with what this process has now: its CPUs, or its GPUs.
+"""How fast the bare kernel and whole campaigns are with what this process has now: its CPUs, or its
+GPUs.
 
-Both get as much work for each core or device however many there are, so that a point takes as long as any other. The
-bare kernel's blocks are made before the clock starts and are long, so that hardly any Python runs beside them: what it
-loses, it loses to shared cores, clocks and memory. What campaigns lose beyond that, they lose to what surrounds it.
+Both get as much work for each core or device however many there are, so that a point takes as long
+as any other. The bare kernel's blocks are made before the clock starts and are long, so that hardly
+any Python runs beside them: what it loses, it loses to shared cores, clocks and memory. What
+campaigns lose beyond that, they lose to what surrounds it.
 """
 
 from __future__ import annotations
@@ -46,7 +48,9 @@ class Scaling:
     note: str  # what limited the counts, in one line; "" for nothing
 
     def efficiency(self, point: ScalingPoint) -> tuple[float, float]:
-        """Of the bare kernel and of whole campaigns: rate over that of the first point times as many, at its best."""
+        """Of the bare kernel and of whole campaigns: rate over that of the first point times as
+        many, at its best.
+        """
         first = self.points[0]
         share = first.count / point.count
         return (
@@ -96,8 +100,11 @@ def campaign_rate(engine: str, runs: int, ticks: int) -> float:
     return runs * ticks / clock.seconds(lambda: runner.run_campaign(config, None, engine))
 
 
-def affordable(rate: Callable[[int], float], ticks: int, least: int, target_s: float, most: int = LARGEST_RUNS) -> int:
-    """Runs of a campaign that take about `target_s` seconds: `least` times a power of two, `most` at most.
+def affordable(
+    rate: Callable[[int], float], ticks: int, least: int, target_s: float, most: int = LARGEST_RUNS
+) -> int:
+    """Runs of a campaign that take about `target_s` seconds: `least` times a power of two, `most`
+    at most.
 
     rate: ticks/s by runs.
 

@@ -1,4 +1,6 @@
-"""How fast the control software driven alone is, on one core: a call a cycle, many cycles a call, and interpreted."""
+"""How fast the control software driven alone is, on one core: a call a cycle, many cycles a
+call, and interpreted.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from ravenjax.robots.raven2.software.control_software import ControlSoftware
 PINS = run_levels.PEDAL_DOWN << 6
 CYCLES, INTERPRETED_CYCLES = 2000, 200
 SWAY_COUNTS = 200
-"""Encoder counts that each motor sways by: numbers differ from cycle to cycle, and no check trips."""
+"""Encoder counts that each motor sways by: numbers differ from cycle to cycle, and no check
+trips.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +46,9 @@ class SoftwareSpeed:
         }
 
 
-def measure(seconds: float, cycles: int = CYCLES, interpreted_cycles: int = INTERPRETED_CYCLES) -> SoftwareSpeed:
+def measure(
+    seconds: float, cycles: int = CYCLES, interpreted_cycles: int = INTERPRETED_CYCLES
+) -> SoftwareSpeed:
     """Time the same cycles all three ways, each for about a third of the time."""
     often = clock.REPEATS, seconds / 3
     home = [list(HOME_JPOS)] * 2
@@ -53,7 +59,9 @@ def measure(seconds: float, cycles: int = CYCLES, interpreted_cycles: int = INTE
     encoders, datagrams = inputs(np.array(one.state.usb.enc_val), cycles)
     few = slice(interpreted_cycles)
 
-    def steps(software: ControlSoftware, encoders: np.ndarray, packets: Sequence[bytes]) -> Callable[[], None]:
+    def steps(
+        software: ControlSoftware, encoders: np.ndarray, packets: Sequence[bytes]
+    ) -> Callable[[], None]:
         def work() -> None:
             for counts, packet in zip(encoders, packets, strict=True):
                 software.step(counts, packet, PINS)
@@ -75,7 +83,9 @@ def inputs(home: np.ndarray, cycles: int) -> tuple[np.ndarray, list[bytes]]:
     encoders = (home + SWAY_COUNTS * np.sin(phase)).astype(np.int32)
 
     def datagram(k: int) -> bytes:
-        moves = tuple(Vec(round(2 * math.sin(0.01 * k + axis)) for axis in range(3)) for _ in range(2))
+        moves = tuple(
+            Vec(round(2 * math.sin(0.01 * k + axis)) for axis in range(3)) for _ in range(2)
+        )
         turn = Vec((0.0, 0.0, 1e-4 * math.sin(0.01 * k), 1.0))
         packet = Packet(1, 124, k + 1, moves, (turn, turn), (0, 0), 1)
         return encode(packet, ("gold", "green"))

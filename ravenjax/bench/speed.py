@@ -1,4 +1,6 @@
-"""Full ticks per second of an engine, driven as a campaign drives it: blocks side by side, one golden run for all."""
+"""Full ticks per second of an engine, driven as a campaign drives it: blocks side by side, one
+golden run for all.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,15 @@ SIZES = {
     "xla": (1024,),
     "mjx": (1024,),
 }
-"""Engine -> runs of a batch, ascending; XLA compiles ten seconds for each, and half a minute with mjx."""
+"""Engine -> runs of a batch, ascending; XLA compiles ten seconds for each, and half a minute
+with mjx.
+"""
 TICKS = {"cuda": 3000, "simd": 1000, "wasm": 1000, "xla": 200, "mjx": 20}
 """Engine -> ticks of a run."""
 _TWICE = 2.5
-"""Times that a batch is run at least: once untimed; a larger one is a little slower than it promises."""
+"""Times that a batch is run at least: once untimed; a larger one is a little slower than it
+promises.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +72,9 @@ class Speed:
 
     @property
     def growth(self) -> tuple[float, float] | None:
-        """(s, s a run) of the line through the two largest batches, start not counted; None with one batch."""
+        """(s, s a run) of the line through the two largest batches, start not counted; None with
+        one batch.
+        """
         if len(self.batches) < 2:
             return None
         less, more = sorted(self.batches, key=lambda batch: batch.runs)[-2:]
@@ -75,7 +83,9 @@ class Speed:
 
 
 def find(name: str) -> Engine | str:
-    """The engine, or in one line why there is none; nothing that it compiles is taken from or left in a cache."""
+    """The engine, or in one line why there is none; nothing that it compiles is taken from or
+    left in a cache.
+    """
     try:
         engine = selection.select(name, CAMPAIGN)
         return engine if engine.device else f"engine {name!r} names no device"
@@ -84,12 +94,16 @@ def find(name: str) -> Engine | str:
 
 
 def of_engine(seconds: float, name: str) -> Speed:
-    """Measure the engine of that name for about so long beyond its start. Raises UserError where there is none."""
+    """Measure the engine of that name for about so long beyond its start. Raises UserError where
+    there is none.
+    """
     engine = find(name)
     if isinstance(engine, str):
         raise UserError(engine)
     sizes = SIZES[name]
-    return measure(engine, Workload(TICKS[name]), sizes, clock.REPEATS, 0.5 * seconds / len(sizes), seconds)
+    return measure(
+        engine, Workload(TICKS[name]), sizes, clock.REPEATS, 0.5 * seconds / len(sizes), seconds
+    )
 
 
 def measure(
@@ -100,8 +114,8 @@ def measure(
     enough_s: float,
     seconds: float = math.inf,
 ) -> Speed:
-    """Time batches of these numbers of runs, ascending; the first always, the next if they promise to fit into
-    `seconds`."""
+    """Time batches of these numbers of runs, ascending; the first always, the next if they promise
+    to fit into `seconds`."""
     kernels: dict[int, Kernel] = {}
     start = ready = 0.0
     batches = list[Batch]()
@@ -132,10 +146,14 @@ def _prepare(kernel: Kernel, workload: Workload) -> tuple[float, float]:
 
 
 def _ready_after_tracing(engine: Engine, workload: Workload, runs: int) -> float:
-    """Seconds in which a kernel whose tick is traced becomes ready: printing and compiling, the better of two."""
+    """Seconds in which a kernel whose tick is traced becomes ready: printing and compiling, the
+    better of two.
+    """
 
     def once() -> float:
-        kernel: Any = engine.compile(workload.program, runs)  # those of printing engines say what they print
+        kernel: Any = engine.compile(
+            workload.program, runs
+        )  # those of printing engines say what they print
         block = workload.golden_runs(kernel.lanes)
         traced.forget()
         traced.forms(kernel.program, block, workload.motion)
@@ -144,7 +162,9 @@ def _ready_after_tracing(engine: Engine, workload: Workload, runs: int) -> float
     return min(once() for _ in range(2))
 
 
-def _batch(engine: Engine, kernel: Kernel, workload: Workload, runs: int, repeats: int, enough_s: float) -> Batch:
+def _batch(
+    engine: Engine, kernel: Kernel, workload: Workload, runs: int, repeats: int, enough_s: float
+) -> Batch:
     lanes = kernel.lanes
     reference = kernel.run(workload.golden_runs(kernel.size(1)), workload.motion).reference[:, :, 0]
     parts = [(first, min(lanes, runs - first)) for first in range(0, runs, lanes)]

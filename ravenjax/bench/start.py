@@ -18,7 +18,9 @@ from ravenjax.campaign import compile_cache
 CAMPAIGN, OTHER_VALUES = "quick", ("--set", "campaign.seed=7")
 """A bundled campaign, and what draws other values for faults and parameters of the same form."""
 NOTHING, AGAIN, OTHERS = ", nothing cached", " again", " with other values"
-"""Of the form that is run: neither traced nor compiled before, with the same values, with others."""
+"""Of the form that is run: neither traced nor compiled before, with the same values, with
+others.
+"""
 ROUNDS = 5
 """At most."""
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,7 +61,9 @@ with open(sys.argv[1], "wb") as words:
 seconds, cpu = time.perf_counter() - begin, usage.ru_utime + usage.ru_stime
 print(json.dumps([seconds, process.returncode, cpu, usage.ru_maxrss]))
 """
-"""Starts a command from a small process: the memory of the one that starts it counts as the command's."""
+"""Starts a command from a small process: the memory of the one that starts it counts as the
+command's.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,10 +77,11 @@ class ShellStart:
 
 
 def measure(seconds: float) -> tuple[ShellStart, ...]:
-    """`ravenjax run` with an empty cache, again, and with other values of the same form; and what lists campaigns.
+    """`ravenjax run` with an empty cache, again, and with other values of the same form; and what
+    lists campaigns.
 
-    In rounds, each with a cache of its own, as many as fit into `seconds`; one at least. Raises RuntimeError for a
-    command that fails.
+    In rounds, each with a cache of its own, as many as fit into `seconds`; one at least. Raises
+    RuntimeError for a command that fails.
     """
     return _rounds(seconds, commands)
 
@@ -91,10 +96,23 @@ def measure_large(
 
     def listed(place: Path) -> list[tuple[str, tuple[str, ...]]]:
         file = place / "large.toml"
-        file.write_text(LARGE.format(runs=runs, duration_s=duration_s, last_ms=round(duration_s * 1000) - 1))
+        file.write_text(
+            LARGE.format(runs=runs, duration_s=duration_s, last_ms=round(duration_s * 1000) - 1)
+        )
         what = f"run of {runs:,} runs of {duration_s:g} s"
         return [
-            (f"{what}{case}", ("run", str(file), "--no-report", "--out", str(place / f"large{number}"), *words, *more))
+            (
+                f"{what}{case}",
+                (
+                    "run",
+                    str(file),
+                    "--no-report",
+                    "--out",
+                    str(place / f"large{number}"),
+                    *words,
+                    *more,
+                ),
+            )
             for number, (case, words) in enumerate(((NOTHING, ()), (OTHERS, OTHER_VALUES)))
         ]
 
@@ -105,7 +123,14 @@ def commands(place: Path) -> list[tuple[str, tuple[str, ...]]]:
     """What is run, and what is written after `ravenjax`; results go to `place`."""
 
     def run(what: str, number: int, *more: str) -> tuple[str, tuple[str, ...]]:
-        return f"run {CAMPAIGN}{what}", ("run", CAMPAIGN, "--no-report", "--out", str(place / str(number)), *more)
+        return f"run {CAMPAIGN}{what}", (
+            "run",
+            CAMPAIGN,
+            "--no-report",
+            "--out",
+            str(place / str(number)),
+            *more,
+        )
 
     return [
         run(NOTHING, 0),
@@ -117,23 +142,35 @@ def commands(place: Path) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def timed_command(place: Path, *tokens: str, root: Path = ROOT) -> tuple[float, float, float]:
-    """s, CPU s and peak MB of `ravenjax` of the package in `root` with these words; its cache is in `place`."""
+    """s, CPU s and peak MB of `ravenjax` of the package in `root` with these words; its cache is
+    in `place`.
+    """
     variables = environment(root) | {compile_cache.VARIABLE: str(place / "cache")}
     words, command = place / "words", [sys.executable, "-m", "ravenjax.cli", *tokens]
     launcher = [sys.executable, "-S", "-c", _LAUNCHER, str(words), *command]
-    answer = subprocess.run(launcher, env=variables, cwd=place, capture_output=True, text=True, check=True)
+    answer = subprocess.run(
+        launcher, env=variables, cwd=place, capture_output=True, text=True, check=True
+    )
     seconds, code, cpu, peak = json.loads(answer.stdout)
     if code:
-        raise RuntimeError(f"ravenjax {' '.join(tokens)}: exit code {code}: {text.last_line(words.read_text())}")
+        raise RuntimeError(
+            f"ravenjax {' '.join(tokens)}: exit code {code}: {text.last_line(words.read_text())}"
+        )
     return seconds, cpu, peak * _UNIT / 1e6
 
 
 def environment(root: Path) -> dict[str, str]:
-    """Variables with which Python takes the package in `root`, and not one in a folder where it happens to start."""
-    return dict(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, [str(root), os.environ.get("PYTHONPATH")]))}
+    """Variables with which Python takes the package in `root`, and not one in a folder where it
+    happens to start.
+    """
+    return dict(os.environ) | {
+        "PYTHONPATH": os.pathsep.join(filter(None, [str(root), os.environ.get("PYTHONPATH")]))
+    }
 
 
-def _rounds(seconds: float, listed: Callable[[Path], list[tuple[str, tuple[str, ...]]]]) -> tuple[ShellStart, ...]:
+def _rounds(
+    seconds: float, listed: Callable[[Path], list[tuple[str, tuple[str, ...]]]]
+) -> tuple[ShellStart, ...]:
     times: dict[str, list[tuple[float, float, float]]] = {}
 
     def once() -> None:

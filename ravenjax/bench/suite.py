@@ -44,16 +44,24 @@ class PartClock:
 
 @dataclasses.dataclass(frozen=True)
 class BenchFindings:
-    """Everything that one benchmark found; None, or not there, is what was left out or failed: `absent` says why."""
+    """Everything that one benchmark found; None, or not there, is what was left out or failed:
+    `absent` says why.
+    """
 
     machine: BenchMachine | None
-    load_before: float  # processes running, mean over the minute before the benchmark; nan: not told
+    load_before: (
+        float  # processes running, mean over the minute before the benchmark; nan: not told
+    )
     load_after: float
     clocks: tuple[PartClock, ...] = ()
-    absent: Mapping[str, str] = dataclasses.field(default_factory=dict)  # part -> why there is nothing of it
+    absent: Mapping[str, str] = dataclasses.field(
+        default_factory=dict
+    )  # part -> why there is nothing of it
     engines: tuple[Speed, ...] = ()
     operations: Operations | None = None
-    peak: Mapping[str, float] = dataclasses.field(default_factory=dict)  # printing engine -> operations/s of its device
+    peak: Mapping[str, float] = dataclasses.field(
+        default_factory=dict
+    )  # printing engine -> operations/s of its device
     peers: tuple[Peer, ...] = ()
     published_model: Peer | None = None  # its three joints alone
     campaigns: Campaigns | None = None
@@ -75,12 +83,16 @@ class BenchFindings:
         return one.best.ticks_per_s * self.operations.per_lane / self.peak[name]
 
     def ratios(self) -> dict[str, dict[str, float]]:
-        """Full ticks/s of each printing engine over every other's ticks/s or steps/s, each at its best."""
+        """Full ticks/s of each printing engine over every other's ticks/s or steps/s, each at
+        its best.
+        """
         others = {f"engine {one.engine}": one.best.ticks_per_s for one in self.engines}
         others |= {peer.name: peer.steps_per_s for peer in self.peers}
         return {
             one.engine: {
-                name: one.best.ticks_per_s / rate for name, rate in others.items() if name != f"engine {one.engine}"
+                name: one.best.ticks_per_s / rate
+                for name, rate in others.items()
+                if name != f"engine {one.engine}"
             }
             for one in self.engines
             if one.engine in PRINTING
@@ -109,7 +121,10 @@ class BenchFindings:
         for record, peer in zip(plain["peers"], self.peers, strict=True):
             record["steps_per_s"] = peer.steps_per_s
         if self.operations is not None:
-            plain["operations"] |= {"per_lane": self.operations.per_lane, "per_group": self.operations.per_group}
+            plain["operations"] |= {
+                "per_lane": self.operations.per_lane,
+                "per_group": self.operations.per_group,
+            }
         if self.software is not None:
             plain["software"]["ticks_per_s"] = self.software.ticks_per_s
         if self.campaigns is not None:
@@ -120,12 +135,17 @@ class BenchFindings:
         for name, scaling in (("cores", self.cores), ("devices", self.devices)):
             if scaling is not None:
                 for record, point in zip(plain[name]["points"], scaling.points, strict=True):
-                    record["kernel_efficiency"], record["campaign_efficiency"] = scaling.efficiency(point)
+                    record["kernel_efficiency"], record["campaign_efficiency"] = scaling.efficiency(
+                        point
+                    )
         return plain | {"ratios": self.ratios(), "seconds": self.seconds}
 
 
 def measure(
-    total_s: float, quick: bool = False, only: Sequence[parts.Name] = (), tell: Callable[[str], None] = lambda _: None
+    total_s: float,
+    quick: bool = False,
+    only: Sequence[parts.Name] = (),
+    tell: Callable[[str], None] = lambda _: None,
 ) -> BenchFindings:
     """Measure for about `total_s` seconds; `tell` hears what comes next.
 
@@ -160,11 +180,17 @@ def measure(
                 values[part.name] = answer.value
             clocks.append(PartClock(part.name, spent, share, answer.peak_mb, others.cores()))
             allotment.done(part.cost, share, spent)
-    absent |= {part.name: "left out of a quick run" for part in parts.PARTS if quick and not only and not part.quick}
+    absent |= {
+        part.name: "left out of a quick run"
+        for part in parts.PARTS
+        if quick and not only and not part.quick
+    }
     return _findings(host.value, before, clocks, absent, values)
 
 
-def _answer(part: BenchPart, share: float, allotment: Allotment, folder: str, gpus: Sequence[str]) -> Answer:
+def _answer(
+    part: BenchPart, share: float, allotment: Allotment, folder: str, gpus: Sequence[str]
+) -> Answer:
     """Of one part, in a process of its own; it is ended where it takes far longer than it may."""
     environment = {compile_cache.VARIABLE: folder if part.name in _KEEPING else "off"}
     if part.name == parts.DEVICES:
@@ -173,7 +199,9 @@ def _answer(part: BenchPart, share: float, allotment: Allotment, folder: str, gp
     return apart.run(part.work, share, *part.arguments, limit_s=limit, environment=environment)
 
 
-def _of_devices(share: float, limit_s: float, environment: Mapping[str, str], gpus: Sequence[str]) -> Answer:
+def _of_devices(
+    share: float, limit_s: float, environment: Mapping[str, str], gpus: Sequence[str]
+) -> Answer:
     """Here is only waited: each number of devices has its own process."""
     try:
         return Answer(devices.measure(share, gpus, environment, limit_s), "", 0.0, float("nan"))
@@ -183,8 +211,8 @@ def _of_devices(share: float, limit_s: float, environment: Mapping[str, str], gp
 
 def _no_time(part: BenchPart, allotment: Allotment) -> str:
     return (
-        f"left out: {max(0.0, allotment.left_s):.0f} s were left, it takes {allotment.needs(part.cost):.0f} s; "
-        f"more with --seconds"
+        f"left out: {max(0.0, allotment.left_s):.0f} s were left, it takes"
+        f" {allotment.needs(part.cost):.0f} s; more with --seconds"
     )
 
 
@@ -203,8 +231,14 @@ def _findings(
         clocks=tuple(clocks),
         absent=absent,
         engines=tuple(value for value in values.values() if isinstance(value, Speed)),
-        peak={name.removeprefix("peak "): value for name, value in values.items() if name.startswith("peak ")},
-        peers=tuple(v for name, v in values.items() if isinstance(v, Peer) and name != "published_model"),
+        peak={
+            name.removeprefix("peak "): value
+            for name, value in values.items()
+            if name.startswith("peak ")
+        },
+        peers=tuple(
+            v for name, v in values.items() if isinstance(v, Peer) and name != "published_model"
+        ),
         starts=(*values.get("starts", ()), *values.get("large_starts", ())),
         operations=values.get("operations"),
         published_model=values.get("published_model"),

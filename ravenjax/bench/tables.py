@@ -30,13 +30,14 @@ NOTES = """\
   are its golden run's count as computed.
 - Runs by when their fault strikes have their golden run in their time, but no planning and no tables.
 - Commands *from the shell* are processes of their own, imports and all. The first has an empty cache; the next find
-  there what it traced and compiled, with the same values of faults and varied parameters, and with others."""
+  there what it traced and compiled, with the same values of faults and varied parameters, and with others."""  # noqa: E501
 
 
 def tables(found: BenchFindings) -> Iterator[Table]:
     """Each table of which there is something."""
     others = [
-        (p.name, p.device, f"{p.robots}", f"{p.compile_s:.1f} s", text.millions(p.steps_per_s)) for p in found.peers
+        (p.name, p.device, f"{p.robots}", f"{p.compile_s:.1f} s", text.millions(p.steps_per_s))
+        for p in found.peers
     ]
     ratios = [
         (f"{name} / {other}", f"{ratio:,.0f}" if ratio >= 10 else f"{ratio:.2g}")
@@ -45,13 +46,25 @@ def tables(found: BenchFindings) -> Iterator[Table]:
     ]
     every: list[Table] = [
         ("Machine", ("what", "is"), _machine(found)),
-        ("From the shell", ("command", "s", "repeats", "median", "CPU s", "memory"), _starts(found)),
+        (
+            "From the shell",
+            ("command", "s", "repeats", "median", "CPU s", "memory"),
+            _starts(found),
+        ),
         ("Engines: full ticks a second", _ENGINE_COLUMNS, _engines(found)),
         ("Cores: M full ticks a second", _scaling_columns("cores"), _scaling(found.cores)),
         ("GPUs: M full ticks a second", _scaling_columns("GPUs"), _scaling(found.devices)),
         (_fault_title(found), _FAULT_COLUMNS, _fault_times(found)),
-        ("Growth with the number of runs", ("what", "fixed", "each further run"), list(_growth(found))),
-        ("Peers: rigid-body steps a second of the same arm", ("what", "on", "robots", "compile", "M steps/s"), others),
+        (
+            "Growth with the number of runs",
+            ("what", "fixed", "each further run"),
+            list(_growth(found)),
+        ),
+        (
+            "Peers: rigid-body steps a second of the same arm",
+            ("what", "on", "robots", "compile", "M steps/s"),
+            others,
+        ),
         (
             "Target A2: one Euler step of the published three-joint model, one robot, one core",
             ("what", "us a step", "of the published time", "inside the band"),
@@ -61,8 +74,12 @@ def tables(found: BenchFindings) -> Iterator[Table]:
         ("Control software alone: both arms, one core", _ALONE_COLUMNS, _alone(found)),
         ("Operations a tick", ("stage", "in each run", "shared by runs"), _operations(found)),
         ("What was not measured", ("part", "why"), _absent(found)),
-        ("Time that each part took", ("part", "s", "of it measuring", "peak memory", "others"), _clocks(found)),
-    ]  # fmt: skip
+        (
+            "Time that each part took",
+            ("part", "s", "of it measuring", "peak memory", "others"),
+            _clocks(found),
+        ),
+    ]
     for table in every:
         if table[2]:
             yield table
@@ -70,20 +87,39 @@ def tables(found: BenchFindings) -> Iterator[Table]:
 
 def markdown(found: BenchFindings, command: str) -> str:
     """A page with the sentences and all tables."""
-    return page("How fast the engines are", command, findings.sentences(found), NOTES, tables(found))
+    return page(
+        "How fast the engines are", command, findings.sentences(found), NOTES, tables(found)
+    )
 
 
 def page(title: str, command: str, lines: Sequence[str], notes: str, every: Iterable[Table]) -> str:
     """Sentences, notes and tables as Markdown."""
-    written = f"Written by `{command}`; the machine is named below." if notes else f"Written by `{command}`."
+    written = (
+        f"Written by `{command}`; the machine is named below."
+        if notes
+        else f"Written by `{command}`."
+    )
     parts = [f"# {title}", written, "\n".join(f"- {line}" for line in lines), notes]
     for name, columns, rows in every:
-        cells = [columns, tuple("---" for _ in columns), *(tuple(c.replace("|", r"\|") for c in row) for row in rows)]
+        cells = [
+            columns,
+            tuple("---" for _ in columns),
+            *(tuple(c.replace("|", r"\|") for c in row) for row in rows),
+        ]
         parts += [f"## {name}", "\n".join(f"| {' | '.join(row)} |" for row in cells)]
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
-_ENGINE_COLUMNS = ("engine", "runs", "lanes of a block", "M ticks/s", "median", "start", "ready", "share of peak")
+_ENGINE_COLUMNS = (
+    "engine",
+    "runs",
+    "lanes of a block",
+    "M ticks/s",
+    "median",
+    "start",
+    "ready",
+    "share of peak",
+)
 _ALONE_COLUMNS = ("how", "ticks/s", "us a tick", "times interpreted")
 _FAULT_COLUMNS = ("fault at", "observed for", "a run takes", "repeats", "of a whole run")
 
@@ -95,7 +131,12 @@ def _a2(found: BenchFindings) -> list[tuple[str, ...]]:
     verdict = "yes" if ours <= published else "NO"
     return [
         ("the authors' C++, DSN 2016, Figure 8", f"{published * 1e6:.3g}", "", ""),
-        ("the same equations compiled by XLA", f"{ours * 1e6:.3g}", f"{ours / published:.2f}", verdict),
+        (
+            "the same equations compiled by XLA",
+            f"{ours * 1e6:.3g}",
+            f"{ours / published:.2f}",
+            verdict,
+        ),
     ]
 
 
@@ -110,7 +151,11 @@ def _machine(found: BenchFindings) -> list[tuple[str, str]]:
                 text.several(m.real_cores, "real core")
                 + (f" and {text.several(threads, 'hyper-thread')}" if threads else "")
                 + (f" on {m.nodes} NUMA nodes" if m.nodes > 1 else "")
-                + (f"; its control group gives it the time of {m.quota:.3g}" if m.quota < m.cores else ""),
+                + (
+                    f"; its control group gives it the time of {m.quota:.3g}"
+                    if m.quota < m.cores
+                    else ""
+                ),
             ),
             ("caches", ", ".join(m.caches) or text.UNKNOWN),
             ("memory", f"{m.memory_gb:.0f} GB" if m.memory_gb == m.memory_gb else text.UNKNOWN),
@@ -119,9 +164,15 @@ def _machine(found: BenchFindings) -> list[tuple[str, str]]:
             ("packages", ", ".join(f"{name} {version}" for name, version in m.versions.items())),
             ("code", m.code[:12]),
         ]
-    rows += [("load average", f"{found.load_before:.1f} before, {found.load_after:.1f} after (its own work included)")]
     rows += [
-        (f"peak, engine {name}", f"{rate / 1e9:,.0f} G operations/s, measured") for name, rate in found.peak.items()
+        (
+            "load average",
+            f"{found.load_before:.1f} before, {found.load_after:.1f} after (its own work included)",
+        )
+    ]
+    rows += [
+        (f"peak, engine {name}", f"{rate / 1e9:,.0f} G operations/s, measured")
+        for name, rate in found.peak.items()
     ]
     return rows + [
         (f"engine {one.engine}", f"{one.device}, {text.several(one.threads, 'block')} side by side")
@@ -154,7 +205,11 @@ def _alone(found: BenchFindings) -> list[tuple[str, ...]]:
     if found.software is None:
         return []
     rates = found.software.ticks_per_s
-    names = {"step": "compiled, a call each", "run": "compiled, many in a call", "interpreted": "interpreted"}
+    names = {
+        "step": "compiled, a call each",
+        "run": "compiled, many in a call",
+        "interpreted": "interpreted",
+    }
     return [
         (names[way], f"{rate:,.0f}", f"{1e6 / rate:.3g}", f"{rate / rates['interpreted']:.3g}")
         for way, rate in rates.items()
@@ -177,7 +232,10 @@ def _operations(found: BenchFindings) -> list[tuple[str, ...]]:
 def _absent(found: BenchFindings) -> list[tuple[str, str]]:
     """Parts with the same reason in one row."""
     reasons = dict.fromkeys(found.absent.values())
-    return [(", ".join(name for name, why in found.absent.items() if why == reason), reason) for reason in reasons]
+    return [
+        (", ".join(name for name, why in found.absent.items() if why == reason), reason)
+        for reason in reasons
+    ]
 
 
 def _starts(found: BenchFindings) -> list[tuple[str, ...]]:
@@ -195,7 +253,15 @@ def _starts(found: BenchFindings) -> list[tuple[str, ...]]:
 
 
 def _scaling_columns(what: str) -> tuple[str, ...]:
-    return (what, "bare kernel", "of linear", "whole campaign", "of linear", "repeats of both", "runs")
+    return (
+        what,
+        "bare kernel",
+        "of linear",
+        "whole campaign",
+        "of linear",
+        "repeats of both",
+        "runs",
+    )
 
 
 def _scaling(found: Scaling | None) -> list[tuple[str, ...]]:
@@ -223,7 +289,8 @@ def _fault_title(found: BenchFindings) -> str:
         return ""
     length = text.seconds(times.ticks / 1e3)
     return (
-        f"Runs of {length} by when their fault strikes, engine {times.engine}, {text.several(times.runs, 'run')} each"
+        f"Runs of {length} by when their fault strikes, engine {times.engine},"
+        f" {text.several(times.runs, 'run')} each"
     )
 
 
@@ -264,6 +331,11 @@ def _growth(found: BenchFindings) -> Iterator[tuple[str, ...]]:
             yield what, f"{speed.start_s + max(0.0, fixed):.2f} s", f"{1e6 * marginal:.1f} us"
     if (whole := found.campaigns) is not None and len(whole.seconds) > 1:
         fixed, marginal = whole.growth
-        sizes = ", ".join(f"{runs}: {text.seconds(seconds)}" for runs, seconds in whole.seconds.items())
-        what = f"whole campaign, {whole.engine}, {whole.ticks} ticks ({sizes}; the first {text.seconds(whole.first_s)})"
+        sizes = ", ".join(
+            f"{runs}: {text.seconds(seconds)}" for runs, seconds in whole.seconds.items()
+        )
+        what = (
+            f"whole campaign, {whole.engine}, {whole.ticks} ticks ({sizes}; the first"
+            f" {text.seconds(whole.first_s)})"
+        )
         yield what, f"{fixed:.2f} s", f"{1e6 * marginal:.0f} us"

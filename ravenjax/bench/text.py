@@ -57,7 +57,8 @@ def several(number: int, one: str, many: str = "") -> str:
 
 
 def compared(one: Repeats, other: Repeats, how: str) -> str:
-    """ "0.32 times as long": one over the other at their best; "about as long" where their repeats overlap.
+    """ "0.32 times as long": one over the other at their best; "about as long" where their repeats
+    overlap.
 
     how: "as long" of times, "as fast" of rates.
     """
@@ -71,4 +72,6 @@ def compared(one: Repeats, other: Repeats, how: str) -> str:
 
 def last_line(output: str) -> str:
     """Of what a program wrote: there its error is."""
-    return next((line.strip() for line in reversed(output.splitlines()) if line.strip()), "it said nothing")
+    return next(
+        (line.strip() for line in reversed(output.splitlines()) if line.strip()), "it said nothing"
+    )

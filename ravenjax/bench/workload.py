@@ -1,7 +1,9 @@
-"""What is timed: a fixed program of one arm and one fault slot, and any number of runs of it, no two alike.
+"""What is timed: a fixed program of one arm and one fault slot, and any number of runs of it, no
+two alike.
 
-All runs share their parameters, as those of one campaign group do, so what they have in common (the clean packet, the
-nominal model) is computed once for all of them; they differ in when, where and how their fault strikes.
+All runs share their parameters, as those of one campaign group do, so what they have in common (the
+clean packet, the nominal model) is computed once for all of them; they differ in when, where and
+how their fault strikes.
 """
 
 from __future__ import annotations
@@ -27,7 +29,9 @@ GOLDEN = 0.6180339887498949
 
 
 def campaign(runs: int, ticks: int) -> CampaignConfig:
-    """The campaign whose tick is timed: suturing with the gold arm, a DAC command overwritten after every check."""
+    """The campaign whose tick is timed: suturing with the gold arm, a DAC command overwritten
+    after every check.
+    """
     fault = {
         "site": "usb_out",
         "channel": ["shoulder", "elbow", "insertion"],
@@ -71,7 +75,9 @@ class Workload:
         return Block(*self.plan.lanes([0], lanes, harmless=True), None)
 
     def block(self, first: int, runs: int, lanes: int, reference: np.ndarray) -> Block:
-        """Runs `first` and following, the last repeated to fill the block; reference: of their golden run."""
+        """Runs `first` and following, the last repeated to fill the block; reference: of their
+        golden run.
+        """
         number = first + np.minimum(np.arange(lanes), runs - 1)
         varied, faults = self.plan.lanes(number % PATTERN_RUNS, lanes)
         value = (DAC_CNT * (2.0 * (number * GOLDEN % 1.0) - 1.0)).astype(np.float32)

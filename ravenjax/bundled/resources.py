@@ -1,4 +1,6 @@
-"""Finds bundled data: an explicit path, then the working directory, then what was installed with the package."""
+"""Finds bundled data: an explicit path, then the working directory, then what was installed with
+the package.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,8 @@ _CHECKOUT = _BUNDLED.parents[1]
 def find(kind: str, name: str | Path) -> Path:
     """Path of data file `name` of folder `kind` ("campaigns" or "models").
 
-    Looked for as given, in ./<kind>, beside the package (a checkout) and inside it (a wheel), in this order.
-    Raises FileNotFoundError that lists each place tried.
+    Looked for as given, in ./<kind>, beside the package (a checkout) and inside it (a wheel), in
+    this order. Raises FileNotFoundError that lists each place tried.
     """
     places = [
         Path(name),

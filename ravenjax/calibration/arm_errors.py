@@ -1,8 +1,10 @@
-"""Which kinematic errors one recorded arm has: the most probable ones, and what they explain where nothing was fitted.
+"""Which kinematic errors one recorded arm has: the most probable ones, and what they explain where
+nothing was fitted.
 
-Gauss-Newton on the first half of a camera's log, beside a rigid motion and the point that the camera looks at, in the
-jaws' frame (known to nobody, and no error of the arm). Kinematic errors are normal before the log, with the spreads of
-MEASURED. Rows of one motion resemble each other: each motion counts as one reading of NOISE_M.
+Gauss-Newton on the first half of a camera's log, beside a rigid motion and the point that the
+camera looks at, in the jaws' frame (known to nobody, and no error of the arm). Kinematic errors are
+normal before the log, with the spreads of MEASURED. Rows of one motion resemble each other: each
+motion counts as one reading of NOISE_M.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ class ArmFit(NamedTuple):
     """Of one arm."""
 
     values: np.ndarray  # [16] kinematic errors at PATHS; 0 where they were not fitted
-    left: tuple[np.ndarray, np.ndarray]  # m, what is left of the tip errors on the first and the second half
+    left: tuple[
+        np.ndarray, np.ndarray
+    ]  # m, what is left of the tip errors on the first and the second half
     own: tuple[np.ndarray, np.ndarray]  # m, tip errors of an arm that has `values` and nothing else
 
 
@@ -45,7 +49,9 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
             slope = np.asarray(_slope(x, first.joints, first.rotation))[..., free]
             left = first.camera - np.asarray(_predicted(x, first.joints, first.rotation))
             weight = rigid.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
-            normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + np.diag(spread[free] ** -2.0)
+            normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + np.diag(
+                spread[free] ** -2.0
+            )
             pull = np.einsum("nak,n,na->k", slope, weight, left) - x[free] / spread[free] ** 2
             x[free] += np.linalg.solve(normal, pull)
         left = log.camera - np.asarray(_predicted(x, log.joints, log.rotation))
@@ -55,7 +61,9 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
 
 
 def _tips(x: jax.Array, joints: jax.Array, rotation: jax.Array) -> jax.Array:
-    """[n, 3] seen points (m): rigid motion x[:6] (rotation vector, displacement), point x[6:9], errors x[9:]."""
+    """[n, 3] seen points (m): rigid motion x[:6] (rotation vector, displacement), point x[6:9],
+    errors x[9:].
+    """
     points = tip_error.true_tips(x[9:], joints) + rotation @ x[6:9]
     turn = jnp.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
     return points @ jax.scipy.linalg.expm(turn).T + x[3:6]

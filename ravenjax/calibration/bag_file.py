@@ -1,12 +1,14 @@
 """Logs of ROS 1 and ROS 2 as tables: .bag, .mcap, .db3 and folders of ROS 2 with a metadata.yaml.
 
-- raven2's `raven_2/raven_state`, on /ravenstate: jpos and jpos_d of both arms in its slots, all times 180/pi, the
-  insertion too; the definition is taken from the file;
-- CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), sensor_msgs/JointState in rad and m.
-  raven2 publishes what it measures of one arm under the other's name (branch crtk, src/raven/local_io.cpp), so that the
-  measured joints of an arm are those that follow its setpoint.
+- raven2's `raven_2/raven_state`, on /ravenstate: jpos and jpos_d of both arms in its slots, all
+  times 180/pi, the insertion too; the definition is taken from the file;
+- CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green),
+  sensor_msgs/JointState in rad and m. raven2 publishes what it measures of one arm under the
+  other's name (branch crtk, src/raven/local_io.cpp), so that the measured joints of an arm are
+  those that follow its setpoint.
 
-Times are the headers', or those of arrival where the headers have none. Of a cut or damaged file nothing is read.
+Times are the headers', or those of arrival where the headers have none. Of a cut or damaged file
+nothing is read.
 """
 
 from __future__ import annotations
@@ -41,13 +43,19 @@ class _Series(NamedTuple):
 
 
 def table(path: Path, arm: ArmName) -> pd.DataFrame:
-    """Columns time_s, jpos_d_JOINT and jpos_JOINT, rad and m; of raven_state runlevel, too. UserError."""
+    """Columns time_s, jpos_d_JOINT and jpos_JOINT, rad and m; of raven_state runlevel, too.
+    UserError.
+    """
     with opened(path) as reader:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
         for topic, kind in kinds.items():
             if kind.endswith(STATE):
                 return _of_states(reader, topic, arm)
-        wanted = {f"/{ARM_TOPICS[name]}/{topic}": name for name in ARMS for topic in ("measured_js", "setpoint_js")}
+        wanted = {
+            f"/{ARM_TOPICS[name]}/{topic}": name
+            for name in ARMS
+            for topic in ("measured_js", "setpoint_js")
+        }
         topics = {
             end: topic
             for topic, kind in kinds.items()
@@ -58,8 +66,11 @@ def table(path: Path, arm: ArmName) -> pd.DataFrame:
         measured = [topics[end] for end in topics if end.endswith("measured_js")]
         if setpoint not in topics or not measured:
             raise UserError(
-                f"{path}: expected raven2's state, or {setpoint} and measured_js of CRTK; the file has\n"
-                + listed([f"{topic} ({kind})" for topic, kind in sorted(kinds.items())] or ["no topics"])
+                f"{path}: expected raven2's state, or {setpoint} and measured_js of CRTK; the file"
+                " has\n"
+                + listed(
+                    [f"{topic} ({kind})" for topic, kind in sorted(kinds.items())] or ["no topics"]
+                )
             )
         followed = _joints(path, reader, topics[setpoint])
         return _following(followed, [_joints(path, reader, topic) for topic in measured])
@@ -74,11 +85,15 @@ def _following(setpoint: _Series, candidates: list[_Series]) -> pd.DataFrame:
 
 
 def _on_times(setpoint: _Series, measured: _Series) -> tuple[np.ndarray, _Series]:
-    """Setpoint [n, 7] where the joints were measured, and those; only the times at which both are known."""
+    """Setpoint [n, 7] where the joints were measured, and those; only the times at which both
+    are known.
+    """
     begin, end = setpoint.time_ns[[0, -1]]
     common = (measured.time_ns >= begin) & (measured.time_ns <= end)
     time_ns = measured.time_ns[common]
-    desired = [np.interp(time_ns - begin, setpoint.time_ns - begin, column) for column in setpoint.joints.T]
+    desired = [
+        np.interp(time_ns - begin, setpoint.time_ns - begin, column) for column in setpoint.joints.T
+    ]
     return np.stack(desired, axis=1), _Series(time_ns, measured.joints[common])
 
 
@@ -86,14 +101,19 @@ def _of_states(reader: AnyReader, topic: str, arm: ArmName) -> pd.DataFrame:
     slots = SLOTS + 8 * ARMS.index(arm)
     received, messages = messages_of(reader, topic)
     desired, measured = (
-        np.array([getattr(one, name)[slots] for one in messages], float) * PER_STATE for name in ("jpos_d", "jpos")
+        np.array([getattr(one, name)[slots] for one in messages], float) * PER_STATE
+        for name in ("jpos_d", "jpos")
     )
-    columns = _columns(_times(received, [getattr(one, "hdr", None) for one in messages]), desired, measured)
+    columns = _columns(
+        _times(received, [getattr(one, "hdr", None) for one in messages]), desired, measured
+    )
     return columns.assign(runlevel=[int(one.runlevel) for one in messages])
 
 
 def _joints(path: Path, reader: AnyReader, topic: str) -> _Series:
-    """A topic of sensor_msgs/JointState: by names as ravenjax writes them, else seven in the order of the joints."""
+    """A topic of sensor_msgs/JointState: by names as ravenjax writes them, else seven in the
+    order of the joints.
+    """
     received, messages = messages_of(reader, topic)
     if not messages:
         raise UserError(f"{path}: {topic} has no messages")
@@ -102,8 +122,8 @@ def _joints(path: Path, reader: AnyReader, topic: str) -> _Series:
     if all(place is None for place in places):
         if len(messages[0].position) != len(JOINTS):
             raise UserError(
-                f"{path}: {topic} has {len(messages[0].position)} joints, {', '.join(names)}; expected some of "
-                f"{', '.join(JOINTS)}, or seven in this order"
+                f"{path}: {topic} has {len(messages[0].position)} joints, {', '.join(names)};"
+                f" expected some of {', '.join(JOINTS)}, or seven in this order"
             )
         places = list(range(len(JOINTS)))
     joints = np.full((len(messages), len(JOINTS)), np.nan)

@@ -1,8 +1,10 @@
-"""A recorded arm's tip as cameras saw it, beside what the arm reported: `camera_poses_left_arm.parquet`.
+"""A recorded arm's tip as cameras saw it, beside what the arm reported:
+`camera_poses_left_arm.parquet`.
 
-A Raven-II (UC Berkeley, 2014; public repository rll/raven_2). Its frame has z upward and the remote centre at its
-origin; it is frame 0 of the gold arm but for the names of the axes. Of the 24 ways to name them this one alone gives
-joints within their limits at every row, and the instrument's roll near 0 where its jaws point straight down.
+A Raven-II (UC Berkeley, 2014; public repository rll/raven_2). Its frame has z upward and the remote
+centre at its origin; it is frame 0 of the gold arm but for the names of the axes. Of the 24 ways to
+name them this one alone gives joints within their limits at every row, and the instrument's roll
+near 0 where its jaws point straight down.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ _QUICK = {"xla_disable_hlo_passes": "fusion"}  # compiles in a third of the time
 
 
 class CameraLog(NamedTuple):
-    """Rows by time; everything in the axes of frame 0, but where the camera's origin is nobody says."""
+    """Rows by time; everything in the axes of frame 0, but where the camera's origin is nobody
+    says.
+    """
 
     trajectory: np.ndarray  # [n] number of the motion
     joints: np.ndarray  # [n, 7] rad and m, those of the reported pose, jaws closed
@@ -45,17 +49,23 @@ class CameraLog(NamedTuple):
 
     @property
     def halves(self) -> tuple[CameraLog, CameraLog]:
-        """What is fitted to, and what is kept back: the first and the second half of the rows by time."""
+        """What is fitted to, and what is kept back: the first and the second half of the rows by
+        time.
+        """
         middle = len(self.joints) // 2
         return self.rows(slice(middle)), self.rows(slice(middle, None))
 
 
 def read(path: Path) -> CameraLog:
-    """The recording. Rows of the same moment count once. Raises UserError where columns are missing."""
+    """The recording. Rows of the same moment count once. Raises UserError where columns are
+    missing.
+    """
     table = pd.read_parquet(path)
     tips = {who: [f"{who}_{axis}_m" for axis in "xyz"] for who in ("camera", "reported")}
     turns = [f"reported_r{i}{j}" for i in range(3) for j in range(3)]
-    if lacking := [name for name in (*tips["camera"], *tips["reported"], *turns, "time_s") if name not in table]:
+    if lacking := [
+        name for name in (*tips["camera"], *tips["reported"], *turns, "time_s") if name not in table
+    ]:
         raise UserError(f"{path}: no column {', '.join(lacking)}; expected those of {FILE}")
     table = pd.DataFrame(table.drop_duplicates("time_s").sort_values("time_s"))
     camera, reported = (np.asarray(table[names], float) for names in tips.values())
@@ -63,20 +73,30 @@ def read(path: Path) -> CameraLog:
     table, camera, reported = table.loc[good], camera[good] @ AXES.T, reported[good] @ AXES.T
     left, _, right = np.linalg.svd(np.asarray(table[turns], float).reshape(-1, 3, 3))
     rotation = AXES @ (left @ right)
-    return CameraLog(np.asarray(table["trajectory"]), joints(reported, rotation), rotation, reported, camera)
+    return CameraLog(
+        np.asarray(table["trajectory"]), joints(reported, rotation), rotation, reported, camera
+    )
 
 
 def joints(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """[n, 7] joints (rad, m) of poses [n, 3], [n, 3, 3] in frame 0: of the eight solutions that nearest to home."""
+    """[n, 7] joints (rad, m) of poses [n, 3], [n, 3, 3] in frame 0: of the eight solutions that
+    nearest to home.
+    """
 
     def one(position: jax.Array, rotation: jax.Array) -> tuple[jax.Array, jax.Array]:
-        pose = Pose(Vec(position[i] for i in range(3)), Vec(Vec(row[i] for i in range(3)) for row in rotation))
+        pose = Pose(
+            Vec(position[i] for i in range(3)),
+            Vec(Vec(row[i] for i in range(3)) for row in rotation),
+        )
         solutions = kinematics.inverse_candidates(ARM, pose)
         angles = [jnp.stack([*joint_from_theta(ARM, theta, 0.0)]) for theta, _ in solutions]
         return jnp.stack(angles), jnp.stack([valid for _, valid in solutions])
 
     with jax.enable_x64(True):
-        candidates, valid = (np.asarray(x) for x in jax.jit(jax.vmap(one), compiler_options=_QUICK)(position, rotation))
+        candidates, valid = (
+            np.asarray(x)
+            for x in jax.jit(jax.vmap(one), compiler_options=_QUICK)(position, rotation)
+        )
     home = np.array([*limits.HOME_JPOS[:5], 0.0, 0.0])
     apart = np.where(valid, np.square(candidates - home).sum(axis=-1), np.inf)
     return np.take_along_axis(candidates, apart.argmin(axis=1)[:, None, None], axis=1)[:, 0]

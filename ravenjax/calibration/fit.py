@@ -1,8 +1,10 @@
-"""Parameters from a log: Gauss-Newton on whole stretches of closed loop, and what is then known of them.
+"""Parameters from a log: Gauss-Newton on whole stretches of closed loop, and what is then known of
+them.
 
-The residual is measured minus replayed, joint by joint, in units of what no step takes away of it. That is correlated
-in time: every joint's squares count only for as many independent samples as it has (its integrated autocorrelation
-time). Beliefs before the log are normal and enter as one more squared residual each.
+The residual is measured minus replayed, joint by joint, in units of what no step takes away of it.
+That is correlated in time: every joint's squares count only for as many independent samples as it
+has (its integrated autocorrelation time). Beliefs before the log are normal and enter as one more
+squared residual each.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ import numpy as np
 from ravenjax.calibration.position_loop import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 
-DIFFERENCE = 0.1  # spreads, to both sides: what two parameters do together is the small rest of what each does
+# spreads, to both sides: what two parameters do together is the small rest of what each does
+DIFFERENCE = 0.1
 CANDIDATES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step, tried side by side
 FURTHER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # spreads along each unknown, where no step is better
 ITERATIONS = 40
@@ -23,7 +26,9 @@ SCREENED = 3  # times as many draws as a slope takes
 LEAST = 10.0  # independent samples that any joint has
 WORTH = 1.0  # gain of a longer step, in squares
 FINEST = 2.0 * transmission.ENCODER_RAD / np.array([*transmission.TR])
-"""Two counts of the encoder at each joint, rad and m: whether a motor at rest shows a count more or less is chance."""
+"""Two counts of the encoder at each joint, rad and m: whether a motor at rest shows a count more
+or less is chance.
+"""
 ENOUGH = 1e-3  # relative gain at which it ends
 
 Predictor = Callable[[np.ndarray], np.ndarray]
@@ -32,35 +37,52 @@ Predictor = Callable[[np.ndarray], np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """The most probable parameters, in spreads from their values before, and the covariance around them."""
+    """The most probable parameters, in spreads from their values before, and the covariance
+    around them.
+    """
 
     steps: np.ndarray  # [k]
     covariance: np.ndarray  # [k, k]
     scale: np.ndarray  # [7] root mean square of each joint's residual, at least FINEST; rad and m
     independent: np.ndarray  # [7] independent samples of each joint's residual
-    costs: tuple[tuple[float, float], ...]  # of each iteration, before and after it in the same weights
+    costs: tuple[
+        tuple[float, float], ...
+    ]  # of each iteration, before and after it in the same weights
 
     def weight(self, measured: np.ndarray) -> np.ndarray:
-        """Of each residual [n, 7], so that its squares add up to the joint's independent samples."""
+        """Of each residual [n, 7], so that its squares add up to the joint's independent
+        samples.
+        """
         there = ~np.isnan(measured)
-        return np.where(there, np.sqrt(self.independent / there.sum(axis=0).clip(1)) / self.scale, 0.0)
+        return np.where(
+            there, np.sqrt(self.independent / there.sum(axis=0).clip(1)) / self.scale, 0.0
+        )
 
 
-def fit(predict: Predictor, measured: np.ndarray, unknowns: int, smooth: Predictor | None = None) -> Fit:
+def fit(
+    predict: Predictor, measured: np.ndarray, unknowns: int, smooth: Predictor | None = None
+) -> Fit:
     """Gauss-Newton with slopes by differences; `measured` [n, 7], nan where it is not compared.
 
-    smooth: predictions without whole numbers, whose differences are the slopes; by default `predict` itself. Where an
-    encoder counts and a motor sticks, chance moves a joint by part of a count. A small difference of counted joints
-    shows little else, and a parameter that tells nothing would seem to tell much.
+    smooth: predictions without whole numbers, whose differences are the slopes; by default
+    `predict` itself. Where an encoder counts and a motor sticks, chance moves a joint by part of a
+    count. A small difference of counted joints shows little else, and a parameter that tells
+    nothing would seem to tell much.
 
-    It begins at the best of some draws from the beliefs, and where it ends it looks along each unknown whether it is
-    better further off: a joint that sticks has no slope that leads away.
+    It begins at the best of some draws from the beliefs, and where it ends it looks along each
+    unknown whether it is better further off: a joint that sticks has no slope that leads away.
     """
     there = ~np.isnan(measured)
     smooth = smooth or predict
     probes = DIFFERENCE * np.vstack([np.eye(unknowns), -np.eye(unknowns)])
     count = rows(unknowns)
-    best = Fit(_start(predict, measured, unknowns, count), np.eye(unknowns), np.ones(JOINTS), np.ones(JOINTS), ())
+    best = Fit(
+        _start(predict, measured, unknowns, count),
+        np.eye(unknowns),
+        np.ones(JOINTS),
+        np.ones(JOINTS),
+        (),
+    )
     for _ in range(ITERATIONS):
         predicted = padded(predict, best.steps[None], count)
         residual = np.where(there, measured - predicted[0], 0.0)
@@ -75,7 +97,9 @@ def fit(predict: Predictor, measured: np.ndarray, unknowns: int, smooth: Predict
         before = costs(best, measured, predicted, best.steps[None])[0]
         candidates = best.steps + np.outer(CANDIDATES, move)
         after = costs(best, measured, padded(predict, candidates, count), candidates)
-        best = dataclasses.replace(best, costs=(*best.costs, (before, float(min(before, after.min())))))
+        best = dataclasses.replace(
+            best, costs=(*best.costs, (before, float(min(before, after.min()))))
+        )
         if after.min() > before * (1.0 - ENOUGH):
             further = np.concatenate([best.steps + far * np.eye(unknowns) for far in FURTHER])
             candidates = np.vstack([best.steps, further])
@@ -95,14 +119,19 @@ def costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarra
     """Of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
     weight = at.weight(measured)
     return np.array(
-        [squares(measured, joints, weight) + one @ one for joints, one in zip(predicted, steps, strict=True)]
+        [
+            squares(measured, joints, weight) + one @ one
+            for joints, one in zip(predicted, steps, strict=True)
+        ]
     )
 
 
 def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Costs of predictions [K, n, 7] where nothing is known of the noise: each joint's is all that its residual is.
+    """Costs of predictions [K, n, 7] where nothing is known of the noise: each joint's is all that
+    its residual is.
 
-    -2 log likelihood of LEAST independent samples a joint, so that parameters far apart can be compared.
+    -2 log likelihood of LEAST independent samples a joint, so that parameters far apart can be
+    compared.
     """
     there = ~np.isnan(measured)
     errors = np.where(there, measured - predicted, 0.0)
@@ -118,7 +147,9 @@ def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -
 
 
 def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
-    """Predictions of any number of parameters, computed by `rows`, so that nothing is compiled anew."""
+    """Predictions of any number of parameters, computed by `rows`, so that nothing is compiled
+    anew.
+    """
     parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
     filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
     return np.concatenate([predict(part) for part in filled])[: len(steps)]
@@ -130,10 +161,11 @@ def squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> flo
 
 
 def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """What no step of the unknowns takes away of the residual [n, 7], joints weighed alike: the noise of the fit.
+    """What no step of the unknowns takes away of the residual [n, 7], joints weighed alike: the
+    noise of the fit.
 
-    What a step takes away is still to be fitted; counted as noise, which it would be much correlated, it would keep the
-    fit where it is.
+    What a step takes away is still to be fitted; counted as noise, which it would be much
+    correlated, it would keep the fit where it is.
     """
     unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), FINEST)
     columns = (slopes / unit).reshape(len(slopes), -1).T
@@ -142,17 +174,23 @@ def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 
 def _noise(residual: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Root mean square of each joint's residual, at least FINEST, and its independent samples; [7] each."""
+    """Root mean square of each joint's residual, at least FINEST, and its independent samples;
+    [7] each.
+    """
     count = there.sum(axis=0)
     scale = np.sqrt((residual**2).sum(axis=0) / count.clip(1))
-    times = np.array([_autocorrelation_time(residual[there[:, j], j]) for j in range(residual.shape[-1])])
+    times = np.array(
+        [_autocorrelation_time(residual[there[:, j], j]) for j in range(residual.shape[-1])]
+    )
     return np.maximum(scale, FINEST), np.maximum(count / times, 1.0)
 
 
 def _autocorrelation_time(series: np.ndarray) -> float:
     """Integrated autocorrelation time of [n], samples; summed to the first sign change."""
     spectrum = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2 if len(series) else np.zeros(1)
-    correlation = np.fft.irfft(spectrum, 2 * len(series))[: len(series)] if len(series) else np.zeros(1)
+    correlation = (
+        np.fft.irfft(spectrum, 2 * len(series))[: len(series)] if len(series) else np.zeros(1)
+    )
     if correlation[0] <= 0.0:
         return 1.0
     correlation = correlation / correlation[0]

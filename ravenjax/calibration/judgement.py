@@ -1,4 +1,6 @@
-"""How well the calibrated robot predicts the part of a log that nothing was fitted to, beside other models of it."""
+"""How well the calibrated robot predicts the part of a log that nothing was fitted to, beside
+other models of it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,9 @@ import numpy as np
 
 
 class FollowingError(NamedTuple):
-    """Root mean squares over one part of a log, [7]; rad and m, nan where the log has no such joint."""
+    """Root mean squares over one part of a log, [7]; rad and m, nan where the log has no such
+    joint.
+    """
 
     model: str
     following: np.ndarray  # of measured or replayed minus desired joints
@@ -22,7 +26,9 @@ def following(
     there = np.isnan(measured)
     rows = [FollowingError(log, _rms(measured - desired, there), np.zeros(measured.shape[-1]))]
     for model, joints in predictions.items():
-        rows.append(FollowingError(model, _rms(joints - desired, there), _rms(joints - measured, there)))
+        rows.append(
+            FollowingError(model, _rms(joints - desired, there), _rms(joints - measured, there))
+        )
     return rows
 
 

@@ -1,4 +1,6 @@
-"""What a log may tell of a robot: numbers of `LoopParams`, each with what is believed of it before."""
+"""What a log may tell of a robot: numbers of `LoopParams`, each with what is believed of it
+before.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,21 @@ from ravenjax.robots.raven2.plant import robot
 
 COMMAND_DELAY, SETPOINT_DELAY = "command_delay", "setpoint_delay"
 USUAL_DELAY_MS = 1.0
-"""Median of the belief: a frame of full-speed USB; with the spread below 90 % of it lie between 0.3 and 3.2 ms."""
+"""Median of the belief: a frame of full-speed USB; with the spread below 90 % of it lie between
+0.3 and 3.2 ms.
+"""
 LONGEST_DELAY_MS = 6
 
 
 class Unknown(NamedTuple):
-    """One number that a log is asked for, normal before the log is seen; of a ratio the logarithm is."""
+    """One number that a log is asked for, normal before the log is seen; of a ratio the
+    logarithm is.
+    """
 
     name: str
-    fields: tuple[str, ...]  # of LoopParams, dots between: plant.actuators.coulomb; a ratio moves all of them alike
+    fields: tuple[
+        str, ...
+    ]  # of LoopParams, dots between: plant.actuators.coulomb; a ratio moves all of them alike
     joint: int | None  # of fields with seven; None: fields with one
     spread: float  # standard deviation: of the logarithm of a ratio, else in the field's unit
     ratio: bool  # whether it is estimated as a ratio to the value before
@@ -38,20 +46,28 @@ class Unknown(NamedTuple):
 
 BELIEFS = {  # what may be asked for -> name, fields, spread, whether a ratio; why
     "friction": (
-        # two recorded arms differ by factors up to 1.7; how motor and joint share it is not told, and not asked
+        # two recorded arms differ by factors up to 1.7; how motor and joint share it is not told,
+        # and not asked
         ("dry_friction", ("plant.actuators.coulomb", "plant.link_coulomb"), 0.6, True),
         ("viscous_friction", ("plant.actuators.viscous",), 1.0, True),
     ),
     # N m; some 70 counts: the amplifier, and weight not modelled
     "offsets": (("offset", ("plant.actuators.bias",), 0.02, False),),
-    # torque a count: published 0.94 to 1 of the controller's, gains 0.8 to 1; widened to both sides by assumption
+    # torque a count: published 0.94 to 1 of the controller's, gains 0.8 to 1; widened to both sides
+    # by assumption
     "motors": (("motor_constant", ("plant.actuators.gain",), 0.1, True),),
     "cables": (
-        ("cable_stiffness", ("plant.cable_stiffness",), 0.5, True),  # published sets 1 to 3 times; worn cables: assumed
+        (
+            "cable_stiffness",
+            ("plant.cable_stiffness",),
+            0.5,
+            True,
+        ),  # published sets 1 to 3 times; worn cables: assumed
         ("cable_damping", ("plant.cable_damping",), 0.7, True),  # published sets 0.25 to 3 times
     ),
     "delays": (
-        # assumed, as in the study of an uncertain robot: from none to three frames of full-speed USB
+        # assumed, as in the study of an uncertain robot: from none to three frames of full-speed
+        # USB
         (COMMAND_DELAY, (COMMAND_DELAY,), 0.7, True),
         # ms; assumed: whether a log's desired joints are those of its cycle or of a neighbour's
         (SETPOINT_DELAY, (SETPOINT_DELAY,), 1.0, False),
@@ -62,7 +78,9 @@ ASKS = tuple(BELIEFS)
 
 
 def unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[Unknown, ...]:
-    """What is asked of a log that has these joints (0 to 6). UserError for an ask that is not of ASKS."""
+    """What is asked of a log that has these joints (0 to 6). UserError for an ask that is not of
+    ASKS.
+    """
     if invalid := [one for one in asks if one not in ASKS]:
         raise UserError(
             f"got {', '.join(invalid)}, expected some of {', '.join(ASKS)}, a comma between"
@@ -98,7 +116,9 @@ def apply(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams
 
 
 def values(base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray) -> dict[str, np.ndarray]:
-    """Every number that `steps` [n, k] move, [n] by its path in `LoopParams`: `plant.actuators.coulomb.shoulder`."""
+    """Every number that `steps` [n, k] move, [n] by its path in `LoopParams`:
+    `plant.actuators.coulomb.shoulder`.
+    """
     return {
         field if one.joint is None else f"{field}.{JOINTS[one.joint]}": np.asarray(
             moved_by(float(_number(base, field, one.joint)), one, steps[:, k]), float

@@ -1,7 +1,8 @@
-"""One cycle of a Raven's position loop on the virtual robot: encoders, PID on motor angles, DAC, mechanics.
+"""One cycle of a Raven's position loop on the virtual robot: encoders, PID on motor angles, DAC,
+mechanics.
 
-The one definition for every replay of a recorded robot. The controller is raven2's: motor angles as encoders read them,
-perhaps low-passed as in the fork of 2015, counts cut to whole numbers.
+The one definition for every replay of a recorded robot. The controller is raven2's: motor angles as
+encoders read them, perhaps low-passed as in the fork of 2015, counts cut to whole numbers.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ RAVEN2 = Controller(  # raven2: params/r2params.yaml, gold arm
     filtered=False,
 )
 FORK2015 = RAVEN2._replace(
-    kp=Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.02, 0.02)), ki=Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.0, 0.0)), filtered=True
+    kp=Vec((0.3, 0.3, 0.15, 0.09, 0.05, 0.02, 0.02)),
+    ki=Vec((0.0, 0.0, 0.0, 0.05, 0.05, 0.0, 0.0)),
+    filtered=True,
 )
 CONTROLLERS = {"raven2": RAVEN2, "fork2015": FORK2015}
 
@@ -49,10 +52,10 @@ class LoopParams:
     """Everything of a robot that a replay may change."""
 
     plant: robot.PlantParams
-    command_delay: Scalar  # ms from USB write to motor, at most Setup.command_delay; between whole ones a mixture
-    setpoint_delay: (
-        Scalar  # ms by which the controller's desired joints lag those of the log; of the log, not the robot
-    )
+    # ms from USB write to motor, at most Setup.command_delay; between whole ones a mixture
+    command_delay: Scalar
+    # ms by which the controller's desired joints lag those of the log; of the log, not the robot
+    setpoint_delay: Scalar
     cables: Scalar  # times stiffness and damping of every cable; 0: all of them cut
 
 
@@ -64,7 +67,9 @@ class LoopState:
     readings: tuple[Vec, ...]  # rad, motors; latest first
     outputs: tuple[Vec, ...]  # of the filter, rad; latest first; none where there is no filter
     integral: Vec  # rad s, motors
-    commands: tuple[Vec, ...]  # DAC counts of past cycles, latest first, as many as Setup.command_delay
+    commands: tuple[
+        Vec, ...
+    ]  # DAC counts of past cycles, latest first, as many as Setup.command_delay
 
 
 class Cycle(NamedTuple):
@@ -89,7 +94,9 @@ def start(
     integral: Vec | None = None,
     whole: bool = True,
 ) -> LoopState:
-    """Of a robot whose motors have turned at `speed` (rad/s) and whose controller has integrated `integral` (rad s)."""
+    """Of a robot whose motors have turned at `speed` (rad/s) and whose controller has integrated
+    `integral` (rad s).
+    """
     dtype = setup.precision.real
     zero = Vec(jnp.asarray(0.0, dtype) for _ in range(JOINTS))
     new = readings(setup, arm, plant, whole)
@@ -108,10 +115,15 @@ def readings(setup: RavenSetup, arm: ArmName, plant: robot.PlantState, whole: bo
     """Motor angles (rad) as encoders read them; not whole: as they are, which has a derivative."""
     dtype = setup.precision.real
     turned = Vec(robot.encoders.radians(motor, dtype) for motor in plant.motors)
-    counts = Vec((motor.count + ref).astype(dtype) for motor, ref in zip(plant.motors, plant.count_ref, strict=True))
+    counts = Vec(
+        (motor.count + ref).astype(dtype)
+        for motor, ref in zip(plant.motors, plant.count_ref, strict=True)
+    )
     if whole:
         return counts * transmission.ENCODER_RAD
-    return turned + plant.count_ref.map(lambda count: count.astype(dtype) * transmission.ENCODER_RAD)
+    return turned + plant.count_ref.map(
+        lambda count: count.astype(dtype) * transmission.ENCODER_RAD
+    )
 
 
 def cycle(
@@ -126,12 +138,16 @@ def cycle(
 ) -> tuple[LoopState, robot.PlantOutput, Cycle]:
     """One millisecond.
 
-    desired: motor angles (rad) for the insertion motor's measured one. written: the counts that are written in place of
-    the controller's. whole: encoders and DAC count in whole numbers.
+    desired: motor angles (rad) for the insertion motor's measured one. written: the counts that are
+    written in place of the controller's. whole: encoders and DAC count in whole numbers.
     """
     tool = setup.tools[setup.arms.index(arm)]
     new = readings(setup, arm, state.plant, whole)
-    angle, before = (_low_passed(new, state), state.outputs[0]) if controller.filtered else (new, state.readings[0])
+    angle, before = (
+        (_low_passed(new, state), state.outputs[0])
+        if controller.filtered
+        else (new, state.readings[0])
+    )
     speed = (angle - before) / robot.TICK_S
     apart = desired(angle[2]) - angle
     integral = state.integral + apart * robot.TICK_S
@@ -140,7 +156,9 @@ def cycle(
     counts = torque * transmission.COUNTS_PER_NM * transmission.tau_signs(arm, tool, setup.software)
     counts = counts.map(jnp.trunc) if whole else counts
     counts = counts if written is None else written(counts)
-    signal = robot.nominal_signal(_arriving(params.command_delay, counts, state.commands), jnp.int32(0))
+    signal = robot.nominal_signal(
+        _arriving(params.command_delay, counts, state.commands), jnp.int32(0)
+    )
     signal = replace(signal, cable_scale=Vec.full(JOINTS, params.cables))
     plant, out = robot.step(setup, arm, params.plant, state.plant, signal)
     after = LoopState(
@@ -162,7 +180,9 @@ def _low_passed(new: Vec, state: LoopState) -> Vec:
 
 
 def _arriving(delay: Scalar, now: Vec, before: tuple[Vec, ...]) -> Vec:
-    """Counts that drive the motors in this cycle; where the delay is between two cycles, of each by its share."""
+    """Counts that drive the motors in this cycle; where the delay is between two cycles, of each
+    by its share.
+    """
     if not before:
         return now
     delay = jnp.clip(delay, 0.0, float(len(before)))

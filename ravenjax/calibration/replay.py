@@ -1,6 +1,8 @@
-"""A logged robot's closed loop on the virtual one: the same desired joints, the same controller, other mechanics.
+"""A logged robot's closed loop on the virtual one: the same desired joints, the same controller,
+other mechanics.
 
-Where a log begins, the robot stands at the measured joints; the time until it has forgotten that is not compared.
+Where a log begins, the robot stands at the measured joints; the time until it has forgotten that is
+not compared.
 """
 
 from __future__ import annotations
@@ -20,17 +22,21 @@ Replay = Callable[..., jax.Array]
 
 
 def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
-    """The null model of a robot: its motors with viscous friction alone. To be replayed with all `cables` cut."""
+    """The null model of a robot: its motors with viscous friction alone. To be replayed with all
+    `cables` cut.
+    """
     free = Vec.full(JOINTS, 0.0)
     return replace(params, actuators=replace(params.actuators, coulomb=free, bias=free))
 
 
 def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: float = 1.0) -> Replay:
-    """(parameters, first joints [7], desired joints [T, 7]) -> joints that the motors then show [T, 7]; rad and m.
+    """(parameters, first joints [7], desired joints [T, 7]) -> joints that the motors then show [T,
+    7]; rad and m.
 
-    cables: times stiffness and damping of every cable; 0: bare rotors. Row t is what the encoders read after tick t, as
-    a log of the next cycle has it. To be compiled and mapped. Further, of a robot that moves where the log begins: the
-    first speeds of its joints [7] (rad/s and m/s), and what its controller has integrated by then [7] (motors, rad s).
+    cables: times stiffness and damping of every cable; 0: bare rotors. Row t is what the encoders
+    read after tick t, as a log of the next cycle has it. To be compiled and mapped. Further, of a
+    robot that moves where the log begins: the first speeds of its joints [7] (rad/s and m/s), and
+    what its controller has integrated by then [7] (motors, rad s).
     """
     tool = setup.tools[setup.arms.index(arm)]
 
@@ -52,7 +58,9 @@ def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: floa
 
         state = _released(robot.init(setup, arm, params, Vec(first)))
         mvel = None
-        if speed is not None:  # the motors stand where the log has them, the links where loaded cables leave them
+        if (
+            speed is not None
+        ):  # the motors stand where the log has them, the links where loaded cables leave them
             read = position_loop.readings(setup, arm, state)
             by_motors = jnp.stack(transmission.joint_from_motor(arm, tool, read, setup.software))
             state = _released(robot.init(setup, arm, params, Vec(2.0 * first - by_motors)))
@@ -61,7 +69,9 @@ def replay(setup: RavenSetup, arm: ArmName, controller: Controller, cables: floa
         begun = None if integral is None else Vec(integral)
         start = position_loop.start(setup, arm, controller, state, mvel, begun)
         _, motors = jax.lax.scan(tick, start, desired)
-        return jnp.stack([*transmission.joint_from_motor(arm, tool, Vec(motors.T), setup.software)], axis=1)
+        return jnp.stack(
+            [*transmission.joint_from_motor(arm, tool, Vec(motors.T), setup.software)], axis=1
+        )
 
     return run
 

@@ -1,7 +1,8 @@
-"""A logged robot's replay as a `ravenjax.engines.interface.Loop`, so that every engine runs many of them side by side.
+"""A logged robot's replay as a `ravenjax.engines.interface.Loop`, so that every engine runs many of
+them side by side.
 
-The motion's seven columns are the desired joints, a row a cycle; the series that goes out of a cycle are the joints
-that the motors then show.
+The motion's seven columns are the desired joints, a row a cycle; the series that goes out of a
+cycle are the joints that the motors then show.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ class ReplaySetup(RavenSetup):
 
     controller: Controller = RAVEN2
     shifted: bool = False  # whether the log's desired joints may be late
-    whole: bool = True  # encoders and DAC count in whole numbers; without, a replay has a derivative
+    whole: bool = (
+        True  # encoders and DAC count in whole numbers; without, a replay has a derivative
+    )
 
 
 @record
@@ -62,7 +65,9 @@ def advance(
     def desired(insertion: Scalar) -> Vec:
         return transmission.motor_from_joint(arm, tool, row, insertion, setup.software)
 
-    state, _, _ = position_loop.cycle(setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole)
+    state, _, _ = position_loop.cycle(
+        setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole
+    )
     motors = position_loop.readings(setup, arm, state.plant, setup.whole)
     joints = transmission.joint_from_motor(arm, tool, motors, setup.software)
     return state, tuple(joints), ()

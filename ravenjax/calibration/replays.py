@@ -1,4 +1,6 @@
-"""Replays of one log with many parameters side by side, on the fastest engine of the machine's processor."""
+"""Replays of one log with many parameters side by side, on the fastest engine of the machine's
+processor.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ from ravenjax.robots.raven2.setup import RavenSetup
 ENGINE = "simd"
 
 
-def setup_of(setup: RavenSetup, arm: ArmName, controller: Controller, wanted: Sequence[Unknown]) -> ReplaySetup:
+def setup_of(
+    setup: RavenSetup, arm: ArmName, controller: Controller, wanted: Sequence[Unknown]
+) -> ReplaySetup:
     """What the replays of one arm need for what is asked."""
     fields = {field for one in wanted for field in one.fields}
     return ReplaySetup(
@@ -38,15 +42,23 @@ def setup_of(setup: RavenSetup, arm: ArmName, controller: Controller, wanted: Se
     )
 
 
-def predictor(setup: ReplaySetup, base: LoopParams, wanted: Sequence[Unknown], log: JointLog) -> Predictor:
+def predictor(
+    setup: ReplaySetup, base: LoopParams, wanted: Sequence[Unknown], log: JointLog
+) -> Predictor:
     """Replays of a log from its beginning, where the robot stands at the joints first measured."""
-    return _Replays(setup, base, tuple(parameters.values(base, wanted, np.zeros((1, len(wanted))))), log).steps(wanted)
+    return _Replays(
+        setup, base, tuple(parameters.values(base, wanted, np.zeros((1, len(wanted))))), log
+    ).steps(wanted)
 
 
 def robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
     """[K, n, 7] of whole robots, where the log was measured."""
     every = [dict(paths.leaves(one, setup)) for one in several]
-    differ = [path for path, value in every[0].items() if any(float(one[path]) != float(value) for one in every)]
+    differ = [
+        path
+        for path, value in every[0].items()
+        if any(float(one[path]) != float(value) for one in every)
+    ]
     columns = {path: np.array([float(one[path]) for one in every]) for path in differ}
     return _Replays(setup, several[0], tuple(differ), log).run(columns, len(several))
 
@@ -54,12 +66,18 @@ def robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> 
 class _Replays:
     """One log, compiled for some parameters that differ."""
 
-    def __init__(self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog) -> None:
+    def __init__(
+        self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
+    ) -> None:
         first = np.where(np.isnan(log.start), log.desired[0], log.start)
         params = ReplayParams(_plain(base), Vec(np.float32(x) for x in first))
         self._base, self._log, self._varied = base, log, varied
         self._program = TickProgram(
-            replay_loop.__name__, setup, params, tuple(f"loop.{path}" for path in varied), len(log.desired)
+            replay_loop.__name__,
+            setup,
+            params,
+            tuple(f"loop.{path}" for path in varied),
+            len(log.desired),
         )
         self._motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
         self._kernel: Kernel | None = None
@@ -70,17 +88,23 @@ class _Replays:
     def run(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """[count, n, 7] of parameters [count] by path."""
         if self._kernel is None:
-            self._kernel = selection.select(ENGINE, self._program.setup.precision).compile(self._program, count)
+            self._kernel = selection.select(ENGINE, self._program.setup.precision).compile(
+                self._program, count
+            )
         kernel = self._kernel
         columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in self._varied}
         starts = range(0, count, kernel.lanes)
         parts = threads.mapped(lambda start: self._block(kernel, columns, start, count), starts)
         return np.concatenate(parts)[:count]
 
-    def _block(self, kernel: Kernel, columns: Mapping[str, np.ndarray], start: int, count: int) -> np.ndarray:
+    def _block(
+        self, kernel: Kernel, columns: Mapping[str, np.ndarray], start: int, count: int
+    ) -> np.ndarray:
         rows = min(kernel.lanes, count - start)
         lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
-        result = kernel.run(Block({path: column[lanes] for path, column in columns.items()}, (), None), self._motion)
+        result = kernel.run(
+            Block({path: column[lanes] for path, column in columns.items()}, (), None), self._motion
+        )
         return np.moveaxis(result.reference[self._log.cycles, :, :rows], -1, 0).astype(np.float64)
 
 

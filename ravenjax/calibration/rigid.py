@@ -1,4 +1,6 @@
-"""The rigid motion between two sets of points, least squares with less weight for what is far off."""
+"""The rigid motion between two sets of points, least squares with less weight for what is far
+off.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 FAR_M = 2e-3
-"""Distances beyond this count linearly, as Huber's loss has it: bad frames of a camera do not decide the frame."""
+"""Distances beyond this count linearly, as Huber's loss has it: bad frames of a camera do not
+decide the frame.
+"""
 ITERATIONS = 10
 
 
@@ -23,12 +27,16 @@ class RigidMotion(NamedTuple):
 
 
 def fit(points: np.ndarray, onto: np.ndarray) -> RigidMotion:
-    """The motion that brings `points` [n, 3] onto the others [..., n, 3], m (Kabsch; reweighted for Huber's loss)."""
+    """The motion that brings `points` [n, 3] onto the others [..., n, 3], m (Kabsch; reweighted
+    for Huber's loss).
+    """
     weight, motion = np.ones(onto.shape[:-1]), RigidMotion(np.eye(3), np.zeros(3))
     for _ in range(ITERATIONS):
         share = (weight / weight.sum(axis=-1, keepdims=True))[..., None]
         centre, other = (share * points).sum(axis=-2), (share * onto).sum(axis=-2)
-        spread = np.swapaxes(share * (points - centre[..., None, :]), -1, -2) @ (onto - other[..., None, :])
+        spread = np.swapaxes(share * (points - centre[..., None, :]), -1, -2) @ (
+            onto - other[..., None, :]
+        )
         left, _, right = np.linalg.svd(spread)
         left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
         rotation = np.swapaxes(left @ right, -1, -2)

@@ -1,4 +1,6 @@
-"""A calibrated robot as a file: what a campaign draws its robots from by `[parameters] from = "my_robot.toml"`."""
+"""A calibrated robot as a file: what a campaign draws its robots from by `[parameters] from =
+"my_robot.toml"`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log
     """
     number = len(next(iter(values.values())))
     rows = [
-        f"# {number} robots that {log.name} leaves likely: the n-th values of all lists belong to one. In a campaign:",
+        (
+            f"# {number} robots that {log.name} leaves likely: the n-th values of all lists belong"
+            " to one. In a campaign:"
+        ),
         '# [parameters] from = "this file". Written by `ravenjax calibrate`.',
         "",
         "[campaign]",
@@ -35,7 +40,9 @@ def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log
             rows.append(f'"{DELAY}" = {{ together = {cycles.tolist()} }}')
         elif path != SETPOINT_DELAY:
             listed = ", ".join(map(_decimal, draws.tolist()))
-            rows.append(f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = [{listed}] }}')
+            rows.append(
+                f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = [{listed}] }}'
+            )
     return "\n".join(rows) + "\n"
 
 

@@ -1,8 +1,9 @@
-"""Sampling for what `fit` finds by slopes: how many replays it takes to come as near, and whether it finds better.
+"""Sampling for what `fit` finds by slopes: how many replays it takes to come as near, and whether
+it finds better.
 
-Costs are those of the fit, in its last weights: squared residuals and beliefs, -2 log posterior but for a constant. A
-search has come near where its best cost is above the fit's by no more than there are unknowns, which is what a draw
-from the posterior has on average.
+Costs are those of the fit, in its last weights: squared residuals and beliefs, -2 log posterior but
+for a constant. A search has come near where its best cost is above the fit's by no more than there
+are unknowns, which is what a draw from the posterior has on average.
 """
 
 from __future__ import annotations
@@ -53,7 +54,10 @@ class Counter:
         """Predictions of `steps` [K, k]."""
         start = time.perf_counter()
         joints = self._predict(steps)
-        self.replays, self.seconds = self.replays + len(steps), self.seconds + time.perf_counter() - start
+        self.replays, self.seconds = (
+            self.replays + len(steps),
+            self.seconds + time.perf_counter() - start,
+        )
         return joints
 
     @property
@@ -62,11 +66,19 @@ class Counter:
         return ReplayEffort(self.replays, self.seconds)
 
 
-def searches(predict: Predictor, measured: np.ndarray, best: Fit, replays: int, seed: int = 0) -> list[Search]:
+def searches(
+    predict: Predictor, measured: np.ndarray, best: Fit, replays: int, seed: int = 0
+) -> list[Search]:
     """Every way with `replays` each. predict, measured [n, 7], best: as of the fit."""
     rows = fitting.rows(len(best.steps))
-    target = fitting.costs(best, measured, fitting.padded(predict, best.steps[None], rows), best.steps[None])[0]
-    ways = {"draws from the beliefs": beliefs, "cross-entropy": cross_entropy, "Markov chains": chains}
+    target = fitting.costs(
+        best, measured, fitting.padded(predict, best.steps[None], rows), best.steps[None]
+    )[0]
+    ways = {
+        "draws from the beliefs": beliefs,
+        "cross-entropy": cross_entropy,
+        "Markov chains": chains,
+    }
     results = []
     for name, way in ways.items():
         counter = Counter(predict)
@@ -90,8 +102,11 @@ def beliefs(cost: Cost, unknowns: int, rows: int, rng: np.random.Generator) -> I
         yield cost(rng.standard_normal((rows, unknowns)))
 
 
-def cross_entropy(cost: Cost, unknowns: int, rows: int, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Adaptive importance sampling: each generation from the normal distribution of the last one's best.
+def cross_entropy(
+    cost: Cost, unknowns: int, rows: int, rng: np.random.Generator
+) -> Iterator[np.ndarray]:
+    """Adaptive importance sampling: each generation from the normal distribution of the last one's
+    best.
 
     Rubinstein, Kroese, The Cross-Entropy Method, 2004.
     """
@@ -111,14 +126,20 @@ def cross_entropy(cost: Cost, unknowns: int, rows: int, rng: np.random.Generator
 def chains(cost: Cost, unknowns: int, rows: int, rng: np.random.Generator) -> Iterator[np.ndarray]:
     """Metropolis chains side by side, each stepping along the difference of two others.
 
-    ter Braak, Statistics and Computing 16, 2006 (differential evolution Markov chain), 2.38 / sqrt(2 k).
+    ter Braak, Statistics and Computing 16, 2006 (differential evolution Markov chain), 2.38 /
+    sqrt(2 k).
     """
     number = rows * -(-CHAINS * unknowns // rows)
     state = rng.standard_normal((number, unknowns))
     costs = cost(state)
     yield costs
     while True:
-        others = np.array([rng.choice(np.delete(np.arange(number), one), 2, replace=False) for one in range(number)])
+        others = np.array(
+            [
+                rng.choice(np.delete(np.arange(number), one), 2, replace=False)
+                for one in range(number)
+            ]
+        )
         jump = 2.38 / np.sqrt(2.0 * unknowns) * (state[others[:, 0]] - state[others[:, 1]])
         proposal = state + jump + rng.normal(0.0, LEAST_SPREAD, state.shape)
         new = cost(proposal)

@@ -1,4 +1,6 @@
-"""A calibration in tables: how well the robots predict the log, and what it tells of each parameter."""
+"""A calibration in tables: how well the robots predict the log, and what it tells of each
+parameter.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ class Rows(NamedTuple):
 
 
 def following(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
-    """Root mean square following error of the log and of each model, with the model's share of the log's."""
+    """Root mean square following error of the log and of each model, with the model's share of
+    the log's.
+    """
     log = rows[0].following
     cells = []
     for one in rows:
@@ -38,7 +42,10 @@ def following(title: str, rows: Sequence[FollowingError], joints: Sequence[int])
             share = f" ({one.following[j] / log[j]:.2f}), off {one.residual[j] * PER_UNIT[j]:.3f}"
             line.append(error if one is rows[0] else error + share)
         cells.append(tuple(line))
-    columns = ("rms (times the log's), off by", *(f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}" for j in joints))
+    columns = (
+        "rms (times the log's), off by",
+        *(f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}" for j in joints),
+    )
     return Rows(title, columns, cells)
 
 
@@ -50,8 +57,9 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
             f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}",
             f"{log.following[j] * PER_UNIT[j]:.3f}",
             *(
-                f"{one.following[j] * PER_UNIT[j]:.3f} ({one.following[j] / log.following[j]:.2f})\n"
-                f"off {one.residual[j] * PER_UNIT[j]:.3f}"
+                f"{one.following[j] * PER_UNIT[j]:.3f}"
+                f" ({one.following[j] / log.following[j]:.2f})\noff"
+                f" {one.residual[j] * PER_UNIT[j]:.3f}"
                 for one in models
             ),
         )
@@ -61,9 +69,19 @@ def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) 
 
 
 def parameters(title: str, calibrated: Calibration) -> Rows:
-    """Every unknown before and after the log, its 90 % interval, and the share of its spread that the log leaves."""
+    """Every unknown before and after the log, its 90 % interval, and the share of its spread
+    that the log leaves.
+    """
     low, high = calibrated.interval
-    rows = zip(calibrated.unknowns, calibrated.before, calibrated.after, low, high, calibrated.told, strict=True)
+    rows = zip(
+        calibrated.unknowns,
+        calibrated.before,
+        calibrated.after,
+        low,
+        high,
+        calibrated.told,
+        strict=True,
+    )
     cells = [
         (
             one.path,
@@ -79,7 +97,9 @@ def parameters(title: str, calibrated: Calibration) -> Rows:
 
 
 def searches(title: str, calibrated: Calibration, results: Sequence[Search]) -> Rows:
-    """The fit, then each way of sampling: replays and time until it came near, and the best it found."""
+    """The fit, then each way of sampling: replays and time until it came near, and the best it
+    found.
+    """
     cells = [("slopes (the fit)", *_effort(calibrated.effort), "0")]
     for one in results:
         if one.near is None:

@@ -1,9 +1,11 @@
-"""How wrong a healthy arm's report is: what cameras saw, what drawn robots have, what one arm's parameters explain.
+"""How wrong a healthy arm's report is: what cameras saw, what drawn robots have, what one arm's
+parameters explain.
 
-Every number is of the distance between seen (or true) and reported tip after one rigid motion, fitted to the log's
-first half, so that nothing is known of its second. The log is of a single arm, and its cameras err, too. So what is
-fitted is one number: a common factor of the kinematic errors' distribution, with which half the drawn robots have a
-larger median error on the first half than cameras saw there. That gives all that was seen to the arm: an upper bound.
+Every number is of the distance between seen (or true) and reported tip after one rigid motion,
+fitted to the log's first half, so that nothing is known of its second. The log is of a single arm,
+and its cameras err, too. So what is fitted is one number: a common factor of the kinematic errors'
+distribution, with which half the drawn robots have a larger median error on the first half than
+cameras saw there. That gives all that was seen to the arm: an upper bound.
 """
 
 from __future__ import annotations
@@ -38,12 +40,16 @@ class ErrorSize(NamedTuple):
 def size(errors: np.ndarray) -> ErrorSize:
     """Of tip errors [n], m."""
     return ErrorSize(
-        np.quantile(errors, QUANTILES), float((errors > LIMIT_M).mean()), float(np.sqrt(np.square(errors).mean()))
+        np.quantile(errors, QUANTILES),
+        float((errors > LIMIT_M).mean()),
+        float(np.sqrt(np.square(errors).mean())),
     )
 
 
 def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tip errors [..., n] (m) on the first and on the second half of a log, of true or seen tips [..., n, 3]."""
+    """Tip errors [..., n] (m) on the first and on the second half of a log, of true or seen tips
+    [..., n, 3].
+    """
     middle = len(log.joints) // 2
     motion = rigid.fit(log.reported[:middle], true[..., :middle, :])
     apart = np.linalg.norm(true - motion(log.reported), axis=-1)
@@ -55,14 +61,19 @@ def with_values(values: jax.Array) -> KinematicErrors:
     exact = kinematic_errors.exact()
     entries = {path: values[k] for k, path in enumerate(PATHS)}
     offset, ratio = (
-        Vec(entries.get(f"{part}.{joint}", 0.0) for joint in JOINTS) for part in ("joint_offset", "ratio_error")
+        Vec(entries.get(f"{part}.{joint}", 0.0) for joint in JOINTS)
+        for part in ("joint_offset", "ratio_error")
     )
-    links = LinkErrors(*(entries.get(f"links.{field.name}", 0.0) for field in dataclasses.fields(LinkErrors)))
+    links = LinkErrors(
+        *(entries.get(f"links.{field.name}", 0.0) for field in dataclasses.fields(LinkErrors))
+    )
     return dataclasses.replace(exact, joint_offset=offset, ratio_error=ratio, links=links)
 
 
 def true_tips(values: jax.Array, joints: jax.Array) -> jax.Array:
-    """[n, 3] true tips (m, frame 0) of the arm with `values`, where its software reports joints [n, 7]."""
+    """[n, 3] true tips (m, frame 0) of the arm with `values`, where its software reports joints
+    [n, 7].
+    """
     errors = with_values(values)
     links = kinematic_errors.true_joints(errors, Vec(joints[:, i] for i in range(7)))
     return jnp.stack([*kinematic_errors.tip(ARM, errors, None, links)], axis=-1)
@@ -77,13 +88,17 @@ def draw(robots: int, seed: int = 0) -> np.ndarray:
 
 
 def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[robots, n] tip errors (m) of robots with errors [robots, 16], on the log's first and second half."""
+    """[robots, n] tip errors (m) of robots with errors [robots, 16], on the log's first and
+    second half.
+    """
     with jax.enable_x64(True):
         return errors_of(log, np.asarray(_tips_of_robots(robots, log.joints)))
 
 
 def factor(log: CameraLog, robots: np.ndarray) -> float:
-    """Times which MEASURED makes the middle robot's median error on the first half the one that cameras saw."""
+    """Times which MEASURED makes the middle robot's median error on the first half the one that
+    cameras saw.
+    """
     goal = float(np.median(errors_of(log, log.camera)[0]))
     low, high = 0.05, 4.0
     for _ in range(12):
@@ -94,7 +109,9 @@ def factor(log: CameraLog, robots: np.ndarray) -> float:
 
 
 def gaussian(log: CameraLog, seed: int = 0) -> np.ndarray:
-    """[n] tip errors of a null: in each axis alike, at each moment anew, of the first half's root mean square, m."""
+    """[n] tip errors of a null: in each axis alike, at each moment anew, of the first half's
+    root mean square, m.
+    """
     deviation = size(errors_of(log, log.camera)[0]).rms / np.sqrt(3.0)
     normal = np.random.default_rng(seed).normal(size=(len(log.halves[1].joints), 3))
     return np.linalg.norm(deviation * normal, axis=1)

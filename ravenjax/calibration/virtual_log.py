@@ -25,10 +25,16 @@ def swept(cycles: int) -> np.ndarray:
     return MIDDLE + SWEEP * np.sin(2.0 * np.pi * RATE_HZ * np.arange(cycles)[:, None] * 1e-3)
 
 
-def recorded(base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray, desired: np.ndarray) -> LoggedRobot:
-    """A log of the robot that `steps` [k] (spreads) move `base` to, asked for `desired` [T, 7], every PERIOD_MS."""
+def recorded(
+    base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray, desired: np.ndarray
+) -> LoggedRobot:
+    """A log of the robot that `steps` [k] (spreads) move `base` to, asked for `desired` [T, 7],
+    every PERIOD_MS.
+    """
     cycles = np.arange(PERIOD_MS - 1, len(desired), PERIOD_MS)
-    empty = JointLog(desired[0], desired, np.full((len(cycles), position_loop.JOINTS), np.nan), cycles)
+    empty = JointLog(
+        desired[0], desired, np.full((len(cycles), position_loop.JOINTS), np.nan), cycles
+    )
     setup = replays.setup_of(SETUP, "gold", position_loop.RAVEN2, wanted)
     joints = replays.robots(setup, [parameters.apply(base, wanted, steps)], empty)[0]
     return LoggedRobot(empty._replace(measured=joints), SETUP, "gold", position_loop.RAVEN2)

@@ -1,4 +1,6 @@
-"""From blocks back to parts: columns of blocks of rows, cut and put together to the columns of each part."""
+"""From blocks back to parts: columns of blocks of rows, cut and put together to the columns of
+each part.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,11 @@ import numpy as np
 
 
 class StretchTable(Mapping[str, np.ndarray]):
-    """Columns of a stretch's rows by name; each block's are put where its rows stand, by any thread.
+    """Columns of a stretch's rows by name; each block's are put where its rows stand, by any
+    thread.
 
-    A column of one value, as of the golden run that all rows share, comes and stays as one number (stride 0).
+    A column of one value, as of the golden run that all rows share, comes and stays as one number
+    (stride 0).
     """
 
     def __init__(self, rows: int) -> None:
@@ -42,8 +46,14 @@ class StretchTable(Mapping[str, np.ndarray]):
         """The whole column, with room for these values of it."""
         if there is None:
             alike = _constant(values)
-            return np.broadcast_to(values[:1], self.rows) if alike else np.empty(self.rows, values.dtype)
-        if _constant(there) and not (_constant(values) and values[:1].tobytes() == there[:1].tobytes()):
+            return (
+                np.broadcast_to(values[:1], self.rows)
+                if alike
+                else np.empty(self.rows, values.dtype)
+            )
+        if _constant(there) and not (
+            _constant(values) and values[:1].tobytes() == there[:1].tobytes()
+        ):
             return there.copy()
         return there
 
@@ -65,7 +75,10 @@ class PartRows(NamedTuple):
     def tables(self) -> tuple[dict[str, np.ndarray], ...]:
         """The columns of all its rows."""
         return tuple(
-            {name: _joined([tables[t][name][where] for tables, where in self.pieces]) for name in table}
+            {
+                name: _joined([tables[t][name][where] for tables, where in self.pieces])
+                for name in table
+            }
             for t, table in enumerate(self.pieces[0][0])
         )
 
@@ -75,7 +88,9 @@ def _joined(pieces: list[np.ndarray]) -> np.ndarray:
 
 
 def parts(ranges: Iterable[range], blocks: Iterable[Tables]) -> Iterator[PartRows]:
-    """Each of `ranges` as soon as its rows are there; `blocks` hold the rows of all in order, none missing."""
+    """Each of `ranges` as soon as its rows are there; `blocks` hold the rows of all in order,
+    none missing.
+    """
     wanted = iter(ranges)
     part, room = PartRows(range(0), []), 0
     for block in blocks:

@@ -1,7 +1,9 @@
-"""How far the runs of a plan need their golden runs: from when to when they run themselves, and which go on from one.
+"""How far the runs of a plan need their golden runs: from when to when they run themselves, and
+which go on from one.
 
-Up to the first tick in which a fault may act a run is its golden run, to the bit. Where enough runs share a golden run
-it is followed once more, beside itself, and they go on from its snapshots; where each has its own, nothing is saved.
+Up to the first tick in which a fault may act a run is its golden run, to the bit. Where enough runs
+share a golden run it is followed once more, beside itself, and they go on from its snapshots; where
+each has its own, nothing is saved.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ import numpy as np
 from ravenjax.campaign.plan import Plan
 
 WORTH = 2
-"""Times that the ticks saved must exceed those of following a golden run: what its group shares is run again, too."""
+"""Times that the ticks saved must exceed those of following a golden run: what its group shares
+is run again, too.
+"""
 
 
 class Branching:
@@ -26,7 +30,9 @@ class Branching:
 
     @cached_property
     def last_act(self) -> np.ndarray:
-        """The last tick in which faults of a run begin to act, int64 [golden runs]; 0: none ever does."""
+        """The last tick in which faults of a run begin to act, int64 [golden runs]; 0: none ever
+        does.
+        """
         acts = self._ready.acts
         return self._largest(np.where(acts < self._ready.program.ticks, acts, 0))
 

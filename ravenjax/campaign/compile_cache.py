@@ -1,7 +1,8 @@
-"""Where traces and compiled code are kept between processes: a campaign that was compiled once starts at once.
+"""Where traces and compiled code are kept between processes: a campaign that was compiled once
+starts at once.
 
-Two processes may use the folder at a time. What is damaged there counts as absent; what was used longest ago goes when
-the folder grows too large.
+Two processes may use the folder at a time. What is damaged there counts as absent; what was used
+longest ago goes when the folder grows too large.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from ravenjax.numbers import lazy
 VARIABLE = "RAVENJAX_CACHE"
 """Environment variable: another folder, or "off"."""
 SIZE_VARIABLE, SIZE_MB = "RAVENJAX_CACHE_MB", 512
-"""Environment variable: how large the traces and compiled objects may grow together, MB; and its default."""
+"""Environment variable: how large the traces and compiled objects may grow together, MB; and its
+default.
+"""
 _HASH = 32  # bytes of sha256 before the content of a file
 
 
@@ -30,7 +33,11 @@ def folder() -> Path | None:
     wanted = os.environ.get(VARIABLE, "")
     if wanted.lower() == "off":
         return None
-    place = Path(wanted) if wanted else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ravenjax"
+    place = (
+        Path(wanted)
+        if wanted
+        else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ravenjax"
+    )
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError:  # no cache is no reason not to run
@@ -39,9 +46,11 @@ def folder() -> Path | None:
 
 
 def enable() -> None:
-    """Turn on JAX's persistent cache of compiled programs, unless it is set up already, once JAX is used.
+    """Turn on JAX's persistent cache of compiled programs, unless it is set up already, once JAX is
+    used.
 
-    Code for one CPU may not run on another that shares the home folder, so each kind of CPU has a folder of its own.
+    Code for one CPU may not run on another that shares the home folder, so each kind of CPU has a
+    folder of its own.
     """
     if (base := folder()) is not None:
         lazy.when_loaded(lambda jax: _use(jax, base))
@@ -53,7 +62,8 @@ def _use(jax: Any, base: Path) -> None:
 
 
 def objects() -> MutableMapping[str, bytes] | None:
-    """Traces and compiled objects of the printing engines by their key, on disk; None where the cache is off.
+    """Traces and compiled objects of the printing engines by their key, on disk; None where the
+    cache is off.
 
     Raises UserError for a size that is none.
     """
@@ -67,7 +77,8 @@ def _size_mb() -> int:
         return SIZE_MB
     if not text.isdecimal() or int(text) == 0:
         raise UserError(
-            f"{SIZE_VARIABLE}={text!r}: expected a whole number of MB, 1 or more; {VARIABLE}=off keeps nothing"
+            f"{SIZE_VARIABLE}={text!r}: expected a whole number of MB, 1 or more; {VARIABLE}=off"
+            " keeps nothing"
         )
     return int(text)
 

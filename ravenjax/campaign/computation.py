@@ -1,8 +1,10 @@
-"""Rows of a plan through an engine: blocks side by side, each beside the golden runs that it is compared with.
+"""Rows of a plan through an engine: blocks side by side, each beside the golden runs that it is
+compared with.
 
-Up to the first tick in which a fault may act a run is its golden run: where enough runs share one, they go on from its
-snapshots. Rows come out in order, a stretch at a time. The blocks of the next stretch are under way by then, so that no
-thread waits for the slowest; its golden runs are computed while the last blocks of this one run.
+Up to the first tick in which a fault may act a run is its golden run: where enough runs share one,
+they go on from its snapshots. Rows come out in order, a stretch at a time. The blocks of the next
+stretch are under way by then, so that no thread waits for the slowest; its golden runs are computed
+while the last blocks of this one run.
 """
 
 from __future__ import annotations
@@ -30,17 +32,19 @@ from ravenjax.engines.trunk import snapshot_bytes
 from ravenjax.store import schema
 
 GOLDEN_BYTES = 2**29
-"""Memory that the golden runs of a stretch may take, their time series and snapshots; two stretches may be under way.
-As much again is copied at a time where each run has a golden run of its own."""
+"""Memory that the golden runs of a stretch may take, their time series and snapshots; two stretches
+may be under way. As much again is copied at a time where each run has a golden run of its own."""
 GPU_TIMES = 2
 """Times that for a GPU, which needs many lanes at a time and copies those of a block."""
 AHEAD, ENOUGH_ROWS = 4, 2**18
-"""Blocks of a stretch for each that runs at a time, but one alone where so many rows are more: those of one stretch are
-stored while the next one runs."""
+"""Blocks of a stretch for each that runs at a time, but one alone where so many rows are more:
+those of one stretch are stored while the next one runs."""
 STANDS_STILL = 0.1
 """Share of its length for which a golden run may stand still without a word."""
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
-"""Rows of a stretch, and ticks of them all, that are enough to find some that act at about the same time."""
+"""Rows of a stretch, and ticks of them all, that are enough to find some that act at about the
+same time.
+"""
 
 Columns = dict[str, np.ndarray]
 Pair = tuple[Columns, Columns]
@@ -78,8 +82,8 @@ class Computation:
         threads: int | None = None,
         whole: bool = False,
     ) -> None:
-        """runs: how many are computed at a time, which sizes blocks; threads: blocks side by side, where the engine is
-        not to decide. whole: every run is computed from its beginning."""
+        """runs: how many are computed at a time, which sizes blocks; threads: blocks side by side,
+        where the engine is not to decide. whole: every run is computed from its beginning."""
         self.ready, self.progress, self.whole = ready, progress, whole
         self.threads = max(1, threads or engine.threads)
         self.kernel = engine.compile(ready.program, runs or ready.runs)
@@ -101,7 +105,8 @@ class Computation:
         return other
 
     def blocks(self, ranges: Sequence[range]) -> Generator[Tables]:
-        """Outcomes of the rows of `ranges`, in order, some at a time; and `outcomes.of_golden` of their golden runs.
+        """Outcomes of the rows of `ranges`, in order, some at a time; and `outcomes.of_golden` of
+        their golden runs.
 
         Close it to give up what is under way. Use it where `interruption.held_back`.
         """
@@ -111,12 +116,17 @@ class Computation:
         golden_runs = GoldenRuns(np.zeros(0, self.ready.golden.dtype), ())
         with ThreadPoolExecutor(self.threads) as pool, ThreadPoolExecutor(self.threads) as storage:
             try:
-                for stretch in stretches.cut(ranges, self.ready.golden, self._limits(), self.ready.acts):
+                for stretch in stretches.cut(
+                    ranges, self.ready.golden, self._limits(), self.ready.acts
+                ):
                     golden_runs = self._golden_runs(pool, stretch, golden_runs)
                     tables = StretchTable(len(stretch.rows)), StretchTable(len(stretch.rows))
                     coming = [
                         storage.submit(
-                            _put, tables, places, pool.submit(self._faulty, stretch.rows[places], golden_runs)
+                            _put,
+                            tables,
+                            places,
+                            pool.submit(self._faulty, stretch.rows[places], golden_runs),
                         )
                         for places in stretch.blocks
                     ]
@@ -137,22 +147,31 @@ class Computation:
         still = halted > STANDS_STILL * self.ready.program.ticks
         if still.any():
             self.progress.note(
-                f"{still.sum()} of {len(still)} golden runs stand still for up to {int(halted.max()):,} of "
-                f"{self.ready.program.ticks:,} ms while the operator holds the pedal down: the robot stops without a "
-                "fault, and faults after that do nothing. Column golden_halted_ms tells which; take a shorter "
-                "campaign.duration_s, another motion or a smaller operator.scale"
+                f"{still.sum()} of {len(still)} golden runs stand still for up to"
+                f" {int(halted.max()):,} of {self.ready.program.ticks:,} ms while the operator"
+                " holds the pedal down: the robot stops without a fault, and faults after that do"
+                " nothing. Column golden_halted_ms tells which; take a shorter"
+                " campaign.duration_s, another motion or a smaller operator.scale"
             )
 
     def _limits(self) -> StretchLimits:
         program, lanes = self.ready.program, self.kernel.lanes
         setup = program.setup
-        a_series = program.ticks * program.loop.series_length(setup) * np.dtype(setup.precision.real).itemsize
-        a_golden = a_series + (snapshot_bytes(program.ticks) if self._branching.branches.any() else 0)
+        a_series = (
+            program.ticks
+            * program.loop.series_length(setup)
+            * np.dtype(setup.precision.real).itemsize
+        )
+        a_golden = a_series + (
+            snapshot_bytes(program.ticks) if self._branching.branches.any() else 0
+        )
         blocks = max(self.threads, min(AHEAD * self.threads, ENOUGH_ROWS // lanes))
         if self.kernel.branches:
             ticks = max(1.0, float((self.ready.ends - self.ready.acts).mean()))
             blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
-        room, copies = (GPU_TIMES * GOLDEN_BYTES, 1) if self._on_gpu else (GOLDEN_BYTES, self.threads)
+        room, copies = (
+            (GPU_TIMES * GOLDEN_BYTES, 1) if self._on_gpu else (GOLDEN_BYTES, self.threads)
+        )
         alone = self._whole_vectors(room // a_series // copies)
         return StretchLimits(lanes, blocks, self._whole_vectors(room // a_golden), alone)
 
@@ -163,15 +182,22 @@ class Computation:
 
     # --- golden runs ---
 
-    def _golden_runs(self, pool: ThreadPoolExecutor, stretch: Stretch, earlier: GoldenRuns) -> GoldenRuns:
-        """Those of a stretch; starts what is not there, with the parameters of the first row of each."""
+    def _golden_runs(
+        self, pool: ThreadPoolExecutor, stretch: Stretch, earlier: GoldenRuns
+    ) -> GoldenRuns:
+        """Those of a stretch; starts what is not there, with the parameters of the first row of
+        each.
+        """
         numbers, first = np.unique(self.ready.golden[stretch.rows], return_index=True)
         rows = stretch.rows[first]
 
         def start(lacking: np.ndarray) -> list[Future[Computed]]:
             some = rows[np.isin(numbers, lacking)]
             lanes = min(self.kernel.lanes, self.kernel.size(-(-len(some) // self.threads)))
-            return [pool.submit(self._fault_free, some[i : i + lanes]) for i in range(0, len(some), lanes)]
+            return [
+                pool.submit(self._fault_free, some[i : i + lanes])
+                for i in range(0, len(some), lanes)
+            ]
 
         golden_runs = earlier.followed(stretch.golden_runs, start)
         for number, row in zip(numbers.tolist(), rows, strict=True):
@@ -184,9 +210,13 @@ class Computation:
         self.progress.more_due(self.kernel.size(len(rows)) * self.ready.program.ticks)
         block = self._block(rows, None, harmless=True)
         if block.ends is not None:
-            block = dataclasses.replace(block, ends=self._branching.last_end[self.ready.golden[self._filled(rows)]])
+            block = dataclasses.replace(
+                block, ends=self._branching.last_end[self.ready.golden[self._filled(rows)]]
+            )
         result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
-        columns = {name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)}
+        columns = {
+            name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)
+        }
         if "halted_ms" in columns:
             self._halted.append(columns["halted_ms"])
         return Computed(self.ready.golden[rows], result.reference[:, :, : len(rows)], columns)
@@ -201,11 +231,15 @@ class Computation:
         return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is computed once."""
+        """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is
+        computed once.
+        """
         own, golden, ends = golden_runs.get(), self.ready.golden[rows], self.ready.ends[rows]
         early = self._branching.early[rows]
         if len(own.numbers) == 1 and not early.any():
-            return {name: np.broadcast_to(values, len(rows)) for name, values in own.outcomes.items()}
+            return {
+                name: np.broadcast_to(values, len(rows)) for name, values in own.outcomes.items()
+            }
         at_end = np.searchsorted(own.numbers, golden)
         columns = {name: values[at_end] for name, values in own.outcomes.items()}
         for number in np.unique(golden[early]).tolist():
@@ -219,7 +253,9 @@ class Computation:
         if early.any():
             moments = golden[early] * (1 + self.ready.program.ticks) + ends[early]
             _, first, of_moment = np.unique(moments, return_index=True, return_inverse=True)
-            result = self.kernel.run(self._block(rows[early][first], own, harmless=True), self.ready.columns)
+            result = self.kernel.run(
+                self._block(rows[early][first], own, harmless=True), self.ready.columns
+            )
             for name, values in columns.items():
                 values[early] = result.outcomes[name][of_moment]
         return columns
@@ -232,7 +268,10 @@ class Computation:
         own = golden_runs.get()
         coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
         here = np.isin(own.numbers, self.ready.golden[rows]).tolist()
-        trunks = [future.result().trunk if future and near else None for future, near in zip(coming, here, strict=True)]
+        trunks = [
+            future.result().trunk if future and near else None
+            for future, near in zip(coming, here, strict=True)
+        ]
         block = dataclasses.replace(self._block(rows, own), trunks=trunks)
         result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
         columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}

@@ -1,6 +1,7 @@
 """Keys of a campaign that nothing would read, or that would only make copies of the same run.
 
-Each of them is a slip: whoever writes three values for an effect that takes none expects three different runs.
+Each of them is a slip: whoever writes three values for an effect that takes none expects three
+different runs.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ from ravenjax.vocabulary.robot import Robot
 
 
 def complaints(config: CampaignConfig) -> Iterator[Complaint]:
-    """(key, message) of every such key of a config whose words are right; see `drawn_once` for one more kind."""
+    """(key, message) of every such key of a config whose words are right; see `drawn_once` for
+    one more kind.
+    """
     for g, group in enumerate(config.group):
         yield from _group(config, group, ("group", g))
     yield from _parameters(config)
@@ -33,14 +36,23 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def drawn_once(config: CampaignConfig) -> Iterator[Complaint]:
-    """(key, message) of each distribution from which only one number would be drawn: its group makes one run.
+    """(key, message) of each distribution from which only one number would be drawn: its group
+    makes one run.
 
     A robot that is drawn anew for each hazard of the library is left alone.
     """
-    single = [g for g, group in enumerate(config.group) if group.design not in SAMPLED and _draws(config, group) == 1]
+    single = [
+        g
+        for g, group in enumerate(config.group)
+        if group.design not in SAMPLED and _draws(config, group) == 1
+    ]
     for g in single:
         group = config.group[g]
-        axes = {("fault", f, name): axis for f, fault in enumerate(group.fault) for name, axis in _axes(fault)}
+        axes = {
+            ("fault", f, name): axis
+            for f, fault in enumerate(group.fault)
+            for name, axis in _axes(fault)
+        }
         if not (group.fault and hazards_of(group.name)):
             axes |= {("parameters", path): axis for path, axis in group.parameters.items()}
         for key, axis in axes.items():
@@ -61,7 +73,13 @@ def notices(config: CampaignConfig) -> Iterator[Complaint]:
                 and not config.campaign.noise
                 and axis.values != (0,)
             ):
-                yield (*key, path), "nothing reads it while campaign.noise is off; set campaign.noise = true to use it"
+                yield (
+                    (*key, path),
+                    (
+                        "nothing reads it while campaign.noise is off; set campaign.noise = true to"
+                        " use it"
+                    ),
+                )
     for g, group in enumerate(config.group):
         for f, fault in enumerate(group.fault if hazards_of(group.name) else ()):
             yield from _late(config, fault, ("group", g, "fault", f))
@@ -69,17 +87,21 @@ def notices(config: CampaignConfig) -> Iterator[Complaint]:
 
 def _draws(config: CampaignConfig, group: Group) -> int:
     """Runs of a group that draw for themselves."""
-    return group.repeats * sum(sampling.count(group, axes) for _, axes in design.faults_and_axes(config, group))
+    return group.repeats * sum(
+        sampling.count(group, axes) for _, axes in design.faults_and_axes(config, group)
+    )
 
 
 def _once(axis: Axis, why: str) -> str:
     return (
-        f"{axis.kind} = {shown(list(axis.values))} is drawn from once, for {why}. For more draws write "
-        'design = "random" (or "lhs", "sobol") and runs = 100 in the group; for one run write the value itself'
+        f"{axis.kind} = {shown(list(axis.values))} is drawn from once, for {why}. For more draws"
+        ' write design = "random" (or "lhs", "sobol") and runs = 100 in the group; for one run'
+        " write the value itself"
     )
 
 
-# --- groups -----------------------------------------------------------------------------------------------------------
+# --- groups ---------------------------------------------------------------------------------------
+# --------------------
 
 
 def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:
@@ -98,12 +120,17 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
         yield from _twice(config.robot, (*key, "cross", path), axis)
     for r, run in enumerate(group.run):
         if (first := group.run.index(run)) != r:
-            yield (*key, "run", r), f"the same as run[{first}]: its runs would be identical, remove it"
+            yield (
+                (*key, "run", r),
+                f"the same as run[{first}]: its runs would be identical, remove it",
+            )
     if group.design in SAMPLED and (group.runs or 0) > 1 and not _differ(config, group):
         yield (
             (*key, "runs"),
-            f"the {group.runs} runs would be identical: nothing in the group is drawn. Give a key a list or a "
-            "distribution, or remove design and runs",
+            (
+                f"the {group.runs} runs would be identical: nothing in the group is drawn. Give a"
+                " key a list or a distribution, or remove design and runs"
+            ),
         )
 
 
@@ -111,7 +138,9 @@ def _differ(config: CampaignConfig, group: Group) -> bool:
     """Whether anything differs between the runs of a sampled group."""
     axes = [axis for fault in group.fault for _, axis in _axes(fault)]
     axes += {**config.parameters, **group.parameters}.values()
-    every = any(fault.channel is not None and fault.channel.listed == (ALL,) for fault in group.fault)
+    every = any(
+        fault.channel is not None and fault.channel.listed == (ALL,) for fault in group.fault
+    )
     return every or random_in_itself(config, group) or any(map(_varies, axes))
 
 
@@ -142,11 +171,18 @@ def _twice(robot: Robot, key: Key, axis: Axis) -> Iterator[Complaint]:
         path = str(key[-1])
         names, first = paths.components(robot.joints), _first_component(robot, len(axis.values))
         vector = "." in path and first in names and path.rpartition(".")[2] not in names
-        hint = f"; for the numbers of a vector write one path each, such as {path}.{first}" if vector else ""
+        hint = (
+            f"; for the numbers of a vector write one path each, such as {path}.{first}"
+            if vector
+            else ""
+        )
         yield (
             key,
-            f"got {shown(value)} {how}: its runs would be identical. Write each value once; for repeats of a random "
-            f"run write repeats, to draw a value more often write {{ choice = [..] }}{hint}",
+            (
+                f"got {shown(value)} {how}: its runs would be identical. Write each value once; for"
+                " repeats of a random run write repeats, to draw a value more often write {"
+                f" choice = [..] }}{hint}"
+            ),
         )
 
 
@@ -155,8 +191,15 @@ def _fault(robot: Robot, fault: Fault, key: Key, gridded: bool) -> Iterator[Comp
     if channels == (ALL,):
         channels = tuple(channel.name for channel in robot.sites[fault.site].channels)
     uses = (
-        _Use("value", fault.value, [e for e in effects if e not in WITHOUT_VALUE], "takes no value"),
-        _Use("period_ms", _unless_zero(fault.period_ms), [e for e in effects if e == "periodic"], "has no period"),
+        _Use(
+            "value", fault.value, [e for e in effects if e not in WITHOUT_VALUE], "takes no value"
+        ),
+        _Use(
+            "period_ms",
+            _unless_zero(fault.period_ms),
+            [e for e in effects if e == "periodic"],
+            "has no period",
+        ),
     )
     for use in uses:
         if use.axis is None:
@@ -184,8 +227,10 @@ def _late(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]
         low, high = start.values
         yield (
             (*key, "start_ms"),
-            f"got {start.kind} = [{low:g}, {high:g}], expected at most {last}: what is drawn beyond would never "
-            "strike; write an earlier end, or a longer campaign.duration_s",
+            (
+                f"got {start.kind} = [{low:g}, {high:g}], expected at most {last}: what is drawn"
+                " beyond would never strike; write an earlier end, or a longer campaign.duration_s"
+            ),
         )
 
 
@@ -204,12 +249,13 @@ def _unless_zero(axis: Axis) -> Axis | None:
 
 def _once_for_each(effect: str, why: str, name: str) -> str:
     return (
-        f"effect {effect!r} {why}, and a grid would run it once for each {name}, all alike: give it a "
-        "[[group]] of its own"
+        f"effect {effect!r} {why}, and a grid would run it once for each {name}, all alike: give it"
+        " a [[group]] of its own"
     )
 
 
-# --- parameters -------------------------------------------------------------------------------------------------------
+# --- parameters -----------------------------------------------------------------------------------
+# --------------------
 
 
 def _parameters(config: CampaignConfig) -> Iterator[Complaint]:
@@ -233,18 +279,32 @@ def _crossed_too(config: CampaignConfig) -> Iterator[Complaint]:
         for path in {**config.cross, **group.cross}:
             if path in plain:
                 key: Key = ("group", g, "cross", path) if path in group.cross else ("cross", path)
-                yield key, "stands in parameters, too, where cross would replace it: remove one of the two"
+                yield (
+                    key,
+                    (
+                        "stands in parameters, too, where cross would replace it: remove one of"
+                        " the two"
+                    ),
+                )
 
 
 def _overlapping(config: CampaignConfig) -> Iterator[Complaint]:
-    """Two paths of one number: a run that has the one only would get the robot's own value by the other."""
+    """Two paths of one number: a run that has the one only would get the robot's own value by
+    the other.
+    """
     where: dict[str, Key] = {}
     for key, table in parameter_tables(config):
         for path in table:
             where.setdefault(path, (*key, path))
     for one, other in itertools.combinations(where, 2):
         if overlap(config.robot, one, other):
-            yield where[other], f"names numbers that {one} names, too: write one of the two paths throughout the file"
+            yield (
+                where[other],
+                (
+                    f"names numbers that {one} names, too: write one of the two paths throughout"
+                    " the file"
+                ),
+            )
 
 
 class _Address(NamedTuple):
@@ -269,22 +329,34 @@ def _address(robot: Robot, path: str) -> _Address:
 def overlap(robot: Robot, one: str, other: str) -> bool:
     """Whether two different paths of parameters name a number in common."""
     a, b = _address(robot, one), _address(robot, other)
-    return a.kind == b.kind and all(not x or not y or x == y for x, y in zip(a[1:], b[1:], strict=True))
+    return a.kind == b.kind and all(
+        not x or not y or x == y for x, y in zip(a[1:], b[1:], strict=True)
+    )
 
 
-# --- observers --------------------------------------------------------------------------------------------------------
+# --- observers ------------------------------------------------------------------------------------
+# --------------------
 
 
 def _observers(config: CampaignConfig) -> Iterator[Complaint]:
     cues = config.haptics.cues()
     if len(set(cues)) < len(cues):
-        yield ("haptics",), "two of the haptic sets are the same: write each threshold, gain and cap once"
+        yield (
+            ("haptics",),
+            "two of the haptic sets are the same: write each threshold, gain and cap once",
+        )
     names = [detector.name for detector in config.detector]
     for d, detector in enumerate(config.detector):
         if names.index(detector.name) != d:
-            yield ("detector", d, "name"), f"got {detector.name!r} twice, expected a name of its own for each detector"
+            yield (
+                ("detector", d, "name"),
+                f"got {detector.name!r} twice, expected a name of its own for each detector",
+            )
         for name in ("fusion", "consecutive", "threshold"):
             values: Iterable[Any] = getattr(detector, name)
             value, times = Counter(values).most_common(1)[0]
             if times > 1:
-                yield ("detector", d, name), f"got {shown(value)} {times} times, expected each value once"
+                yield (
+                    ("detector", d, name),
+                    f"got {shown(value)} {times} times, expected each value once",
+                )

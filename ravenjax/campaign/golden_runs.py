@@ -1,4 +1,6 @@
-"""The golden runs that runs are compared with: each computed once, kept while the next runs may need it."""
+"""The golden runs that runs are compared with: each computed once, kept while the next runs may
+need it.
+"""
 
 from __future__ import annotations
 
@@ -37,13 +39,17 @@ class Branches(NamedTuple):
 
 
 def _joined(some: list[Computed]) -> Computed:
-    """All of them, of which no two hold the same golden run. Takes them from the list one by one: series are large."""
+    """All of them, of which no two hold the same golden run. Takes them from the list one by
+    one: series are large.
+    """
     if len(some) == 1:
         return some.pop()
     numbers = np.sort(np.concatenate([one.numbers for one in some]))
     first = some[0]
     reference = np.empty((*first.reference.shape[:2], len(numbers)), first.reference.dtype)
-    outcomes = {name: np.empty(len(numbers), values.dtype) for name, values in first.outcomes.items()}
+    outcomes = {
+        name: np.empty(len(numbers), values.dtype) for name, values in first.outcomes.items()
+    }
     del first
     while some:
         one = some.pop()
@@ -55,15 +61,24 @@ def _joined(some: list[Computed]) -> Computed:
 
 
 class GoldenRuns:
-    """The golden runs of a stretch of runs; those that are still computed are waited for by who first needs them."""
+    """The golden runs of a stretch of runs; those that are still computed are waited for by who
+    first needs them.
+    """
 
     def __init__(
-        self, numbers: np.ndarray, coming: Sequence[Future[Computed]], earlier: GoldenRuns | None = None
+        self,
+        numbers: np.ndarray,
+        coming: Sequence[Future[Computed]],
+        earlier: GoldenRuns | None = None,
     ) -> None:
-        """numbers: ascending; each is in one of `coming` or in `earlier`, whose `branches` these have as well."""
+        """numbers: ascending; each is in one of `coming` or in `earlier`, whose `branches` these
+        have as well.
+        """
         self.numbers = numbers
         self.branches: dict[int, Future[Branches]]
-        self.branches = {} if earlier is None else {n: b for n, b in earlier.branches.items() if n in numbers}
+        self.branches = (
+            {} if earlier is None else {n: b for n, b in earlier.branches.items() if n in numbers}
+        )
         self._coming, self._earlier = coming, earlier
         self._computed: Computed | None = None
         self._lock = threading.Lock()
@@ -79,8 +94,12 @@ class GoldenRuns:
                 self._computed = _joined(parts)
             return self._computed
 
-    def followed(self, numbers: np.ndarray, compute: Callable[[np.ndarray], Sequence[Future[Computed]]]) -> GoldenRuns:
-        """Those `numbers` (ascending) that the next stretch needs; `compute` starts those that are not among these."""
+    def followed(
+        self, numbers: np.ndarray, compute: Callable[[np.ndarray], Sequence[Future[Computed]]]
+    ) -> GoldenRuns:
+        """Those `numbers` (ascending) that the next stretch needs; `compute` starts those that
+        are not among these.
+        """
         here = np.isin(numbers, self.numbers)
         if here.all():
             return self

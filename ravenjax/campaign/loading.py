@@ -1,6 +1,8 @@
-"""Reads a campaign file: TOML, then overrides, then `CampaignConfig`, then `semantics`. Nothing is compiled before.
+"""Reads a campaign file: TOML, then overrides, then `CampaignConfig`, then `semantics`. Nothing is
+compiled before.
 
-All that is wrong is told at once, each complaint with file, line, key, what was got and what was expected.
+All that is wrong is told at once, each complaint with file, line, key, what was got and what was
+expected.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from ravenjax.vocabulary.robot import Robot
 def load(path: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
     """The campaign of a TOML file, or of a bundled one by name, with `key.path=value` overrides.
 
-    `.toml` may be left out. A recorded operator's path is taken from the campaign file's folder. Raises UserError.
+    `.toml` may be left out. A recorded operator's path is taken from the campaign file's folder.
+    Raises UserError.
     """
     file = location.find(path, "campaigns", "campaign", "ravenjax campaigns")
     raw, text = location.read(file)
@@ -39,7 +42,8 @@ def from_dict(
     overrides: Sequence[str] = (),
     template: bool = False,
 ) -> CampaignConfig:
-    """The campaign of nested tables as TOML has them, with overrides; `source` and `text` say where from.
+    """The campaign of nested tables as TOML has them, with overrides; `source` and `text` say where
+    from.
 
     template: of a search, which draws from the distributions itself. Raises UserError.
     """
@@ -51,7 +55,10 @@ def from_dict(
             groups = raw.get("group")
             raw, where.written = expansion.plain(raw)
             if where.written and isinstance(groups, list):
-                where.groups, where.names = groups, [_text(group.get("name")) for group in raw["group"]]
+                where.groups, where.names = (
+                    groups,
+                    [_text(group.get("name")) for group in raw["group"]],
+                )
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     try:
@@ -63,21 +70,33 @@ def from_dict(
     except ValidationError as error:
         # a list is also called too short when its only entries are bad
         faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
-        raise where.error(_complaint(robot, e, raw) for e in faults if not _is_misspelt(e, faults)) from None
+        raise where.error(
+            _complaint(robot, e, raw) for e in faults if not _is_misspelt(e, faults)
+        ) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
     config = config.with_files(Path.cwd()) if source is None else config.with_source(source)
-    if errors := list(semantics.complaints(config)) or list(_wasted(config, template)) or list(_too_many(config)):
+    if (
+        errors := list(semantics.complaints(config))
+        or list(_wasted(config, template))
+        or list(_too_many(config))
+    ):
         raise where.error(errors)
     return config
 
 
 def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
-    """Whether a key is missing because another one was written for it, of which there is a complaint."""
+    """Whether a key is missing because another one was written for it, of which there is a
+    complaint.
+    """
     if missing["type"] != "missing":
         return False
     *table, key = missing["loc"]
-    others = [e["loc"][-1] for e in errors if e["type"] == "extra_forbidden" and list(e["loc"][:-1]) == table]
+    others = [
+        e["loc"][-1]
+        for e in errors
+        if e["type"] == "extra_forbidden" and list(e["loc"][:-1]) == table
+    ]
     return any(suggestion(other, (key,)) for other in others)
 
 
@@ -97,7 +116,9 @@ def _too_many(config: CampaignConfig) -> Iterable[location.Complaint]:
 
 
 def check_parameters(config: CampaignConfig, names: Iterable[str]) -> None:
-    """UserError for a varied parameter whose path is not among `known`, or whose list reads like a vector."""
+    """UserError for a varied parameter whose path is not among `known`, or whose list reads like
+    a vector.
+    """
     if errors := list(semantics.unfit_parameters(config, names)):
         source = config.source
         text = source.read_text(encoding="utf-8") if source is not None and source.is_file() else ""
@@ -105,7 +126,9 @@ def check_parameters(config: CampaignConfig, names: Iterable[str]) -> None:
 
 
 def _complaint(robot: Robot, error: Any, raw: Any) -> location.Complaint:
-    """A complaint of pydantic's. A table that is looked at as a whole names the key of what is wrong first."""
+    """A complaint of pydantic's. A table that is looked at as a whole names the key of what is
+    wrong first.
+    """
     key, message = _key(error["loc"], raw), _message(robot, error)
     name, colon, rest = message.partition(": ")
     if (
@@ -137,10 +160,18 @@ def _message(robot: Robot, error: Any) -> str:
     if error["type"] == "tuple_type":
         path = tuple(part for part in error["loc"] if isinstance(part, str))
         tables = isinstance(error["input"], dict) and path in dict(tables_of(model))
-        what = f"several: open each with [[{'.'.join(path)}]], in double brackets" if tables else "a list"
+        what = (
+            f"several: open each with [[{'.'.join(path)}]], in double brackets"
+            if tables
+            else "a list"
+        )
         return f"got {'one table' if tables else shown(error['input'])}, expected {what}"
     table = error["loc"][:-1]
-    hint = _elsewhere(robot, str(error["loc"][-1]), table) if error["type"] == "extra_forbidden" else ""
+    hint = (
+        _elsewhere(robot, str(error["loc"][-1]), table)
+        if error["type"] == "extra_forbidden"
+        else ""
+    )
     return location.message(error, _model(model, table), hint)
 
 
@@ -153,11 +184,19 @@ def _elsewhere(robot: Robot, key: str, loc: Sequence[str | int]) -> str:
         return ". This is a search: start it with `ravenjax search`"
     if not here and key in {path.partition(".")[0] for path, _ in bounds.rows(robot)}:
         return f". Parameters stand in [parameters], as parameters.{key}..."
-    tables = [path for path, table in tables_of(config_class_of(robot)) if key in table.model_fields and path]
+    tables = [
+        path
+        for path, table in tables_of(config_class_of(robot))
+        if key in table.model_fields and path
+    ]
     if not tables:
         return ""
     nearest = max(tables, key=lambda path: _shared(path, here))
-    below = f", above [[{'.'.join(here)}]]" if here[: len(nearest)] == nearest and here != nearest else ""
+    below = (
+        f", above [[{'.'.join(here)}]]"
+        if here[: len(nearest)] == nearest and here != nearest
+        else ""
+    )
     return f". {key} is a key of {header(nearest)}: write it there{below}"
 
 
@@ -172,12 +211,18 @@ def _shared(one: Sequence[str], other: Sequence[str]) -> int:
     return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
-def tables_of(model: type[BaseModel], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
+def tables_of(
+    model: type[BaseModel], path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
     """(path of the table, its model) of every table of a file, in order, the file itself first."""
     yield path, model
-    own = [name for name in model.model_fields if not path and name not in CampaignConfig.model_fields]
+    own = [
+        name for name in model.model_fields if not path and name not in CampaignConfig.model_fields
+    ]
     # a robot's own tables stand where the file has them: after [campaign]
-    for name in sorted(model.model_fields, key=lambda name: 0 if name == "campaign" else 1 if name in own else 2):
+    for name in sorted(
+        model.model_fields, key=lambda name: 0 if name == "campaign" else 1 if name in own else 2
+    ):
         for inner in models_in(model.model_fields[name].annotation):
             if inner is not Axis:
                 yield from tables_of(inner, (*path, name))

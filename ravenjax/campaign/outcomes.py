@@ -30,15 +30,21 @@ MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm"
 
 
 def of_golden(names: Iterable[str]) -> tuple[str, ...]:
-    """Those outcome columns of which the golden run's are needed, too: what is kept of it, and first alarms."""
-    return tuple(name for name in names if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name))
+    """Those outcome columns of which the golden run's are needed, too: what is kept of it, and
+    first alarms.
+    """
+    return tuple(
+        name for name in names if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name)
+    )
 
 
-def columns(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns) -> dict[str, Any]:
+def columns(
+    config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns
+) -> dict[str, Any]:
     """Columns of the result table, arrays [rows].
 
-    runs: rows of the fault table. outcomes: what the engine returned for each; golden: `of_golden` of
-    its golden run.
+    runs: rows of the fault table. outcomes: what the engine returned for each; golden: `of_golden`
+    of its golden run.
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged, failed = measures.pop("diverged_ms"), _failed(config, measures)
@@ -58,7 +64,11 @@ def columns(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_
         "failed_first_ms": failed.first,
         "tissue_depth_mm": np.maximum(depth, depth.dtype.type(0)),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, distance.dtype.type(np.nan)),
-        **{f"golden_{name}": np.asarray(golden_runs[name]) for name in measures if schema.kept_of_golden(name)},
+        **{
+            f"golden_{name}": np.asarray(golden_runs[name])
+            for name in measures
+            if schema.kept_of_golden(name)
+        },
     }
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], depth.dtype.type(0))
     if checks.apart(config.own_checks, config.stops):
@@ -67,12 +77,17 @@ def columns(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_
         out[checks.BUILT_IN] = words.column(alone.response, verdict.RESPONSES)
         out["built_in_told_ms"] = alone.told_ms
     return out | judged(
-        out, verdict.responses(measures, golden_runs, config.robot), failed.first < 0, config.outcomes.cue
+        out,
+        verdict.responses(measures, golden_runs, config.robot),
+        failed.first < 0,
+        config.outcomes.cue,
     )
 
 
 class _Failed(NamedTuple):
-    """Which number of each run was the first that is not finite, and when: arrays [rows], -1 where all are finite."""
+    """Which number of each run was the first that is not finite, and when: arrays [rows], -1
+    where all are finite.
+    """
 
     signal: np.ndarray  # as `failures.CODES`
     first: np.ndarray  # ms
@@ -81,7 +96,8 @@ class _Failed(NamedTuple):
 def _failed(config: CampaignConfig, measures: dict[str, Any]) -> _Failed:
     """What the tick has found of that, taken out of `measures`, and what it may have missed.
 
-    A robot's own outcomes are not watched in each tick: one that is no number fails its run at the end.
+    A robot's own outcomes are not watched in each tick: one that is no number fails its run at the
+    end.
     """
     first = measures.pop("failed_ms")
     signal = measures.pop("failed_signal", np.where(first >= 0, failures.CODES["tip"], -1))
@@ -102,15 +118,25 @@ def _cables(config: CampaignConfig, places: np.ndarray) -> words.WordColumn:
 
 def cable_names(config: CampaignConfig) -> tuple[str, ...]:
     """What column `cable_overload` calls the cables, by their places from 1; "" for none."""
-    return ("", *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints))
+    return (
+        "",
+        *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints),
+    )
 
 
-def frame(config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns) -> pd.DataFrame:
+def frame(
+    config: CampaignConfig, runs: FaultTable, outcomes: Columns, golden_runs: Columns
+) -> pd.DataFrame:
     """`columns` as a DataFrame."""
     import pandas as pd  # campaigns need none of it
 
     some = columns(config, runs, outcomes, golden_runs)
-    return pd.DataFrame({name: v.categorical() if isinstance(v, words.WordColumn) else v for name, v in some.items()})
+    return pd.DataFrame(
+        {
+            name: v.categorical() if isinstance(v, words.WordColumn) else v
+            for name, v in some.items()
+        }
+    )
 
 
 def _faulty(runs: FaultTable) -> np.ndarray:
@@ -121,13 +147,19 @@ def _faulty(runs: FaultTable) -> np.ndarray:
     return faulty
 
 
-def judged(columns: schema.Columns, response: verdict.Response, valid: np.ndarray, cue: int) -> dict[str, Any]:
+def judged(
+    columns: schema.Columns, response: verdict.Response, valid: np.ndarray, cue: int
+) -> dict[str, Any]:
     """Columns response, response_cause, response_ms, told_ms, hazard and verdict.
 
-    columns: of the result table, the hazards' and the cues'. valid: bool [rows]. cue: number of the verdict's set.
+    columns: of the result table, the hazards' and the cues'. valid: bool [rows]. cue: number of the
+    verdict's set.
     """
     hazard = verdict.hazards(columns, response.response == verdict.RESPONSES.index("stopped"))
-    came = verdict.beyond_golden(columns[f"cue{cue}_first_ms"], columns[f"golden_cue{cue}_first_ms"]) >= 0
+    came = (
+        verdict.beyond_golden(columns[f"cue{cue}_first_ms"], columns[f"golden_cue{cue}_first_ms"])
+        >= 0
+    )
     place = verdict.verdicts(response.response, hazard, came, valid)
     return {
         "response": words.column(response.response, verdict.RESPONSES),

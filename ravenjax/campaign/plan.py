@@ -1,4 +1,6 @@
-"""A validated campaign made ready to run: its fault table, what picks code, and plain arrays with one row a run."""
+"""A validated campaign made ready to run: its fault table, what picks code, and plain arrays
+with one row a run.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +37,14 @@ class Plan:
     motion: Any  # the operator's, as the robot has it
     operator: MotionSummary | None  # what became of a recorded one
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
-    keys: Mapping[str, str]  # parameters that each run's id gives, and what each draws: every run draws its own
+    keys: Mapping[
+        str, str
+    ]  # parameters that each run's id gives, and what each draws: every run draws its own
     faults: dict[str, np.ndarray]  # as table.arrays, [runs, slots]
     varied: dict[str, np.ndarray]  # path -> [runs]
-    golden: np.ndarray  # int32 [runs], number of the golden run, as they come; runs that share one share its number
+    golden: (
+        np.ndarray
+    )  # int32 [runs], number of the golden run, as they come; runs that share one share its number
 
     @property
     def runs(self) -> int:
@@ -58,20 +64,26 @@ class Plan:
     @cached_property
     def ends(self) -> np.ndarray:
         """The first tick that each run is not observed, see `span`; int32 [runs]."""
-        return span.ends(self.faults, self.program.ticks, self.config.campaign.observe_ms, self.clocks)
+        return span.ends(
+            self.faults, self.program.ticks, self.config.campaign.observe_ms, self.clocks
+        )
 
     @cached_property
     def clocks(self) -> Clocks | None:
         """What triggers count beside the time, where any does and the robot tells."""
         robot = self.config.robot.part("campaign")
-        if not {"packet", "pedal"}.intersection(self.program.setup.injection.triggers) or not hasattr(robot, "clocks"):
+        if not {"packet", "pedal"}.intersection(
+            self.program.setup.injection.triggers
+        ) or not hasattr(robot, "clocks"):
             return None
         return robot.clocks(self.program, self.columns, self.varied, self.runs)
 
     def lanes(
         self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False
     ) -> tuple[dict[str, Any], Faults]:
-        """Varied parameters and faults of a block: `rows`, the last repeated to fill it; `harmless`: without faults."""
+        """Varied parameters and faults of a block: `rows`, the last repeated to fill it;
+        `harmless`: without faults.
+        """
         index = np.asarray(rows)[np.minimum(np.arange(lanes), len(rows) - 1)]
         varied = {path: values[index] for path, values in self.varied.items()}
         picked = {name: values[index] for name, values in self.faults.items()}
@@ -79,7 +91,10 @@ class Plan:
             picked["code"] = np.zeros_like(picked["code"])
         slots = range(self.program.setup.injection.slots)
         return varied, Faults(
-            tuple(FaultSlot(**{name: values[:, slot] for name, values in picked.items()}) for slot in slots)
+            tuple(
+                FaultSlot(**{name: values[:, slot] for name, values in picked.items()})
+                for slot in slots
+            )
         )
 
 
@@ -129,15 +144,19 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
 
 
 def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[str, np.ndarray]:
-    """Varied values in the parameter's own type, the robot's own where a group leaves the parameter alone.
+    """Varied values in the parameter's own type, the robot's own where a group leaves the parameter
+    alone.
 
-    A path of several numbers which a group leaves alone, and which are not all alike, becomes one path a number.
+    A path of several numbers which a group leaves alone, and which are not all alike, becomes one
+    path a number.
     """
     filled = {}
     for path, values in varied.items():
         alone, own = np.isnan(values), paths.named(params, setup, path)
         alike = len({float(value) for value in own.values()}) == 1
-        for place, value in {path: next(iter(own.values()))}.items() if alike or not alone.any() else own.items():
+        for place, value in (
+            {path: next(iter(own.values()))}.items() if alike or not alone.any() else own.items()
+        ):
             dtype = np.asarray(value).dtype
             dtype = np.dtype(setup.precision.real) if dtype.kind == "f" else np.dtype(np.int32)
             filled[place] = np.where(alone, np.asarray(value, np.float64), values).astype(dtype)

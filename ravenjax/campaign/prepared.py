@@ -1,7 +1,7 @@
 """What a robot makes of a campaign: everything that `plan` cannot know.
 
-A robot is a package, or one module, that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its part `campaign`, a
-module of the package or the one module itself, has
+A robot is a package, or one module, that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its
+part `campaign`, a module of the package or the one module itself, has
 
     prepare(config, varied, injection, precision) -> Prepared
     series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}     of a trace
@@ -13,10 +13,11 @@ module of the package or the one module itself, has
     Params                                  record of the parameters, a `numbers.quantity` at each field
     Config                                  optional: a subclass of `CampaignConfig` with sections of its own
 
-golden: series of the golden run, [ticks, numbers]. The tick itself is a `ravenjax.engines.interface.Loop`, written with
-`ravenjax.numbers`, `ravenjax.faults` and whatever of `ravenjax.stages` the robot has use for; its outcomes are the
-columns of `ravenjax.store.schema`, most of which the monitor, the checks and the faults give.
-"""
+golden: series of the golden run, [ticks, numbers]. The tick itself is a
+`ravenjax.engines.interface.Loop`, written with `ravenjax.numbers`, `ravenjax.faults` and whatever
+of `ravenjax.stages` the robot has use for; its outcomes are the columns of `ravenjax.store.schema`,
+most of which the monitor, the checks and the faults give.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -33,8 +34,9 @@ from ravenjax.store.motion.summary import MotionSummary
 class Prepared(NamedTuple):
     """Returned by `prepare(config, varied, injection, precision)` of a robot's part `campaign`.
 
-    varied: path -> values [runs] of the parameters that differ between runs, NaN where a run has the robot's own;
-    injection: `ravenjax.numbers.setup.Injection`; precision: `ravenjax.numbers.setup.Precision`.
+    varied: path -> values [runs] of the parameters that differ between runs, NaN where a run has
+    the robot's own; injection: `ravenjax.numbers.setup.Injection`; precision:
+    `ravenjax.numbers.setup.Precision`.
     """
 
     loop: Loop
@@ -43,4 +45,6 @@ class Prepared(NamedTuple):
     columns: tuple[np.ndarray, ...]  # of the operator's motion, [ticks] or longer
     motion: Any = None  # the same as the robot has it
     operator: MotionSummary | None = None  # what became of a recorded one
-    keys: Mapping[str, str] = {}  # parameters that each run's id gives, and what each draws: a run draws its own
+    keys: Mapping[
+        str, str
+    ] = {}  # parameters that each run's id gives, and what each draws: a run draws its own

@@ -1,7 +1,8 @@
-"""`[parameters] from = "my_robot.toml"`: robots of a file of their own, such as a calibrated one, in a campaign.
+"""`[parameters] from = "my_robot.toml"`: robots of a file of their own, such as a calibrated one,
+in a campaign.
 
-The file has a table [parameters], and a table [campaign] with keys that its numbers hold for. What the campaign
-itself says of a parameter goes before the file.
+The file has a table [parameters], and a table [campaign] with keys that its numbers hold for. What
+the campaign itself says of a parameter goes before the file.
 """
 
 from __future__ import annotations
@@ -19,14 +20,24 @@ TABLES = ("campaign", "parameters")
 
 
 def entered(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
-    """`raw` with the file's tables entered; a path is taken from the folder of `source`. UserError."""
+    """`raw` with the file's tables entered; a path is taken from the folder of `source`.
+    UserError.
+    """
     own = raw.get("parameters") if isinstance(raw, dict) else None
     if not isinstance(own, dict) or KEY not in own:
         return raw
     key = ("parameters", KEY)
     if not isinstance(own[KEY], str):
         raise where.error(
-            [(key, f"got {shown(own[KEY])}, expected the path of a file that `ravenjax calibrate` wrote")]
+            [
+                (
+                    key,
+                    (
+                        f"got {shown(own[KEY])}, expected the path of a file that `ravenjax"
+                        " calibrate` wrote"
+                    ),
+                )
+            ]
         )
     path = Path(own[KEY]) if source is None else source.parent / own[KEY]
     if not path.is_file():
@@ -36,12 +47,15 @@ def entered(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str,
     except (ValueError, RecursionError) as error:
         raise where.error([(key, f"{path} is no TOML: {error}")]) from None
     if unknown := [name for name in content if name not in TABLES]:
-        raise where.error([(key, f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")])
+        raise where.error(
+            [(key, f"{path} has {', '.join(unknown)}, expected [campaign] and [parameters] alone")]
+        )
     campaign = raw.get("campaign", {})
     for name, value in content.get("campaign", {}).items():
         if campaign.get(name, value) != value:
             message = (
-                f"got {shown(campaign[name])}, but the numbers of {path} hold for {shown(value)}: remove one of the two"
+                f"got {shown(campaign[name])}, but the numbers of {path} hold for {shown(value)}:"
+                " remove one of the two"
             )
             raise where.error([(("campaign", name), message)])
     robots = flatten_parameters({"parameters": content.get("parameters", {})})["parameters"]

@@ -1,7 +1,8 @@
-"""Runs a campaign: what is missing of it through an executor, finished chunks into parts, always resumable.
+"""Runs a campaign: what is missing of it through an executor, finished chunks into parts, always
+resumable.
 
-Parts are cut at the multiples of the campaign's chunk; a run's result depends on neither chunk, nor executor, nor on
-what was computed before.
+Parts are cut at the multiples of the campaign's chunk; a run's result depends on neither chunk, nor
+executor, nor on what was computed before.
 """
 
 from __future__ import annotations
@@ -44,12 +45,13 @@ def run_campaign(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it where `out` holds a part of it. `campaign.limit` is no part of what identifies a
-    folder: with another one, or without, the same campaign goes on.
+    """Run `config`, or finish it where `out` holds a part of it. `campaign.limit` is no part of
+    what identifies a folder: with another one, or without, the same campaign goes on.
 
-    out: result folder, None to keep everything in memory. rows: compute these only; a folder that already holds, or is
-    to hold, others goes on with both. shard: compute its share only. command: the command line, for the record. Raises
-    UserError and StoreError for what the user can mend; whatever happens, finished parts stay.
+    out: result folder, None to keep everything in memory. rows: compute these only; a folder that
+    already holds, or is to hold, others goes on with both. shard: compute its share only. command:
+    the command line, for the record. Raises UserError and StoreError for what the user can mend;
+    whatever happens, finished parts stay.
     """
     compile_cache.enable()
     ready = plan.make(config)
@@ -75,7 +77,9 @@ def run_campaign(
         }
     )
     if out is None:
-        return _in_memory(ready, backend, executor, list(parts.gaps((), record.wanted, chunk)), on_progress)
+        return _in_memory(
+            ready, backend, executor, list(parts.gaps((), record.wanted, chunk)), on_progress
+        )
     files.require_writable(out)
     with lock.held(out):
         folder = ResultFolder.open(out, record)
@@ -115,7 +119,11 @@ def _into(
 
 
 def _in_memory(
-    ready: Plan, engine: Engine, executor: Executor, chunks: Sequence[range], on_progress: OnProgress | None
+    ready: Plan,
+    engine: Engine,
+    executor: Executor,
+    chunks: Sequence[range],
+    on_progress: OnProgress | None,
 ) -> Results:
     """Compute chunks into tables."""
     shape, tables = shape_of(ready), dict[int, pa.Table]()
@@ -126,13 +134,21 @@ def _in_memory(
         progress.part(len(done.rows), done.failures)
 
     if chunks:
-        executor.run(Work(ready, engine, functools.partial(schema.conform, shape=shape), deliver, progress), chunks)
+        executor.run(
+            Work(ready, engine, functools.partial(schema.conform, shape=shape), deliver, progress),
+            chunks,
+        )
     progress.tell("done")
     return Results(shape, None, tuple(tables[first] for first in sorted(tables)))
 
 
 def _progress(
-    ready: Plan, engine: Engine, due: int, missing: Sequence[range], told: Any, notes: tuple[str, ...]
+    ready: Plan,
+    engine: Engine,
+    due: int,
+    missing: Sequence[range],
+    told: Any,
+    notes: tuple[str, ...],
 ) -> Progress:
     words, rows = f"{engine.name} on {engine.device}", sum(map(len, missing))
     return Progress(words, due, rows, ready.program.ticks, told, notes=notes)
@@ -142,31 +158,43 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
     """Row ranges as a manifest has them; raises UserError for rows that the campaign has not."""
     for some in rows:
         if some.step != 1 or (some and not 0 <= some.start < some.stop <= runs):
-            raise UserError(f"rows {some}: expected ranges of step 1 within 0 to {runs}, the runs of the campaign")
+            raise UserError(
+                f"rows {some}: expected ranges of step 1 within 0 to {runs}, the runs of the"
+                " campaign"
+            )
     return manifest.joined(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
 
 
 def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
     config, setup = ready.config, ready.program.setup
     # How rows are stored, and how many of them are computed, decides no outcome.
-    undecided = {"chunk", "limit"} | ({"observe_ms"} if config.campaign.observe_ms is None else set())
+    undecided = {"chunk", "limit"} | (
+        {"observe_ms"} if config.campaign.observe_ms is None else set()
+    )
     content = config.model_dump(mode="json", exclude={"campaign": undecided})
     return manifest.Manifest(
         campaign=config.campaign.name,
         config=content,
-        config_hash=manifest.campaign_hash(content, ready.operator, run_id.digest(ready.rows.numbers("run_id"))),
+        config_hash=manifest.campaign_hash(
+            content, ready.operator, run_id.digest(ready.rows.numbers("run_id"))
+        ),
         seed=config.campaign.seed,
         runs=ready.runs,
         duration_ms=ready.program.ticks,
         shape=shape_of(ready),
         cues=tuple(
             manifest.CueRecord(
-                threshold_mm=c.threshold_m * 1e3, kp_per_mm=c.kp / 1e3, kd_s_per_mm=c.kd / 1e3, cap=c.cap
+                threshold_mm=c.threshold_m * 1e3,
+                kp_per_mm=c.kp / 1e3,
+                kd_s_per_mm=c.kd / 1e3,
+                cap=c.cap,
             )
             for c in config.haptics.cues()
         ),
         detectors=tuple(
-            manifest.DetectorRecord(name, use.kind, use.fusion, use.consecutive, thresholds, use.stops)
+            manifest.DetectorRecord(
+                name, use.kind, use.fusion, use.consecutive, thresholds, use.stops
+            )
             for name, use, thresholds in config.detectors
         ),
         operator=ready.operator,

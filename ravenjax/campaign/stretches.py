@@ -1,4 +1,6 @@
-"""Which rows are computed together: blocks for the engine, and stretches of blocks whose golden runs fit in memory."""
+"""Which rows are computed together: blocks for the engine, and stretches of blocks whose golden
+runs fit in memory.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 SHARED = 32
-"""Lanes that must share a golden run, on average, for an engine to hold its series once rather than once a lane."""
+"""Lanes that must share a golden run, on average, for an engine to hold its series once rather
+than once a lane.
+"""
 
 
 class Stretch(NamedTuple):
@@ -29,12 +33,15 @@ class StretchLimits(NamedTuple):
 
 
 def cut(
-    ranges: Iterable[range], golden: np.ndarray, limits: StretchLimits, acts: np.ndarray | None = None
+    ranges: Iterable[range],
+    golden: np.ndarray,
+    limits: StretchLimits,
+    acts: np.ndarray | None = None,
 ) -> Iterator[Stretch]:
     """The rows of `ranges` in order, in stretches of blocks.
 
-    golden: number of each row's golden run. acts: of each row, int. Within a stretch blocks are of rows that have the
-    same golden run and then act at about the same time.
+    golden: number of each row's golden run. acts: of each row, int. Within a stretch blocks are of
+    rows that have the same golden run and then act at about the same time.
     """
     acts = np.zeros(len(golden), np.int32) if acts is None else acts
     some: list[np.ndarray] = []
@@ -52,11 +59,17 @@ def cut(
         yield _stretch(some, golden, acts, limits)
 
 
-def _stretch(some: list[np.ndarray], golden: np.ndarray, acts: np.ndarray, limits: StretchLimits) -> Stretch:
+def _stretch(
+    some: list[np.ndarray], golden: np.ndarray, acts: np.ndarray, limits: StretchLimits
+) -> Stretch:
     rows = np.concatenate(some)
     order = np.lexsort((acts[rows], golden[rows]))
     sizes = range(0, len(rows), limits.lanes)
-    pieces = (piece for i in sizes for piece in _fitting(order[i : i + limits.lanes], golden[rows], limits))
+    pieces = (
+        piece
+        for i in sizes
+        for piece in _fitting(order[i : i + limits.lanes], golden[rows], limits)
+    )
     return Stretch(rows, list(pieces), np.unique(golden[rows]))
 
 
@@ -75,7 +88,9 @@ def _blocks(ranges: Iterable[range], lanes: int) -> Iterator[np.ndarray]:
 
 
 def _fitting(rows: np.ndarray, golden: np.ndarray, limits: StretchLimits) -> Iterator[np.ndarray]:
-    """`rows` as they are where their golden runs fit and are shared, else in pieces that bear one for each row."""
+    """`rows` as they are where their golden runs fit and are shared, else in pieces that bear
+    one for each row.
+    """
     golden_runs = len(np.unique(golden[rows]))
     shared = golden_runs <= max(1, len(rows) // SHARED)
     alone = min(limits.alone, limits.golden_runs)

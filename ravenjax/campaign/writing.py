@@ -1,4 +1,6 @@
-"""A campaign's tables as the text of a TOML file: a header a table, paths of parameters as dotted keys."""
+"""A campaign's tables as the text of a TOML file: a header a table, paths of parameters as
+dotted keys.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def text(content: Mapping[str, Any]) -> str:
-    """The text of a file that holds these tables; what is None is left out. ValueError or TypeError for what TOML
-    cannot hold."""
+    """The text of a file that holds these tables; what is None is left out. ValueError or TypeError
+    for what TOML cannot hold."""
     import tomlkit
 
     document = tomlkit.document()
@@ -37,10 +39,18 @@ def _there(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _item(key: str, value: Any, inline: bool = False) -> Any:
-    """What stands at a key: an array of tables, a table, or a value; inline: within a run, whose faults are short."""
+    """What stands at a key: an array of tables, a table, or a value; inline: within a run, whose
+    faults are short.
+    """
     import tomlkit
 
-    if key in _ARRAYS and not inline and isinstance(value, list) and value and all(map(_is_table, value)):
+    if (
+        key in _ARRAYS
+        and not inline
+        and isinstance(value, list)
+        and value
+        and all(map(_is_table, value))
+    ):
         array = tomlkit.aot()
         for one in value:
             array.append(_table(one, inline=key == "run"))
@@ -59,7 +69,9 @@ def _is_table(value: Any) -> bool:
 @functools.cache
 def _headed() -> frozenset[str]:
     """Keys whose table has a header; any other stands in place of a value."""
-    return frozenset(path[-1] for path, _ in tables_of(config_class_of(robots.find(robots.DEFAULT))) if path)
+    return frozenset(
+        path[-1] for path, _ in tables_of(config_class_of(robots.find(robots.DEFAULT))) if path
+    )
 
 
 def _table(content: Mapping[str, Any], inline: bool = False) -> TomlTable:
@@ -68,7 +80,10 @@ def _table(content: Mapping[str, Any], inline: bool = False) -> TomlTable:
     from tomlkit.items import AoT
     from tomlkit.items import Table as TomlTable
 
-    table, items = tomlkit.table(), {key: _item(key, value, inline) for key, value in _there(content)}
+    table, items = (
+        tomlkit.table(),
+        {key: _item(key, value, inline) for key, value in _there(content)},
+    )
     for headed in (False, True):
         for key, item in items.items():
             if isinstance(item, TomlTable | AoT) == headed:
@@ -77,14 +92,21 @@ def _table(content: Mapping[str, Any], inline: bool = False) -> TomlTable:
 
 
 def _paths(content: Mapping[str, Any]) -> TomlTable:
-    """Paths as dotted keys; in quotes where one is the beginning of another, which TOML has no other form for."""
+    """Paths as dotted keys; in quotes where one is the beginning of another, which TOML has no
+    other form for.
+    """
     import tomlkit
 
     table = tomlkit.table()
     flat = flatten_parameters({"parameters": content})["parameters"]
-    dotted = not _nested(flat) and all(_BARE.fullmatch(part) for path in flat for part in path.split("."))
+    dotted = not _nested(flat) and all(
+        _BARE.fullmatch(part) for path in flat for part in path.split(".")
+    )
     for path, value in flat.items():
-        table.append(tomlkit.key(path.split(".")) if dotted and "." in path else tomlkit.key(path), _value(value))
+        table.append(
+            tomlkit.key(path.split(".")) if dotted and "." in path else tomlkit.key(path),
+            _value(value),
+        )
     return table
 
 

@@ -1,4 +1,6 @@
-"""The command line: parses, joins the parts below, prints. Everything slow is imported inside the commands."""
+"""The command line: parses, joins the parts below, prints. Everything slow is imported inside
+the commands.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,10 @@ USER_ERROR, INTERRUPTED = 2, 130
 
 app = App(
     name="ravenjax",
-    help="A virtual Raven-II surgical robot: faults, built-in checks, haptics, thousands of runs in parallel.",
+    help=(
+        "A virtual Raven-II surgical robot: faults, built-in checks, haptics, thousands of runs in"
+        " parallel."
+    ),
     version=lambda: _version(),
     suppress_keyboard_interrupt=False,
 )
@@ -97,14 +102,19 @@ def main(tokens: list[str] | None = None) -> int:
     try:
         code = app(tokens, exit_on_error=False, print_error=True, result_action="return_value")
     except KeyboardInterrupt:
-        console.err.print("stopped; finished parts are kept, and the same command goes on from there", highlight=False)
+        console.err.print(
+            "stopped; finished parts are kept, and the same command goes on from there",
+            highlight=False,
+        )
         return INTERRUPTED
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else 1
     except Exception as error:
         if isinstance(error, UserError) or _is_mendable(error):
             if not _is_parse_error(error):
-                console.err.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+                console.err.print(
+                    f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True
+                )
             return USER_ERROR
         raise
     return code if isinstance(code, int) else 0

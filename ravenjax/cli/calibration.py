@@ -23,25 +23,35 @@ EVERYTHING = "friction,offsets,motors,cables,delays"
 def calibrate(
     log: Path,
     *,
-    out: Annotated[Path, Parameter(help="file for campaigns; its pictures beside it")] = Path("my_robot.toml"),
+    out: Annotated[Path, Parameter(help="file for campaigns; its pictures beside it")] = Path(
+        "my_robot.toml"
+    ),
     arm: Annotated[Literal["gold", "green"], Parameter(help="whose joints the log has")] = "gold",
     tool: Annotated[str | None, Parameter(help="its tool; default the software's own")] = None,
     software: Annotated[
-        Literal["raven2", "fork2015"], Parameter(help="decides how the first jaw is strung: raven2 opposes it")
+        Literal["raven2", "fork2015"],
+        Parameter(help="decides how the first jaw is strung: raven2 opposes it"),
     ] = "raven2",
     gains: Annotated[
-        Literal["raven2", "fork2015"] | None, Parameter(help="PID of the log's robot; default that of its software")
+        Literal["raven2", "fork2015"] | None,
+        Parameter(help="PID of the log's robot; default that of its software"),
     ] = None,
-    period_ms: Annotated[float | None, Parameter(help="time between samples, instead of the log's own")] = None,
+    period_ms: Annotated[
+        float | None, Parameter(help="time between samples, instead of the log's own")
+    ] = None,
     ask: Annotated[str, Parameter(help="what the log is asked for, a comma between")] = EVERYTHING,
     draws: Annotated[int, Parameter(help="robots that are written")] = 200,
-    sampling: Annotated[int, Parameter(help="replays of each of three samplers, to compare with the fit")] = 0,
+    sampling: Annotated[
+        int, Parameter(help="replays of each of three samplers, to compare with the fit")
+    ] = 0,
 ) -> None:
-    """Find your robot's parameters in a log of its joints, and write robots that a campaign can draw from.
+    """Find your robot's parameters in a log of its joints, and write robots that a campaign can
+    draw from.
 
-    Friction, offsets, motor constants, cables and delays; what the log does not tell stays as it was believed. The
-    log's first half is fitted to, the second judges the fit, beside bare rotors, which know nothing of the arm. A
-    campaign with `[parameters] from = "my_robot.toml"` then draws a robot for each run.
+    Friction, offsets, motor constants, cables and delays; what the log does not tell stays as it
+    was believed. The log's first half is fitted to, the second judges the fit, beside bare rotors,
+    which know nothing of the arm. A campaign with `[parameters] from = "my_robot.toml"` then draws
+    a robot for each run.
 
     Parameters
     ----------
@@ -49,7 +59,7 @@ def calibrate(
         Desired and measured joints: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's ravenstate or CRTK's
         measured_js and setpoint_js; or a table, .csv or .parquet, with columns as jpos_d_shoulder and jpos_shoulder
         (rad, insertion m), or mpos_d_, or mpos_ with dac_.
-    """
+    """  # noqa: E501
     from ravenjax.calibration import drawing, parameters, position_loop, robot_file, table_file
     from ravenjax.calibration.calibrate import LoggedRobot
     from ravenjax.errors import UserError
@@ -63,7 +73,9 @@ def calibrate(
     tool = tool or DEFAULT_TOOLS[software][arm]
     setup = RavenSetup(software=software, arms=(arm,), tools=(tool,))
     controller = position_loop.CONTROLLERS[gains or software]
-    logged = LoggedRobot(table_file.read(log, arm, tool, software, controller, period_ms), setup, arm, controller)
+    logged = LoggedRobot(
+        table_file.read(log, arm, tool, software, controller, period_ms), setup, arm, controller
+    )
     wanted = parameters.unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
     calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
     _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})
@@ -71,7 +83,10 @@ def calibrate(
         _show_searches(logged, calibrated, sampling)
     values = parameters.values(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_aside(out, lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"))
+    write_aside(
+        out,
+        lambda target: target.write_text(robot_file.text(values, arm, SET, log), encoding="utf-8"),
+    )
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replayed(whole, [calibrated.robot])[0]
@@ -108,4 +123,7 @@ def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, Loo
     for one, other, correlation in calibrated.confounded:
         console.say(f"told together: {one} and {other}, correlation {correlation:.2f}")
     for one, steps in calibrated.unlikely:
-        console.say(f"unlikely before the log, by {abs(steps):.1f} standard deviations: {one}; what else is different?")
+        console.say(
+            f"unlikely before the log, by {abs(steps):.1f} standard deviations: {one}; what else is"
+            " different?"
+        )

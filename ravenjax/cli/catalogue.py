@@ -24,7 +24,10 @@ def campaigns(*, as_json: AsJson = False) -> None:
     from ravenjax.trainer import scenario
 
     files = [(path.name, loading.load(path)) for path in resources.bundled("campaigns", "*.toml")]
-    templates = [(path.name, searches.load(path)) for path in resources.bundled("campaigns/searches", "*.toml")]
+    templates = [
+        (path.name, searches.load(path))
+        for path in resources.bundled("campaigns/searches", "*.toml")
+    ]
     scenarios = [(path.name, scenario.load(path)) for path in scenario.bundled()]
     console.emit(
         [
@@ -38,7 +41,10 @@ def campaigns(*, as_json: AsJson = False) -> None:
                 "searches",
                 "Searches: ravenjax search FILE",
                 ("file", "kind", "what it asks"),
-                [(name, one.search.kind, one.campaign.campaign.description) for name, one in templates],
+                [
+                    (name, one.search.kind, one.campaign.campaign.description)
+                    for name, one in templates
+                ],
             ),
             Listing(
                 "training",
@@ -52,14 +58,15 @@ def campaigns(*, as_json: AsJson = False) -> None:
 
 
 def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
-    """List what a fault may be: layers, sites with their channels, effects, triggers, and the library of hazards.
+    """List what a fault may be: layers, sites with their channels, effects, triggers, and the
+    library of hazards.
 
     Parameters
     ----------
     word
         Show this alone: a layer (L7), a site (usb_out), an effect (drift), a hazard (C09), or one of layers, sites,
         effects, triggers, phases (of an operation), classes (of outcomes), hazards.
-    """
+    """  # noqa: E501
     console.emit(list(_faults(word)), as_json)
 
 
@@ -70,15 +77,26 @@ def _faults(word: str | None) -> Iterator[Listing]:
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
     every: dict[str, Callable[[], Listing]] = {
-        "layers": lambda: Listing("layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()),
-        "sites": lambda: _sites("Sites, in the robot's order; `ravenjax faults SITE` shows one", list(ROBOT.sites)),
+        "layers": lambda: Listing(
+            "layers", "Layers of the loop", listing.LAYER_COLUMNS, listing.layers()
+        ),
+        "sites": lambda: _sites(
+            "Sites, in the robot's order; `ravenjax faults SITE` shows one", list(ROBOT.sites)
+        ),
         "effects": lambda: Listing(
             "effects", "Effects", ("effect", "meaning"), [effect[:2] for effect in EFFECTS.values()]
         ),
-        "triggers": lambda: Listing("triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())),
-        "phases": lambda: Listing("phases", "Phases of an operation", ("phase", "when"), list(ROBOT.phases.items())),
+        "triggers": lambda: Listing(
+            "triggers", "Triggers", ("trigger", "start_ms counts"), list(TRIGGERS.items())
+        ),
+        "phases": lambda: Listing(
+            "phases", "Phases of an operation", ("phase", "when"), list(ROBOT.phases.items())
+        ),
         "classes": lambda: Listing(
-            "classes", "Outcome classes of hazards", ("class", "meaning"), list(library.terms()["classes"].items())
+            "classes",
+            "Outcome classes of hazards",
+            ("class", "meaning"),
+            list(library.terms()["classes"].items()),
         ),
         "hazards": lambda: Listing(
             "hazards",
@@ -93,9 +111,12 @@ def _faults(word: str | None) -> Iterator[Listing]:
         yield every[word]()
     elif word in library.layers():
         yield _sites(
-            f"{word}, {library.layers()[word]}: sites", [s.name for s in ROBOT.sites.values() if s.layer == word]
+            f"{word}, {library.layers()[word]}: sites",
+            [s.name for s in ROBOT.sites.values() if s.layer == word],
         )
-        yield Listing("hazards", f"{word}: hazards", listing.COLUMNS, listing.table(listing.of_layer(word)))
+        yield Listing(
+            "hazards", f"{word}: hazards", listing.COLUMNS, listing.table(listing.of_layer(word))
+        )
     elif word in ROBOT.sites:
         yield from _site(word)
     elif word in EFFECTS:
@@ -105,8 +126,8 @@ def _faults(word: str | None) -> Iterator[Listing]:
         if word not in ids:
             words = [*every, *library.layers(), *ROBOT.sites, *EFFECTS, *ids]
             raise UserError(
-                f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of a hazard, or one "
-                f"of {', '.join(every)}{suggestion(word, words)}"
+                f"unknown word {word!r}, expected a layer (L1 to L10), a site, an effect, the id of"
+                f" a hazard, or one of {', '.join(every)}{suggestion(word, words)}"
             )
         yield Listing("hazard", f"Hazard {word}", ("what", "is"), listing.description(word))
 
@@ -120,7 +141,9 @@ def _sites(title: str, names: Sequence[str]) -> Listing:
         for channel in site.channels:
             kinds.setdefault(f"{channel.kind} {channel.unit}", []).append(channel.name)
         channels = "; ".join(f"{' '.join(group)} ({kind})" for kind, group in kinds.items())
-        rows.append((site.layer, site.name, ("each arm: " if site.per_arm else "") + channels, site.where))
+        rows.append(
+            (site.layer, site.name, ("each arm: " if site.per_arm else "") + channels, site.where)
+        )
     return Listing("sites", title, ("layer", "site", "channels (number, unit)", "where"), rows)
 
 
@@ -131,11 +154,21 @@ def _site(name: str) -> Iterator[Listing]:
 
     site = ROBOT.sites[name]
     arms = "on each arm: with both, write arm" if site.per_arm else "of no arm"
-    about = [("layer", f"{site.layer}: {library.layers()[site.layer]}"), ("where", site.where), ("arm", arms)]
+    about = [
+        ("layer", f"{site.layer}: {library.layers()[site.layer]}"),
+        ("where", site.where),
+        ("arm", arms),
+    ]
     yield Listing("site", f"Site {name}", ("what", "is"), about)
-    yield Listing("channels", "Channels", site_sheet.CHANNEL_COLUMNS, site_sheet.channels(ROBOT, site))
-    yield Listing("effects", "Effects that it takes", site_sheet.EFFECT_COLUMNS, site_sheet.effects(site))
-    yield Listing("hazards", "Hazards that strike it", listing.COLUMNS, listing.table(listing.of_site(name)))
+    yield Listing(
+        "channels", "Channels", site_sheet.CHANNEL_COLUMNS, site_sheet.channels(ROBOT, site)
+    )
+    yield Listing(
+        "effects", "Effects that it takes", site_sheet.EFFECT_COLUMNS, site_sheet.effects(site)
+    )
+    yield Listing(
+        "hazards", "Hazards that strike it", listing.COLUMNS, listing.table(listing.of_site(name))
+    )
 
 
 def _effect(name: str) -> Iterator[Listing]:
@@ -144,9 +177,16 @@ def _effect(name: str) -> Iterator[Listing]:
     from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS
 
     yield Listing("effect", f"Effect {name}", ("what", "is"), [("meaning", EFFECTS[name].meaning)])
-    sites = [site for site in ROBOT.sites.values() if name not in NETWORK_EFFECTS or site.name == "network"]
+    sites = [
+        site
+        for site in ROBOT.sites.values()
+        if name not in NETWORK_EFFECTS or site.name == "network"
+    ]
     yield Listing(
-        "values", "Its value", ("site", "may be"), [(site.name, site_sheet.values(site, name)) for site in sites]
+        "values",
+        "Its value",
+        ("site", "may be"),
+        [(site.name, site_sheet.values(site, name)) for site in sites],
     )
 
 
@@ -157,27 +197,34 @@ def parameters(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the parameters that a campaign may vary: what they are, the values that they have without it, their ranges.
+    """List the parameters that a campaign may vary: what they are, the values that they have
+    without it, their ranges.
 
-    One path names one number, or a vector of one number a joint or axis; PATH.elbow names the elbow's alone.
+    One path names one number, or a vector of one number a joint or axis; PATH.elbow names the
+    elbow's alone.
 
     Parameters
     ----------
     file
         Campaign file; its software, arms and tools decide what there is. Without one: one arm, software raven2.
-    """
+    """  # noqa: E501
     from ravenjax.campaign import loading
     from ravenjax.campaign.file import bounds
     from ravenjax.errors import UserError, suggestion
 
     plain = {"campaign": {"name": "plain"}, "group": [{"name": "plain"}]}
     config = (
-        loading.load(file, overrides or ()) if file is not None else loading.from_dict(plain, overrides=overrides or ())
+        loading.load(file, overrides or ())
+        if file is not None
+        else loading.from_dict(plain, overrides=overrides or ())
     )
     every = parameter_rows(config)
     rows = [row for row in every if path in row[0] and not bounds.reserved(config.robot, row[0])]
     if not rows:
-        raise UserError(f"--path {path}: no parameter's path holds it{suggestion(path, [row[0] for row in every])}")
+        raise UserError(
+            f"--path {path}: no parameter's path holds"
+            f" it{suggestion(path, [row[0] for row in every])}"
+        )
     console.emit([Listing("parameters", "Parameters", PARAMETER_COLUMNS, rows)], as_json)
 
 
@@ -185,7 +232,9 @@ PARAMETER_COLUMNS = ("path", "value", "may be", "meaning")
 
 
 def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
-    """One row for each parameter of a campaign's robot: path, the value that it has, its range, its meaning."""
+    """One row for each parameter of a campaign's robot: path, the value that it has, its range,
+    its meaning.
+    """
     from ravenjax.campaign import plan
     from ravenjax.campaign.file import bounds
     from ravenjax.numbers import paths
@@ -200,12 +249,17 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
         else:
             values.setdefault(full, []).append(f"{float(value):g}")
     more = config.own_ranges
-    rules = {full: bounds.of(config.robot, full, more) for full in values}  # none: not a campaign's to vary
+    rules = {
+        full: bounds.of(config.robot, full, more) for full in values
+    }  # none: not a campaign's to vary
     return [
         (
             full,
             ", ".join(values[full]),
-            "; ".join(f"{', '.join(rule.joints)}: {rule.range}" if rule.joints else rule.range for rule in of),
+            "; ".join(
+                f"{', '.join(rule.joints)}: {rule.range}" if rule.joints else rule.range
+                for rule in of
+            ),
             of[0].meaning,
         )
         for full, of in rules.items()

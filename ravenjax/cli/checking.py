@@ -22,14 +22,19 @@ def check(
     file: str,
     *,
     overrides: Overrides = None,
-    out: Annotated[Path | None, Parameter(help="result folder that is meant; default results/NAME")] = None,
+    out: Annotated[
+        Path | None, Parameter(help="result folder that is meant; default results/NAME")
+    ] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
-    limit: Annotated[int | None, Parameter(help="as for run: only the first runs", validator=console.SOME)] = None,
+    limit: Annotated[
+        int | None, Parameter(help="as for run: only the first runs", validator=console.SOME)
+    ] = None,
     as_json: Annotated[
         bool, Parameter(name="--json", negative="", help="print the same as JSON, for programs")
     ] = False,
 ) -> None:
-    """Say what a campaign file would run: runs, groups, faults, operator, cues, time and memory. Computes nothing.
+    """Say what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
+    Computes nothing.
 
     Refuses what `ravenjax run` would refuse, with exit code 2.
 
@@ -58,20 +63,30 @@ def _print(view: Preview, words: list[str]) -> None:
     from ravenjax.cli import terminal
 
     name = view.config.campaign.name
-    console.out.print(terminal.table(f"Campaign {name}, as it would run", ("what", "is"), list(_summary(view))))
+    console.out.print(
+        terminal.table(f"Campaign {name}, as it would run", ("what", "is"), list(_summary(view)))
+    )
     console.out.print()
-    rows = [(row.name, row.design, f"{row.runs}", ", ".join(row.sites), ", ".join(row.effects)) for row in view.groups]
+    rows = [
+        (row.name, row.design, f"{row.runs}", ", ".join(row.sites), ", ".join(row.effects))
+        for row in view.groups
+    ]
     more = f", the first {MOST_ROWS} of {len(rows)}" if len(rows) > MOST_ROWS else ""
     columns = ("group", "design", "runs", "sites", "effects")
     console.out.print(terminal.table(f"Groups{more}", columns, rows[:MOST_ROWS]))
     if view.faults:
         console.out.print()
         rows = [(row.site, row.layer, row.effect, f"{row.runs}") for row in view.faults]
-        console.out.print(terminal.table("Faults by site and effect", ("site", "layer", "effect", "runs"), rows))
+        console.out.print(
+            terminal.table("Faults by site and effect", ("site", "layer", "effect", "runs"), rows)
+        )
     if words:
         console.out.print()
         sample = view.sample.to_dict("records")
-        rows = [(f"{row['index']}", str(row["group"]), text) for row, text in zip(sample, words, strict=True)]
+        rows = [
+            (f"{row['index']}", str(row["group"]), text)
+            for row, text in zip(sample, words, strict=True)
+        ]
         console.out.print(terminal.table("Some of the runs", ("run", "group", "fault"), rows))
     for notice in view.notices:
         console.out.print(f"note: {notice}", markup=False, highlight=False, soft_wrap=True)
@@ -87,13 +102,19 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
     if config.source is not None:
         yield "file", str(config.source)
     part = "" if view.due == view.runs else f"; {view.due} of them with limit = {campaign.limit}"
-    yield "runs", f"{view.runs} in {len(view.groups)} group{'s' if len(view.groups) > 1 else ''}{part}"
+    yield (
+        "runs",
+        f"{view.runs} in {len(view.groups)} group{'s' if len(view.groups) > 1 else ''}{part}",
+    )
     if view.fault_free is not None:
         yield "fault-free", f"{view.fault_free} of them without a fault"
     if view.golden_runs is not None:
         yield (
             "golden runs",
-            f"{view.golden_runs}: fault-free ones that the runs are compared with, computed beside them",
+            (
+                f"{view.golden_runs}: fault-free ones that the runs are compared with, computed"
+                " beside them"
+            ),
         )
     if view.copies:
         yield "copies", f"{view.copies} with every input of an earlier run: these come out the same"
@@ -102,7 +123,10 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
     for phase in view.phases:
         yield (
             f"phase {phase.name}",
-            f"{phase.ms:,} ms of each run, in {phase.stretches:,} stretch{'es' * (phase.stretches > 1)}",
+            (
+                f"{phase.ms:,} ms of each run, in {phase.stretches:,}"
+                f" stretch{'es' * (phase.stretches > 1)}"
+            ),
         )
     yield "cue", _cues(config)
     yield "detectors", _detectors(config)
@@ -110,12 +134,26 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
         yield f"check {one.name}", _check(one)
     if config.stop is not None:
         least = f"{100 * config.stop.half_width:g} points"
-        yield "stops", f"once {', '.join(config.stop.rates)} are known within +-{least}, so fewer runs may do"
+        yield (
+            "stops",
+            f"once {', '.join(config.stop.rates)} are known within +-{least}, so fewer runs may do",
+        )
     yield "engine", f"{view.engine} on {view.device}" + (f" ({view.why})" if view.why else "")
     cost = view.cost
-    run = f"{duration(cost.run_s)} to run, after {duration(cost.start_s)} to start" if cost.run_s else "no run is left"
+    run = (
+        f"{duration(cost.run_s)} to run, after {duration(cost.start_s)} to start"
+        if cost.run_s
+        else "no run is left"
+    )
     yield "time", f"{run}; the report comes on top"
-    yield "memory", f"{cost.memory_mib:.0f} MiB" if cost.memory_mib < 2000 else f"{cost.memory_mib / 1024:.1f} GiB"
+    yield (
+        "memory",
+        (
+            f"{cost.memory_mib:.0f} MiB"
+            if cost.memory_mib < 2000
+            else f"{cost.memory_mib / 1024:.1f} GiB"
+        ),
+    )
     yield "by", view.basis
     yield "results", f"{view.folder}: {view.state}"
 
@@ -123,8 +161,13 @@ def _summary(view: Preview) -> Iterator[tuple[str, str]]:
 def _cues(config: Any) -> str:
     cues = config.haptics.cues()
     distances = ", ".join(dict.fromkeys(f"{cue.threshold_m * 1e3:g}" for cue in cues))
-    decides = f"; set {config.outcomes.cue}, at {cues[config.outcomes.cue].threshold_m * 1e3:g} mm, decides the verdict"
-    return f"pulls beyond {distances} mm" + (f", {len(cues)} sets of gains{decides}" if len(cues) > 1 else "")
+    decides = (
+        f"; set {config.outcomes.cue}, at {cues[config.outcomes.cue].threshold_m * 1e3:g} mm,"
+        " decides the verdict"
+    )
+    return f"pulls beyond {distances} mm" + (
+        f", {len(cues)} sets of gains{decides}" if len(cues) > 1 else ""
+    )
 
 
 def _check(one: Any) -> str:
@@ -136,4 +179,8 @@ def _check(one: Any) -> str:
 def _detectors(config: Any) -> str:
     thresholds = sum(len(of) for _, _, of in config.detectors)
     names = ", ".join(one.name for one in config.detector)
-    return f"{names}: {len(config.detectors)} with {thresholds} thresholds in all" if config.detector else "none"
+    return (
+        f"{names}: {len(config.detectors)} with {thresholds} thresholds in all"
+        if config.detector
+        else "none"
+    )

@@ -28,7 +28,9 @@ Overrides = Annotated[
 SOME = validators.Number(gte=1)
 """Of an option that counts something."""
 
-AsJson = Annotated[bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")]
+AsJson = Annotated[
+    bool, Parameter(name="--json", negative="", help="print JSON on standard output, nothing else")
+]
 
 
 class Listing(NamedTuple):
@@ -54,7 +56,9 @@ def emit(listings: Sequence[Listing], as_json: bool) -> None:
 
 
 def emit_json(value: Any) -> None:
-    """Print a value as JSON on standard output; numbers that are none or infinite are null, paths text."""
+    """Print a value as JSON on standard output; numbers that are none or infinite are null,
+    paths text.
+    """
     import json
 
     print(json.dumps(_plain(value), indent=1, ensure_ascii=False), file=out.file)
@@ -71,7 +75,9 @@ def note(text: str) -> None:
 
 
 def worst(folder: Path, most: int | None, by: str) -> list[WorstRun]:
-    """The `most` worst runs of a result folder, none where no number is asked for; a note where there are fewer."""
+    """The `most` worst runs of a result folder, none where no number is asked for; a note where
+    there are fewer.
+    """
     from ravenjax.report.run import ranking
 
     if most is None:

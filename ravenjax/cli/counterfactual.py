@@ -17,26 +17,39 @@ if TYPE_CHECKING:
 def counterfactual(
     file: Path,
     *,
-    out: Annotated[Path | None, Parameter(help="folder; default results/NAME_counterfactual")] = None,
-    false_alarms_per_hour: Annotated[float, Parameter(help="of all chosen checks together, at most")] = 4.0,
-    lead_ms: Annotated[int, Parameter(help="an alarm counts so long before harm begins, or longer")] = 10,
+    out: Annotated[
+        Path | None, Parameter(help="folder; default results/NAME_counterfactual")
+    ] = None,
+    false_alarms_per_hour: Annotated[
+        float, Parameter(help="of all chosen checks together, at most")
+    ] = 4.0,
+    lead_ms: Annotated[
+        int, Parameter(help="an alarm counts so long before harm begins, or longer")
+    ] = 10,
     hours: Annotated[float, Parameter(help="hours of fault-free motion to compute")] = 2.0,
     most: Annotated[int, Parameter(help="checks to choose, at most")] = 8,
     group: Annotated[
-        list[str] | None, Parameter(help="cover faults of these groups alone", consume_multiple=True, negative="")
+        list[str] | None,
+        Parameter(help="cover faults of these groups alone", consume_multiple=True, negative=""),
     ] = None,
     seed: Annotated[int, Parameter(help="of the halves of the faults")] = 0,
     confirm: Annotated[
-        bool, Parameter(negative="", help="also run the chosen checks as detectors, with another seed of the faults")
+        bool,
+        Parameter(
+            negative="",
+            help="also run the chosen checks as detectors, with another seed of the faults",
+        ),
     ] = False,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Choose the few checks that would have seen the faults that evade the robot's own, and state their price.
+    """Choose the few checks that would have seen the faults that evade the robot's own, and state
+    their price.
 
-    Candidates are bounds, rates and residuals of every signal that the robot has. All of them watch the campaign's runs
-    once. Half of the faults chooses, the other half states; false alarms are of motion that served nothing else.
+    Candidates are bounds, rates and residuals of every signal that the robot has. All of them watch
+    the campaign's runs once. Half of the faults chooses, the other half states; false alarms are of
+    motion that served nothing else.
 
     Parameters
     ----------
@@ -61,10 +74,17 @@ def counterfactual(
     with terminal.Watch(console.err) as watch:
         one = finding.find(config, question, engine, stage, watch)
         paths = output.write(one, place)
-        sure = confirmation.run(one, paths[-1], config.campaign.seed + 1, engine, watch) if confirm else None
+        sure = (
+            confirmation.run(one, paths[-1], config.campaign.seed + 1, engine, watch)
+            if confirm
+            else None
+        )
     sentences = [*words.sentences(one), *([sure.sentence] if sure else [])]
     if as_json:
-        plain = {"sentences": sentences, "checks": [row for row in words.table(one) if row["chosen"]]}
+        plain = {
+            "sentences": sentences,
+            "checks": [row for row in words.table(one) if row["chosen"]],
+        }
         return console.emit_json(plain | {"files": [str(path) for path in paths]})
     console.out.print(terminal.table("", words.COLUMNS, words.rows(one)))
     console.say("\n".join([*(f"  {line}" for line in words.checks(one)), *sentences]))
@@ -81,5 +101,7 @@ def _config(file: Path, overrides: list[str] | None) -> CampaignConfig:
     if not (file / manifest.FILE).is_file():
         return loading.load(file, overrides or ())
     if overrides:
-        raise UserError(f"--set changes a campaign file, and {file} is a result folder: name the file")
+        raise UserError(
+            f"--set changes a campaign file, and {file} is a result folder: name the file"
+        )
     return validated(manifest.read(file).config)

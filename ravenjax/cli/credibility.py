@@ -15,7 +15,8 @@ def credibility(
     *,
     out: Annotated[Path | None, Parameter(help="write it to this file; default: print it")] = None,
 ) -> None:
-    """Tell for each claim of the studies what it rests on, in the order of FDA's guidance of 2023 (Markdown).
+    """Tell for each claim of the studies what it rests on, in the order of FDA's guidance of 2023
+    (Markdown).
 
     Parameters
     ----------
@@ -30,7 +31,10 @@ def credibility(
 
     records = writing.records(folder, catalogue.NAMES)
     if not records:
-        raise UserError(f"{folder}: no findings of a study there; run `ravenjax reproduce NAME --out {folder}` first")
+        raise UserError(
+            f"{folder}: no findings of a study there; run `ravenjax reproduce NAME --out {folder}`"
+            " first"
+        )
     text = page.page(records, out.parent.as_posix() if out else "")
     if out is None:
         print(text, end="")

@@ -52,8 +52,9 @@ def _searches() -> Iterator[str]:
     yield "# Search files"
     yield _WRITTEN
     yield (
-        "A search file is a [campaign file](campaigns.md) of one group, with a table `[search]`. The group is the "
-        "template: its lists are the cases, its distributions the inputs. `ravenjax search FILE` runs it."
+        "A search file is a [campaign file](campaigns.md) of one group, with a table `[search]`."
+        " The group is the template: its lists are the cases, its distributions the inputs."
+        " `ravenjax search FILE` runs it."
     )
     for name, model in KINDS.items():
         yield f'## [search] kind = "{name}"'
@@ -77,7 +78,10 @@ def _scenarios() -> Iterator[str]:
 
     yield "# Training scenarios"
     yield _WRITTEN
-    yield "A scenario is a TOML file; `ravenjax train FILE` runs it. These keys stand at its top, before any table."
+    yield (
+        "A scenario is a TOML file; `ravenjax train FILE` runs it. These keys stand at its top,"
+        " before any table."
+    )
     yield from _keys(Scenario)
     tables = {
         "[speeds]": Speeds,
@@ -93,8 +97,9 @@ def _scenarios() -> Iterator[str]:
         yield from _keys(model)
     yield "## [[hazard.fault]]"
     yield (
-        f"As `[[group.fault]]` of a [campaign](campaigns.md): {', '.join(f'`{key}`' for key in Fault.model_fields)}. "
-        "`start_ms` may be left out: the fault strikes when its hazard does."
+        "As `[[group.fault]]` of a [campaign](campaigns.md):"
+        f" {', '.join(f'`{key}`' for key in Fault.model_fields)}. `start_ms` may be left out: the"
+        " fault strikes when its hazard does."
     )
     yield "## [parameters]"
     yield "As in a campaign; of a list or a distribution a session draws one value."
@@ -118,9 +123,10 @@ def _parameters() -> Iterator[str]:
     yield "# Parameters"
     yield _WRITTEN
     yield (
-        "What `[parameters]` and `[cross]` may set or vary, with the values of one gold arm under the software raven2. "
-        "`ravenjax parameters FILE` prints those of a campaign's own robot. One path names one number, or a vector of "
-        "one number a joint or axis; `PATH.elbow` names the elbow's alone."
+        "What `[parameters]` and `[cross]` may set or vary, with the values of one gold arm under"
+        " the software raven2. `ravenjax parameters FILE` prints those of a campaign's own robot."
+        " One path names one number, or a vector of one number a joint or axis; `PATH.elbow` names"
+        " the elbow's alone."
     )
     yield markdown_table(PARAMETER_COLUMNS, ((f"`{path}`", *rest) for path, *rest in rows))
 
@@ -145,17 +151,21 @@ def _columns() -> Iterator[str]:
     yield "# Result columns"
     yield _WRITTEN
     yield (
-        f"One row a run, schema version {schema.VERSION}. `<k>` and `<d>` count from 0: fault slots, haptic sets in "
-        "the order of `cues` in manifest.json, detectors in the order of `detectors`, thresholds of a detector. Times "
-        "count from the start of the run; -1 means never. `golden_` marks what is kept of the run's "
-        "[golden run](../glossary.md). `results/README.md` describes the folder around the table."
+        f"One row a run, schema version {schema.VERSION}. `<k>` and `<d>` count from 0: fault"
+        " slots, haptic sets in the order of `cues` in manifest.json, detectors in the order of"
+        " `detectors`, thresholds of a detector. Times count from the start of the run; -1 means"
+        " never. `golden_` marks what is kept of the run's [golden run](../glossary.md)."
+        " `results/README.md` describes the folder around the table."
     )
     numbered = ((_numbered(c.name), c.dtype, c.unit, c.meaning) for c in schema.columns(shape))
-    yield markdown_table(("column", "type", "unit", "meaning"), ((f"`{name}`", *rest) for name, *rest in numbered))
+    yield markdown_table(
+        ("column", "type", "unit", "meaning"), ((f"`{name}`", *rest) for name, *rest in numbered)
+    )
     yield "## Checks"
     yield (
-        "Each built-in check has the columns `check_<check>_first_ms`, `_count` and `_margin`. *stop*: the robot "
-        "stops; *flag*: a person is told; *limit*: a command is changed or a packet is dropped, and nobody is told."
+        "Each built-in check has the columns `check_<check>_first_ms`, `_count` and `_margin`."
+        " *stop*: the robot stops; *flag*: a person is told; *limit*: a command is changed or a"
+        " packet is dropped, and nobody is told."
     )
     every = ROBOT.checks.values()
     yield markdown_table(
@@ -164,12 +174,13 @@ def _columns() -> Iterator[str]:
     )
     yield "## Events"
     yield (
-        "Names for `[stop] rates` and for searches; the report prints their rates. Each is an expression over the "
-        "columns above."
+        "Names for `[stop] rates` and for searches; the report prints their rates. Each is an"
+        " expression over the columns above."
     )
     rules = events.Rules()
     yield markdown_table(
-        ("event", "a run in which ..."), ((f"`{name}`", events.meaning(name, rules)) for name in events.EVENTS)
+        ("event", "a run in which ..."),
+        ((f"`{name}`", events.meaning(name, rules)) for name in events.EVENTS),
     )
 
 
@@ -187,8 +198,9 @@ def _hazards() -> Iterator[str]:
     yield "# Hazard library"
     yield _WRITTEN
     yield (
-        f"{len(rows)} published hazards, of which the simulator runs {runs}. `ravenjax faults ID` prints all that is "
-        'known of one: values, trigger, expected outcome, source. A group runs them by `hazards = ["C09", "L7"]`.'
+        f"{len(rows)} published hazards, of which the simulator runs {runs}. `ravenjax faults ID`"
+        " prints all that is known of one: values, trigger, expected outcome, source. A group runs"
+        ' them by `hazards = ["C09", "L7"]`.'
     )
     yield markdown_table(listing.LAYER_COLUMNS, listing.layers())
     yield markdown_table(listing.COLUMNS, rows)
@@ -201,9 +213,10 @@ def _python() -> Iterator[str]:
     yield "# Python API"
     yield _WRITTEN
     yield (
-        "`import ravenjax as rj`. The names on this page are public, and so is what their texts say of arguments, "
-        "results and errors. Everything that is not on this page is internal: modules, classes and functions that can "
-        "be imported from the package's folders may move, change or go with any version."
+        "`import ravenjax as rj`. The names on this page are public, and so is what their texts say"
+        " of arguments, results and errors. Everything that is not on this page is internal:"
+        " modules, classes and functions that can be imported from the package's folders may move,"
+        " change or go with any version."
     )
     for name in ravenjax.__all__:
         thing = getattr(ravenjax, name)

@@ -17,24 +17,38 @@ if TYPE_CHECKING:
 
 def evidence(
     *folders: Path,
-    out: Annotated[Path | None, Parameter(help="folder to write into; default FOLDER/evidence of a single one")] = None,
-    check: Annotated[
-        Path | None, Parameter(help="compute the checksums of evidence in this folder again, and write nothing new")
+    out: Annotated[
+        Path | None, Parameter(help="folder to write into; default FOLDER/evidence of a single one")
     ] = None,
-    xlsx: Annotated[bool, Parameter(negative="", help="the tables as one workbook, too (extra: xlsx)")] = False,
+    check: Annotated[
+        Path | None,
+        Parameter(
+            help="compute the checksums of evidence in this folder again, and write nothing new"
+        ),
+    ] = None,
+    xlsx: Annotated[
+        bool, Parameter(negative="", help="the tables as one workbook, too (extra: xlsx)")
+    ] = False,
     reqif: Annotated[
         bool, Parameter(negative="", help="argument and failure modes for exchange (extra: reqif)")
     ] = False,
     credibility: Annotated[
         Path | None,
-        Parameter(help="findings of `ravenjax reproduce`: report what the simulator's credibility rests on, too"),
+        Parameter(
+            help=(
+                "findings of `ravenjax reproduce`: report what the simulator's credibility rests"
+                " on, too"
+            )
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Write what a risk file asks for: failure modes, hazards and their runs, unsafe control actions, an argument.
+    """Write what a risk file asks for: failure modes, hazards and their runs, unsafe control
+    actions, an argument.
 
-    Every number leads to runs, and every file to its checksum. It makes no claim of conformity with any standard.
-    With --check it ends with code 1 where something no longer holds, and that is red in the argument.
+    Every number leads to runs, and every file to its checksum. It makes no claim of conformity with
+    any standard. With --check it ends with code 1 where something no longer holds, and that is red
+    in the argument.
 
     Parameters
     ----------
@@ -46,22 +60,34 @@ def evidence(
 
     if check is not None:
         if folders or out is not None or xlsx or reqif or credibility is not None:
-            raise UserError("--check FOLDER stands alone: it reads result folders and place from the evidence itself")
+            raise UserError(
+                "--check FOLDER stands alone: it reads result folders and place from the evidence"
+                " itself"
+            )
         result = writing.check(check)
         _tell_check(check, result, as_json)
         return 1 if result.of_status("broken") else 0
     if not folders:
-        raise UserError("of which results? Give result folders, or --check with a folder that this command wrote")
+        raise UserError(
+            "of which results? Give result folders, or --check with a folder that this command"
+            " wrote"
+        )
     if out is None and len(folders) > 1:
-        raise UserError(f"{len(folders)} result folders have no single place; say where with --out FOLDER")
+        raise UserError(
+            f"{len(folders)} result folders have no single place; say where with --out FOLDER"
+        )
     place = out or next(iter(folders)) / writing.FOLDER
-    result = writing.write(folders, place, xlsx, reqif, None if credibility is None else _of_model(credibility))
+    result = writing.write(
+        folders, place, xlsx, reqif, None if credibility is None else _of_model(credibility)
+    )
     _tell_files(writing.files(place), result, as_json)
     return 0
 
 
 def _of_model(folder: Path) -> ModelCredibility:
-    """What studies say of the simulator, its numbers from their findings in `folder`. Raises UserError."""
+    """What studies say of the simulator, its numbers from their findings in `folder`. Raises
+    UserError.
+    """
     import ravenjax
     from ravenjax.errors import UserError
     from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
@@ -71,13 +97,15 @@ def _of_model(folder: Path) -> ModelCredibility:
     records = writing.records(folder, catalogue.NAMES)
     if not records:
         raise UserError(
-            f"--credibility {folder}: no findings of a study there; a checkout has some in results/reference, "
-            f"`ravenjax reproduce NAME --out {folder}` makes them"
+            f"--credibility {folder}: no findings of a study there; a checkout has some in"
+            f" results/reference, `ravenjax reproduce NAME --out {folder}` makes them"
         )
     root = Path(ravenjax.__file__).resolve().parents[1]
     statements = []
     for one in claims.of_model().values():
-        places = [root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)]
+        places = [
+            root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)
+        ]
         tables = [folder.resolve() / one.study / writing.JSON] if one.tables or one.numbers else []
         text = quoting.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
         files = tuple(dict.fromkeys([*places, *tables]))
@@ -110,10 +138,17 @@ def _tell_check(place: Path, result: EvidenceRecord, as_json: bool) -> None:
     complaints = [node for node in items if node.status == "broken"]
     files = f"{len(items)} file" + ("s" if len(items) != 1 else "")
     console.say(
-        f"{place}: {files} looked at, " + (f"{len(complaints)} broken" if complaints else "every checksum holds")
+        f"{place}: {files} looked at, "
+        + (f"{len(complaints)} broken" if complaints else "every checksum holds")
     )
     for node in complaints:
-        console.err.print(f"{node.name}: {node.reason}", style="red", markup=False, highlight=False, soft_wrap=True)
+        console.err.print(
+            f"{node.name}: {node.reason}",
+            style="red",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
     others = [node.name for node in result.of_status("broken") if node.item is None]
     if others:
         console.say(f"what rests on them is red, too: {', '.join(others)}")

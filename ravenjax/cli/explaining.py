@@ -19,18 +19,27 @@ if TYPE_CHECKING:
 def explain(
     folder: Path,
     *run_ids: str,
-    worst: Annotated[int | None, Parameter(help="explain the N worst runs instead of named ones")] = None,
+    worst: Annotated[
+        int | None, Parameter(help="explain the N worst runs instead of named ones")
+    ] = None,
     by: Annotated[
-        str, Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response")
+        str,
+        Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response"),
     ] = "unintended",
-    group: Annotated[str | None, Parameter(help="explain every run with a fault of this group, together")] = None,
-    out: Annotated[Path | None, Parameter(help="folder of what is written; default FOLDER/explained")] = None,
+    group: Annotated[
+        str | None, Parameter(help="explain every run with a fault of this group, together")
+    ] = None,
+    out: Annotated[
+        Path | None, Parameter(help="folder of what is written; default FOLDER/explained")
+    ] = None,
     engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Say how a fault became a failure: which signal differs from the golden run when, and where it was visible first.
+    """Say how a fault became a failure: which signal differs from the golden run when, and where it
+    was visible first.
 
-    Without run ids, --worst and --group every run with a fault is explained, and all together are summarised.
+    Without run ids, --worst and --group every run with a fault is explained, and all together are
+    summarised.
 
     Parameters
     ----------
@@ -46,7 +55,9 @@ def explain(
     from ravenjax.store.access import explained
 
     if sum((bool(run_ids), worst is not None, group is not None)) > 1:
-        raise UserError("which runs? Give run ids or indices, or --worst N, or --group NAME, one of them")
+        raise UserError(
+            "which runs? Give run ids or indices, or --worst N, or --group NAME, one of them"
+        )
     record = manifest.read(folder)
     ranked = console.worst(folder, worst, by)
     if worst is not None and not ranked:
@@ -55,14 +66,18 @@ def explain(
     place = out or folder / explained.FOLDER
     files.require_writable(place)
     explainer = Explainer.of_folder(folder, engine)
-    rows = list(dict.fromkeys(explainer.index(run) for run in run_ids)) or [run.row for run in ranked] or together
+    rows = (
+        list(dict.fromkeys(explainer.index(run) for run in run_ids))
+        or [run.row for run in ranked]
+        or together
+    )
     explanation = _compute(explainer, rows, quiet=as_json)
     explained.add(place, explanation.ticks, record)
     if others := rows_asked.changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
         console.note(
-            f"{folder}: {others} of {len(explanation.ticks)} runs came out otherwise than they are stored, "
-            f"by engine {record.engine} and {code} version of the code"
+            f"{folder}: {others} of {len(explanation.ticks)} runs came out otherwise than they are"
+            f" stored, by engine {record.engine} and {code} version of the code"
         )
     if together is None:
         _one_by_one(place, record, explanation, as_json)
@@ -88,7 +103,9 @@ def _one_by_one(place: Path, record: Manifest, explanation: Explained, as_json: 
     from ravenjax.store.files import write_aside
 
     records = []
-    for row, ticks in zip(explanation.results.to_dict("records"), explanation.ticks.to_dict("records"), strict=True):
+    for row, ticks in zip(
+        explanation.results.to_dict("records"), explanation.ticks.to_dict("records"), strict=True
+    ):
         one = chain.chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
         table, plot = (place / f"{one.run_id}.{kind}" for kind in ("csv", "svg"))
         text = downloads.text(one.links) or "layer,signal\n"
@@ -107,7 +124,10 @@ def _print(one: Chain, paths: list[Path]) -> None:
     from ravenjax.report.run import chain_words
 
     console.say("\n  ".join([chain_words.title(one), *chain_words.sentences(one)]))
-    tables = ((chain_words.LINKS, chain_words.link_rows(one)), (chain_words.CHECKS, chain_words.check_rows(one)))
+    tables = (
+        (chain_words.LINKS, chain_words.link_rows(one)),
+        (chain_words.CHECKS, chain_words.check_rows(one)),
+    )
     for columns, rows in tables:
         if rows:
             console.out.print(terminal.table("", columns, rows))
@@ -133,7 +153,9 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     for name, rows in (("signals.csv", one.carriers), ("passages.csv", one.passages)):
         if text := downloads.text(rows):
             paths.append(place / name)
-            write_aside(paths[-1], lambda target, text=text: target.write_text(text, encoding="utf-8"))
+            write_aside(
+                paths[-1], lambda target, text=text: target.write_text(text, encoding="utf-8")
+            )
     if figures.draw(one, place / "signals.svg") is not None:
         paths.append(place / "signals.svg")
     if as_json:

@@ -16,29 +16,40 @@ from ravenjax.errors import UserError
 def explore(
     *sources: str,
     out: Annotated[
-        Path | None, Parameter(name=("--out", "-o"), help="the page; default NAME.explore.html, or DIR/explore.html")
+        Path | None,
+        Parameter(
+            name=("--out", "-o"), help="the page; default NAME.explore.html, or DIR/explore.html"
+        ),
     ] = None,
     gallery: Annotated[
         Path | None,
-        Parameter(help="a folder: pages of several campaigns, of all bundled ones unless named, and an index"),
+        Parameter(
+            help=(
+                "a folder: pages of several campaigns, of all bundled ones unless named, and an"
+                " index"
+            )
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a page that computes a campaign's faults in any browser: a map, runs in 3D, the smallest harmful fault.
+    """Write a page that computes a campaign's faults in any browser: a map, runs in 3D, the
+    smallest harmful fault.
 
-    The page holds the robot, its control software and its checks as WebAssembly, opens from a file and asks no network.
-    Given a result folder it shows that folder's runs, too.
+    The page holds the robot, its control software and its checks as WebAssembly, opens from a file
+    and asks no network. Given a result folder it shows that folder's runs, too.
 
     Parameters
     ----------
     sources
         Campaign file, the name of a bundled one (see `ravenjax campaigns`), or what `ravenjax run` wrote.
-    """
+    """  # noqa: E501
     if gallery is not None:
         _gallery(gallery, sources, out, as_json)
         return
     if len(sources) != 1:
-        raise UserError(f"got {len(sources)} campaigns, expected one; write --gallery DIR for pages of several")
+        raise UserError(
+            f"got {len(sources)} campaigns, expected one; write --gallery DIR for pages of several"
+        )
     from ravenjax.explorer import page
 
     path = page.build(sources[0], out)
@@ -50,12 +61,20 @@ def explore(
 
 def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: bool) -> None:
     if out is not None:
-        raise UserError("got --out and --gallery; leave out --out: a gallery's pages are named after their campaigns")
+        raise UserError(
+            "got --out and --gallery; leave out --out: a gallery's pages are named after their"
+            " campaigns"
+        )
     from ravenjax.explorer import gallery
 
     cards = gallery.build(folder, sources)
     if as_json:
-        console.emit_json({"index": folder / gallery.INDEX, "campaigns": [dataclasses.asdict(card) for card in cards]})
+        console.emit_json(
+            {
+                "index": folder / gallery.INDEX,
+                "campaigns": [dataclasses.asdict(card) for card in cards],
+            }
+        )
         return
     for card in cards:
         console.say(f"{card.campaign}: {card.file or 'no page, ' + card.reason}")

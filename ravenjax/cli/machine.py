@@ -12,7 +12,16 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing
 
 PartName = Literal[
-    "engines", "shell", "cores", "devices", "fault_times", "campaigns", "software", "operations", "peak", "peers"
+    "engines",
+    "shell",
+    "cores",
+    "devices",
+    "fault_times",
+    "campaigns",
+    "software",
+    "operations",
+    "peak",
+    "peers",
 ]
 """As `ravenjax.bench.parts.NAMES`, which is slow to import."""
 
@@ -20,33 +29,50 @@ PartName = Literal[
 def bench(
     *,
     json: Annotated[bool, Parameter(negative="", help="print every number as JSON")] = False,
-    quick: Annotated[bool, Parameter(negative="", help="half a minute instead of minutes: the shorter parts")] = False,
+    quick: Annotated[
+        bool, Parameter(negative="", help="half a minute instead of minutes: the shorter parts")
+    ] = False,
     markdown: Annotated[Path | None, Parameter(help="also write the tables to this file")] = None,
     only: Annotated[
-        list[PartName] | None, Parameter(consume_multiple=True, negative="", help="these parts alone")
+        list[PartName] | None,
+        Parameter(consume_multiple=True, negative="", help="these parts alone"),
     ] = None,
     seconds: Annotated[
-        float | None, Parameter(help="how long it may take, about; default: 160, and 35 of a quick run")
+        float | None,
+        Parameter(help="how long it may take, about; default: 160, and 35 of a quick run"),
     ] = None,
     beside: Annotated[
         Path | None,
-        Parameter(help="folder of another checkout: take turns with it, commands and campaigns alone, any commit"),
+        Parameter(
+            help=(
+                "folder of another checkout: take turns with it, commands and campaigns alone, any"
+                " commit"
+            )
+        ),
     ] = None,
 ) -> int:
-    """Measure this machine: engines beside MuJoCo and MJX, commands from the shell, cores, GPUs, faults by their time.
+    """Measure this machine: engines beside MuJoCo and MJX, commands from the shell, cores, GPUs,
+    faults by their time.
 
-    Each part runs in a process of its own, and what it shows is also said in sentences. What no longer fits into the
-    time is left out and named. Exit code 1: nothing could be measured.
+    Each part runs in a process of its own, and what it shows is also said in sentences. What no
+    longer fits into the time is left out and named. Exit code 1: nothing could be measured.
     """
     from ravenjax.bench import effort
     from ravenjax.errors import UserError
 
     if markdown is not None and not markdown.absolute().parent.is_dir():
-        raise UserError(f"--markdown {markdown}: the folder does not exist, expected a file in a folder that does")
+        raise UserError(
+            f"--markdown {markdown}: the folder does not exist, expected a file in a folder that"
+            " does"
+        )
     if seconds is not None and not effort.LEAST_S <= seconds <= effort.LONGEST_S:
-        raise UserError(f"--seconds {seconds:g}: expected {effort.LEAST_S:g} to {effort.LONGEST_S:g}")
+        raise UserError(
+            f"--seconds {seconds:g}: expected {effort.LEAST_S:g} to {effort.LONGEST_S:g}"
+        )
     if beside is not None and (only or quick):
-        raise UserError("--beside measures commands and campaigns of both: leave out --only and --quick")
+        raise UserError(
+            "--beside measures commands and campaigns of both: leave out --only and --quick"
+        )
     total = seconds or (effort.QUICK_S if quick else effort.FULL_S)
     words = [f"--only {' '.join(only)}"] if only else []
     words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
@@ -60,7 +86,9 @@ def bench(
 
     results = suite.measure(total, quick, only or (), tell)
     if markdown is not None:
-        markdown.write_text(tables.markdown(results, " ".join(["ravenjax bench", *words, "--markdown FILE"])))
+        markdown.write_text(
+            tables.markdown(results, " ".join(["ravenjax bench", *words, "--markdown FILE"]))
+        )
     lines = findings.sentences(results)
     if json:
         console.emit_json(results.as_json() | {"sentences": lines})
@@ -69,7 +97,9 @@ def bench(
     return int(results.is_empty)
 
 
-def _beside(folder: Path, total: float, tell: Callable[[str], None], json: bool, markdown: Path | None) -> int:
+def _beside(
+    folder: Path, total: float, tell: Callable[[str], None], json: bool, markdown: Path | None
+) -> int:
     from ravenjax.bench import beside, tables
     from ravenjax.errors import UserError
 
@@ -88,7 +118,9 @@ def _beside(folder: Path, total: float, tell: Callable[[str], None], json: bool,
     return 0
 
 
-def _show(tables: Iterable[tuple[str, tuple[str, ...], list[tuple[str, ...]]]], lines: Sequence[str]) -> None:
+def _show(
+    tables: Iterable[tuple[str, tuple[str, ...], list[tuple[str, ...]]]], lines: Sequence[str]
+) -> None:
     """Tables, and sentences below them."""
     from ravenjax.cli import terminal
 
@@ -101,8 +133,12 @@ def _show(tables: Iterable[tuple[str, tuple[str, ...], list[tuple[str, ...]]]], 
 
 def doctor(
     *,
-    realtime: Annotated[bool, Parameter(negative="", help="measure how well a session keeps time instead")] = False,
-    seconds: Annotated[float, Parameter(help="of each of the five loops that --realtime measures")] = 60.0,
+    realtime: Annotated[
+        bool, Parameter(negative="", help="measure how well a session keeps time instead")
+    ] = False,
+    seconds: Annotated[
+        float, Parameter(help="of each of the five loops that --realtime measures")
+    ] = 60.0,
     as_json: AsJson = False,
 ) -> int:
     """Check this machine: versions, devices, CPU, memory, and that each part works."""
@@ -124,7 +160,9 @@ def doctor(
         "results": _results_writable,
         "console port": lambda: terminal.udp_port(UDP_PORT),
     }
-    works = Listing("works", "What works", ("what", "state", "detail"), list(terminal.checks(tests)))
+    works = Listing(
+        "works", "What works", ("what", "state", "detail"), list(terminal.checks(tests))
+    )
     console.emit([about, works] if as_json else [works], as_json)
     return int(any(state != "ok" for _, state, _ in works.rows))
 
@@ -133,7 +171,9 @@ def _keeps_time(seconds: float, as_json: bool) -> int:
     from ravenjax.trainer import timing
 
     measured = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
-    loops = Listing("loops", "One tick a millisecond", timing.COLUMNS, [one.row() for one in measured])
+    loops = Listing(
+        "loops", "One tick a millisecond", timing.COLUMNS, [one.row() for one in measured]
+    )
     states = timing.verdict(measured)
     if as_json:
         console.emit([loops, Listing("verdict", "", ("state", "sentence"), list(states))], as_json)
@@ -151,7 +191,9 @@ def _jax_computes() -> str:
     total = float(jax.jit(lambda x: (x * x).sum())(jnp.arange(4.0)))
     if total != 14.0:
         raise ArithmeticError(f"0 + 1 + 4 + 9 came out as {total}")
-    return ", ".join(f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices())
+    return ", ".join(
+        f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()
+    )
 
 
 def _engine_chosen() -> str:

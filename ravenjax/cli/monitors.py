@@ -1,4 +1,6 @@
-"""`monitor`: thresholds with a stated false-alarm rate, as data, as a part and as C; and whether they still hold."""
+"""`monitor`: thresholds with a stated false-alarm rate, as data, as a part and as C; and whether
+they still hold.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from ravenjax.cli.console import AsJson, Listing, Overrides
 if TYPE_CHECKING:
     from ravenjax.monitors.calibration import Calibrated
 
-monitor = App(name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift.")
+monitor = App(
+    name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift."
+)
 Engine = Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")]
 
 
@@ -21,40 +25,59 @@ Engine = Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")]
 def calibrate(
     file: Path,
     *,
-    out: Annotated[Path | None, Parameter(help="folder; default results/monitors/NAME of the campaign")] = None,
+    out: Annotated[
+        Path | None, Parameter(help="folder; default results/monitors/NAME of the campaign")
+    ] = None,
     signals: Annotated[
         list[str] | None,
         Parameter(
             consume_multiple=True,
             negative="",
-            help="names that `ravenjax monitor signals` lists, * for any letters; default tip_error_bound "
-            "boards_cmd_rate*",
+            help=(
+                "names that `ravenjax monitor signals` lists, * for any letters; default"
+                " tip_error_bound "
+                "boards_cmd_rate*"
+            ),
         ),
     ] = None,
     segments: Annotated[
-        str, Parameter(help="bands in stretches by a number of the view: tick=1000,5000 or surgeon_mode=1")
+        str,
+        Parameter(
+            help="bands in stretches by a number of the view: tick=1000,5000 or surgeon_mode=1"
+        ),
     ] = "",
     false_alarms_per_hour: Annotated[float, Parameter(help="that are not exceeded")] = 1.0,
     confidence: Annotated[float, Parameter(help="with which they are not")] = 0.95,
     hours: Annotated[
-        float | None, Parameter(help="of operation in all; default what rate and confidence need, with room to spare")
+        float | None,
+        Parameter(
+            help="of operation in all; default what rate and confidence need, with room to spare"
+        ),
     ] = None,
     length_s: Annotated[float, Parameter(help="of an operation, s")] = 300.0,
-    robots: Annotated[int, Parameter(help="operations of each operator, each with a robot that is drawn")] = 16,
+    robots: Annotated[
+        int, Parameter(help="operations of each operator, each with a robot that is drawn")
+    ] = 16,
     motions: Annotated[
         list[str] | None,
-        Parameter(consume_multiple=True, negative="", help="generated motions of operators; default all that vary"),
+        Parameter(
+            consume_multiple=True,
+            negative="",
+            help="generated motions of operators; default all that vary",
+        ),
     ] = None,
     seed: Annotated[int, Parameter(help="of operators and robots")] = 0,
     engine: Engine = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Set thresholds that keep a false-alarm rate with a stated confidence, from fault-free operations.
+    """Set thresholds that keep a false-alarm rate with a stated confidence, from fault-free
+    operations.
 
-    Each operator is a motion of its own, each of its operations another robot, as the campaign's [parameters], noise
-    and packets draw them. An interrupted command goes on. Writes monitor.toml, monitor.py and detector.toml (a
-    [[detector]] with its threshold), monitor.c, monitor.h and test_vector.csv.
+    Each operator is a motion of its own, each of its operations another robot, as the campaign's
+    [parameters], noise and packets draw them. An interrupted command goes on. Writes monitor.toml,
+    monitor.py and detector.toml (a [[detector]] with its threshold), monitor.c, monitor.h and
+    test_vector.csv.
 
     Parameters
     ----------
@@ -66,7 +89,15 @@ def calibrate(
 
     config = loading.load(file, overrides or ())
     request = calibration.request(
-        config, signals or (), segments, false_alarms_per_hour, confidence, length_s, robots, motions or (), seed
+        config,
+        signals or (),
+        segments,
+        false_alarms_per_hour,
+        confidence,
+        length_s,
+        robots,
+        motions or (),
+        seed,
     )
     place = out or Path("results/monitors") / config.campaign.name
     with _progress(as_json) as progress:
@@ -80,12 +111,15 @@ def operate(
     *,
     out: Annotated[Path, Parameter(help="folder for the operations")],
     hours: Annotated[float, Parameter(help="of operation in all")],
-    robots: Annotated[int | None, Parameter(help="operations of each operator; default the calibration's")] = None,
+    robots: Annotated[
+        int | None, Parameter(help="operations of each operator; default the calibration's")
+    ] = None,
     engine: Engine = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute fresh fault-free operations for `ravenjax monitor check`: other operators, and with --set another robot.
+    """Compute fresh fault-free operations for `ravenjax monitor check`: other operators, and with
+    --set another robot.
 
     Parameters
     ----------
@@ -97,7 +131,9 @@ def operate(
     with _progress(as_json) as progress:
         peaks = fresh(folder, out, hours, overrides or (), robots, engine, progress)
     if as_json:
-        return console.emit_json({"folder": out, "operations": len(peaks.unit), "hours": float(peaks.hours.sum())})
+        return console.emit_json(
+            {"folder": out, "operations": len(peaks.unit), "hours": float(peaks.hours.sum())}
+        )
     return console.say(f"{len(peaks.unit)} operations: {out}")
 
 
@@ -109,7 +145,8 @@ def check(
     seed: Annotated[int, Parameter(help="that breaks ties between scores")] = 0,
     as_json: AsJson = False,
 ) -> int:
-    """Test whether fresh fault-free operations are like those of the calibration. Ends with code 1 for a shift.
+    """Test whether fresh fault-free operations are like those of the calibration. Ends with code 1
+    for a shift.
 
     Of each operator, result folder and log the first operation counts.
 
@@ -120,7 +157,7 @@ def check(
     sources
         Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a detector, or logs: CSV with the
         columns of test_vector.csv.
-    """
+    """  # noqa: E501
     from ravenjax.monitors import checking
 
     result = checking.check(folder, sources, level, seed)
@@ -140,11 +177,16 @@ def check(
         for one in result.signals
     ]
     columns = ("score", "median place", "p", "p of all", "martingale", "")
-    console.emit([Listing("signals", "Fresh operations among the calibration's", columns, rows)], False)
-    about = f"{result.units} units, {result.operations} operations, {result.hours:.3g} h, {result.alarms} with an alarm"
+    console.emit(
+        [Listing("signals", "Fresh operations among the calibration's", columns, rows)], False
+    )
+    about = (
+        f"{result.units} units, {result.operations} operations, {result.hours:.3g} h,"
+        f" {result.alarms} with an alarm"
+    )
     verdict = (
-        f"SHIFT at level {level:g}: fresh operations are not drawn as the calibration's were, and its promise does not "
-        "hold for them. Calibrate on what they are like"
+        f"SHIFT at level {level:g}: fresh operations are not drawn as the calibration's were, and"
+        " its promise does not hold for them. Calibrate on what they are like"
         if result.shifted
         else f"no shift found at level {level:g}; with so few units a small one stays unseen"
     )
@@ -154,7 +196,9 @@ def check(
 
 @monitor.command
 def signals(
-    file: Annotated[Path | None, Parameter(help="campaign whose robot it is; default the Raven-II's")] = None,
+    file: Annotated[
+        Path | None, Parameter(help="campaign whose robot it is; default the Raven-II's")
+    ] = None,
     *,
     as_json: AsJson = False,
 ) -> None:
@@ -164,8 +208,13 @@ def signals(
     from ravenjax.monitors.scores import catalogue
 
     robot = loading.load(file).robot if file is not None else robots.find(robots.DEFAULT)
-    rows = [(one.name, one.words, ", ".join(dict.fromkeys(one.units)), one.layer) for one in catalogue(robot)]
-    console.emit([Listing("signals", robot.title, ("name", "what", "unit", "layer"), rows)], as_json)
+    rows = [
+        (one.name, one.words, ", ".join(dict.fromkeys(one.units)), one.layer)
+        for one in catalogue(robot)
+    ]
+    console.emit(
+        [Listing("signals", robot.title, ("name", "what", "unit", "layer"), rows)], as_json
+    )
 
 
 def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
@@ -186,12 +235,12 @@ def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
     console.emit([Listing("terms", "Alarm above", ("term", "limit", "unit"), rows)], False)
     low, high = tested.one_each.low, tested.one_each.high
     console.say(
-        f"{record['promise']['words']}\n"
-        f"set on {own.operations} operations of {own.units} operators, {own.hours:.4g} h, {own.alarms} with an alarm\n"
-        f"tested on {tested.operations} others of {tested.units} operators, {tested.hours:.4g} h without an alarm: "
-        f"{tested.alarms} with one, {tested.per_hour:.3g} an hour; of one operation each {tested.one_each.count} in "
-        f"{tested.one_each.hours:.3g} h, {low:.3g} to {high:.3g} an hour\n"
-        f"folder: {place}"
+        f"{record['promise']['words']}\nset on {own.operations} operations of {own.units}"
+        f" operators, {own.hours:.4g} h, {own.alarms} with an alarm\ntested on {tested.operations}"
+        f" others of {tested.units} operators, {tested.hours:.4g} h without an alarm:"
+        f" {tested.alarms} with one, {tested.per_hour:.3g} an hour; of one operation each"
+        f" {tested.one_each.count} in {tested.one_each.hours:.3g} h, {low:.3g} to {high:.3g} an"
+        f" hour\nfolder: {place}"
     )
     return None
 
@@ -200,9 +249,20 @@ class _progress:
     """A bar of operators on the terminal; silent with JSON."""
 
     def __init__(self, as_json: bool) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
 
-        columns: Any = (TextColumn("operators"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        columns: Any = (
+            TextColumn("operators"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
         self._bar = Progress(*columns, console=console.err, disable=as_json)
 
     def __enter__(self) -> Any:

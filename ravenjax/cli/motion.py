@@ -21,24 +21,31 @@ if TYPE_CHECKING:
 def motion(
     file: Path,
     *,
-    campaign: Annotated[str | None, Parameter(help="campaign file whose robot, limits and duration it is for")] = None,
+    campaign: Annotated[
+        str | None, Parameter(help="campaign file whose robot, limits and duration it is for")
+    ] = None,
     arms: Annotated[
-        list[str] | None, Parameter(consume_multiple=True, negative="", help="default those that the file holds")
+        list[str] | None,
+        Parameter(consume_multiple=True, negative="", help="default those that the file holds"),
     ] = None,
     overrides: Overrides = None,
-    out: Annotated[Path, Parameter(help="folder of the picture, SVG and PNG")] = Path("results/motions"),
+    out: Annotated[Path, Parameter(help="folder of the picture, SVG and PNG")] = Path(
+        "results/motions"
+    ),
 ) -> None:
-    """Show what a recorded operator's file holds and what a campaign makes of it: a table, and a picture of both.
+    """Show what a recorded operator's file holds and what a campaign makes of it: a table, and a
+    picture of both.
 
-    How it is replayed is said as in a campaign: --set operator.rate_hz=1000 operator.cutoff_hz=5 and so on. Without a
-    campaign all of the recording, or of its window, is replayed. A file that cannot be replayed is drawn where it can
-    be read, and refused with what to write instead: exit code 2.
+    How it is replayed is said as in a campaign: --set operator.rate_hz=1000 operator.cutoff_hz=5
+    and so on. Without a campaign all of the recording, or of its window, is replayed. A file that
+    cannot be replayed is drawn where it can be read, and refused with what to write instead: exit
+    code 2.
 
     Parameters
     ----------
     file
         Recorded tip positions: .parquet, .csv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
-    """
+    """  # noqa: E501
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.campaign import hands
     from ravenjax.store.motion import reach, recording, replay
@@ -49,9 +56,14 @@ def motion(
     try:
         one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds)
     except UserError:
-        raw = recording.load(file, config.campaign.arms, options)  # that it cannot be read, it says again
+        raw = recording.load(
+            file, config.campaign.arms, options
+        )  # that it cannot be read, it says again
         _draw(
-            file, out, replay.courses(raw, reach.reach(raw.poses, bounds).inside, None), "cannot be replayed as it is"
+            file,
+            out,
+            replay.courses(raw, reach.reach(raw.poses, bounds).inside, None),
+            "cannot be replayed as it is",
         )
         raise
     _table(one.summary, console.out)
@@ -61,7 +73,9 @@ def motion(
 
 
 def show_operator(config: CampaignConfig, to: Console) -> None:
-    """Print what becomes of a campaign's recorded operator, where it has one. UserError where it cannot be used."""
+    """Print what becomes of a campaign's recorded operator, where it has one. UserError where it
+    cannot be used.
+    """
     from ravenjax.robots.raven2.campaign import hands
     from ravenjax.robots.raven2.campaign.config import RavenConfig
 
@@ -71,8 +85,12 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
         _table(one.summary, to)
 
 
-def _config(file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]) -> tuple[RavenConfig, bool]:
-    """The campaign that the recording is for, and whether all of the recording is to be replayed."""
+def _config(
+    file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
+) -> tuple[RavenConfig, bool]:
+    """The campaign that the recording is for, and whether all of the recording is to be
+    replayed.
+    """
     from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording

@@ -12,15 +12,23 @@ from ravenjax.cli import console
 
 def reference(
     *,
-    out: Annotated[Path | None, Parameter(help="also write it to this file; default: print it")] = None,
+    out: Annotated[
+        Path | None, Parameter(help="also write it to this file; default: print it")
+    ] = None,
     pages: Annotated[
-        Path | None, Parameter(help="write every page of the documentation's reference into this folder instead")
+        Path | None,
+        Parameter(
+            help="write every page of the documentation's reference into this folder instead"
+        ),
     ] = None,
     types: Annotated[
-        Path | None, Parameter(help="write the static types of campaigns in Python to this file instead (.pyi)")
+        Path | None,
+        Parameter(help="write the static types of campaigns in Python to this file instead (.pyi)"),
     ] = None,
 ) -> None:
-    """Print the reference of campaign files: every key with its type, unit, range, default and meaning (Markdown)."""
+    """Print the reference of campaign files: every key with its type, unit, range, default and
+    meaning (Markdown).
+    """
     from ravenjax.store import files
 
     if pages is not None:
@@ -28,13 +36,17 @@ def reference(
 
         pages.mkdir(parents=True, exist_ok=True)
         for name, text in docs_pages.pages().items():
-            files.write_aside(pages / name, lambda target, text=text: target.write_text(text, encoding="utf-8"))
+            files.write_aside(
+                pages / name, lambda target, text=text: target.write_text(text, encoding="utf-8")
+            )
             console.out.print(f"wrote {pages / name}", highlight=False, soft_wrap=True)
         return
     if types is not None:
         from ravenjax.notebook import static_types
 
-        files.write_aside(types, lambda target: target.write_text(static_types.text(), encoding="utf-8"))
+        files.write_aside(
+            types, lambda target: target.write_text(static_types.text(), encoding="utf-8")
+        )
         console.out.print(f"wrote {types}", highlight=False, soft_wrap=True)
         return
     from ravenjax.campaign.inspection import reference as text

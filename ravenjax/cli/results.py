@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 def report(
     folder: Path,
     *,
-    figures: Annotated[Path | None, Parameter(help="also draw the main figures into this folder, SVG and PDF")] = None,
+    figures: Annotated[
+        Path | None, Parameter(help="also draw the main figures into this folder, SVG and PDF")
+    ] = None,
 ) -> None:
     """Write report.html into a result folder.
 
@@ -46,7 +48,8 @@ def verify(
 ) -> int:
     """Check a result folder: checksums, rows, values, and a random sample of its runs made again.
 
-    Ends with code 1 where something is wrong. Runs made again on another engine may differ: it is told by how much.
+    Ends with code 1 where something is wrong. Runs made again on another engine may differ: it is
+    told by how much.
 
     Parameters
     ----------
@@ -60,14 +63,25 @@ def verify(
     if as_json:
         console.emit_json(_verified(folder, verified))
         return 0 if verified.fine else 1
-    rows = [(check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks]
+    rows = [
+        (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
+    ]
     console.out.print(terminal.table(f"Verified: {folder}", ("what", "", "looked at"), rows))
     for check in verified.checks:
         for problem in check.problems:
-            console.err.print(f"{check.name}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+            console.err.print(
+                f"{check.name}: {problem}",
+                style="red",
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
     if verified.rerun is not None and verified.rerun.differing:
         n = len(verified.rerun.rows)
-        apart = [(one.name, f"{n - one.equal} of {n}", f"{one.largest:.3g}") for one in verified.rerun.differing]
+        apart = [
+            (one.name, f"{n - one.equal} of {n}", f"{one.largest:.3g}")
+            for one in verified.rerun.differing
+        ]
         columns = ("column", "rows that differ", "largest difference")
         console.out.print(terminal.table("Not equal to the bit", columns, apart))
     return 0 if verified.fine else 1
@@ -80,21 +94,32 @@ def _verified(folder: Path, verified: Verification) -> dict[str, Any]:
         "folder": folder,
         "fine": verified.fine,
         "checks": [
-            {"name": one.name, "fine": one.fine, "looked_at": one.looked_at, "problems": one.problems}
+            {
+                "name": one.name,
+                "fine": one.fine,
+                "looked_at": one.looked_at,
+                "problems": one.problems,
+            }
             for one in verified.checks
         ],
-        "runs_made_again": None
-        if again is None
-        else {
-            "engine": again.engine,
-            "otherwise_than_then": again.other,
-            "rows": again.rows.tolist(),
-            "equal_verdicts": again.verdicts,
-            "columns_that_differ": [
-                {"name": one.name, "rows": len(again.rows) - one.equal, "largest_difference": one.largest}
-                for one in again.differing
-            ],
-        },
+        "runs_made_again": (
+            None
+            if again is None
+            else {
+                "engine": again.engine,
+                "otherwise_than_then": again.other,
+                "rows": again.rows.tolist(),
+                "equal_verdicts": again.verdicts,
+                "columns_that_differ": [
+                    {
+                        "name": one.name,
+                        "rows": len(again.rows) - one.equal,
+                        "largest_difference": one.largest,
+                    }
+                    for one in again.differing
+                ],
+            }
+        ),
     }
 
 
@@ -106,8 +131,8 @@ def merge(
 ) -> None:
     """Join the shards of a campaign into one result folder.
 
-    Their parts are linked or copied, each checked; the shards stay as they are. May be given again after an
-    interruption, or with further shards.
+    Their parts are linked or copied, each checked; the shards stay as they are. May be given again
+    after an interruption, or with further shards.
 
     Parameters
     ----------
@@ -125,7 +150,9 @@ def merge(
     ways = f"{done.linked} linked, {done.copied} copied, {done.present} there before"
     console.out.print(f"merged: {out}: {count} ({ways})", highlight=False, soft_wrap=True)
     if done.missing:
-        console.out.print(f"missing: rows {query.in_words(done.missing)}", highlight=False, soft_wrap=True)
+        console.out.print(
+            f"missing: rows {query.in_words(done.missing)}", highlight=False, soft_wrap=True
+        )
 
 
 def write_report(folder: Path, tell: bool = True) -> Path:
@@ -145,9 +172,11 @@ def compare(
     most: Annotated[int, Parameter(help="runs that are listed as most changed")] = 10,
     as_json: AsJson = False,
 ) -> None:
-    """Compare two results that share faults, run by run: configuration, outcomes, rates, the runs that changed most.
+    """Compare two results that share faults, run by run: configuration, outcomes, rates, the runs
+    that changed most.
 
-    Differences are those of the second from the first, with 95 % intervals over the faults where these were drawn.
+    Differences are those of the second from the first, with 95 % intervals over the faults where
+    these were drawn.
 
     Parameters
     ----------
@@ -155,7 +184,7 @@ def compare(
         What `ravenjax run` wrote.
     second
         The same of another campaign with the same faults, or of the same campaign with another setting or code.
-    """
+    """  # noqa: E501
     from ravenjax.report import comparison
 
     result = comparison.compare(first, second, most)
@@ -170,9 +199,15 @@ def compare(
 def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
     from ravenjax.report import wording
 
-    changes = [(one.path, one.first or "–", one.second or "–") for one in (*found.configuration, *found.environment)]
+    changes = [
+        (one.path, one.first or "–", one.second or "–")
+        for one in (*found.configuration, *found.environment)
+    ]
     yield Listing(
-        "configuration", "What differs in configuration, code and machine", ("key", "first", "second"), changes
+        "configuration",
+        "What differs in configuration, code and machine",
+        ("key", "first", "second"),
+        changes,
     )
     rates = [
         (
@@ -184,13 +219,28 @@ def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
         )
         for rate in found.rates
     ]
-    columns = ("runs in which", "first", "second", "second - first, 95 % interval", "only in first, second")
-    yield Listing("rates", f"Rates among {wording.count(found.pairs.compared)} pairs", columns, rates)
+    columns = (
+        "runs in which",
+        "first",
+        "second",
+        "second - first, 95 % interval",
+        "only in first, second",
+    )
+    yield Listing(
+        "rates", f"Rates among {wording.count(found.pairs.compared)} pairs", columns, rates
+    )
     for word, transitions in found.transitions.items():
         rows = [(one.first, one.second, wording.count(one.runs)) for one in transitions]
-        yield Listing(word, f"{word.capitalize()}: from first to second", ("first", "second", "runs"), rows)
+        yield Listing(
+            word, f"{word.capitalize()}: from first to second", ("first", "second", "runs"), rows
+        )
     changed = [
-        (one.run_ids[0], one.fault, *one.verdicts, *(wording.number(mm) for mm in one.unintended_mm))
+        (
+            one.run_ids[0],
+            one.fault,
+            *one.verdicts,
+            *(wording.number(mm) for mm in one.unintended_mm),
+        )
         for one in found.changed
     ]
     columns = ("run", "fault", "first", "second", "unintended motion, mm", "second")
@@ -204,9 +254,12 @@ def _compared(found: FolderComparison) -> dict[str, Any]:
     for name in ("configuration", "made", "changed"):
         plain[name] = [one._asdict() for one in plain[name]]
     plain["pairs"] = found.pairs._asdict()
-    plain["transitions"] = {word: [one._asdict() for one in rows] for word, rows in found.transitions.items()}
+    plain["transitions"] = {
+        word: [one._asdict() for one in rows] for word, rows in found.transitions.items()
+    }
     plain["rates"] = [
-        one._asdict() | {name: getattr(one, name)._asdict() for name in ("first", "second", "difference")}
+        one._asdict()
+        | {name: getattr(one, name)._asdict() for name in ("first", "second", "difference")}
         for one in found.rates
     ]
     return plain | {"sentences": found.sentences()}

@@ -27,26 +27,39 @@ ENDED = "ended by a signal; finished parts are kept, and the same command goes o
 def run(
     file: Path,
     *,
-    out: Annotated[Path | None, Parameter(help="result folder; default results/NAME of the campaign")] = None,
+    out: Annotated[
+        Path | None, Parameter(help="result folder; default results/NAME of the campaign")
+    ] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
-    chunk: Annotated[int | None, Parameter(help="runs per part of the result", validator=console.SOME)] = None,
-    limit: Annotated[int | None, Parameter(help="compute only the first runs", validator=console.SOME)] = None,
+    chunk: Annotated[
+        int | None, Parameter(help="runs per part of the result", validator=console.SOME)
+    ] = None,
+    limit: Annotated[
+        int | None, Parameter(help="compute only the first runs", validator=console.SOME)
+    ] = None,
     executor: Annotated[
-        str | None, Parameter(help="local (this process), processes (of this machine) or ray (a cluster)")
+        str | None,
+        Parameter(help="local (this process), processes (of this machine) or ray (a cluster)"),
     ] = None,
     workers: Annotated[
-        int | None, Parameter(help="processes or tasks side by side; default one a GPU, or one for some cores")
+        int | None,
+        Parameter(help="processes or tasks side by side; default one a GPU, or one for some cores"),
     ] = None,
-    ray_address: Annotated[str | None, Parameter(help="of a running Ray cluster; default one on this machine")] = None,
-    shard: Annotated[str | None, Parameter(help="i/N: only the i-th of N shares, for batch schedulers")] = None,
+    ray_address: Annotated[
+        str | None, Parameter(help="of a running Ray cluster; default one on this machine")
+    ] = None,
+    shard: Annotated[
+        str | None, Parameter(help="i/N: only the i-th of N shares, for batch schedulers")
+    ] = None,
     report: Annotated[bool, Parameter(help="write report.html at the end")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Run a campaign, or finish it where OUT holds a part of it.
 
-    Exit codes: 0 done, 2 something to mend (the campaign file, a full disk, workers that die), 128 + n ended by signal
-    n: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP. Whatever ends it, finished parts are kept and the same command goes on.
+    Exit codes: 0 done, 2 something to mend (the campaign file, a full disk, workers that die), 128
+    + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP. Whatever ends it, finished parts are
+    kept and the same command goes on.
 
     Parameters
     ----------
@@ -59,25 +72,40 @@ def run(
     from ravenjax.cli import terminal
 
     sizes = {"chunk": chunk, "limit": limit}
-    changes = [*(overrides or ()), *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None)]
+    changes = [
+        *(overrides or ()),
+        *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None),
+    ]
     share = shards.parse(shard) if shard is not None else None
     who = choice.executor(executor, workers, ray_address)
     config = loading.load(file, changes)
-    folder = out or Path("results") / config.campaign.name / (share.folder if share is not None else "")
+    folder = out or Path("results") / config.campaign.name / (
+        share.folder if share is not None else ""
+    )
 
     from ravenjax.campaign.stop import adaptive
 
     screen = console.err if as_json else console.out
     show_operator(config, screen)
     with _ended_by_signals(), terminal.Watch(screen) as watch:
-        results = adaptive.run(config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv)
+        results = adaptive.run(
+            config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
+        )
     if as_json:
         page = write_report(folder, tell=False) if report and share is None else None
-        console.emit_json(_outcome(folder, results) | {"report": page, "shard": None if share is None else str(share)})
+        console.emit_json(
+            _outcome(folder, results)
+            | {
+                "report": page,
+                "shard": None if share is None else str(share),
+            }
+        )
         return
     _summary(folder, results)
     if share is not None:
-        console.out.print(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them", highlight=False)
+        console.out.print(
+            f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them", highlight=False
+        )
     elif report:
         write_report(folder)
 
@@ -111,16 +139,25 @@ def fault_free(
     hours: float,
     *,
     engine: Annotated[
-        str, Parameter(help="auto, cuda, simd, wasm, xla or mjx; auto is a CPU engine: motions run one at a time")
+        str,
+        Parameter(
+            help=(
+                "auto, cuda, simd, wasm, xla or mjx; auto is a CPU engine: motions run one at a"
+                " time"
+            )
+        ),
     ] = "auto",
-    report: Annotated[bool, Parameter(help="write the result's report.html anew at the end")] = True,
+    report: Annotated[
+        bool, Parameter(help="write the result's report.html anew at the end")
+    ] = True,
     as_json: AsJson = False,
 ) -> None:
-    """Compute fault-free motion of a campaign's robot, so that its report can state false cues and alarms an hour.
+    """Compute fault-free motion of a campaign's robot, so that its report can state false cues and
+    alarms an hour.
 
-    Same robot, cues and detectors, other seeds of the operator's motion; each is a result folder of its own in
-    FOLDER/fault_free, which the report of FOLDER counts. What is there already counts, and an interrupted command goes
-    on. Exit codes as of `run`.
+    Same robot, cues and detectors, other seeds of the operator's motion; each is a result folder of
+    its own in FOLDER/fault_free, which the report of FOLDER counts. What is there already counts,
+    and an interrupted command goes on. Exit codes as of `run`.
 
     Parameters
     ----------
@@ -143,7 +180,9 @@ def fault_free(
         say(f"{wording.hours(there)} of {wording.hours(hours)}; next: {path}")
 
     with _ended_by_signals(), terminal.Watch(screen) as watch:
-        there = more_motion.extend(folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv)
+        there = more_motion.extend(
+            folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv
+        )
     if not as_json:
         say(f"fault-free motion: {wording.hours(there)} in {place}")
     page = write_report(folder, tell=not as_json) if report else None
@@ -165,18 +204,24 @@ def _summary(folder: Path, results: Results) -> None:
         evading = terminal.evading(counted, record.limit_mm)
         console.out.print(evading, markup=False, highlight=False, soft_wrap=True)
     if rows := terminal.failure_rows(record.failures, record.done):
-        console.out.print(terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows))
+        console.out.print(
+            terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
+        )
     if why := decisions.sentence(folder):
         console.out.print(why, markup=False, highlight=False)
     if record.shard is None and not why and record.due < record.runs:
         rest = "the same command without --limit, or with more, goes on from here"
-        console.out.print(f"{record.due} of the {record.runs} runs of the campaign; {rest}", highlight=False)
+        console.out.print(
+            f"{record.due} of the {record.runs} runs of the campaign; {rest}", highlight=False
+        )
     console.out.print(f"results: {folder}", highlight=False, soft_wrap=True)
 
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the work as Ctrl-C does, with exit code 128 + the signal's number; soon, in any case."""
+    """SIGTERM and SIGHUP end the work as Ctrl-C does, with exit code 128 + the signal's number;
+    soon, in any case.
+    """
     with interruption.exits(signal.SIGTERM, signal.SIGHUP):
         try:
             with interruption.ended_in_time(ENDED), interruption.held_back():
@@ -189,12 +234,15 @@ def _ended_by_signals() -> Iterator[None]:
 def search(
     file: Path,
     *,
-    out: Annotated[Path | None, Parameter(help="folder; default results/NAME of the search")] = None,
+    out: Annotated[
+        Path | None, Parameter(help="folder; default results/NAME of the search")
+    ] = None,
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find what matters: the smallest harmful fault, the parameters that decide, how rare an outcome is.
+    """Find what matters: the smallest harmful fault, the parameters that decide, how rare an
+    outcome is.
 
     Whatever ends it, finished runs are kept and the same command goes on. Exit codes as of `run`.
 
@@ -223,14 +271,22 @@ def search(
 def reproduce(
     name: str | None = None,
     *,
-    out: Annotated[Path, Parameter(help="folder; each study has one inside")] = Path("results/reproduce"),
+    out: Annotated[Path, Parameter(help="folder; each study has one inside")] = Path(
+        "results/reproduce"
+    ),
     engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
-    keep: Annotated[Path | None, Parameter(help="also copy the findings, without pictures, into this folder")] = None,
+    keep: Annotated[
+        Path | None, Parameter(help="also copy the findings, without pictures, into this folder")
+    ] = None,
     as_json: Annotated[
-        bool, Parameter(name="--json", negative="", help="list the studies as JSON; of a study, its findings")
+        bool,
+        Parameter(
+            name="--json", negative="", help="list the studies as JSON; of a study, its findings"
+        ),
     ] = False,
 ) -> None:
-    """Run a published experiment, or a study of our own, and set what is predicted beside what was published.
+    """Run a published experiment, or a study of our own, and set what is predicted beside what was
+    published.
 
     Parameters
     ----------
@@ -244,9 +300,14 @@ def reproduce(
 
     if name is None:
         studies = [catalogue.find(one_name) for one_name in catalogue.NAMES]
-        rows = [(one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}") for one in studies]
+        rows = [
+            (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}") for one in studies
+        ]
         columns = ("name", "what", "targets", "minutes")
-        goals = [(one.id, one.title, one.source, one.band, one.judged_by) for one in targets.targets().values()]
+        goals = [
+            (one.id, one.title, one.source, one.band, one.judged_by)
+            for one in targets.targets().values()
+        ]
         listings = [
             Listing("studies", "Studies: ravenjax reproduce NAME", columns, rows),
             Listing(
@@ -264,7 +325,9 @@ def reproduce(
             findings = running.reproduce(study, out, engine, watch)
         if not as_json and findings.lines:
             title = catalogue.find(study).title
-            console.out.print(terminal.table(title, markdown.BRIEF_COLUMNS, markdown.line_rows(findings)))
+            console.out.print(
+                terminal.table(title, markdown.BRIEF_COLUMNS, markdown.line_rows(findings))
+            )
         if not as_json:
             for state in targets.states(plain(findings)["lines"]):
                 console.say(f"{targets.sentence(state)}. {targets.definition(state.id)}")

@@ -15,9 +15,11 @@ def schema(
     *,
     out: Annotated[Path | None, Parameter(help="write it to this file; default: print it")] = None,
 ) -> None:
-    """Print the JSON Schema of campaign, search or scenario files: an editor completes and checks keys by it.
+    """Print the JSON Schema of campaign, search or scenario files: an editor completes and checks
+    keys by it.
 
-    Taplo and the editors that use it take it from a line at the top of the TOML file: `#:schema campaign.schema.json`.
+    Taplo and the editors that use it take it from a line at the top of the TOML file: `#:schema
+    campaign.schema.json`.
 
     Parameters
     ----------

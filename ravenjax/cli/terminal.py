@@ -22,7 +22,9 @@ PLAIN_EVERY_S = 5.0
 """Time between two lines of progress where the output is no terminal."""
 
 LONGEST_NAME = 48
-"""Characters of a name; a first column with more holds sentences, which are broken like any other."""
+"""Characters of a name; a first column with more holds sentences, which are broken like any
+other.
+"""
 
 PACKAGES = (
     "ravenjax",
@@ -73,12 +75,17 @@ class CampaignStatus(Protocol):
 
 
 class Watch:
-    """Shows a campaign's progress: a bar in a terminal, a line now and then elsewhere. Use as a context manager."""
+    """Shows a campaign's progress: a bar in a terminal, a line now and then elsewhere. Use as a
+    context manager.
+    """
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"), console=console
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[text]}"),
+            console=console,
         )
         self._task = self._bar.add_task("waiting", total=1.0, text="")
         self._last, self._phase = 0.0, ""
@@ -102,7 +109,9 @@ class Watch:
         self._notes = len(status.notes)
         text = words(status)
         if self._console.is_terminal:
-            self._bar.update(self._task, completed=status.progress, description=status.phase, text=text)
+            self._bar.update(
+                self._task, completed=status.progress, description=status.phase, text=text
+            )
             return
         now = time.monotonic()
         if status.phase != self._phase or now - self._last >= PLAIN_EVERY_S:
@@ -137,8 +146,12 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def table(title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> Table:
-    """A table of text; square brackets are text, too. What the first column names stays in one piece, to be copied."""
+def table(
+    title: str, columns: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]
+) -> Table:
+    """A table of text; square brackets are text, too. What the first column names stays in one
+    piece, to be copied.
+    """
     rows = list(rows)
     grid = Table(title=title, title_justify="left", show_edge=False)
     names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
@@ -187,7 +200,9 @@ def checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, str]
     for name, test in tests.items():
         try:
             yield name, "ok", test()
-        except Exception as error:  # a broken installation may raise anything, and the next line still helps
+        except (
+            Exception
+        ) as error:  # a broken installation may raise anything, and the next line still helps
             yield name, "FAILED", f"{type(error).__name__}: {error}"
 
 
@@ -201,24 +216,33 @@ def udp_port(port: int) -> str:
 def outcome_rows(runs: Mapping[str, int]) -> list[tuple[str, ...]]:
     """(verdict, runs, share) of the numbers of runs by verdict, most frequent first.
 
-    Runs without a valid outcome, whose verdict is "", are in no share. Repeats of a fault count each, so a share has no
-    interval here; that of the report counts every fault once.
+    Runs without a valid outcome, whose verdict is "", are in no share. Repeats of a fault count
+    each, so a share has no interval here; that of the report counts every fault once.
     """
     valid = {verdict: count for verdict, count in runs.items() if verdict}
     ordered = sorted(valid.items(), key=lambda item: (-item[1], item[0]))
-    return [(verdict, str(count), f"{100 * count / sum(valid.values()):.1f} %") for verdict, count in ordered]
+    return [
+        (verdict, str(count), f"{100 * count / sum(valid.values()):.1f} %")
+        for verdict, count in ordered
+    ]
 
 
 def evading(runs: Mapping[str, int], limit_mm: float) -> str:
-    """How many runs evade and in how many of them the cue came, of numbers of runs by verdict: one valid at least."""
+    """How many runs evade and in how many of them the cue came, of numbers of runs by verdict:
+    one valid at least.
+    """
     valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
     by_cue = [
-        sum(valid.get((response, verdict.HAZARDS[0], cue), 0) for response in verdict.UNTOLD) for cue in verdict.CUES
+        sum(valid.get((response, verdict.HAZARDS[0], cue), 0) for response in verdict.UNTOLD)
+        for cue in verdict.CUES
     ]
     many, of = sum(by_cue), sum(valid.values())
     harm = f"the instrument moves more than {limit_mm:g} mm by itself"
     if not many:
-        return f"None of {of} runs with a fault evades the checks: wherever {harm}, a check tells someone."
+        return (
+            f"None of {of} runs with a fault evades the checks: wherever {harm}, a check tells"
+            " someone."
+        )
     evade = f"{many} of {of} runs with a fault {'evades' if many == 1 else 'evade'} the checks"
     return f"{evade}: no check tells anyone, and {harm}. The cue comes in {by_cue[0]} of these."
 

@@ -1,4 +1,6 @@
-"""`trace`: runs of a result folder again, each with its whole time series and a summary in words."""
+"""`trace`: runs of a result folder again, each with its whole time series and a summary in
+words.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +21,21 @@ if TYPE_CHECKING:
 def trace(
     folder: Path,
     *run_ids: str,
-    worst: Annotated[int | None, Parameter(help="trace the N worst runs instead of named ones")] = None,
+    worst: Annotated[
+        int | None, Parameter(help="trace the N worst runs instead of named ones")
+    ] = None,
     by: Annotated[
-        str, Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response")
+        str,
+        Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response"),
     ] = "unintended",
-    out: Annotated[Path | None, Parameter(help="folder of the traces; default FOLDER/traces")] = None,
+    out: Annotated[
+        Path | None, Parameter(help="folder of the traces; default FOLDER/traces")
+    ] = None,
     engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Run rows of a result again and write their whole time series: MCAP, CSV and a plot, with a summary in words.
+    """Run rows of a result again and write their whole time series: MCAP, CSV and a plot, with a
+    summary in words.
 
     Parameters
     ----------
@@ -42,13 +50,17 @@ def trace(
     from ravenjax.store import files, manifest
 
     if bool(run_ids) == (worst is not None):
-        raise UserError("which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N")
+        raise UserError(
+            "which runs? Give run ids or indices, as `ravenjax trace DIR 17`, or --worst N"
+        )
     record = manifest.read(folder)
     ranked = console.worst(folder, worst, by)
     place = out or folder / "traces"
     files.require_writable(place)
     if record.code_hash != manifest.code_hash(record.robot):
-        console.note(f"{folder} was computed by another version of the code; a run may come out otherwise")
+        console.note(
+            f"{folder} was computed by another version of the code; a run may come out otherwise"
+        )
     runs = run_ids or tuple(run.run_id for run in ranked)
     records = []
     replayer = Replayer.of_folder(folder, engine) if runs else None
@@ -58,14 +70,20 @@ def trace(
         row = again.row.to_dict()
         summary = run_summary.summary(row, record.rules, again.series, again.golden, record.robot)
         paths = _write(place, record, again, [event.as_dict() for event in summary.events])
-        records.append({"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]})
+        records.append(
+            {"run_id": row["run_id"], **summary.as_dict(), "files": [str(path) for path in paths]}
+        )
         if not as_json:
-            console.say("\n".join([*summary.lines(), *(f"  wrote    {path}" for path in paths), ""]))
+            console.say(
+                "\n".join([*summary.lines(), *(f"  wrote    {path}" for path in paths), ""])
+            )
     if as_json:
         console.emit_json(records)
 
 
-def _write(place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]) -> list[Path]:
+def _write(
+    place: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
+) -> list[Path]:
     """MCAP, CSV and plot of one run."""
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
@@ -74,9 +92,15 @@ def _write(place: Path, record: Manifest, again: Replay, events: list[dict[str, 
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
     log, table, plot = (place / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
-    trace_log.write(log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot)
+    trace_log.write(
+        log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot
+    )
     csv_file.write(table, series, record.robot)
-    named = {"fault": "first_active_ms", "cue": f"cue{rules.cue}_first_ms", str(row["response"]): "response_ms"}
+    named = {
+        "fault": "first_active_ms",
+        "cue": f"cue{rules.cue}_first_ms",
+        str(row["response"]): "response_ms",
+    }
     named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
     trace_plot(
         _plotted(series, rules.cue),
@@ -96,10 +120,24 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
     from ravenjax.store import manifest
 
     row = again.row.to_dict()
-    plain = ("run_id", "index", "group", "seed", "operator", "verdict", "response", "response_cause", "hazard")
+    plain = (
+        "run_id",
+        "index",
+        "group",
+        "seed",
+        "operator",
+        "verdict",
+        "response",
+        "response_cause",
+        "hazard",
+    )
     values = {name: row[name] for name in plain} | {
         "fault": wording.fault(row, record.robot),
-        **{name: value for name, value in row.items() if name.startswith(("fault", "param:")) and value == value},
+        **{
+            name: value
+            for name, value in row.items()
+            if name.startswith(("fault", "param:")) and value == value
+        },
         "campaign": record.campaign,
         "config_hash": record.config_hash,
         "duration_ms": record.duration_ms,
@@ -117,9 +155,21 @@ def _metadata(record: Manifest, again: Replay) -> dict[str, str]:
 
 def _plotted(series: Mapping[str, Any], cue: int) -> dict[str, Any]:
     """A replay's series under the names that the plot knows, with the force of that cue."""
-    active = [values for name, values in series.items() if name.startswith("fault") and name.endswith("_active")]
-    commands = {n.replace("boards_cnt", "current_cmd"): v for n, v in series.items() if n.endswith("/boards_cnt")}
-    forces = {n.replace("cue_force", "haptic_force"): v[:, cue] for n, v in series.items() if n.endswith("/cue_force")}
+    active = [
+        values
+        for name, values in series.items()
+        if name.startswith("fault") and name.endswith("_active")
+    ]
+    commands = {
+        n.replace("boards_cnt", "current_cmd"): v
+        for n, v in series.items()
+        if n.endswith("/boards_cnt")
+    }
+    forces = {
+        n.replace("cue_force", "haptic_force"): v[:, cue]
+        for n, v in series.items()
+        if n.endswith("/cue_force")
+    }
     return {
         **series,
         **commands,

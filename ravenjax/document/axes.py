@@ -1,4 +1,6 @@
-"""Draws a chart on matplotlib's axes, for print: the same points, ticks and colours as on the page."""
+"""Draws a chart on matplotlib's axes, for print: the same points, ticks and colours as on the
+page.
+"""
 
 from __future__ import annotations
 
@@ -36,13 +38,24 @@ def draw(chart: Chart, axes: Any) -> None:
         getattr(axes, f"set_{name}ticks")([], minor=True)
         getattr(axes, f"set_{name}label")("" if axis.names else axis.title)
         if axis.line is not None:
-            (axes.axvline if name == "x" else axes.axhline)(axis.line, color=PALETTE["same"].light, lw=0.8)
+            (axes.axvline if name == "x" else axes.axhline)(
+                axis.line, color=PALETTE["same"].light, lw=0.8
+            )
 
 
 def step_curve(
-    axes: Any, points: Steps, *, color: Any, scale: float = 1.0, alpha: float = 0.15, lw: float = 1.4, label: str = ""
+    axes: Any,
+    points: Steps,
+    *,
+    color: Any,
+    scale: float = 1.0,
+    alpha: float = 0.15,
+    lw: float = 1.4,
+    label: str = "",
 ) -> None:
-    """A step curve with its band; values times `scale` (100: percent). color, alpha (of the band), lw: matplotlib's."""
+    """A step curve with its band; values times `scale` (100: percent). color, alpha (of the
+    band), lw: matplotlib's.
+    """
     low, high, value = (scale * part for part in (points.low, points.high, points.y))
     if (points.low != points.high).any():
         axes.fill_between(points.x, low, high, step="post", color=color, alpha=alpha, lw=0)
@@ -54,7 +67,9 @@ def _curve(mark: Curve, axes: Any, alpha: float) -> None:
     dashes: Any = (0, (4, 2)) if mark.dashed else "solid"
     if mark.step:
         edges = (mark.low, mark.high) if len(mark.low) else (mark.y, mark.y)
-        step_curve(axes, Steps(mark.x, mark.y, *edges), color=colour, alpha=alpha, label=label or "")
+        step_curve(
+            axes, Steps(mark.x, mark.y, *edges), color=colour, alpha=alpha, label=label or ""
+        )
         axes.lines[-1].set_linestyle(dashes)
         return
     if len(mark.low):
@@ -87,5 +102,12 @@ def _dots(mark: Dots, axes: Any) -> None:
 
 def _bars(mark: Bars, axes: Any) -> None:
     heights = np.asarray(mark.top) - np.asarray(mark.bottom)
-    axes.bar(mark.left, heights, mark.right - mark.left, mark.bottom, align="edge",
-             color=PALETTE[mark.colour].light, label=mark.name if mark.in_legend else None)  # fmt: skip
+    axes.bar(
+        mark.left,
+        heights,
+        mark.right - mark.left,
+        mark.bottom,
+        align="edge",
+        color=PALETTE[mark.colour].light,
+        label=mark.name if mark.in_legend else None,
+    )

@@ -1,4 +1,6 @@
-"""What a chart shows: axes and marks in the units of the data. `svg` draws it on a page, `axes` in print."""
+"""What a chart shows: axes and marks in the units of the data. `svg` draws it on a page, `axes`
+in print.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,12 @@ class ChartAxis:
     share: bool = False  # fractions, told in percent
     log: bool = False
     unit: str = ""  # of numbers in words: "ms"
-    line: float | None = None  # a value that is marked, as zero where values lie on both sides of it
-    names: tuple[str, ...] = ()  # of places 0, 1, 2 ..., the first on top; then there are no numbers
+    line: float | None = (
+        None  # a value that is marked, as zero where values lie on both sides of it
+    )
+    names: tuple[
+        str, ...
+    ] = ()  # of places 0, 1, 2 ..., the first on top; then there are no numbers
     whole: bool = False  # counts
 
     def ticks(self, most: int) -> list[float]:
@@ -86,7 +92,10 @@ class Curve:
         """Value and band at x; NaN outside of the curve and without a band."""
         if not len(self.x) or not self.x[0] <= x <= self.x[-1]:
             return np.nan, np.nan, np.nan
-        parts = [part if len(part) else np.full(len(self.x), np.nan) for part in (self.y, self.low, self.high)]
+        parts = [
+            part if len(part) else np.full(len(self.x), np.nan)
+            for part in (self.y, self.low, self.high)
+        ]
         if self.step:
             place = int(np.searchsorted(self.x, x, side="right")) - 1
             return tuple(float(part[place]) for part in parts)  # pyright: ignore[reportReturnType]
@@ -153,7 +162,10 @@ class Chart:
         """What it is, in one sentence, for who cannot see it."""
         names = [name for name, *_ in self.legend()]
         of = f", of {'; '.join(names)}" if names else ""
-        return f"Chart: {self.title}. {self.y.title} over {self.x.title}{of}. Its numbers are in the table below."
+        return (
+            f"Chart: {self.title}. {self.y.title} over {self.x.title}{of}. Its numbers are in the"
+            " table below."
+        )
 
     def numbers(self) -> list[Numbers]:
         """What it shows as tables, for who cannot see it."""
@@ -166,7 +178,9 @@ class Chart:
 
     def _curves(self, curves: Sequence[Curve]) -> Numbers:
         places = self.x.ticks(6)
-        if self.x.high not in places and any(len(one.x) and one.x[-1] >= self.x.high for one in curves):
+        if self.x.high not in places and any(
+            len(one.x) and one.x[-1] >= self.x.high for one in curves
+        ):
             places.append(self.x.high)
         heads = [f"{self.x.title}: {self.x.words(place)}" for place in places[:1]]
         heads += [self.x.words(place) for place in places[1:]]
@@ -175,7 +189,11 @@ class Chart:
 
     def _value(self, point: tuple[float, float, float]) -> str:
         value, low, high = point
-        band = f" ({self.y.words(low)} to {self.y.words(high)})" if np.isfinite(low) and np.isfinite(high) else ""
+        band = (
+            f" ({self.y.words(low)} to {self.y.words(high)})"
+            if np.isfinite(low) and np.isfinite(high)
+            else ""
+        )
         return f"{self.y.words(value)}{band}"
 
     def _dots(self, dots: Sequence[Dots]) -> Numbers:
@@ -186,19 +204,31 @@ class Chart:
         for place, (x, y) in enumerate(zip(one.x, one.y, strict=True)):
             name = one.tips[place] if one.tips else one.name
             across = self._spread(self.x, x, one.x_low, one.x_high, place)
-            up = self.y.names[round(y)] if self.y.names else self._spread(self.y, y, one.y_low, one.y_high, place)
+            up = (
+                self.y.names[round(y)]
+                if self.y.names
+                else self._spread(self.y, y, one.y_low, one.y_high, place)
+            )
             yield name, across, up
 
     @staticmethod
-    def _spread(axis: ChartAxis, value: float, low: np.ndarray, high: np.ndarray, place: int) -> str:
+    def _spread(
+        axis: ChartAxis, value: float, low: np.ndarray, high: np.ndarray, place: int
+    ) -> str:
         words = axis.words(value)
-        return f"{words} ({axis.words(low[place])} to {axis.words(high[place])})" if len(low) else words
+        return (
+            f"{words} ({axis.words(low[place])} to {axis.words(high[place])})"
+            if len(low)
+            else words
+        )
 
     def _bars(self, bars: Sequence[Bars]) -> Numbers:
         rows = [
             (one.name, f"{self.x.words(left)} to {self.x.words(right)}", self.y.words(top - bottom))
             for one in bars
-            for left, right, bottom, top in zip(one.left, one.right, one.bottom, one.top, strict=True)
+            for left, right, bottom, top in zip(
+                one.left, one.right, one.bottom, one.top, strict=True
+            )
         ]
         return Numbers(("", self.x.title, self.y.title), rows)
 

@@ -1,7 +1,8 @@
 """How every figure looks, whoever draws it.
 
-Printed ones by matplotlib's settings: text stays text, no file holds a date. Those of the trainer's pages are plain
-dicts of plotly's schema, which tests validate: graph objects took most of the time of a report.
+Printed ones by matplotlib's settings: text stays text, no file holds a date. Those of the trainer's
+pages are plain dicts of plotly's schema, which tests validate: graph objects took most of the time
+of a report.
 """
 
 from __future__ import annotations
@@ -40,7 +41,13 @@ def look(height: int) -> dict[str, Any]:
         "paper_bgcolor": clear,
         "plot_bgcolor": clear,
         "font": {"family": FONT, "size": 12},
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "traceorder": "normal"},
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "y": 1.02,
+            "yanchor": "bottom",
+            "traceorder": "normal",
+        },
         "hoverlabel": {"font": {"family": FONT}},
     }
 

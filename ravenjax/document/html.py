@@ -1,5 +1,5 @@
-"""What every page has in common: style, script and filters; and a page from Markdown, in one file that asks nothing of
-a network."""
+"""What every page has in common: style, script and filters; and a page from Markdown, in one file
+that asks nothing of a network."""
 
 from __future__ import annotations
 
@@ -18,16 +18,22 @@ _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 
 def environment(*packages: str) -> jinja2.Environment:
-    """Templates of these packages (their folders `templates`) and of this one, with what every page needs."""
+    """Templates of these packages (their folders `templates`) and of this one, with what every
+    page needs.
+    """
     templates = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]),
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]
+        ),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     templates.globals |= {
-        "document_style": Markup(palette.css() + (_TEMPLATES / "document.css").read_text(encoding="utf-8")),
+        "document_style": Markup(
+            palette.css() + (_TEMPLATES / "document.css").read_text(encoding="utf-8")
+        ),
         "document_script": Markup((_TEMPLATES / "document.js").read_text(encoding="utf-8")),
     }
     templates.filters |= {"drawings": svg.drawings, "values": _values, "data": data}
@@ -46,16 +52,23 @@ def data(json: str) -> Markup:
 def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
     """A page of Markdown (CommonMark with tables) whose first heading is its title.
 
-    drawings: SVG text by the file name that the Markdown's images have; they stand in the page themselves. Other images
-    become their description. A table is named by the heading before it, and headings get anchors and a list of links.
+    drawings: SVG text by the file name that the Markdown's images have; they stand in the page
+    themselves. Other images become their description. A table is named by the heading before it,
+    and headings get anchors and a list of links.
     """
     from markdown_it import MarkdownIt
 
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     body = markdown.render(text)
     pictures = drawings or {}
-    body = re.sub(r'<p><img src="([^"]*)" alt="([^"]*)" ?/?></p>', lambda image: _picture(image, pictures), body)
-    body = re.sub(r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL)  # a row's name heads it
+    body = re.sub(
+        r'<p><img src="([^"]*)" alt="([^"]*)" ?/?></p>',
+        lambda image: _picture(image, pictures),
+        body,
+    )
+    body = re.sub(
+        r"(<tr>\s*)<td([^>]*)>(.*?)</td>", r"\1<th\2>\3</th>", body, flags=re.DOTALL
+    )  # a row's name heads it
     title, body, sections = _with_headings(body)
     page = environment().get_template("markdown.html.j2")
     return with_scopes(page.render(title=title, body=Markup(body), sections=sections))
@@ -65,11 +78,16 @@ def _picture(image: re.Match[str], drawings: Mapping[str, str]) -> str:
     name, words = image.groups()
     if name not in drawings:
         return f"<p>{words}</p>"
-    return f'<figure class="drawing" role="img" aria-label="{words}">{inline(drawings[name], name)}</figure>'
+    return (
+        '<figure class="drawing" role="img"'
+        f' aria-label="{words}">{inline(drawings[name], name)}</figure>'
+    )
 
 
 def inline(drawing: str, name: str) -> str:
-    """An SVG file's text as an element of a page: without prologue and links to itself that other drawings share."""
+    """An SVG file's text as an element of a page: without prologue and links to itself that
+    other drawings share.
+    """
     body = drawing[drawing.index("<svg") :].strip()
     body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
     prefix = re.sub(r"\W", "-", name.removesuffix(".svg"))
@@ -80,7 +98,9 @@ def inline(drawing: str, name: str) -> str:
 
 
 def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
-    """Title, the body below it, and id and words of each of its sections; tables get captions, and places to scroll."""
+    """Title, the body below it, and id and words of each of its sections; tables get captions,
+    and places to scroll.
+    """
     heading = re.search(r"<h1>(.*?)</h1>\n?", body, re.DOTALL)
     title = heading[1] if heading else ""
     body = body[: heading.start()] + body[heading.end() :] if heading else body
@@ -98,7 +118,8 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
             part = part.replace("<h2>", f'<h2 id="{name}">', 1)
         elif part == "<table>":
             part = (
-                f'<div class="scroll"><table class="wordy"><caption class="unseen-by-eye">{escape(section)}</caption>'
+                '<div class="scroll"><table class="wordy"><caption'
+                f' class="unseen-by-eye">{escape(section)}</caption>'
             )
         out.append(part)
     return _plain(title), "".join(out).replace("</table>", "</table></div>"), sections

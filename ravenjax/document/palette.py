@@ -1,4 +1,6 @@
-"""Colours of charts by what they stand for, in light and on dark paper; told apart in every colour blindness."""
+"""Colours of charts by what they stand for, in light and on dark paper; told apart in every
+colour blindness.
+"""
 
 from __future__ import annotations
 
@@ -42,4 +44,7 @@ def css() -> str:
         " ".join(f"--{name}: {getattr(colour, scheme)};" for name, colour in PALETTE.items())
         for scheme in ("light", "dark")
     )
-    return f":root {{ {light} }}\n@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
+    return (
+        f":root {{ {light} }}\n@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }}"
+        " }\n"
+    )

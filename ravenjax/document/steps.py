@@ -1,4 +1,6 @@
-"""Step curves as they are drawn: a page, a printed figure and a study draw the points that are made here."""
+"""Step curves as they are drawn: a page, a printed figure and a study draw the points that are
+made here.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 RESOLUTION = 1 / 400
-"""Of the curve's height: values that differ by less may be drawn as one, so no larger step is lost."""
+"""Of the curve's height: values that differ by less may be drawn as one, so no larger step is
+lost.
+"""
 
 
 class Steps(NamedTuple):
-    """A curve that holds each value until the next x, and its band; arrays [points], x never falls."""
+    """A curve that holds each value until the next x, and its band; arrays [points], x never
+    falls.
+    """
 
     x: np.ndarray
     y: np.ndarray
@@ -29,16 +35,20 @@ def steps(
     start: float | None = None,
     end: float | None = None,
 ) -> Steps:
-    """The points of a curve [n] that are drawn: the first, the last, and each at which a value of curve or band leaves
-    the interval of RESOLUTION in which the point before lies.
+    """The points of a curve [n] that are drawn: the first, the last, and each at which a value of
+    curve or band leaves the interval of RESOLUTION in which the point before lies.
 
-    start: x below it are drawn there (a logarithmic axis has no zero), the last of them holds. end: the last value is
-    held until there, or to the last x. ValueError where lengths differ, x falls, or there is no point.
+    start: x below it are drawn there (a logarithmic axis has no zero), the last of them holds. end:
+    the last value is held until there, or to the last x. ValueError where lengths differ, x falls,
+    or there is no point.
     """
     across = np.asarray(x, float)
     values = np.array([np.asarray(y if part is None else part, float) for part in (y, low, high)])
     if across.ndim != 1 or not len(across) or values.shape != (3, len(across)):
-        raise ValueError(f"steps: x {across.shape} and values {values.shape[1:]} must be of one length, at least 1")
+        raise ValueError(
+            f"steps: x {across.shape} and values {values.shape[1:]} must be of one length, at"
+            " least 1"
+        )
     if (np.diff(across) < 0).any():
         raise ValueError("steps: x must not fall")
     if start is not None:

@@ -9,8 +9,8 @@ _WIDE = re.compile(r"""\b(colspan|rowspan)=["']?(\d+)""")
 
 
 def with_scopes(html: str) -> str:
-    """HTML with `scope` in every <th> that has none: of a column in thead and tfoot, else of a row; of a group of them
-    where it spans several."""
+    """HTML with `scope` in every <th> that has none: of a column in thead and tfoot, else of a row;
+    of a group of them where it spans several."""
     part = ""
 
     def heading(tag_match: re.Match[str]) -> str:

@@ -35,7 +35,9 @@ def linear(low: float, high: float, most: int) -> list[float]:
 
 
 def logarithmic(low: float, high: float, most: int) -> list[float]:
-    """Round values from low (positive) to high: the finest of DECADES that gives no more than `most`, else decades."""
+    """Round values from low (positive) to high: the finest of DECADES that gives no more than
+    `most`, else decades.
+    """
     span = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     values: list[float] = []
     for each in DECADES:

@@ -1,7 +1,7 @@
 """Traces the tick of one robot without JAX: run on numbers that write down what is done with them.
 
-The programs are those that `tracing` gets through JAX, operation by operation, in a fifth of the time and without its
-import.
+The programs are those that `tracing` gets through JAX, operation by operation, in a fifth of the
+time and without its import.
 """
 
 from __future__ import annotations
@@ -34,11 +34,17 @@ def trace(program: TickProgram, block: Block, motion: Sequence[Any]) -> TracedTi
     lane = tree.mapped(traced_number.kind_of, tuple(functions.lane_types(block)))
     first, state = written(functions.begin, lane)
     kinds = tree.mapped(kind, state)
-    of_tick = (traced_number.INT, [traced_number.FLOAT] * functions.series, tuple(map(ColumnInput, motion)))
+    of_tick = (
+        traced_number.INT,
+        [traced_number.FLOAT] * functions.series,
+        tuple(map(ColumnInput, motion)),
+    )
     middle, (_, _, signals) = written(functions.step, (*lane, kinds, *of_tick))
     last, outcomes = written(functions.finish, (*lane, kinds))
     dtypes = tree.mapped(lambda leaf: np.dtype(DTYPES[kind(leaf)]), signals)
-    return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), functions.series, dtypes)
+    return TracedTick(
+        TimeLoop(first, middle, last), tuple(sorted(outcomes)), functions.series, dtypes
+    )
 
 
 class ColumnInput:
@@ -56,7 +62,8 @@ def kind(leaf: Any) -> int:
 
 
 def written(function: Callable[..., Any], inputs: tuple[Any, ...]) -> tuple[Program, Any]:
-    """The program of a function of numbers of these kinds and of these columns, and what it returned.
+    """The program of a function of numbers of these kinds and of these columns, and what it
+    returned.
 
     The function takes `jnp` and `lax` from `numbers.lazy`. Raises Untraceable.
     """

@@ -1,7 +1,8 @@
 """What an engine is: the tick, run for many robots.
 
-An engine advances *blocks*: some number of lanes, one robot a lane, over all ticks of a run. A lane's result depends
-on nothing but its own inputs, so it is the same in any block of any size, with any number of threads.
+An engine advances *blocks*: some number of lanes, one robot a lane, over all ticks of a run. A
+lane's result depends on nothing but its own inputs, so it is the same in any block of any size,
+with any number of threads.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ Progress = Callable[[int], None]
 class Loop(Protocol):
     """A robot's tick, its beginning and its end: all that an engine knows of a robot.
 
-    `setup` is the robot's own, `params`, `state` and `signals` are records of single numbers, `faults` is
-    `ravenjax.faults.fault.Faults`; see `ravenjax.robots` for what a robot is.
+    `setup` is the robot's own, `params`, `state` and `signals` are records of single numbers,
+    `faults` is `ravenjax.faults.fault.Faults`; see `ravenjax.robots` for what a robot is.
     """
 
     __name__: str
@@ -37,8 +38,8 @@ class Loop(Protocol):
     ) -> tuple[Any, tuple[Any, ...], Any]:
         """One millisecond: the new state, the own series, and every signal.
 
-        now: int32, ticks since the run began. motion: columns of the operator's motion, each a 1-D array. golden: the
-        series of the golden run in this tick, as `advance` returned it there.
+        now: int32, ticks since the run began. motion: columns of the operator's motion, each a 1-D
+        array. golden: the series of the golden run in this tick, as `advance` returned it there.
         """
         ...
 
@@ -55,7 +56,8 @@ class Loop(Protocol):
 class TickProgram:
     """What a campaign's kernel is made of; everything here picks code."""
 
-    module: str  # dotted name of the module that is the robot's `Loop`: a program travels between processes
+    # dotted name of the module that is the robot's `Loop`: a program travels between processes
+    module: str
     setup: Any  # the robot's own kind of `ravenjax.numbers.setup.Setup`
     params: Any  # the robot's parameters, plain numbers: what all runs share
     varied: tuple[str, ...]  # paths of the parameters that differ between runs
@@ -76,7 +78,9 @@ class TickProgram:
 
 
 NO_REFERENCE = np.zeros((0, 0, 0), np.float32)
-"""Reference of a block whose lanes are compared with nothing, and leave nothing behind but outcomes."""
+"""Reference of a block whose lanes are compared with nothing, and leave nothing behind but
+outcomes.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,11 +89,21 @@ class Block:
 
     varied: Mapping[str, np.ndarray]  # path -> [lanes]
     faults: Any  # faults.fault.Faults of arrays [lanes]
-    reference: np.ndarray | None  # [ticks, series, golden runs]; None: golden runs; NO_REFERENCE: none
-    golden: np.ndarray | None = None  # int [lanes], which golden run is a lane's; None: one a lane, in their order
-    acts: np.ndarray | None = None  # int [lanes], up to this tick a lane is its golden run to the bit; None: not known
-    ends: np.ndarray | None = None  # int [lanes], the first tick that a lane does not run; None: all run whole
-    trunks: Sequence[Any] = ()  # of each golden run what `Kernel.trunk` made of it, or None; empty: None of each
+    reference: (
+        np.ndarray | None
+    )  # [ticks, series, golden runs]; None: golden runs; NO_REFERENCE: none
+    golden: np.ndarray | None = (
+        None  # int [lanes], which golden run is a lane's; None: one a lane, in their order
+    )
+    acts: np.ndarray | None = (
+        None  # int [lanes], up to this tick a lane is its golden run to the bit; None: not known
+    )
+    ends: np.ndarray | None = (
+        None  # int [lanes], the first tick that a lane does not run; None: all run whole
+    )
+    trunks: Sequence[
+        Any
+    ] = ()  # of each golden run what `Kernel.trunk` made of it, or None; empty: None of each
 
     @property
     def compared(self) -> bool:
@@ -97,13 +111,17 @@ class Block:
         return self.reference is not None and len(self.reference) > 0
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
-        """[ticks, series, len(lanes)]: the golden runs of these lanes; only of a block that has a reference."""
+        """[ticks, series, len(lanes)]: the golden runs of these lanes; only of a block that has
+        a reference.
+        """
         assert self.reference is not None
         return self.reference[:, :, lanes if self.golden is None else self.golden[lanes]]
 
     def trunk(self, lane: int) -> Any:
         """What the kernel made of a lane's golden run; None where there is nothing."""
-        return self.trunks[lane if self.golden is None else self.golden[lane]] if self.trunks else None
+        return (
+            self.trunks[lane if self.golden is None else self.golden[lane]] if self.trunks else None
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,26 +130,36 @@ class BlockResult:
 
     outcomes: dict[str, np.ndarray]  # outcome -> [lanes]
     reference: np.ndarray
-    """[ticks, series, lanes], what faulty runs are compared with: of each lane in the ticks before its end. Empty
-    unless golden runs ran."""
+    """[ticks, series, lanes], what faulty runs are compared with: of each lane in the ticks before
+    its end. Empty unless golden runs ran."""
 
 
 class Kernel(Protocol):
     """A compiled program."""
 
     lanes: int  # of a block, at most
-    branches: int  # lanes of a `BranchingKernel` that go on from their golden run together; 0: every lane runs whole
+    # lanes of a `BranchingKernel` that go on from their golden run together; 0: every lane runs
+    # whole
+    branches: int
 
     def size(self, rows: int) -> int:
-        """Lanes of a block of so many rows, 1 to `lanes`; those beyond the rows are filled and left unread."""
+        """Lanes of a block of so many rows, 1 to `lanes`; those beyond the rows are filled and
+        left unread.
+        """
         ...
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Trace and compile for blocks and motions of these types; done once, and by `run` if not before."""
+        """Trace and compile for blocks and motions of these types; done once, and by `run` if
+        not before.
+        """
         ...
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
-        """Run one block; `motion` are the columns of the operator's motion. May be called from several threads."""
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
+    ) -> BlockResult:
+        """Run one block; `motion` are the columns of the operator's motion. May be called from
+        several threads.
+        """
         ...
 
 
@@ -141,10 +169,11 @@ class BranchingKernel(Kernel, Protocol):
     def trunk(
         self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
     ) -> tuple[Any, dict[str, np.ndarray]]:
-        """What lanes can go on from whose faults act in tick `last` at the latest, for `Block.trunks`.
+        """What lanes can go on from whose faults act in tick `last` at the latest, for
+        `Block.trunks`.
 
-        block: `size(1)` lanes without faults, all alike, with their golden run's series. Beside it the outcomes of the
-        golden run at `ends` (int [ends], ascending), each [ends].
+        block: `size(1)` lanes without faults, all alike, with their golden run's series. Beside it
+        the outcomes of the golden run at `ends` (int [ends], ascending), each [ends].
         """
         ...
 
@@ -172,7 +201,9 @@ class Engine(Protocol):
         ...
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """What runs single blocks of so many lanes and keeps every signal; compiled apart from any campaign, once."""
+        """What runs single blocks of so many lanes and keeps every signal; compiled apart from
+        any campaign, once.
+        """
         ...
 
 
@@ -194,10 +225,15 @@ class Tracer:
 
     kernel: SignalKernel
 
-    def run(self, golden: Block, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, BlockResult, Any]:
-        """Results of `golden` and of `block`, and every signal of the block's first lane: a record of [ticks].
+    def run(
+        self, golden: Block, block: Block, motion: tuple[np.ndarray, ...]
+    ) -> tuple[BlockResult, BlockResult, Any]:
+        """Results of `golden` and of `block`, and every signal of the block's first lane: a record
+        of [ticks].
 
         `golden` is the same block without faults.
         """
         own = self.kernel.run(golden, motion)
-        return own, *self.kernel.run_signals(dataclasses.replace(block, reference=own.reference), motion)
+        return own, *self.kernel.run_signals(
+            dataclasses.replace(block, reference=own.reference), motion
+        )

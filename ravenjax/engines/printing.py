@@ -1,7 +1,8 @@
-"""How a program is printed in any language: numbers are read where first needed, results written once they are there.
+"""How a program is printed in any language: numbers are read where first needed, results written
+once they are there.
 
-A language says what constants, loads, stores, operations and regions look like; a result never overwrites what its
-place held before that has been read.
+A language says what constants, loads, stores, operations and regions look like; a result never
+overwrites what its place held before that has been read.
 """
 
 from __future__ import annotations
@@ -33,15 +34,18 @@ class Printing(ABC, Generic[Where]):
         tables: str = "",
         given: Mapping[int, str] | None = None,
     ) -> None:
-        """Print `operations` of `program`; numbers with a source are read from there, `results` written.
+        """Print `operations` of `program`; numbers with a source are read from there, `results`
+        written.
 
-        A region becomes a block that is passed by where its condition does not hold. given: numbers that are values of
-        the function already; tables: pointer to the tables, one after the other.
+        A region becomes a block that is passed by where its condition does not hold. given: numbers
+        that are values of the function already; tables: pointer to the tables, one after the other.
         """
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
         values: dict[int, str] = dict(given or {})
-        read = {o for i in flat(operations) for o in program.operations[i].operands} | {i for i, _ in results}
+        read = {o for i in flat(operations) for o in program.operations[i].operands} | {
+            i for i, _ in results
+        }
         holder = {place: i for i, place in sources.items() if i in read}
         due: dict[int, list[tuple[int, Where]]] = {}
 
@@ -49,7 +53,9 @@ class Printing(ABC, Generic[Where]):
             if i not in values:
                 operation = program.operations[i]
                 if operation.name == "constant":
-                    values[i] = self._constant(operation.dtype, number(operation.dtype, operation.detail))
+                    values[i] = self._constant(
+                        operation.dtype, number(operation.dtype, operation.detail)
+                    )
                 else:
                     values[i] = self._load(types[i], sources[i])
                     write(due.pop(i, []))
@@ -67,7 +73,11 @@ class Printing(ABC, Generic[Where]):
         for i, place in results:
             if sources.get(i) != place:  # it stays where it is
                 goals.setdefault(i, []).append((i, place))
-        outside = {i for i in goals if i in sources or i in values or program.operations[i].name == "constant"}
+        outside = {
+            i
+            for i in goals
+            if i in sources or i in values or program.operations[i].name == "constant"
+        }
 
         def compute(i: int) -> None:
             operation = program.operations[i]
@@ -83,7 +93,11 @@ class Printing(ABC, Generic[Where]):
             end = self._begin_region(condition, [types[i] for i in region.results])
             for i in region.operations:
                 compute(i)
-            before |= zip(region.results, self._end_region(end, [values[i] for i in region.results]), strict=True)
+            before |= zip(
+                region.results,
+                self._end_region(end, [values[i] for i in region.results]),
+                strict=True,
+            )
             values.clear()
             values.update(before)
 
@@ -95,7 +109,10 @@ class Printing(ABC, Generic[Where]):
         for i in outside:
             value(i)
         holder.clear()
-        write([goal for i in outside for goal in goals[i]] + [goal for pending in due.values() for goal in pending])
+        write(
+            [goal for i in outside for goal in goals[i]]
+            + [goal for pending in due.values() for goal in pending]
+        )
 
     @abstractmethod
     def _constant(self, dtype: str, value: Any) -> str:
@@ -115,7 +132,9 @@ class Printing(ABC, Generic[Where]):
 
     @abstractmethod
     def _begin_region(self, condition: str, types: list[str]) -> Any:
-        """Begin a block that is needed where `condition` holds, with results of these types; what its end asks for."""
+        """Begin a block that is needed where `condition` holds, with results of these types;
+        what its end asks for.
+        """
 
     @abstractmethod
     def _end_region(self, begun: Any, results: list[str]) -> list[str]:

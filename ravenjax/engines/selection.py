@@ -12,8 +12,11 @@ ENGINES = ("cuda", "simd", "wasm", "xla", "mjx")
 """Fastest first; wasm needs an extra."""
 
 
-def select(name: str, precision: Precision, objects: MutableMapping[str, bytes] | None = None) -> Engine:
-    """The engine of that name; "auto" takes the fastest that computes in this precision here. Raises UserError.
+def select(
+    name: str, precision: Precision, objects: MutableMapping[str, bytes] | None = None
+) -> Engine:
+    """The engine of that name; "auto" takes the fastest that computes in this precision here.
+    Raises UserError.
 
     objects: where compiled code is kept between processes; None keeps it in this one.
     """
@@ -35,11 +38,16 @@ def select(name: str, precision: Precision, objects: MutableMapping[str, bytes] 
         from ravenjax.engines.xla.engine import ScanEngine
 
         return ScanEngine(name)
-    raise UserError(f"engine {name!r} is unknown: expected auto, {', '.join(ENGINES)}{suggestion(name, ENGINES)}")
+    raise UserError(
+        f"engine {name!r} is unknown: expected auto,"
+        f" {', '.join(ENGINES)}{suggestion(name, ENGINES)}"
+    )
 
 
 def fastest(precision: Precision) -> tuple[str, str]:
-    """The engine that "auto" means on this machine, and in one line why it is not "cuda", empty if it is."""
+    """The engine that "auto" means on this machine, and in one line why it is not "cuda", empty
+    if it is.
+    """
     from ravenjax.engines.gpu import device as cuda_device
     from ravenjax.engines.gpu import engine as cuda
 

@@ -1,4 +1,6 @@
-"""The files that decide what is traced and printed: those of this package's lower floors, and the robots' models."""
+"""The files that decide what is traced and printed: those of this package's lower floors, and
+the robots' models.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def digest() -> str:
 
 
 AT_IMPORT = digest()
-"""Of the files as they were when this module was imported: what the process runs, if they have not changed since."""
+"""Of the files as they were when this module was imported: what the process runs, if they have
+not changed since.
+"""
 
 
 def unchanged() -> bool:

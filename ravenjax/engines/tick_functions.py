@@ -1,4 +1,6 @@
-"""What is traced of a robot's tick for a program: three functions of one lane, and what their numbers are."""
+"""What is traced of a robot's tick for a program: three functions of one lane, and what their
+numbers are.
+"""
 
 from __future__ import annotations
 
@@ -50,12 +52,21 @@ class TickFunctions:
         return self.program.loop.init(self.program.setup, self.program.params_of(varied))
 
     def step(
-        self, varied: Any, faults: Any, end: Any, state: Any, now: Any, golden: Sequence[Any], motion: Any
+        self,
+        varied: Any,
+        faults: Any,
+        end: Any,
+        state: Any,
+        now: Any,
+        golden: Sequence[Any],
+        motion: Any,
     ) -> tuple[Any, Any, Any]:
         """The state after tick `now`, the own series, all signals."""
         program = self.program
         params = program.params_of(varied)
-        new, series, signals = program.loop.advance(program.setup, params, faults, state, now, motion, golden)
+        new, series, signals = program.loop.advance(
+            program.setup, params, faults, state, now, motion, golden
+        )
         return frozen(now, end, new, state), series, signals
 
     def finish(self, varied: Any, faults: Any, end: Any, state: Any) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """The tick of one robot traced for a program: beginning, step and end as straight-line programs.
 
-Tracing takes seconds of Python, so what was traced is kept with the code that was made of it: in this process, where a
-campaign in several steps, or one beside another that needs the same code, traces once; and on disk, where the next
-process finds it and imports no JAX.
+Tracing takes seconds of Python, so what was traced is kept with the code that was made of it: in
+this process, where a campaign in several steps, or one beside another that needs the same code,
+traces once; and on disk, where the next process finds it and imports no JAX.
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ Printed = TypeVar("Printed")
 
 
 class Forms:
-    """A traced program and whatever code is made of it, by engine, form and device; from any thread."""
+    """A traced program and whatever code is made of it, by engine, form and device; from any
+    thread.
+    """
 
     def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
         """key: hash of all that decides the trace; "": nothing of it is to outlive the process."""
@@ -72,7 +74,9 @@ class Forms:
             return make()
         own, adapter = self._own_key(kind, key), TypeAdapter(kind)
         if (content := self._objects.get(own)) is not None:
-            with contextlib.suppress(zlib.error, ValidationError):  # of another version: printed anew
+            with contextlib.suppress(
+                zlib.error, ValidationError
+            ):  # of another version: printed anew
                 return adapter.validate_json(zlib.decompress(content))
         interruption.point()
         result = make()
@@ -88,12 +92,17 @@ class _Wanted:
     key: str
     program: TickProgram = dataclasses.field(compare=False)
     block: Block = dataclasses.field(compare=False)  # of no lanes
-    motion: tuple[np.ndarray, ...] = dataclasses.field(compare=False)  # of zeros that take no memory
+    motion: tuple[np.ndarray, ...] = dataclasses.field(
+        compare=False
+    )  # of zeros that take no memory
     objects: Objects | None = dataclasses.field(compare=False)
 
 
-def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None) -> Forms:
-    """`program` traced for blocks and motions like these, perhaps before, perhaps by another process.
+def forms(
+    program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
+) -> Forms:
+    """`program` traced for blocks and motions like these, perhaps before, perhaps by another
+    process.
 
     objects: where that is kept between processes; None keeps it in this one.
     """
@@ -113,7 +122,9 @@ def forms(program: TickProgram, block: Block, motion: Sequence[np.ndarray], obje
         [(column.shape, column.dtype.str) for column in motion],
     )
     with _TRACING:
-        return _forms(_Wanted(trace_key.of(*decides), program, none, tuple(map(_shape, motion)), objects))
+        return _forms(
+            _Wanted(trace_key.of(*decides), program, none, tuple(map(_shape, motion)), objects)
+        )
 
 
 def _shape(column: np.ndarray) -> np.ndarray:
@@ -134,7 +145,9 @@ def _forms(wanted: _Wanted) -> Forms:
     objects = wanted.objects if key else None
     if objects is not None and (content := objects.get(key)) is not None:
         _ = wanted.program.loop  # imports the records of its signals
-        with contextlib.suppress(ValueError, KeyError, zlib.error):  # of another version: traced anew
+        with contextlib.suppress(
+            ValueError, KeyError, zlib.error
+        ):  # of another version: traced anew
             return Forms(traced_tick.from_bytes(content), key, objects)
     result = trace(wanted.program, wanted.block, wanted.motion)
     if objects is not None and sources.unchanged():
@@ -144,19 +157,24 @@ def _forms(wanted: _Wanted) -> Forms:
 
 
 def _lasting(wanted: _Wanted) -> str:
-    """Key of what may outlive the process: with the code and all versions; "" where the code is not known by files.
+    """Key of what may outlive the process: with the code and all versions; "" where the code is not
+    known by files.
 
-    A robot of another package may take code from anywhere, so what is traced of it stays in this process.
+    A robot of another package may take code from anywhere, so what is traced of it stays in this
+    process.
     """
     if not _ours(wanted.program) or wanted.objects is None or not sources.unchanged():
         return ""
     return trace_key.of("trace", wanted.key, sources.AT_IMPORT, trace_key.versions())
 
 
-def trace(program: TickProgram, block: Block, motion: Sequence[np.ndarray], origin: Origin | None = None) -> TracedTick:
+def trace(
+    program: TickProgram, block: Block, motion: Sequence[np.ndarray], origin: Origin | None = None
+) -> TracedTick:
     """Trace the tick for blocks like this one; `origin` as for `lowering.lower`.
 
-    Without JAX where that is enough: for a robot of this package, whose code takes `jnp` and `lax` from `numbers.lazy`.
+    Without JAX where that is enough: for a robot of this package, whose code takes `jnp` and `lax`
+    from `numbers.lazy`.
     """
     if origin is None and _ours(program):
         with contextlib.suppress(direct.Untraceable):
@@ -171,12 +189,18 @@ def _ours(program: TickProgram) -> bool:
 
 
 def printable(program: TickProgram) -> TickProgram:
-    """`program` as it is printed: with link dynamics of single numbers, and lanes that are stopped from outside."""
-    return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False)
+    """`program` as it is printed: with link dynamics of single numbers, and lanes that are
+    stopped from outside.
+    """
+    return dataclasses.replace(
+        program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
+    )
 
 
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
-    """A lane's inputs, each [lanes]: varied parameters, the numbers of its faults, its end where each has its own."""
+    """A lane's inputs, each [lanes]: varied parameters, the numbers of its faults, its end where
+    each has its own.
+    """
     varied = [np.asarray(block.varied[path]) for path in program.varied]
     return [*varied, *map(np.asarray, tree.leaves(block.faults)), *own_ends(program, block)]
 

@@ -18,9 +18,11 @@ from ravenjax.numbers.vec import RECORDS, Vec
 
 @dataclasses.dataclass(frozen=True)
 class TracedTick:
-    """The loop of a lane: its inputs are the varied parameters and the faults, its results the outcomes.
+    """The loop of a lane: its inputs are the varied parameters and the faults, its results the
+    outcomes.
 
-    What enters a tick is its number and the golden run's series; what goes out is the own series, then all signals.
+    What enters a tick is its number and the golden run's series; what goes out is the own series,
+    then all signals.
     """
 
     loop: TimeLoop
@@ -32,21 +34,33 @@ class TracedTick:
         """The loop that tells nothing but its reference series."""
         step = self.loop.step
         return dataclasses.replace(
-            self.loop, step=dataclasses.replace(step, outputs=step.outputs[: self.loop.states + self.series])
+            self.loop,
+            step=dataclasses.replace(step, outputs=step.outputs[: self.loop.states + self.series]),
         )
 
-    def signals_of(self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]) -> Any:
-        """Every signal of the first lane, each leaf [ticks]; `typed` makes numbers of a type of a column of `out`.
+    def signals_of(
+        self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
+    ) -> Any:
+        """Every signal of the first lane, each leaf [ticks]; `typed` makes numbers of a type of a
+        column of `out`.
 
         out: what went out, [ticks, numbers, lanes].
         """
         columns = np.ascontiguousarray(out[:, self.series :, 0].T)
         dtypes = tree.leaves(self.signals)
-        return tree.filled(self.signals, [typed(column, dtype) for column, dtype in zip(columns, dtypes, strict=True)])
+        return tree.filled(
+            self.signals,
+            [typed(column, dtype) for column, dtype in zip(columns, dtypes, strict=True)],
+        )
 
     def to_bytes(self) -> bytes:
-        """For `from_bytes`. Raises TypeError for signals that are not made of records, Vecs, tuples and dicts."""
-        programs = [binary.to_bytes(program) for program in (self.loop.begin, self.loop.step, self.loop.finish)]
+        """For `from_bytes`. Raises TypeError for signals that are not made of records, Vecs,
+        tuples and dicts.
+        """
+        programs = [
+            binary.to_bytes(program)
+            for program in (self.loop.begin, self.loop.step, self.loop.finish)
+        ]
         header = {
             "outcomes": self.outcomes,
             "series": self.series,
@@ -71,7 +85,8 @@ def from_bytes(content: bytes) -> TracedTick:
 
 
 def to_json(node: Any) -> Any:
-    """A tree of dtypes in JSON: null, the dtype's name, or [kind, branch, ..], kind being a record's name.
+    """A tree of dtypes in JSON: null, the dtype's name, or [kind, branch, ..], kind being a
+    record's name.
 
     Raises TypeError for what is not made of records, Vecs and tuples.
     """

@@ -1,6 +1,7 @@
 """Traces the tick of one robot through JAX: beginning, step and end as straight-line programs.
 
-`direct` does the same without JAX for what campaigns run. No array is made, so that JAX looks for no device.
+`direct` does the same without JAX for what campaigns run. No array is made, so that JAX looks for
+no device.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ def trace(
     )
     with x64(program.setup):
         first, state = jax.make_jaxpr(functions.begin, return_shape=True)(*lane)
-        middle, (_, _, signals) = jax.make_jaxpr(functions.step, return_shape=True)(*lane, state, *of_tick)
+        middle, (_, _, signals) = jax.make_jaxpr(functions.step, return_shape=True)(
+            *lane, state, *of_tick
+        )
         last, outcomes = jax.make_jaxpr(functions.finish, return_shape=True)(*lane, state)
     programs = [contract(lowering.lower(jaxpr, origin)) for jaxpr in (first, middle, last)]
     dtypes = tree.mapped(lambda leaf: np.dtype(leaf.dtype), signals)

@@ -1,7 +1,9 @@
-"""A golden run on the way: its whole state every so many ticks, from which runs go on that are still the same.
+"""A golden run on the way: its whole state every so many ticks, from which runs go on that are
+still the same.
 
-Up to the first tick in which a fault may act a run is its golden run, counters and accumulators included. Of the slots
-of its faults only the channel's number of the tick before is its own, and one tick before the window sets that anew.
+Up to the first tick in which a fault may act a run is its golden run, counters and accumulators
+included. Of the slots of its faults only the channel's number of the tick before is its own, and
+one tick before the window sets that anew.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ import numpy as np
 EVERY = 25
 """Ticks from one snapshot to the next, where memory allows."""
 STATE_BYTES = 2**12
-"""More than the state of a lane, and of what its group shares, takes: 1.3 kB with one arm and two faults."""
+"""More than the state of a lane, and of what its group shares, takes: 1.3 kB with one arm and
+two faults.
+"""
 SNAPSHOT_BYTES = 2**26
 """Memory that the snapshots of one golden run may take."""
 
@@ -29,10 +33,14 @@ class Trunk:
     @staticmethod
     def room(every: int, snapshots: int, group: int, lane: int) -> Trunk:
         """Room for so many of so many words."""
-        return Trunk(every, np.empty((snapshots, group), np.uint32), np.empty((snapshots, lane), np.uint32))
+        return Trunk(
+            every, np.empty((snapshots, group), np.uint32), np.empty((snapshots, lane), np.uint32)
+        )
 
     def begins(self, first: np.ndarray) -> np.ndarray:
-        """Tick from which runs can go on whose faults act in tick `first` (int) at the earliest; 0: they run whole."""
+        """Tick from which runs can go on whose faults act in tick `first` (int) at the earliest;
+        0: they run whole.
+        """
         return np.clip((first - 1) // self.every, 0, len(self.lane) - 1) * self.every
 
 

@@ -1,1 +1,3 @@
-"""What a risk file asks of campaigns: tables and an argument whose every number leads to runs and checksums."""
+"""What a risk file asks of campaigns: tables and an argument whose every number leads to runs
+and checksums.
+"""

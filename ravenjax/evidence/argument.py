@@ -1,4 +1,6 @@
-"""The argument in the goal structuring notation: goals over strategies, down to files with checksums."""
+"""The argument in the goal structuring notation: goals over strategies, down to files with
+checksums.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,16 @@ from ravenjax.store import manifest as manifests
 from ravenjax.store.folder import PARTS
 
 TOP = "G1"
-CLAIM = "What each declared fault did to the simulated robot, and who was told of it, is known from recorded runs."
-DEFINITIONS = "Outcomes as ravenjax defines them (docs/outcomes.md); faults, checks and robot are simulated."
-OVER_RESULTS = "Argue result by result: all runs are there, and each hazard is counted over distinct faults."
+CLAIM = (
+    "What each declared fault did to the simulated robot, and who was told of it, is known from"
+    " recorded runs."
+)
+DEFINITIONS = (
+    "Outcomes as ravenjax defines them (docs/outcomes.md); faults, checks and robot are simulated."
+)
+OVER_RESULTS = (
+    "Argue result by result: all runs are there, and each hazard is counted over distinct faults."
+)
 OVER_TABLES = "Argue table by table: each number can be followed to the runs behind it."
 
 
@@ -48,15 +57,17 @@ def build(
     tables: Mapping[str, tuple[str, str]],
     links: Mapping[str, tuple[Item, ...]] | None = None,
 ) -> list[Node]:
-    """Nodes, the top goal first. place: where the evidence is; tables: file there -> (goal that it is for, sha256);
-    links: file there that is of no result -> files that it names."""
+    """Nodes, the top goal first. place: where the evidence is; tables: file there -> (goal that it
+    is for, sha256); links: file there that is of no result -> files that it names."""
     builder, linked = _Builder(), links or {}
     files = {
         name: builder.solution(name, Item(file=name, sha256=digest, links=linked.get(name, ())))
         for name, (_, digest) in tables.items()
     }
     whole = [_complete(builder, source, place) for source in sources]
-    results = [_result(builder, source, goal, files) for source, goal in zip(sources, whole, strict=True)]
+    results = [
+        _result(builder, source, goal, files) for source, goal in zip(sources, whole, strict=True)
+    ]
     goals = [
         builder.add("G", text=goal, supported_by=(files[name], *(() if name in linked else whole)))
         for name, (goal, _) in tables.items()
@@ -85,7 +96,11 @@ def _complete(builder: _Builder, source: Source, place: Path) -> str:
         Item(file=(folder / manifests.FILE).as_posix(), sha256=identity(record), of="campaign"),
     )
     whole = record.done == record.due
-    missing = {} if whole else {"status": OPEN, "reason": f"{record.due - record.done:,} runs are missing"}
+    missing = (
+        {}
+        if whole
+        else {"status": OPEN, "reason": f"{record.due - record.done:,} runs are missing"}
+    )
     return builder.add("G", text=sentences.complete(source), supported_by=(what, *parts), **missing)
 
 
@@ -95,14 +110,20 @@ def _result(builder: _Builder, source: Source, complete: str, files: Mapping[str
     traced = tuple(name for file, name in files.items() if file.startswith("trace"))
     goals = [complete]
     goals += [
-        builder.add("G", text=text, supported_by=(*traced, complete)) for text in sentences.by_hazard(source).values()
+        builder.add("G", text=text, supported_by=(*traced, complete))
+        for text in sentences.by_hazard(source).values()
     ]
     context = builder.add(
         "C",
-        text=f"{source.name}: campaign {record.campaign}, configuration {record.config_hash[:16]}, code "
-        f"{record.code_hash[:16]}, engine {record.engine} on {record.device}, seed {record.seed}.",
+        text=(
+            f"{source.name}: campaign {record.campaign}, configuration {record.config_hash[:16]},"
+            f" code {record.code_hash[:16]}, engine {record.engine} on {record.device}, seed"
+            f" {record.seed}."
+        ),
     )
-    strategy = builder.add("S", text=f"{source.name}: argue over completeness and over hazards.", supported_by=goals)
+    strategy = builder.add(
+        "S", text=f"{source.name}: argue over completeness and over hazards.", supported_by=goals
+    )
     text = f"{source.name}, {record.campaign}: {sentences.evading(source)}"
     return builder.add("G", text=text, supported_by=(strategy,), in_context_of=(context,))
 

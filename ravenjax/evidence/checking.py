@@ -1,4 +1,6 @@
-"""Whether what an argument rests on is still what it was: checksums computed again, and what follows for each node."""
+"""Whether what an argument rests on is still what it was: checksums computed again, and what
+follows for each node.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,15 @@ def check(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
     items = {node.name: node.item for node in evidence.nodes if node.item is not None}
     problems = threads.mapped(lambda item: problem(folder, item), items.values(), READERS)
     reasons = dict(zip(items, problems, strict=True))
-    return evidence.model_copy(update={"checked": manifests.now(), "nodes": judged(evidence.nodes, reasons)})
+    return evidence.model_copy(
+        update={"checked": manifests.now(), "nodes": judged(evidence.nodes, reasons)}
+    )
 
 
 def problem(folder: Path, item: Item) -> str:
-    """What is wrong with a file that evidence in `folder` rests on, or with one that it links, "" where nothing is."""
+    """What is wrong with a file that evidence in `folder` rests on, or with one that it links,
+    "" where nothing is.
+    """
     own = _of_one(folder, item)
     return own or next(filter(None, (_of_one(folder, link) for link in item.links)), "")
 
@@ -46,16 +52,20 @@ def _of_one(folder: Path, item: Item) -> str:
 
 
 def judged(nodes: Sequence[Node], problems: Mapping[str, str]) -> tuple[Node, ...]:
-    """Each node with its status: broken where its file is, or where anything that it rests on is broken.
+    """Each node with its status: broken where its file is, or where anything that it rests on is
+    broken.
 
-    problems: of each solution, "" where nothing is wrong. A status `open` stays, where nothing is broken.
+    problems: of each solution, "" where nothing is wrong. A status `open` stays, where nothing is
+    broken.
     """
     by_name = {node.name: node for node in nodes}
     states: dict[str, str] = {}
 
     def reason(name: str) -> str:
         if name not in states:
-            states[name] = problems.get(name, "")  # before its supports: a record with a circle ends, too
+            states[name] = problems.get(
+                name, ""
+            )  # before its supports: a record with a circle ends, too
             below = [one for one in by_name[name].supported_by if reason(one)]
             states[name] = states[name] or (f"rests on {', '.join(below)}" if below else "")
         return states[name]
@@ -66,4 +76,6 @@ def judged(nodes: Sequence[Node], problems: Mapping[str, str]) -> tuple[Node, ..
 def _with_status(node: Node, reason: str) -> Node:
     if reason:
         return node.model_copy(update={"status": BROKEN, "reason": reason})
-    return node if node.status != BROKEN else node.model_copy(update={"status": HOLDS, "reason": ""})
+    return (
+        node if node.status != BROKEN else node.model_copy(update={"status": HOLDS, "reason": ""})
+    )

@@ -1,7 +1,8 @@
 """The table of unsafe control actions that a system-theoretic process analysis (STPA) asks for.
 
-The mapping is `KINDS`, its first line that applies decides. A control action is what passes a site of the robot's
-loop: the operator's packets at the console and network, set points in the process model, motor commands at the DAC.
+The mapping is `KINDS`, its first line that applies decides. A control action is what passes a site
+of the robot's loop: the operator's packets at the console and network, set points in the process
+model, motor commands at the DAC.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ KINDS = (
     Kind("none", "no hazard", "f.hazard = 'none'"),
     Kind(
         "feedback wrong",
-        "a false report: no control action is unsafe in itself, but who acts on the report may make one unsafe",
+        "a false report: no control action is unsafe in itself, but who acts on the report may make"
+        " one unsafe",
         "f.hazard = 'false report'",
     ),
     Kind(
@@ -40,10 +42,15 @@ KINDS = (
     ),
     Kind(
         "stopped too soon",
-        "a loss of motion for no other reason than that the robot left live motion while the operator wanted it",
+        "a loss of motion for no other reason than that the robot left live motion while the"
+        " operator wanted it",
         "f.halted",
     ),
-    Kind("not provided", "any other loss of motion: the instrument did not follow the operator", "f.loss"),
+    Kind(
+        "not provided",
+        "any other loss of motion: the instrument did not follow the operator",
+        "f.loss",
+    ),
     Kind(
         "applied too long",
         "an unintended motion by a number that was held (effects stuck, latch_offset)",
@@ -80,14 +87,20 @@ def rows(source: Source) -> list[ControlAction]:
         return []
     cases = " ".join(f"WHEN {kind.sql} THEN {text(kind.name)}" for kind in KINDS)
     counted = runs.table.rows(
-        f"SELECT f.site::VARCHAR, f.layer::VARCHAR, CASE {cases} ELSE 'none' END AS kind, f.hazard::VARCHAR, count(*), "
+        f"SELECT f.site::VARCHAR, f.layer::VARCHAR, CASE {cases} ELSE 'none' END AS kind,"
+        " f.hazard::VARCHAR, count(*), "
         "count(*) FILTER (f.evaded), count(*) FILTER (f.told), "
         f"""list_sort(list(DISTINCT f."group"::VARCHAR)), {some("r.run_id")} """
-        f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
+        f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL"
+        " ORDER BY ALL"
     )
     totals = {faults.name: faults.faults for faults in runs.faults("site")}
     groups = runs.groups_by("site")
-    actions = [_row(source, line, totals[line[0]], groups[line[0]]) for line in counted if line[2] != KINDS[0].name]
+    actions = [
+        _row(source, line, totals[line[0]], groups[line[0]])
+        for line in counted
+        if line[2] != KINDS[0].name
+    ]
     return sorted(actions, key=lambda row: (row.site, -row.rate.k, row.kind))
 
 

@@ -1,7 +1,9 @@
-"""The argument as SVG: goals as boxes, strategies as parallelograms, contexts with round ends, solutions as circles.
+"""The argument as SVG: goals as boxes, strategies as parallelograms, contexts with round ends,
+solutions as circles.
 
-It reads from left to right, so that any number of solutions stands below each other. What is broken is red; what rests
-on something broken has a red edge. That one goal rests on another, a count on the runs, is not drawn: YAML says it.
+It reads from left to right, so that any number of solutions stands below each other. What is broken
+is red; what rests on something broken has a red edge. That one goal rests on another, a count on
+the runs, is not drawn: YAML says it.
 """
 
 from __future__ import annotations
@@ -14,7 +16,12 @@ from markupsafe import escape
 
 from ravenjax.evidence.record import BROKEN, OPEN, EvidenceRecord, Node
 
-WIDTH, GAP, SPACE, MARGIN = 264, 70, 14, 20  # px: of a node, between columns, between rows, around all
+WIDTH, GAP, SPACE, MARGIN = (
+    264,
+    70,
+    14,
+    20,
+)  # px: of a node, between columns, between rows, around all
 LINE, PAD, RADIUS = 15, 9, 17  # px: height of a line of text, around it, of a solution's circle
 LETTERS, SLANT = 36, 12  # of a line; px by which a strategy leans
 TITLE = 46  # px above the nodes
@@ -47,19 +54,29 @@ def svg(evidence: EvidenceRecord) -> str:
     height = bottom + LINE * len(notice) + MARGIN
     broken = evidence.of_status(BROKEN)
     state = f"{len(broken)} nodes are broken" if broken else "every checksum holds"
-    head = f"Argument of {evidence.written}" + (f", checked {evidence.checked}: {state}" if evidence.checked else "")
+    head = f"Argument of {evidence.written}" + (
+        f", checked {evidence.checked}: {state}" if evidence.checked else ""
+    )
     out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" '
-        f'height="{height:g}" role="img" font-family="sans-serif" font-size="12" fill="{INK}">',
+        (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}"'
+            f' width="{width:g}" height="{height:g}" role="img" font-family="sans-serif"'
+            f' font-size="12" fill="{INK}">'
+        ),
         f"<title>{escape(head)}</title>",
         f"<desc>{escape(evidence.notice)}</desc>",
-        '<defs><marker id="solid" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
-        f'<path d="M0 0 8 4 0 8z" fill="{EDGE}"/></marker>'
-        '<marker id="hollow" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
-        f'<path d="M0.5 0.8 7.5 4 0.5 7.2z" fill="{PAPER}" stroke="{EDGE}"/></marker></defs>',
+        (
+            '<defs><marker id="solid" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8"'
+            ' markerHeight="8" orient="auto"><path d="M0 0 8 4 0 8z"'
+            f' fill="{EDGE}"/></marker><marker id="hollow" viewBox="0 0 8 8" refX="8" refY="4"'
+            ' markerWidth="8" markerHeight="8" orient="auto"><path d="M0.5 0.8 7.5 4 0.5 7.2z"'
+            f' fill="{PAPER}" stroke="{EDGE}"/></marker></defs>'
+        ),
         f'<rect width="100%" height="100%" fill="{PAPER}"/>',
-        f'<text x="{MARGIN}" y="{MARGIN + 8}" font-size="14" font-weight="bold" '
-        f'fill="{RED if broken else INK}">{escape(head)}</text>',
+        (
+            f'<text x="{MARGIN}" y="{MARGIN + 8}" font-size="14" font-weight="bold" '
+            f'fill="{RED if broken else INK}">{escape(head)}</text>'
+        ),
     ]
     for start, end in links:
         out.append(_link(boxes[start], boxes[end]))
@@ -101,14 +118,19 @@ def _placed(evidence: EvidenceRecord) -> tuple[dict[str, _Box], list[tuple[str, 
         for child in mine:
             place(child)
         if mine:
-            y = max(bottoms[column[name]] + _height(lines) / 2, (boxes[mine[0]].y + boxes[mine[-1]].y) / 2)
+            y = max(
+                bottoms[column[name]] + _height(lines) / 2,
+                (boxes[mine[0]].y + boxes[mine[-1]].y) / 2,
+            )
         else:  # below everything: a line from it to the right crosses nothing
             y = max(bottoms.values()) + _height(lines) / 2
         boxes[name] = _Box(node, x, y, lines)
         bottoms[column[name]] = y + _height(lines) / 2 + SPACE
 
     place(evidence.nodes[0].name)
-    return boxes, [(name, child.name) for name in boxes for child in below.get(name, ()) if child.name in boxes]
+    return boxes, [
+        (name, child.name) for name in boxes for child in below.get(name, ()) if child.name in boxes
+    ]
 
 
 def _shown(node: Node, nodes: Mapping[str, Node]) -> Iterator[Node]:
@@ -154,9 +176,9 @@ def _link(start: _Box, end: _Box) -> str:
     context = end.node.kind == "context"
     colour = RED if end.node.status == BROKEN and not context else EDGE
     return (
-        f'<path d="M{x0:g} {start.y:g}H{bend:g}C{bend + GAP / 2:g} {start.y:g} {x1 - GAP / 2:g} {end.y:g} '
-        f'{x1 - 1:g} {end.y:g}" '
-        f'fill="none" stroke="{colour}" marker-end="url(#{"hollow" if context else "solid"})"/>'
+        f'<path d="M{x0:g} {start.y:g}H{bend:g}C{bend + GAP / 2:g} {start.y:g} {x1 - GAP / 2:g}'
+        f' {end.y:g} {x1 - 1:g} {end.y:g}" fill="none" stroke="{colour}"'
+        f' marker-end="url(#{"hollow" if context else "solid"})"/>'
     )
 
 
@@ -174,19 +196,30 @@ def _drawn(box: _Box) -> Iterator[str]:
     if node.kind == "solution":
         left = box.x + 2 * RADIUS + PAD
         yield f'<circle cx="{box.x + RADIUS:g}" cy="{box.y:g}" r="{RADIUS}" {style}/>'
-        name, place = "…" if node.name.endswith("…") else node.name, f'x="{box.x + RADIUS:g}" y="{box.y + 4:g}"'
+        name, place = (
+            "…" if node.name.endswith("…") else node.name,
+            f'x="{box.x + RADIUS:g}" y="{box.y + 4:g}"',
+        )
         yield f'<text {place} font-size="11" text-anchor="middle">{escape(name)}</text>'
     elif node.kind == "strategy":
         left += SLANT
         right, bottom = box.x + WIDTH, top + box.height
-        points = f"{box.x + SLANT:g},{top:g} {right:g},{top:g} {right - SLANT:g},{bottom:g} {box.x:g},{bottom:g}"
+        points = (
+            f"{box.x + SLANT:g},{top:g} {right:g},{top:g} {right - SLANT:g},{bottom:g}"
+            f" {box.x:g},{bottom:g}"
+        )
         yield f'<polygon points="{points}" {style}/>'
     else:
         radius = min(box.height / 2, 20) if node.kind == "context" else 0
-        yield (f'<rect x="{box.x:g}" y="{top:g}" width="{WIDTH}" height="{box.height:g}" rx="{radius:g}" {style}/>')
+        yield (
+            f'<rect x="{box.x:g}" y="{top:g}" width="{WIDTH}" height="{box.height:g}"'
+            f' rx="{radius:g}" {style}/>'
+        )
     first = box.y - LINE * (len(box.lines) - 1) / 2 + 4
     for number, words in enumerate(box.lines):
         bold = ' font-weight="bold"' if words == "BROKEN" else ""
         colour = f' fill="{RED}"' if red and leaf else ""
-        yield f'<text x="{left:g}" y="{first + LINE * number:g}"{bold}{colour}>{escape(words)}</text>'
+        yield (
+            f'<text x="{left:g}" y="{first + LINE * number:g}"{bold}{colour}>{escape(words)}</text>'
+        )
     yield "</g>"

@@ -1,7 +1,9 @@
-"""The argument and the failure modes for tools of requirements engineering, in the ReqIF format (OMG, 1.2).
+"""The argument and the failure modes for tools of requirements engineering, in the ReqIF format
+(OMG, 1.2).
 
-Its writer is an extra, imported only where somebody wants one. Nodes of the argument and failure modes are objects, and
-what rests on what are relations; a failure mode rests on the solution that is its table.
+Its writer is an extra, imported only where somebody wants one. Nodes of the argument and failure
+modes are objects, and what rests on what are relations; a failure mode rests on the solution that
+is its table.
 """
 
 from __future__ import annotations
@@ -36,13 +38,16 @@ def require() -> None:
         importlib.import_module("reqif.unparser")
     except ImportError as error:
         raise UserError(
-            "--reqif needs the package reqif, which is not installed: pip install 'ravenjax[reqif]'; "
-            "the same tables and argument are written as CSV and YAML without it"
+            "--reqif needs the package reqif, which is not installed: pip install"
+            " 'ravenjax[reqif]'; the same tables and argument are written as CSV and YAML"
+            " without it"
         ) from error
 
 
 def text(evidence: EvidenceRecord, modes: Path | None) -> str:
-    """The file's text. modes: table of failure modes (CSV), None to leave them out. Raises UserError as `require`."""
+    """The file's text. modes: table of failure modes (CSV), None to leave them out. Raises
+    UserError as `require`.
+    """
     require()
     from reqif.models.reqif_core_content import ReqIFCoreContent
     from reqif.models.reqif_data_type import ReqIFDataTypeDefinitionString
@@ -56,15 +61,22 @@ def text(evidence: EvidenceRecord, modes: Path | None) -> str:
     time = evidence.checked or evidence.written
     header, rows = _table(modes)
     nodes = [_object("node", node.name, "argument", _node(node), time) for node in evidence.nodes]
-    lines = [_object("mode", str(n), "failure mode", row, time) for n, row in enumerate(rows, start=1)]
+    lines = [
+        _object("mode", str(n), "failure mode", row, time) for n, row in enumerate(rows, start=1)
+    ]
     content = ReqIFReqIFContent(
         data_types=[
-            ReqIFDataTypeDefinitionString(_id(STRING), last_change=time, long_name=STRING, max_length=str(LONGEST))
+            ReqIFDataTypeDefinitionString(
+                _id(STRING), last_change=time, long_name=STRING, max_length=str(LONGEST)
+            )
         ],
         spec_types=[*_types({"argument": NODE_KEYS, "failure mode": header}, time)],
         spec_objects=[*nodes, *lines],
         spec_relations=list(_relations(evidence, len(rows), time)),
-        specifications=[_specification("argument", nodes, time), _specification("failure modes", lines, time)],
+        specifications=[
+            _specification("argument", nodes, time),
+            _specification("failure modes", lines, time),
+        ],
     )
     bundle = ReqIFBundle(
         namespace_info=ReqIFNamespaceInfo.create_default(),
@@ -98,7 +110,9 @@ def _node(node: Node) -> dict[str, str]:
     """Attributes of a node, as NODE_KEYS."""
     item = node.item
     own = (node.name, node.kind, node.text, node.status, node.reason)
-    return dict(zip(NODE_KEYS, (*own, item.file if item else "", item.sha256 if item else ""), strict=True))
+    return dict(
+        zip(NODE_KEYS, (*own, item.file if item else "", item.sha256 if item else ""), strict=True)
+    )
 
 
 def _id(*words: str) -> str:
@@ -116,7 +130,11 @@ def _types(keys: Mapping[str, Iterable[str]], time: str) -> Iterator[Any]:
     for name, columns in keys.items():
         attributes = [
             SpecAttributeDefinition(
-                SpecObjectAttributeType.STRING, _id("key", name, key), _id(STRING), last_change=time, long_name=key
+                SpecObjectAttributeType.STRING,
+                _id("key", name, key),
+                _id(STRING),
+                last_change=time,
+                long_name=key,
             )
             for key in columns
         ]
@@ -124,7 +142,10 @@ def _types(keys: Mapping[str, Iterable[str]], time: str) -> Iterator[Any]:
     for name in RELATIONS:
         yield ReqIFSpecRelationType(_id("type", name), last_change=time, long_name=name)
     yield ReqIFSpecificationType(
-        _id("type", "specification"), last_change=time, long_name="specification", is_self_closed=True
+        _id("type", "specification"),
+        last_change=time,
+        long_name="specification",
+        is_self_closed=True,
     )
 
 
@@ -134,11 +155,15 @@ def _object(kind: str, name: str, type_name: str, values: Mapping[str, str], tim
 
     attributes = [
         SpecObjectAttribute(
-            SpecObjectAttributeType.STRING, _id("key", type_name, key), _NO_LETTER.sub("", value)[:LONGEST]
+            SpecObjectAttributeType.STRING,
+            _id("key", type_name, key),
+            _NO_LETTER.sub("", value)[:LONGEST],
         )
         for key, value in values.items()
     ]
-    return ReqIFSpecObject(_id(kind, name), attributes, _id("type", type_name), last_change=time, long_name=name)
+    return ReqIFSpecObject(
+        _id(kind, name), attributes, _id("type", type_name), last_change=time, long_name=name
+    )
 
 
 def _relations(evidence: EvidenceRecord, modes: int, time: str) -> Iterator[Any]:
@@ -151,10 +176,19 @@ def _relations(evidence: EvidenceRecord, modes: int, time: str) -> Iterator[Any]
         for relation, others in zip(RELATIONS, (node.supported_by, node.in_context_of), strict=True)
         for other in others
     ]
-    table = [_id("node", node.name) for node in evidence.nodes if node.item is not None and node.item.file == MODES]
-    pairs += [(RELATIONS[0], _id("mode", str(n)), one) for n, one in itertools.product(range(1, modes + 1), table)]
+    table = [
+        _id("node", node.name)
+        for node in evidence.nodes
+        if node.item is not None and node.item.file == MODES
+    ]
+    pairs += [
+        (RELATIONS[0], _id("mode", str(n)), one)
+        for n, one in itertools.product(range(1, modes + 1), table)
+    ]
     for number, (relation, source, target) in enumerate(pairs, start=1):
-        yield ReqIFSpecRelation(_id("relation", str(number)), _id("type", relation), source, target, last_change=time)
+        yield ReqIFSpecRelation(
+            _id("relation", str(number)), _id("type", relation), source, target, last_change=time
+        )
 
 
 def _specification(name: str, objects: Sequence[Any], time: str) -> Any:

@@ -1,8 +1,9 @@
-"""The table of a failure mode and effects analysis: what a fault does where, how it ends, who was told, how often.
+"""The table of a failure mode and effects analysis: what a fault does where, how it ends, who was
+told, how often.
 
-A line is one way in which the distinct faults of a group, site and effect ended. Its rate is over all of these, so the
-lines of one group, site and effect add up to one. Faults are counted as in the report: the first valid run of each in
-which nobody reacts, by the first fault of a run.
+A line is one way in which the distinct faults of a group, site and effect ended. Its rate is over
+all of these, so the lines of one group, site and effect add up to one. Faults are counted as in the
+report: the first valid run of each in which nobody reacts, by the first fault of a run.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ _AFTER = "median({0} - f.active_ms) FILTER (f.active_ms >= 0 AND {0} >= f.active
 
 
 class FailureMode(NamedTuple):
-    """One line; delays are medians after the fault's first effect, ms, of the runs in which the event came."""
+    """One line; delays are medians after the fault's first effect, ms, of the runs in which the
+    event came.
+    """
 
     result: str
     campaign: str
@@ -49,17 +52,23 @@ class FailureMode(NamedTuple):
 
 
 def rows(source: Source) -> list[FailureMode]:
-    """Those of one result, by group, site and effect, the most frequent end first; none without faults."""
+    """Those of one result, by group, site and effect, the most frequent end first; none without
+    faults.
+    """
     runs = source.runs
     if "fault0_site" not in runs.names:
         return []
     hazard_ms = "greatest(f.unintended_ms, f.loss_ms, f.misreport_ms)"
     counted = runs.table.rows(
-        'SELECT f."group"::VARCHAR, f.site::VARCHAR, r.fault0_effect::VARCHAR, f.layer::VARCHAR, f.response::VARCHAR, '
-        "f.hazard::VARCHAR, CASE WHEN f.response = 'silent' THEN '' ELSE r.response_cause::VARCHAR END AS cause, "
+        'SELECT f."group"::VARCHAR, f.site::VARCHAR, r.fault0_effect::VARCHAR, f.layer::VARCHAR,'
+        " f.response::VARCHAR, "
+        "f.hazard::VARCHAR, CASE WHEN f.response = 'silent' THEN '' ELSE r.response_cause::VARCHAR"
+        " END AS cause, "
         "f.cued, f.evaded, count(*) AS k, "
-        f"{', '.join(_AFTER.format(event) for event in ('f.told_ms', 'f.warned_ms', hazard_ms))}, {some('r.run_id')} "
-        f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
+        f"{', '.join(_AFTER.format(event) for event in ('f.told_ms', 'f.warned_ms', hazard_ms))},"
+        f" {some('r.run_id')} "
+        f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL"
+        " ORDER BY ALL"
     )
     failed = {row["name"]: row["failed"] for row in tables.group_rows(runs)}
     totals: dict[tuple[str, ...], int] = {}
@@ -71,7 +80,9 @@ def rows(source: Source) -> list[FailureMode]:
 
 def _row(source: Source, line: tuple[Any, ...], n: int, failed: int) -> FailureMode:
     group, site, effect, layer, response, hazard, cause, cued, evaded, k, *after, examples = line
-    told_ms, cue_ms, hazard_ms = (float("nan") if value is None else float(value) for value in after)
+    told_ms, cue_ms, hazard_ms = (
+        float("nan") if value is None else float(value) for value in after
+    )
     rate = tables.of_faults(source.runs, k, n, [group])
     return FailureMode(
         source.name,
@@ -97,7 +108,9 @@ def _row(source: Source, line: tuple[Any, ...], n: int, failed: int) -> FailureM
 
 
 def _detection(response: str, cause: str, cued: bool) -> Iterator[str]:
-    """Who noticed: a check that stopped or told, a check that limited and told nobody, the haptic cue."""
+    """Who noticed: a check that stopped or told, a check that limited and told nobody, the
+    haptic cue.
+    """
     if response != "silent":
         did = {"limited": " (limited, told nobody)", "stopped": " (stopped the robot)"}.get(
             response, " (told a person)"

@@ -1,4 +1,6 @@
-"""The record of evidence that was written: nodes of the argument, and a checksum for each file it rests on."""
+"""The record of evidence that was written: nodes of the argument, and a checksum for each file
+it rests on.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ VERSION = 1
 
 HOLDS, OPEN, BROKEN = "holds", "open", "broken"
 Status = Literal["holds", "open", "broken"]
-"""As it was written; not finished, as where runs are missing; it rests on something that is no longer what it was."""
+"""As it was written; not finished, as where runs are missing; it rests on something that is no
+longer what it was.
+"""
 
 
 class Item(BaseModel):
@@ -64,13 +68,17 @@ class EvidenceRecord(BaseModel):
 
 
 def read(folder: Path) -> EvidenceRecord:
-    """The record in a folder. Raises StoreError where there is none, it is damaged, or newer than this reader."""
+    """The record in a folder. Raises StoreError where there is none, it is damaged, or newer
+    than this reader.
+    """
     path = folder / FILE
     again = "Write it again with `ravenjax evidence DIR... --out FOLDER`."
     try:
         data = parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise StoreError(f"{folder}: holds no {FILE}; give a folder that `ravenjax evidence` wrote") from error
+        raise StoreError(
+            f"{folder}: holds no {FILE}; give a folder that `ravenjax evidence` wrote"
+        ) from error
     except OSError as error:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
     except ValueError as error:
@@ -87,7 +95,10 @@ def read(folder: Path) -> EvidenceRecord:
     names = {node.name for node in evidence.nodes}
     for node in evidence.nodes:
         if unknown := {*node.supported_by, *node.in_context_of} - names:
-            raise StoreError(f"{path}: {node.name} rests on {', '.join(sorted(unknown))}, which it lacks. {again}")
+            raise StoreError(
+                f"{path}: {node.name} rests on {', '.join(sorted(unknown))}, which it lacks."
+                f" {again}"
+            )
     return evidence
 
 

@@ -34,7 +34,9 @@ _DECIDES = {
     "lock_hash",
     "shard",
 }
-"""Fields of a manifest that decide outcomes, or what they are called; the others tell of starts and times."""
+"""Fields of a manifest that decide outcomes, or what they are called; the others tell of starts
+and times.
+"""
 
 
 class Source(NamedTuple):
@@ -48,11 +50,16 @@ class Source(NamedTuple):
 
 @contextlib.contextmanager
 def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
-    """Those of result folders, in order. Raises UserError where one is named twice, StoreError as `Runs.open`."""
+    """Those of result folders, in order. Raises UserError where one is named twice, StoreError
+    as `Runs.open`.
+    """
     places = [folder.resolve() for folder in folders]
     for place, folder in enumerate(folders):
         if places[place] in places[:place]:
-            raise UserError(f"{folder}: is named twice; each result folder once, or its faults would count double")
+            raise UserError(
+                f"{folder}: is named twice; each result folder once, or its faults would count"
+                " double"
+            )
     with contextlib.ExitStack() as stack:
         sources = []
         for number, folder in enumerate(folders, start=1):
@@ -63,7 +70,9 @@ def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
 
 
 def identity(record: Manifest) -> str:
-    """sha256 of what of a manifest decides outcomes: starting a finished campaign again does not change it."""
+    """sha256 of what of a manifest decides outcomes: starting a finished campaign again does not
+    change it.
+    """
     plain = json.loads(record.model_dump_json(include=_DECIDES))
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -32,14 +32,18 @@ COLUMNS = (
     "part",
     "part_sha256",
 )
-"""Of the trace; `in_rates`: the run stands for its fault in every rate, others repeat it or have a reaction."""
+"""Of the trace; `in_rates`: the run stands for its fault in every rate, others repeat it or have
+a reaction.
+"""
 BATCH = 20_000
 """Rows that are taken together; each becomes Python objects."""
 TRACED = tuple(name for name in verdict.HAZARDS if name != "none")
 
 
 def matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
-    """One line a group with faults: how many distinct faults ended in each hazard; the trace has their runs."""
+    """One line a group with faults: how many distinct faults ended in each hazard; the trace has
+    their runs.
+    """
     for source in sources:
         cube = source.runs.cube()
         mine = cube.loc[cube["faulty"] & cube["sample"]]
@@ -56,7 +60,9 @@ def matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
 
 
 def write(path: Path, sources: Sequence[Source]) -> None:
-    """Every valid run with a fault and a hazard, one line a run, by result and hazard, a batch at a time."""
+    """Every valid run with a fault and a hazard, one line a run, by result and hazard, a batch
+    at a time.
+    """
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -72,7 +78,8 @@ def _lines(source: Source, hazard: str) -> Iterator[list[Any]]:
         'SELECT f.row, r.run_id, f."group"::VARCHAR AS "group", f.response::VARCHAR AS response, '
         "r.response_cause::VARCHAR AS cause, f.cued, f.evaded, f.sample, f.told_ms, "
         "greatest(f.unintended_ms, f.loss_ms, f.misreport_ms) AS hazard_ms, "
-        f"{', '.join(f'r.{quoted(name)}' for name in slots)} FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row "
+        f"{', '.join(f'r.{quoted(name)}' for name in slots)} FROM {RESULTS} r JOIN {FACTS} f ON"
+        " r.row = f.row "
         f"WHERE f.faulty AND NOT f.failed AND f.hazard = '{hazard}' ORDER BY f.row"
     )
     ordered = sorted(record.parts, key=lambda part: part.first)

@@ -16,7 +16,13 @@ def text(evidence: EvidenceRecord) -> str:
         "notation": "GSN: goals, strategies, solutions, contexts",
         "written": evidence.written,
         "checked": evidence.checked,
-        "status": "broken" if evidence.of_status("broken") else "open" if evidence.of_status("open") else "holds",
+        "status": (
+            "broken"
+            if evidence.of_status("broken")
+            else "open"
+            if evidence.of_status("open")
+            else "holds"
+        ),
         "results": list(evidence.sentences),
         "nodes": {node.name: _fields(node) for node in evidence.nodes},
     }

@@ -1,7 +1,8 @@
-"""JavaScript modules of a folder inside one page: a page opened from a file may import no module by its address.
+"""JavaScript modules of a folder inside one page: a page opened from a file may import no module by
+its address.
 
-An import map names each module's text as a data URL; imports of `./name.js`, and `import.meta.resolve` of it,
-become such of that name.
+An import map names each module's text as a data URL; imports of `./name.js`, and
+`import.meta.resolve` of it, become such of that name.
 """
 
 from __future__ import annotations
@@ -13,13 +14,23 @@ from importlib.resources.abc import Traversable
 
 PREFIX = "page/"
 """Before a module's name in the map; a bare name is what an import map may give an address."""
-_IMPORT = re.compile(r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"')
+_IMPORT = re.compile(
+    r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"'
+)
 
 
 def import_map(folder: Traversable) -> str:
     """JSON of an import map with every module of the folder."""
-    modules = sorted((file for file in folder.iterdir() if file.name.endswith(".js")), key=lambda file: file.name)
-    return json.dumps({"imports": {PREFIX + file.name: _url(file.read_text(encoding="utf-8")) for file in modules}})
+    modules = sorted(
+        (file for file in folder.iterdir() if file.name.endswith(".js")), key=lambda file: file.name
+    )
+    return json.dumps(
+        {
+            "imports": {
+                PREFIX + file.name: _url(file.read_text(encoding="utf-8")) for file in modules
+            }
+        }
+    )
 
 
 def _url(source: str) -> str:

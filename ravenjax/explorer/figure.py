@@ -1,6 +1,8 @@
-"""The robot and its surroundings for a page that draws them itself: shapes, and the bodies that carry them.
+"""The robot and its surroundings for a page that draws them itself: shapes, and the bodies that
+carry them.
 
-Shapes are those of the training page. A page turns joint positions into places of bodies by the tree of the model.
+Shapes are those of the training page. A page turns joint positions into places of bodies by the
+tree of the model.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -27,13 +29,16 @@ KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SL
 def description() -> dict[str, Any]:
     """JSON: bodies in the model's order, parents first, and the cameras.
 
-    A body: parent (index, -1: none), position (m) and quaternion (w first) in its parent, `joint` (arm, index, kind,
-    axis, anchor, home) or null, and meshes. A mesh: colour (sRGB, 0 to 1), `low` and `size` (m) of a box, `corners`
-    (base64, uint16 [n, 3], little-endian: low + size * corner / STEPS) and `faces` (base64, uint16 [n, 3]).
+    A body: parent (index, -1: none), position (m) and quaternion (w first) in its parent, `joint`
+    (arm, index, kind, axis, anchor, home) or null, and meshes. A mesh: colour (sRGB, 0 to 1), `low`
+    and `size` (m) of a box, `corners` (base64, uint16 [n, 3], little-endian: low + size * corner /
+    STEPS) and `faces` (base64, uint16 [n, 3]).
     """
     model = arm_model.scene()
     joints = {
-        int(model.joint(name).id): (arm, index) for arm in ARMS for index, name in enumerate(arm_model.joint_names(arm))
+        int(model.joint(name).id): (arm, index)
+        for arm in ARMS
+        for index, name in enumerate(arm_model.joint_names(arm))
     }
     return {
         "steps": STEPS,
@@ -48,7 +53,9 @@ def _body(model: mujoco.MjModel, body: int, joints: dict[int, tuple[str, int]]) 
         "parent": int(model.body_parentid[body]) if body else -1,
         "position": model.body_pos[body].tolist(),
         "quaternion": model.body_quat[body].tolist(),
-        "joint": _joint(model, int(model.body_jntadr[body]), joints) if model.body_jntnum[body] else None,
+        "joint": (
+            _joint(model, int(model.body_jntadr[body]), joints) if model.body_jntnum[body] else None
+        ),
         "meshes": [_mesh(model, geoms) for geoms in body_meshes.looks(model, body)],
     }
 

@@ -1,4 +1,6 @@
-"""Pages of several campaigns in one folder, with an index page of cards: ready for any static host."""
+"""Pages of several campaigns in one folder, with an index page of cards: ready for any static
+host.
+"""
 
 from __future__ import annotations
 
@@ -30,23 +32,32 @@ class Card:
 
 
 def build(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
-    """Write the pages of campaign files, of all bundled campaigns without any, and their index; return its cards.
+    """Write the pages of campaign files, of all bundled campaigns without any, and their index;
+    return its cards.
 
-    A campaign that cannot become a page has a card with the reason. Raises UserError for a source that is no campaign,
-    for two campaigns of one name, and where not one can become a page.
+    A campaign that cannot become a page has a card with the reason. Raises UserError for a source
+    that is no campaign, for two campaigns of one name, and where not one can become a page.
     """
-    configs = [loading.load(source) for source in sources or resources.bundled("campaigns", "*.toml")]
+    configs = [
+        loading.load(source) for source in sources or resources.bundled("campaigns", "*.toml")
+    ]
     names = [config.campaign.name for config in configs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise UserError(f"two campaigns are named {', '.join(twice)}: a gallery has one page of a name; leave one out")
+        raise UserError(
+            f"two campaigns are named {', '.join(twice)}: a gallery has one page of a name; leave"
+            " one out"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     cards = [_card(config, folder) for config in configs]
     if not any(card.file for card in cards):
         raise UserError(
-            "not one of these campaigns can become a page: " + "; ".join(f"{c.campaign}: {c.reason}" for c in cards)
+            "not one of these campaigns can become a page: "
+            + "; ".join(f"{c.campaign}: {c.reason}" for c in cards)
         )
-    files.write_aside(folder / INDEX, lambda target: target.write_text(render(cards), encoding="utf-8"))
+    files.write_aside(
+        folder / INDEX, lambda target: target.write_text(render(cards), encoding="utf-8")
+    )
     return cards
 
 

@@ -23,9 +23,11 @@ SUFFIX = ".explore.html"
 
 
 def build(source: str | Path, out: Path | None = None) -> Path:
-    """Write the page of a campaign file, of a bundled campaign, or of a result folder, and return its path.
+    """Write the page of a campaign file, of a bundled campaign, or of a result folder, and return
+    its path.
 
-    out: where; the folder's `explore.html`, or `NAME.explore.html` of a campaign here. Raises UserError and StoreError.
+    out: where; the folder's `explore.html`, or `NAME.explore.html` of a campaign here. Raises
+    UserError and StoreError.
     """
     folder = Path(source)
     if folder.is_dir():
@@ -40,7 +42,9 @@ def build(source: str | Path, out: Path | None = None) -> Path:
 
 
 def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """The page as text; `table` as of `rows.table`. Raises UserError for a campaign that a page cannot compute."""
+    """The page as text; `table` as of `rows.table`. Raises UserError for a campaign that a page
+    cannot compute.
+    """
     data = {
         "campaign": words.campaign(config),
         "figure": figure.description() if config.robot.name == robots.DEFAULT else None,
@@ -53,9 +57,14 @@ def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
         .render(
             campaign=data["campaign"],
             modules=html.data(bundle.import_map(resources.files("ravenjax.explorer") / "static")),
-            data={name: json.dumps(_finite(value), separators=(",", ":")) for name, value in data.items()},
+            data={
+                name: json.dumps(_finite(value), separators=(",", ":"))
+                for name, value in data.items()
+            },
             prefix=bundle.PREFIX,
-            figure_style=Markup((resources.files("ravenjax.explorer") / "templates/page.css").read_text("utf-8")),
+            figure_style=Markup(
+                (resources.files("ravenjax.explorer") / "templates/page.css").read_text("utf-8")
+            ),
         )
     )
 

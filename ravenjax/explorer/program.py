@@ -1,7 +1,8 @@
-"""A campaign's tick as WebAssembly, and all that a page needs to know to ask it questions: one JSON object.
+"""A campaign's tick as WebAssembly, and all that a page needs to know to ask it questions: one JSON
+object.
 
-`description` makes it. Numbers are single precision or 32-bit integers, binaries and motion base64 of little-endian
-words. `static/engine.js` reads it:
+`description` makes it. Numbers are single precision or 32-bit integers, binaries and motion base64
+of little-endian words. `static/engine.js` reads it:
 
     {
       "campaign": "quick", "robot": "raven2", "title": "Raven-II", "arms": ["gold"], "joints": ["shoulder", ..],
@@ -47,7 +48,7 @@ A PROGRAM is a module and where its numbers stand in memory, in bytes:
       "outputs": [                   of `replay` alone: 32-bit words that go out in each tick behind the series
         {"name": "gold/jpos", "shape": [7], "types": ["float32", ..], "scales": [1.0, ..]}, ..]
     }
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -91,11 +92,13 @@ PARAMETERS = (
     "plant.motor_constant_scale",
     "plant.mass_scale",
 )
-"""What a question may change beside what the campaign varies: parameters, and all that begin so. Each one costs a
-little speed, as what follows from it is no longer known when code is printed."""
+"""What a question may change beside what the campaign varies: parameters, and all that begin so.
+Each one costs a little speed, as what follows from it is no longer known when code is printed."""
 
 MOTION_BYTES = 3_000_000
-"""What all motions that a page offers may take together; of a longer operation it has the campaign's own alone."""
+"""What all motions that a page offers may take together; of a longer operation it has the
+campaign's own alone.
+"""
 
 SERIES = (
     "runlevel",
@@ -120,22 +123,27 @@ SERIES = (
     "*/cue_force",
     "*/cable_tension",
 )
-"""Time series of a replay, as `store.logs.time_series` names them; * stands for any arm or number."""
+"""Time series of a replay, as `store.logs.time_series` names them; * stands for any arm or
+number.
+"""
 
 
 def question_plan(config: CampaignConfig) -> Plan:
-    """The campaign's plan, its program open to every question of a page. Raises UserError for what a page cannot do."""
+    """The campaign's plan, its program open to every question of a page. Raises UserError for
+    what a page cannot do.
+    """
     ready = plan.make(config)
     if ready.keys:
         raise UserError(
-            f"{', '.join(ready.keys)} is drawn anew in each run, which a page does not do: leave noise, bursts "
-            "and drawn packets out of the campaign"
+            f"{', '.join(ready.keys)} is drawn anew in each run, which a page does not do: leave"
+            " noise, bursts and drawn packets out of the campaign"
         )
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
-            f"campaign {config.campaign.name!r} has no fault that a page could ask about: give one of its groups a "
-            "[[group.fault]]; a page offers the places and effects of the campaign's own faults"
+            f"campaign {config.campaign.name!r} has no fault that a page could ask about: give one"
+            " of its groups a [[group.fault]]; a page offers the places and effects of the"
+            " campaign's own faults"
         )
     values = dict(ready.varied)
     covered = {full for path in values for full in paths.named(program.params, program.setup, path)}
@@ -150,7 +158,9 @@ def question_plan(config: CampaignConfig) -> Plan:
     # The program's own ends freeze lanes; a page stops them from outside, as printed code is.
     injection = program.setup.injection
     triggers = tuple(name for name in TRIGGER_CODES if name == "time" or name in injection.triggers)
-    setup = dataclasses.replace(program.setup, injection=dataclasses.replace(injection, triggers=triggers))
+    setup = dataclasses.replace(
+        program.setup, injection=dataclasses.replace(injection, triggers=triggers)
+    )
     program = dataclasses.replace(program, setup=setup, varied=tuple(values))
     return dataclasses.replace(ready, program=program, varied=values)
 
@@ -182,7 +192,10 @@ def description(config: CampaignConfig) -> dict[str, Any]:
         "channels": _channels(ready),
         "effects": _effects(),
         "triggers": {name: TRIGGER_CODES[name] for name in program.setup.injection.triggers},
-        "fields": {field.name: str(np.dtype(table.ARRAYS[field.name])) for field in dataclasses.fields(FaultSlot)},
+        "fields": {
+            field.name: str(np.dtype(table.ARRAYS[field.name]))
+            for field in dataclasses.fields(FaultSlot)
+        },
         "forever": table.FOREVER_TICKS,
         **motions(ready),
         "programs": {
@@ -191,7 +204,9 @@ def description(config: CampaignConfig) -> dict[str, Any]:
         },
         "verdict": _verdict(config, tick),
         "examples": _examples(ready),
-        "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text(encoding="utf-8"),
+        "worker": (
+            Path(__file__).with_name("static").joinpath("worker.js").read_text(encoding="utf-8")
+        ),
     }
 
 
@@ -203,7 +218,9 @@ def _base64(content: bytes) -> str:
 
 
 def motion_name(config: CampaignConfig) -> str | None:
-    """The name of the campaign's generated motion, which a page may exchange; None where hands are recorded or own."""
+    """The name of the campaign's generated motion, which a page may exchange; None where hands
+    are recorded or own.
+    """
     operator = getattr(config, "operator", None)
     names = tuple(config.words().get("Operator", {}).get("motion", ()))
     if operator is None or not names or operator.file is not None or operator.hands is not None:
@@ -212,7 +229,9 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 
 def motions(ready: Plan) -> dict[str, Any]:
-    """Name of the campaign's motion, and all that a page may exchange it for where that leaves the page small."""
+    """Name of the campaign's motion, and all that a page may exchange it for where that leaves
+    the page small.
+    """
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
     if own is not None:
@@ -220,18 +239,31 @@ def motions(ready: Plan) -> dict[str, Any]:
         small = len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES
         others = {name: _motion(ready, name) for name in names if small and name != own}
         columns |= {name: other for name, other in others.items() if other is not None}
-    contents = {name: b"".join(column.tobytes() for column in of_name) for name, of_name in columns.items()}
-    return {"motion": own or "", "motions": {name: _base64(content) for name, content in contents.items()}}
+    contents = {
+        name: b"".join(column.tobytes() for column in of_name) for name, of_name in columns.items()
+    }
+    return {
+        "motion": own or "",
+        "motions": {name: _base64(content) for name, content in contents.items()},
+    }
 
 
 def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Columns of another motion; None where it begins elsewhere, which the printed program does not know."""
+    """Columns of another motion; None where it begins elsewhere, which the printed program does
+    not know.
+    """
     config, own = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
-    prepared = config.robot.part("campaign").prepare(other, {}, own.setup.injection, own.setup.precision)
-    (here, there) = (dict(paths.leaves(params, own.setup)) for params in (own.params, prepared.params))
-    if any(not np.array_equal(here[path], there[path]) for path in here if path.startswith("start.")):
+    prepared = config.robot.part("campaign").prepare(
+        other, {}, own.setup.injection, own.setup.precision
+    )
+    here, there = (
+        dict(paths.leaves(params, own.setup)) for params in (own.params, prepared.params)
+    )
+    if any(
+        not np.array_equal(here[path], there[path]) for path in here if path.startswith("start.")
+    ):
         return None
     return tuple(np.ascontiguousarray(column) for column in prepared.columns)
 
@@ -262,7 +294,11 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
     for place, (site, arm, name) in enumerate(table.targets(injection)):
         channel = robot.sites[site].channel(name)
         low, high = channel.extent
-        of_channel = [effect for effect, stands in NETWORK_EFFECTS.items() if site == "network" and stands[0] == name]
+        of_channel = [
+            effect
+            for effect, stands in NETWORK_EFFECTS.items()
+            if site == "network" and stands[0] == name
+        ]
         rows.append(
             {
                 "site": site,
@@ -287,7 +323,9 @@ def _of_network(values: dict[str, list[float]], effects: list[str]) -> dict[str,
 
 
 def _values(ready: Plan) -> dict[int, dict[str, list[float]]]:
-    """Code of a channel -> effect -> least and greatest value that the campaign's own faults have there."""
+    """Code of a channel -> effect -> least and greatest value that the campaign's own faults
+    have there.
+    """
     names = {number: name for name, number in EFFECT_CODES.items()}
     extents: dict[int, dict[str, list[float]]] = {}
     columns = (ready.faults[name].reshape(-1).tolist() for name in ("code", "effect", "value"))
@@ -301,7 +339,11 @@ def _values(ready: Plan) -> dict[int, dict[str, list[float]]]:
 def _effects() -> dict[str, dict[str, Any]]:
     out: dict[str, dict[str, Any]] = {}
     for name, effect in EFFECTS.items():
-        row: dict[str, Any] = {"code": EFFECT_CODES[name], "value": effect.value, "meaning": effect.meaning}
+        row: dict[str, Any] = {
+            "code": EFFECT_CODES[name],
+            "value": effect.value,
+            "meaning": effect.meaning,
+        }
         if effect.network is not None:
             channel, plain, constant = effect.network
             row |= {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
@@ -313,7 +355,10 @@ def _examples(ready: Plan) -> list[dict[str, Any]]:
     """The first faulty run of each group: what its group is called, and its first fault."""
     rows: dict[str, dict[str, Any]] = {}
     words = {name: ready.rows.words(f"fault0_{name}").tolist() for name in table.WORDS}
-    numbers = {name: ready.rows.numbers(f"fault0_{name}").tolist() for name in ("value", "start_ms", "duration_ms")}
+    numbers = {
+        name: ready.rows.numbers(f"fault0_{name}").tolist()
+        for name in ("value", "start_ms", "duration_ms")
+    }
     for row, group in enumerate(ready.rows.words("group").tolist()):
         if group in rows or not words["site"][row]:
             continue
@@ -372,7 +417,9 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
     rows = _series(ready, tick)
     step, first = tick.loop.step, tick.loop.states + tick.series
     leaves = [step.outputs[first + leaf] for row in rows for leaf in row["leaves"]]
-    loop = dataclasses.replace(tick.loop, step=dataclasses.replace(step, outputs=(*step.outputs[:first], *leaves)))
+    loop = dataclasses.replace(
+        tick.loop, step=dataclasses.replace(step, outputs=(*step.outputs[:first], *leaves))
+    )
     types = [str(np.dtype(dtype)) for dtype in tree.leaves(tick.signals)]
     outputs = [
         {
@@ -387,16 +434,20 @@ def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any
 
 
 def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
-    """Of each time series of `SERIES`, the signals' leaf that each of its numbers is, and the factor before it.
+    """Of each time series of `SERIES`, the signals' leaf that each of its numbers is, and the
+    factor before it.
 
-    Found by asking the robot for the series of signals of which one at a time is 1: a number that is a multiple of one
-    signal tells so. What is computed from several is left out: a page that wants it computes it.
+    Found by asking the robot for the series of signals of which one at a time is 1: a number that
+    is a multiple of one signal tells so. What is computed from several is left out: a page that
+    wants it computes it.
     """
     dtypes = [np.dtype(dtype) for dtype in tree.leaves(tick.signals)]
     probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
     for leaf, values in enumerate(probe):
         values[leaf + 1] = 1
-    named = ready.config.robot.part("campaign").series(ready.program.setup, tree.filled(tick.signals, list(probe)))
+    named = ready.config.robot.part("campaign").series(
+        ready.program.setup, tree.filled(tick.signals, list(probe))
+    )
     rows = []
     for name, values in named.items():
         flat = np.asarray(values, np.float64).reshape(len(dtypes) + 1, -1)
@@ -405,7 +456,12 @@ def _series(ready: Plan, tick: TracedTick) -> list[dict[str, Any]]:
             leaves = np.argmax(flat != 0, axis=0)
             scales = [float(f"{flat[leaf, k]:.7g}") for k, leaf in enumerate(leaves)]
             rows.append(
-                {"name": name, "shape": list(np.shape(values)[1:]), "leaves": (leaves - 1).tolist(), "scales": scales}
+                {
+                    "name": name,
+                    "shape": list(np.shape(values)[1:]),
+                    "leaves": (leaves - 1).tolist(),
+                    "scales": scales,
+                }
             )
     return rows
 

@@ -36,8 +36,9 @@ MEASURES = (
 
 
 def table(folder: Path, record: Manifest) -> dict[str, Any]:
-    """JSON: folder (its name), cue (number of the set that counts), runs (of the table), rows (of them, MOST at most),
-    columns: name -> list, and evading: see `_evading`. Left out are runs that a page cannot ask for, see `_asked`."""
+    """JSON: folder (its name), cue (number of the set that counts), runs (of the table), rows (of
+    them, MOST at most), columns: name -> list, and evading: see `_evading`. Left out are runs that
+    a page cannot ask for, see `_asked`."""
     cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
     columns = {
         "run_id": "run_id",
@@ -63,7 +64,9 @@ def table(folder: Path, record: Manifest) -> dict[str, Any]:
 
 
 def _evading(folder: Path, record: Manifest) -> dict[str, float]:
-    """k of n distinct faults evade, as the report counts them; low and high are NaN where faults were enumerated."""
+    """k of n distinct faults evade, as the report counts them; low and high are NaN where faults
+    were enumerated.
+    """
     runs = Runs.open(folder, record)
     try:
         return tables.headline(runs, record)["evaded"]._asdict()
@@ -72,13 +75,17 @@ def _evading(folder: Path, record: Manifest) -> dict[str, float]:
 
 
 def _asked(frame: pd.DataFrame) -> pd.Series:
-    """Which runs a page can ask for: with one fault or none, of an effect that it offers, in one window of time."""
+    """Which runs a page can ask for: with one fault or none, of an effect that it offers, in one
+    window of time.
+    """
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)
     plain = frame["fault0_trigger"].astype(str).eq("time") & frame["fault0_every_ms"].eq(0)
     offered = ~frame["fault0_effect"].astype(str).isin(words.UNASKED)
-    return sites.drop(columns="fault0_site").eq("").all(axis=1) & (sites["fault0_site"].eq("") | plain & offered)
+    return sites.drop(columns="fault0_site").eq("").all(axis=1) & (
+        sites["fault0_site"].eq("") | plain & offered
+    )
 
 
 def _plain(column: pd.Series) -> list[Any]:

@@ -1,4 +1,6 @@
-"""What a page says of a campaign: sites in plain words, ranges of values, checks, and the file that a command needs."""
+"""What a page says of a campaign: sites in plain words, ranges of values, checks, and the file
+that a command needs.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ SITES: dict[str, str] = {
     "external_torque": "a load on a joint from outside",
     "brake": "the brakes",
 }
-"""Each site of the Raven-II in words that need no manual; of another robot's site its own words stand."""
+"""Each site of the Raven-II in words that need no manual; of another robot's site its own words
+stand.
+"""
 
 EFFECT_WORDS = {
     "overwrite": "replaced by",
@@ -70,7 +74,9 @@ EFFECT_WORDS = {
 
 UNITS = {"cnt": "counts", "um": "µm", "mrad": "mrad", "1": "", "N m": "N m", "rad/s": "rad/s"}
 UNASKED = ("periodic", "random")
-"""Effects that a page does not offer: a period is not among its controls, and random numbers are those of a row."""
+"""Effects that a page does not offer: a period is not among its controls, and random numbers are
+those of a row.
+"""
 WIDER = 5.0
 """A value's range on the page goes so many times beyond what the channel does without a fault."""
 
@@ -159,7 +165,9 @@ def _numbers(value: Any) -> list[Any]:
 
 def _varied(config: CampaignConfig) -> list[str]:
     """Parameters that have several values in the whole campaign."""
-    return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [*config.cross]
+    return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [
+        *config.cross
+    ]
 
 
 def _file(value: Any) -> str:
@@ -169,14 +177,17 @@ def _file(value: Any) -> str:
 
 
 def _toml(config: CampaignConfig) -> str:
-    """The campaign's file without cues, groups and what varies, which a page adds; what it reads lies beside it.
+    """The campaign's file without cues, groups and what varies, which a page adds; what it reads
+    lies beside it.
 
     The name of a motion that a page may exchange is the first line of [operator]."""
     apart = {"group", "stop", "haptics", "cross"}
     content = config.model_dump(exclude_defaults=True, exclude=apart)
     tables = json.loads(json.dumps(content, default=_file))
     varied = _varied(config)
-    tables["parameters"] = {path: one for path, one in tables.get("parameters", {}).items() if path not in varied}
+    tables["parameters"] = {
+        path: one for path, one in tables.get("parameters", {}).items() if path not in varied
+    }
     if (motion := program.motion_name(config)) is not None:
         tables["operator"] = {"motion": motion} | tables.get("operator", {})
     return tomlkit.dumps({name: table for name, table in tables.items() if table})

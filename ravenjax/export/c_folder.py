@@ -1,7 +1,7 @@
 """A folder with the C library of a robot: header, object, shared library, example.
 
-The object needs no C compiler: it is emitted as the engines' code is. To link it into a shared library takes the
-system's compiler; where there is none, the object is what a program links.
+The object needs no C compiler: it is emitted as the engines' code is. To link it into a shared
+library takes the system's compiler; where there is none, the object is what a program links.
 """
 
 from __future__ import annotations
@@ -33,12 +33,15 @@ class CFolder(NamedTuple):
 
 
 def write(
-    folder: Path, software: ControlSoftware | None = None, robot: VirtualRobot | None = None, cpu: str = PORTABLE
+    folder: Path,
+    software: ControlSoftware | None = None,
+    robot: VirtualRobot | None = None,
+    cpu: str = PORTABLE,
 ) -> CFolder:
     """Write the library of both, as they are set and where they stand, raven2's own if left out.
 
-    cpu: "portable" runs on any CPU of this machine's kind; "native" may use all that this one has. Both have the same
-    bits. Raises UserError, also where the compiler refuses to link.
+    cpu: "portable" runs on any CPU of this machine's kind; "native" may use all that this one has.
+    Both have the same bits. Raises UserError, also where the compiler refuses to link.
     """
     if cpu not in CPUS:
         raise UserError(f"cpu is {cpu!r}, expected one of {', '.join(CPUS)}")
@@ -68,5 +71,7 @@ def _linked(code: Path, shared: Path) -> Path | None:
     words = [compiler, "-shared", "-o", str(shared), str(code), "-lm"]
     result = subprocess.run(words, capture_output=True, text=True, check=False)
     if result.returncode != 0:
-        raise UserError(f"{' '.join(words)} failed: {result.stderr.strip()}; {code} can be linked by hand")
+        raise UserError(
+            f"{' '.join(words)} failed: {result.stderr.strip()}; {code} can be linked by hand"
+        )
     return shared

@@ -1,8 +1,10 @@
-"""When windows are open on the clocks of their triggers, known before a run: arithmetic on whole columns. NumPy only.
+"""When windows are open on the clocks of their triggers, known before a run: arithmetic on whole
+columns. NumPy only.
 
-A clock counts up by at most one a tick: the time from 0 in tick 0, packets from 1 in tick 0, the pedal from 0 in each
-phase in which it is down. As in `window`, a fault's window is open where the clock reads `start` or more and what it
-reads beyond, modulo `every` where that is not 0, is less than `duration`. Knows nothing of any robot.
+A clock counts up by at most one a tick: the time from 0 in tick 0, packets from 1 in tick 0, the
+pedal from 0 in each phase in which it is down. As in `window`, a fault's window is open where the
+clock reads `start` or more and what it reads beyond, modulo `every` where that is not 0, is less
+than `duration`. Knows nothing of any robot.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ class Arrivals(Protocol):
     """When packets come."""
 
     def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
-        """Ticks in which the packets of these numbers, from 1, come in these runs; int64, beyond the run any."""
+        """Ticks in which the packets of these numbers, from 1, come in these runs; int64, beyond
+        the run any.
+        """
         ...
 
     def newest(self, rows: np.ndarray) -> np.ndarray:
@@ -57,17 +61,29 @@ class Arrivals(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PedalPhases:
-    """When the pedal is down in runs that do not stop before their end; in those that do, until then."""
+    """When the pedal is down in runs that do not stop before their end; in those that do, until
+    then.
+    """
 
     begins: np.ndarray  # int64 [phases], ticks in which the clock reads 0, ascending
-    ends: np.ndarray  # int64 [phases], first ticks after them in which the pedal is up, or the run's end
-    later: int | None = 0  # ticks by which any of these may come later; None: nobody knows, but none comes earlier
+    ends: (
+        np.ndarray
+    )  # int64 [phases], first ticks after them in which the pedal is up, or the run's end
+    later: int | None = (
+        0  # ticks by which any of these may come later; None: nobody knows, but none comes earlier
+    )
 
     def first(self, opening: Opening) -> np.ndarray:
-        """The first tick in which each may be open, NEVER where none is; later ones may be merged, or drawn out."""
+        """The first tick in which each may be open, NEVER where none is; later ones may be
+        merged, or drawn out.
+        """
         ticks = np.full(len(opening.start), NEVER)
         if self.later != 0:
-            return ticks if not len(self.begins) else self.begins[0] + np.minimum(opening.first(0, 2**40), 2**40)
+            return (
+                ticks
+                if not len(self.begins)
+                else self.begins[0] + np.minimum(opening.first(0, 2**40), 2**40)
+            )
         for begin, end in zip(self.begins.tolist(), self.ends.tolist(), strict=True):
             reading = opening.first(0, end - begin - 1)
             ticks = np.where((ticks == NEVER) & (reading < NEVER), begin + reading, ticks)
@@ -94,12 +110,14 @@ class Clocks:
     arrivals: Arrivals | None  # None: a fault may stop the packets
     phases: tuple[PedalPhases, ...]
     kind: np.ndarray  # int [runs], place in `phases`
-    moved: (
-        np.ndarray
-    )  # bool [channels], by codes: whether faults there move the pedal, other than by stopping the robot
+    # bool [channels], by codes: whether faults there move the pedal, other than by stopping the
+    # robot
+    moved: np.ndarray
 
     def packet_first(self, rows: np.ndarray, opening: Opening) -> np.ndarray:
-        """The first tick in which windows that count packets may be open in these runs; beyond the run: never."""
+        """The first tick in which windows that count packets may be open in these runs; beyond
+        the run: never.
+        """
         packet = opening.first(1, NEVER - 1)
         return np.where(packet < NEVER, (np.minimum(packet, 2**40) - 1) * self.least[rows], NEVER)
 
@@ -112,9 +130,13 @@ class Clocks:
         if repeats.any():
             newest[repeats] = self.arrivals.newest(rows[repeats])
         last = opening.last(1, newest)
-        first = np.minimum(opening.first(1, newest), newest + 1)  # beyond the run where there is none
+        first = np.minimum(
+            opening.first(1, newest), newest + 1
+        )  # beyond the run where there is none
         opens = (last > 0) & (self.arrivals.comes(rows, first) < ticks)
-        return np.where(opens, np.minimum(self.arrivals.comes(rows, np.maximum(last, 0) + 1), ticks), 0)
+        return np.where(
+            opens, np.minimum(self.arrivals.comes(rows, np.maximum(last, 0) + 1), ticks), 0
+        )
 
     def pedal_first(self, rows: np.ndarray, opening: Opening) -> np.ndarray:
         """As `packet_first`, of windows that count time in pedal-down."""
@@ -125,7 +147,9 @@ class Clocks:
         return ticks
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """As `packet_end`, of windows that count time in pedal-down, in runs where no fault moves the pedal."""
+        """As `packet_end`, of windows that count time in pedal-down, in runs where no fault
+        moves the pedal.
+        """
         after = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):
             mine = self.kind[rows] == kind

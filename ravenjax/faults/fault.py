@@ -9,9 +9,12 @@ from ravenjax.numbers.vec import Scalar, record
 
 @record
 class FaultSlot:
-    """One slot: what is done, where, and when. Codes are those of `vocabulary`; an empty slot has code 0."""
+    """One slot: what is done, where, and when. Codes are those of `vocabulary`; an empty slot
+    has code 0.
+    """
 
-    code: Scalar  # int32, 1-based place of the channel in the campaign's list of channels; 0: no fault
+    # int32, 1-based place of the channel in the campaign's list of channels; 0: no fault
+    code: Scalar
     effect: Scalar  # int32, EFFECT_CODES
     value: Scalar  # float, in the channel's unit
     trigger: Scalar  # int32, TRIGGER_CODES
@@ -67,5 +70,7 @@ def init(setup: Setup) -> FaultState:
     """State before the first tick."""
     zero = jnp.asarray(0.0, setup.precision.real)
     unseen = jnp.asarray(jnp.nan, setup.precision.real)
-    slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, unseen, jnp.int32(-1), jnp.int32(0), jnp.int32(-1))
+    slot = SlotState(
+        jnp.bool_(False), jnp.int32(0), zero, unseen, jnp.int32(-1), jnp.int32(0), jnp.int32(-1)
+    )
     return FaultState((slot,) * setup.injection.slots)

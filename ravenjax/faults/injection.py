@@ -1,8 +1,9 @@
 """Injection: one pure function, called at each named site of the tick. Knows nothing of any robot.
 
-Sites and channels are declared in `ravenjax.vocabulary.sites`; a campaign's `Setup.injection` names those it uses,
-and only they cost anything. At a site, each slot gathers the channel it hits by selects, applies its effect once and
-scatters the result back by selects. A channel that is not hit keeps every bit.
+Sites and channels are declared in `ravenjax.vocabulary.sites`; a campaign's `Setup.injection` names
+those it uses, and only they cost anything. At a site, each slot gathers the channel it hits by
+selects, applies its effect once and scatters the result back by selects. A channel that is not hit
+keeps every bit.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ Target = tuple[Path, str]
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
     """Every channel that the campaign hits; a fault's code is its place here plus one."""
-    return tuple((use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels)
+    return tuple(
+        (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
+    )
 
 
 def read(signal: Any, path: Path) -> Scalar:
@@ -50,8 +53,8 @@ def write(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """`y` (float) as the channel holds it: integers truncate, 16-bit ones wrap or saturate, what no int32 holds is
-    -2147483648."""
+    """`y` (float) as the channel holds it: integers truncate, 16-bit ones wrap or saturate, what no
+    int32 holds is -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
@@ -93,7 +96,9 @@ def _strike(
         value = _store(kind, y, number)
         differs = value != number
         if "bit_flip" in use.effects and kind == "float":
-            differs = differs | flips  # of a 0 the lowest bit makes a number that an engine may take for 0
+            differs = (
+                differs | flips
+            )  # of a 0 the lowest bit makes a number that an engine may take for 0
         elif "bit_flip" in use.effects:
             bits = effects.flipped(lax.convert_element_type(number, jnp.int32), fault)
             bits = _fitted(kind, bits)
@@ -101,14 +106,17 @@ def _strike(
             differs = value != number
         changed = changed | (hit & aim & differs)
         signal = write(signal, path, jnp.where(hit & aim, value, number))
-    return replace(
-        slot,
-        latched=jnp.where(hit & (slot.age == 0), y, slot.latched),
-        before=jnp.where(here & (~slot.active | (slot.before != slot.before)), x, slot.before),
-        first_tick=jnp.where(changed & (slot.first_tick < 0), clock.tick, slot.first_tick),
-        last_tick=jnp.where(changed, clock.tick, slot.last_tick),
-        changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),
-    ), signal
+    return (
+        replace(
+            slot,
+            latched=jnp.where(hit & (slot.age == 0), y, slot.latched),
+            before=jnp.where(here & (~slot.active | (slot.before != slot.before)), x, slot.before),
+            first_tick=jnp.where(changed & (slot.first_tick < 0), clock.tick, slot.first_tick),
+            last_tick=jnp.where(changed, clock.tick, slot.last_tick),
+            changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),
+        ),
+        signal,
+    )
 
 
 def inject(
@@ -123,9 +131,9 @@ def inject(
 ) -> tuple[FaultState, Any]:
     """The signal of `site` as the faults leave it.
 
-    paths: where each channel of `channel_keys` stands in its site's signal, and its kind ("int16", "int16 saturated",
-    "int32", "float", "bool"). present: bool, whether there is anything to strike in this tick. A site that the campaign
-    does not use costs nothing.
+    paths: where each channel of `channel_keys` stands in its site's signal, and its kind ("int16",
+    "int16 saturated", "int32", "float", "bool"). present: bool, whether there is anything to strike
+    in this tick. A site that the campaign does not use costs nothing.
     """
     keys = channel_keys(setup)
     for use in setup.injection.sites:

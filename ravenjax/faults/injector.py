@@ -1,4 +1,6 @@
-"""Faults at the seams of a tick: `inject(site, signal)`, carrying the faults' state from site to site."""
+"""Faults at the seams of a tick: `inject(site, signal)`, carrying the faults' state from site to
+site.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,12 @@ class Injector:
     """`inject(site, signal)` for one tick of a robot."""
 
     def __init__(
-        self, robot: Robot, setup: Setup, faults: fault.Faults, state: fault.FaultState, clock: window.TriggerClocks
+        self,
+        robot: Robot,
+        setup: Setup,
+        faults: fault.Faults,
+        state: fault.FaultState,
+        clock: window.TriggerClocks,
     ) -> None:
         self.setup: Any = setup  # the robot's own
         self.robot, self.faults, self.state, self.clock = robot, faults, state, clock
@@ -44,7 +51,9 @@ def strikes(setup: Setup, *sites: str) -> bool:
 
 @functools.cache
 def paths(robot: Robot, setup: Setup) -> dict[injection.ChannelKey, injection.Target]:
-    """Where each channel that the campaign hits stands in its site's signal, as the robot declares it."""
+    """Where each channel that the campaign hits stands in its site's signal, as the robot
+    declares it.
+    """
     table = {}
     for site, arm, name in injection.channel_keys(setup):
         channel = robot.sites[site].channel(name)

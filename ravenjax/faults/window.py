@@ -41,11 +41,16 @@ def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks
     return replace(state, active=active, age=age)
 
 
-def open_windows(setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks) -> FaultState:
+def open_windows(
+    setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
+) -> FaultState:
     """Once a tick, before any site: which slots act in this tick, and for how long they have.
 
-    A window counts on its trigger's clock, so one that counts packets stays open while its packet lasts.
+    A window counts on its trigger's clock, so one that counts packets stays open while its packet
+    lasts.
     """
     if not setup.injection.triggers:  # slots, but no fault in any run
         return state
-    return FaultState(tuple(_slot(setup, f, s, clock) for f, s in zip(faults.slots, state.slots, strict=True)))
+    return FaultState(
+        tuple(_slot(setup, f, s, clock) for f, s in zip(faults.slots, state.slots, strict=True))
+    )

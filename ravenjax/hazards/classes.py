@@ -1,17 +1,22 @@
-"""What became of each run in the words of a hazard analysis (`data/terms.toml`), from the result table alone.
+"""What became of each run in the words of a hazard analysis (`data/terms.toml`), from the result
+table alone.
 
-Several classes can hold at once. A run that has no other is of class `none`; a run that failed has none at all.
+Several classes can hold at once. A run that has no other is of class `none`; a run that failed has
+none at all.
 
-- `jump`: the true tip leapt: over 0.1 mm in each of two ticks in a row, its golden run not (the published code's rule,
-  on the tip itself rather than on what encoders tell of it), or over 1 mm within 2 ms (the published text's rule).
-- `stop`: a check stopped the robot; or its control software, once in pedal-down, was out of it or in a software E-stop
-  for more than 0.2 s in all, while its golden run was in pedal-down.
-- `unresponsive`: no stop; the robot stood, or had never started, for 0.2 s in all while its golden run moved.
+- `jump`: the true tip leapt: over 0.1 mm in each of two ticks in a row, its golden run not (the
+  published code's rule, on the tip itself rather than on what encoders tell of it), or over 1 mm
+  within 2 ms (the published text's rule).
+- `stop`: a check stopped the robot; or its control software, once in pedal-down, was out of it or
+  in a software E-stop for more than 0.2 s in all, while its golden run was in pedal-down.
+- `unresponsive`: no stop; the robot stood, or had never started, for 0.2 s in all while its golden
+  run moved.
 - `displaced`: no jump; the tip made an unintended motion of more than 3 mm, live or not.
-- `message`: no stop; a check did something: it told a person, or it limited a command or dropped a packet, of which the
-  published experiments read the logs.
+- `message`: no stop; a check did something: it told a person, or it limited a command or dropped a
+  packet, of which the published experiments read the logs.
 
-So a robot that merely stops, while its golden run goes on, is not displaced; one that coasts by 3 mm after its stop is.
+So a robot that merely stops, while its golden run goes on, is not displaced; one that coasts by 3
+mm after its stop is.
 """
 
 from __future__ import annotations
@@ -24,7 +29,9 @@ CLASSES = ("none", "message", "stop", "unresponsive", "displaced", "jump")
 """In the order of terms.toml, mildest first."""
 
 IDLE_MS = 200
-"""A robot that stands so long is noticed: the largest visual delay that operators put up with is 150 to 200 ms."""
+"""A robot that stands so long is noticed: the largest visual delay that operators put up with is
+150 to 200 ms.
+"""
 
 COLUMNS = (
     "failed",
@@ -65,10 +72,13 @@ def classify(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
 
 
 def evidence(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
-    """What classes are judged by, bool: leapt, strayed, idle and halted, as the module says. KeyError as `classify`."""
+    """What classes are judged by, bool: leapt, strayed, idle and halted, as the module says.
+    KeyError as `classify`.
+    """
     if missing := [name for name in COLUMNS if name not in frame]:
         raise KeyError(
-            f"classes of outcomes need the columns {', '.join(COLUMNS)}; the table lacks {', '.join(missing)}"
+            f"classes of outcomes need the columns {', '.join(COLUMNS)}; the table lacks"
+            f" {', '.join(missing)}"
         )
     absent_ms = frame["golden_pedal_down_ms"] - frame["pedal_down_ms"]
     return pd.DataFrame(

@@ -7,10 +7,11 @@
 
 Groups without `hazards` stay as they are. The plain groups are checked like any other.
 
-In a campaign of both arms a hazard of the gold or of the green arm strikes that one, and a hazard of both strikes them
-in the same run. Any other strikes each arm in turn, in groups whose names end in -gold and -green. `arm` overrules
-that: one arm, or a list of arms that are struck in turn. Sites that belong to no arm are struck once.
-"""
+In a campaign of both arms a hazard of the gold or of the green arm strikes that one, and a hazard
+of both strikes them in the same run. Any other strikes each arm in turn, in groups whose names end
+in -gold and -green. `arm` overrules that: one arm, or a list of arms that are struck in turn. Sites
+that belong to no arm are struck once.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -28,8 +29,10 @@ from ravenjax.vocabulary.effects import EFFECTS
 KEY = "hazards"
 ALL = "all"
 OVERRIDES = {
-    "arm": "arm that is struck, or a list of arms struck in turn; left out with both arms: that of the source, both in "
-    "one run where the source strikes both, else each in turn",
+    "arm": (
+        "arm that is struck, or a list of arms struck in turn; left out with both arms: that of the"
+        " source, both in one run where the source strikes both, else each in turn"
+    ),
     "value": "in place of the library's, for hazards that strike one channel",
     "start_ms": "in place of the library's onsets",
     "duration_ms": "in place of the library's lengths of the window",
@@ -38,7 +41,10 @@ OVERRIDES = {
 PASSED_ON = {"repeats": "each run so many times", "parameters": "as in any group"}
 """Keys of a group that each plain group inherits."""
 KEYS = {
-    "name": "names the groups: NAME/ID, NAME/ID-CASE, and with -gold or -green where the arms are struck in turn",
+    "name": (
+        "names the groups: NAME/ID, NAME/ID-CASE, and with -gold or -green where the arms are"
+        " struck in turn"
+    ),
     KEY: 'ids (C09) and layers (L7) of the library, or "all": every hazard that can be run',
     **OVERRIDES,
     **PASSED_ON,
@@ -52,7 +58,9 @@ LARGEST = 1e300
 
 
 class WrongGroup(UserError):
-    """A group that names hazards and cannot be expanded; `key` is where: of the group, or from `plain` of the file."""
+    """A group that names hazards and cannot be expanded; `key` is where: of the group, or from
+    `plain` of the file.
+    """
 
     def __init__(self, key: str | tuple[str | int, ...], message: str) -> None:
         self.key, self.message = (key,) if isinstance(key, str) else key, message
@@ -60,7 +68,8 @@ class WrongGroup(UserError):
 
 
 def plain(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
-    """A campaign's tables with nothing but plain groups, and of each the number of the group that it was written as.
+    """A campaign's tables with nothing but plain groups, and of each the number of the group that
+    it was written as.
 
     What is no list of tables stays for others to refuse. Raises WrongGroup.
     """
@@ -81,36 +90,53 @@ def plain(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
 
 
 def _arms_of(raw: Mapping[str, Any]) -> tuple[str, ...]:
-    """The arms of a campaign's tables; () where they are not named, or wrongly, which others refuse."""
+    """The arms of a campaign's tables; () where they are not named, or wrongly, which others
+    refuse.
+    """
     campaign = raw.get("campaign")
     arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
-    return tuple(arms) if isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms) else ()
+    return (
+        tuple(arms) if isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms) else ()
+    )
 
 
 def expand(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """The plain groups of a raw table [[group]] of a campaign file with these arms. Raises WrongGroup.
+    """The plain groups of a raw table [[group]] of a campaign file with these arms. Raises
+    WrongGroup.
 
-    They are named GROUP/ID, or GROUP/ID-CASE where a hazard has several cases, and end in -ARM where each arm is struck
-    in turn. arms: () for a campaign of one arm, which then strikes whatever belongs to an arm.
+    They are named GROUP/ID, or GROUP/ID-CASE where a hazard has several cases, and end in -ARM
+    where each arm is struck in turn. arms: () for a campaign of one arm, which then strikes
+    whatever belongs to an arm.
     """
     if KEY not in group:
         return [dict(group)]
     for key in group:
         if key not in KEYS:
-            expected = f"unknown key in a group that names hazards, expected one of {', '.join(KEYS)}"
+            expected = (
+                f"unknown key in a group that names hazards, expected one of {', '.join(KEYS)}"
+            )
             raise WrongGroup(key, expected + suggestion(key, KEYS))
     if not isinstance(group.get("name"), str):
         raise WrongGroup("name", "missing: names the group in tables and report")
     return [
-        table for hazard in named(group[KEY]) for case in hazard.case for table in _groups(group, hazard, case, arms)
+        table
+        for hazard in named(group[KEY])
+        for case in hazard.case
+        for table in _groups(group, hazard, case, arms)
     ]
 
 
 def named(words: Any) -> list[Hazard]:
     """The hazards that ids, layers and "all" name, in the library's order. Raises WrongGroup."""
     listed = [words] if isinstance(words, str) else words
-    if not isinstance(listed, Sequence) or not listed or not all(isinstance(word, str) for word in listed):
-        raise WrongGroup(KEY, f'got {shown(words)}, expected ids and layers, such as ["C09", "L7"], or "all"')
+    if (
+        not isinstance(listed, Sequence)
+        or not listed
+        or not all(isinstance(word, str) for word in listed)
+    ):
+        raise WrongGroup(
+            KEY, f'got {shown(words)}, expected ids and layers, such as ["C09", "L7"], or "all"'
+        )
     ids = {row.id for word in listed for row in _meant(word)}
     return [row for row in library.rows() if row.id in ids]
 
@@ -131,10 +157,14 @@ def _meant(word: str) -> list[Hazard]:
         if row.id == word:
             raise WrongGroup(KEY, f"{word} ({row.title}) cannot be run: {row.documented_only}")
     every = [*(row.id for row in runnable), *dict.fromkeys(row.layer for row in runnable), ALL]
-    raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{suggestion(word, every)}")
+    raise WrongGroup(
+        KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{suggestion(word, every)}"
+    )
 
 
-def _groups(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]) -> Iterator[dict[str, Any]]:
+def _groups(
+    group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]
+) -> Iterator[dict[str, Any]]:
     """The plain groups of one case: one, or one an arm."""
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
@@ -146,14 +176,20 @@ def _groups(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence
         slots = [slot for fault in case.fault for slot in _slots(fault, overrides, together)]
         side_by_side = case.fault[0].along or len(together) > 1
         design = "zip" if side_by_side else case.design
-        table: dict[str, Any] = {"name": f"{group['name']}/{name}{suffix}", "design": design, "fault": slots}
+        table: dict[str, Any] = {
+            "name": f"{group['name']}/{name}{suffix}",
+            "design": design,
+            "fault": slots,
+        }
         if case.runs is not None:
             table["runs"] = case.runs
         yield table | {key: group[key] for key in PASSED_ON if key in group}
 
 
 def _turns(hazard: Hazard, arm: Any, arms: Sequence[str]) -> list[tuple[str, tuple[Any, ...]]]:
-    """(how the group's name ends, what the key `arm` is in it, several for arms in one run) of each group of a case."""
+    """(how the group's name ends, what the key `arm` is in it, several for arms in one run) of
+    each group of a case.
+    """
     if isinstance(arm, list | tuple) and len(arm) > 1:
         return [(f"-{one}", (one,)) for one in arm]
     if arm is not None:
@@ -172,7 +208,9 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
         raise WrongGroup("arm", f"{name}: the list is empty, expected at least one value")
     if "value" in overrides:
         if others:
-            raise WrongGroup("value", f"{name} strikes {len(case.fault)} channels, each with a value of its own")
+            raise WrongGroup(
+                "value", f"{name} strikes {len(case.fault)} channels, each with a value of its own"
+            )
         if not EFFECTS[first.effect].takes_value:
             raise WrongGroup("value", f"{name} has effect {first.effect!r}, which takes none")
     for key, value in overrides.items():
@@ -180,17 +218,34 @@ def _check(name: str, case: Case, overrides: Mapping[str, Any], arms: Sequence[A
             raise WrongGroup(key, f"{name}: the list is empty, expected at least one value")
         if (others or first.along or len(arms) > 1) and isinstance(value, dict):
             what = "both arms" if len(arms) > 1 else "several channels"
-            raise WrongGroup(key, f"{name} strikes {what} at once, expected numbers, got {shown(value)}")
+            raise WrongGroup(
+                key, f"{name} strikes {what} at once, expected numbers, got {shown(value)}"
+            )
         if others and isinstance(value, list):
-            raise WrongGroup(key, f"{name} strikes several channels at once, expected one number, got {shown(value)}")
-    if first.along and "value" in overrides and not all(map(_is_number, _listed(overrides["value"]))):
+            raise WrongGroup(
+                key,
+                f"{name} strikes several channels at once, expected one number, got {shown(value)}",
+            )
+    if (
+        first.along
+        and "value" in overrides
+        and not all(map(_is_number, _listed(overrides["value"])))
+    ):
         got = shown(overrides["value"])
-        raise WrongGroup("value", f"{name} shares its value among channels, expected finite numbers, got {got}")
+        raise WrongGroup(
+            "value", f"{name} shares its value among channels, expected finite numbers, got {got}"
+        )
 
 
-def _slots(struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]) -> Iterator[dict[str, Any]]:
-    """[[group.fault]] tables of one slot of the library, one for each channel and arm that is struck together."""
-    table = struck.model_dump(exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json")
+def _slots(
+    struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]
+) -> Iterator[dict[str, Any]]:
+    """[[group.fault]] tables of one slot of the library, one for each channel and arm that is
+    struck together.
+    """
+    table = struck.model_dump(
+        exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
+    )
     table |= overrides
     if "value" in overrides:
         table.pop("wraps", None)  # said of the library's values
@@ -212,12 +267,24 @@ def _slots(struck: Struck, overrides: Mapping[str, Any], arms: Sequence[Any]) ->
         for name, share in struck.along.items():
             whole = SITES[struck.site].channel(name).kind != "float"
             values = [share * value for value in crossed["value"]]
-            yield table | crossed | place | {"channel": name, "value": [int(v) for v in values] if whole else values}
+            yield (
+                table
+                | crossed
+                | place
+                | {
+                    "channel": name,
+                    "value": [int(v) for v in values] if whole else values,
+                }
+            )
 
 
 def _is_number(value: Any) -> bool:
     """Whether it can be multiplied and made whole."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and -LARGEST <= value <= LARGEST
+    )
 
 
 def _listed(value: Any) -> list[Any]:

@@ -1,7 +1,9 @@
-"""The hazards of the library: one row each, in one TOML file a layer, checked against the robot's sites.
+"""The hazards of the library: one row each, in one TOML file a layer, checked against the robot's
+sites.
 
-A row says what was published (target, kind, values, when, expected outcome, impact, source) and, in its cases, how the
-simulator runs it; a row without cases says why it cannot. Words are explained in `data/terms.toml`.
+A row says what was published (target, kind, values, when, expected outcome, impact, source) and, in
+its cases, how the simulator runs it; a row without cases says why it cannot. Words are explained in
+`data/terms.toml`.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ class LibraryTable(BaseModel):
 
 
 class Struck(LibraryTable):
-    """One fault slot of a case: the keys of [[group.fault]], with the value's unit, and `along` in place of channel."""
+    """One fault slot of a case: the keys of [[group.fault]], with the value's unit, and `along`
+    in place of channel.
+    """
 
     site: str
     channel: str | tuple[str, ...] | None = None
@@ -50,7 +54,9 @@ class Struck(LibraryTable):
     unit: str | None = Field(default=None, description="of the value, to read and to check")
     trigger: str = "time"
     start_ms: Numbers
-    duration_ms: Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]] = "end"
+    duration_ms: Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]] = (
+        "end"
+    )
     every_ms: Numbers = 0
     period_ms: Numbers = 0
     wraps: bool = Field(default=False, description="a value beyond 16 bits is meant")
@@ -77,20 +83,29 @@ class Struck(LibraryTable):
         if self.effect in NETWORK_EFFECTS and site.name != "network":
             raise ValueError(f"effect {self.effect!r} belongs to site 'network', got {site.name!r}")
         for name in self.channels:
-            _known(f"channel of site {site.name}", name, [channel.name for channel in site.channels])
+            _known(
+                f"channel of site {site.name}", name, [channel.name for channel in site.channels]
+            )
         takes_value = EFFECTS[self.effect].takes_value
         if takes_value != (self.value is not None):
             expected = "a value" if takes_value else "no value"
             raise ValueError(f"effect {self.effect!r} takes {expected}, got {self.value!r}")
         if self.unit != (unit := _unit(site, self)):
-            raise ValueError(f"unit: got {self.unit!r}, expected {unit!r}, that of {site.name} and its effect")
+            raise ValueError(
+                f"unit: got {self.unit!r}, expected {unit!r}, that of {site.name} and its effect"
+            )
         if (self.effect == "periodic") != bool(self.period_ms):
-            raise ValueError(f"period_ms belongs to effect 'periodic', got effect {self.effect!r}, {self.period_ms!r}")
+            raise ValueError(
+                f"period_ms belongs to effect 'periodic', got effect {self.effect!r},"
+                f" {self.period_ms!r}"
+            )
         lists = (self.value, self.start_ms, self.duration_ms, self.every_ms, self.period_ms)
         for kind in (kind for numbers in lists if isinstance(numbers, dict) for kind in numbers):
             _known("distribution", kind, ("uniform", "choice"))
         if self.along is not None and any(isinstance(numbers, dict) for numbers in lists):
-            raise ValueError("along takes numbers and lists, not distributions: its channels are struck together")
+            raise ValueError(
+                "along takes numbers and lists, not distributions: its channels are struck together"
+            )
         return self
 
 
@@ -106,9 +121,12 @@ class Case(LibraryTable):
     def _fits(self) -> Case:
         if (self.runs is None) != (self.design in ("grid", "zip")):
             raise ValueError(
-                f"design {self.design!r} with runs {self.runs!r}: lhs and random need runs, others take none"
+                f"design {self.design!r} with runs {self.runs!r}: lhs and random need runs, others"
+                " take none"
             )
-        if any(fault.along for fault in self.fault) and (len(self.fault) > 1 or self.design != "grid"):
+        if any(fault.along for fault in self.fault) and (
+            len(self.fault) > 1 or self.design != "grid"
+        ):
             raise ValueError("along stands alone in a case of design grid")
         return self
 
@@ -117,33 +135,53 @@ class Hazard(LibraryTable):
     """One row of the library."""
 
     id: str = Field(pattern=r"^[A-Z]\d\d$")
-    layer: str = Field(pattern=r"^L([1-9]|10)$", description="layer of the loop, L1 console .. L10 mechanics")
+    layer: str = Field(
+        pattern=r"^L([1-9]|10)$", description="layer of the loop, L1 console .. L10 mechanics"
+    )
     title: str = Field(min_length=1)
     target: str = Field(min_length=1, description="what the source names")
     arm: Literal["gold", "green", "both", "either"] | None = Field(
         default=None,
-        description="that the source strikes; both: at once; either or none: each in turn where there are two",
+        description=(
+            "that the source strikes; both: at once; either or none: each in turn where there"
+            " are two"
+        ),
     )
     hazards: tuple[str, ...]
     unsafe_control_actions: tuple[str, ...] = ()
     needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(
-        min_length=1, description="D dynamics and control, S state machine and PLC, O operator, X beyond a simulator"
+        min_length=1,
+        description=(
+            "D dynamics and control, S state machine and PLC, O operator, X beyond a simulator"
+        ),
     )
     kind: str = Field(min_length=1)
     values: str = Field(min_length=1, description="as the source has them")
-    when: str = Field(min_length=1, description="trigger, onset and duration as the source has them")
+    when: str = Field(
+        min_length=1, description="trigger, onset and duration as the source has them"
+    )
     expected: str = Field(min_length=1, description="outcome in the source's words")
     expected_class: tuple[str, ...] = Field(min_length=1)
-    activated: int | None = Field(default=None, ge=0, description="injections with an effect, of `injected`")
-    injected: int | None = Field(default=None, ge=1)
-    impact: str = Field(min_length=1, description="clinical; bare numbers are those of adverse event reports")
-    source: str = Field(min_length=1)
-    scenarios: tuple[Literal["temporarily unavailable", "permanently unavailable", "sudden jump"], ...] = Field(
-        default=(), description="training scenarios of IROS 2016 that it belongs to"
+    activated: int | None = Field(
+        default=None, ge=0, description="injections with an effect, of `injected`"
     )
-    note: str = Field(default="", description="what of it is run, and where that departs from the source")
-    departure: str = Field(default="", description="where the simulated outcome differs from the published, likely why")
-    documented_only: str = Field(default="", description="why the simulator cannot run it: what is missing")
+    injected: int | None = Field(default=None, ge=1)
+    impact: str = Field(
+        min_length=1, description="clinical; bare numbers are those of adverse event reports"
+    )
+    source: str = Field(min_length=1)
+    scenarios: tuple[
+        Literal["temporarily unavailable", "permanently unavailable", "sudden jump"], ...
+    ] = Field(default=(), description="training scenarios of IROS 2016 that it belongs to")
+    note: str = Field(
+        default="", description="what of it is run, and where that departs from the source"
+    )
+    departure: str = Field(
+        default="", description="where the simulated outcome differs from the published, likely why"
+    )
+    documented_only: str = Field(
+        default="", description="why the simulator cannot run it: what is missing"
+    )
     case: tuple[Case, ...] = ()
 
     @property
@@ -164,11 +202,17 @@ class Hazard(LibraryTable):
         names = [case.name for case in self.case]
         if len(set(names)) != len(names):
             raise ValueError(f"cases are named {names}, expected a name of its own for each")
-        together = [fault for case in self.case for fault in case.fault] if self.arm == "both" else []
-        if any(len(case.fault) > 1 or case.design != "grid" for case in self.case if together) or any(
+        together = (
+            [fault for case in self.case for fault in case.fault] if self.arm == "both" else []
+        )
+        if any(
+            len(case.fault) > 1 or case.design != "grid" for case in self.case if together
+        ) or any(
             isinstance(value, dict) for fault in together for value in fault.model_dump().values()
         ):
-            raise ValueError("arm both: expected cases of one slot, design grid and without distributions")
+            raise ValueError(
+                "arm both: expected cases of one slot, design grid and without distributions"
+            )
         if (self.activated is None) != (self.injected is None):
             raise ValueError("activated and injected go together")
         return self
@@ -189,11 +233,15 @@ def layers() -> dict[str, str]:
 
 @cache
 def rows() -> tuple[Hazard, ...]:
-    """Every hazard, by layer. Raises UserError that names file, row and key of whatever is wrong."""
+    """Every hazard, by layer. Raises UserError that names file, row and key of whatever is
+    wrong.
+    """
     hazards = tuple(row for name in files() for row in parse(_data(name), name))
     ids = [row.id for row in hazards]
     if twice := sorted({name for name in ids if ids.count(name) > 1}):
-        raise UserError(f"hazard library: got {', '.join(twice)} more than once, expected ids of their own")
+        raise UserError(
+            f"hazard library: got {', '.join(twice)} more than once, expected ids of their own"
+        )
     return hazards
 
 
@@ -214,7 +262,9 @@ def parse(text: str, file: str) -> tuple[Hazard, ...]:
             for one in error.errors():
                 key = ".".join(str(part) for part in one["loc"])
                 message = one["msg"].removeprefix("Value error, ")
-                complaints.append(f"{file}: hazard {row.get('id', '?')}: {key + ': ' if key else ''}{message}")
+                complaints.append(
+                    f"{file}: hazard {row.get('id', '?')}: {key + ': ' if key else ''}{message}"
+                )
     if complaints:
         raise UserError("\n".join(complaints))
     return tuple(hazards)
@@ -224,7 +274,9 @@ def find(name: str) -> Hazard:
     """The hazard of that id. Raises UserError."""
     by_id = {row.id: row for row in rows()}
     if name not in by_id:
-        raise UserError(f"unknown hazard {name!r}, expected an id such as 'C09'{suggestion(name, by_id)}")
+        raise UserError(
+            f"unknown hazard {name!r}, expected an id such as 'C09'{suggestion(name, by_id)}"
+        )
     return by_id[name]
 
 
@@ -234,7 +286,9 @@ def _data(name: str) -> str:
 
 def _known(what: str, word: str, known: Collection[str]) -> str:
     if word not in known:
-        raise ValueError(f"unknown {what} {word!r}, expected one of {', '.join(known)}{suggestion(word, known)}")
+        raise ValueError(
+            f"unknown {what} {word!r}, expected one of {', '.join(known)}{suggestion(word, known)}"
+        )
     return word
 
 

@@ -17,9 +17,17 @@ LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
 
 
 def table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
-    """One row a hazard: id, layer, title, expected outcome class, and whether the simulator runs it. None: of all."""
+    """One row a hazard: id, layer, title, expected outcome class, and whether the simulator runs
+    it. None: of all.
+    """
     return [
-        (row.id, row.layer, row.title, ", ".join(row.expected_class), "yes" if row.runnable else "documented only")
+        (
+            row.id,
+            row.layer,
+            row.title,
+            ", ".join(row.expected_class),
+            "yes" if row.runnable else "documented only",
+        )
         for row in (library.rows() if hazards is None else hazards)
     ]
 
@@ -31,11 +39,17 @@ def of_layer(layer: str) -> list[Hazard]:
 
 def of_site(site: str) -> list[Hazard]:
     """The hazards that strike a site when they are run."""
-    return [row for row in library.rows() if any(slot.site == site for case in row.case for slot in case.fault)]
+    return [
+        row
+        for row in library.rows()
+        if any(slot.site == site for case in row.case for slot in case.fault)
+    ]
 
 
 def layers() -> list[tuple[str, ...]]:
-    """One row a layer of the loop: what it is, its sites and how many hazards the library has of it."""
+    """One row a layer of the loop: what it is, its sites and how many hazards the library has of
+    it.
+    """
     return [
         (
             layer,
@@ -48,7 +62,9 @@ def layers() -> list[tuple[str, ...]]:
 
 
 def description(name: str) -> list[tuple[str, str]]:
-    """(what, text) of everything that the library says of one hazard. Raises UserError for an unknown id."""
+    """(what, text) of everything that the library says of one hazard. Raises UserError for an
+    unknown id.
+    """
     row = library.find(name)
     return [(what, text) for what, text in _lines(row) if text]
 
@@ -62,13 +78,22 @@ def _lines(row: Hazard) -> Iterator[tuple[str, str]]:
     yield "arm", row.arm or ""
     yield "hazard", "; ".join(f"{word}: {words['hazards'][word]}" for word in row.hazards)
     actions = words["unsafe_control_actions"]
-    yield "unsafe control action", "; ".join(f"{word}: {actions[word]}" for word in row.unsafe_control_actions)
+    yield (
+        "unsafe control action",
+        "; ".join(f"{word}: {actions[word]}" for word in row.unsafe_control_actions),
+    )
     yield "kind", row.kind
     yield "values", row.values
     yield "when", row.when
     yield "expected", row.expected
-    yield "outcome class", "; ".join(f"{word}: {words['classes'][word]}" for word in row.expected_class)
-    yield "effect on the robot", f"{row.activated} of {row.injected} injections" if row.injected else ""
+    yield (
+        "outcome class",
+        "; ".join(f"{word}: {words['classes'][word]}" for word in row.expected_class),
+    )
+    yield (
+        "effect on the robot",
+        f"{row.activated} of {row.injected} injections" if row.injected else "",
+    )
     yield "clinical impact", row.impact
     yield "training scenario", ", ".join(row.scenarios)
     yield "source", row.source
@@ -85,17 +110,28 @@ def _case(case: Case) -> str:
 
 
 def _struck(struck: Struck) -> str:
-    target = f"{struck.site} {' + '.join(struck.along) if struck.along else ', '.join(struck.channels)}"
+    target = (
+        f"{struck.site} {' + '.join(struck.along) if struck.along else ', '.join(struck.channels)}"
+    )
     value = "" if struck.value is None else f" {_numbers(struck.value)} {struck.unit}"
     again = f", again every {_numbers(struck.every_ms)}" if struck.every_ms else ""
     period = f", period {_numbers(struck.period_ms)} ms" if struck.period_ms else ""
-    window = f"from {struck.trigger} {_numbers(struck.start_ms)} for {_numbers(struck.duration_ms)}{again} ms"
+    window = (
+        f"from {struck.trigger} {_numbers(struck.start_ms)} for"
+        f" {_numbers(struck.duration_ms)}{again} ms"
+    )
     verdict = ranges.verdict(struck)
-    return f"{struck.effect}{value}{period} at {target}, {window}" + (f" ({verdict})" if verdict else "")
+    return f"{struck.effect}{value}{period} at {target}, {window}" + (
+        f" ({verdict})" if verdict else ""
+    )
 
 
 def _numbers(value: Any) -> str:
     if isinstance(value, dict):
         (kind, numbers), *_ = value.items()
         return f"{kind} {_numbers(numbers)}"
-    return "{" + ", ".join(_numbers(item) for item in value) + "}" if isinstance(value, tuple) else f"{value}"
+    return (
+        "{" + ", ".join(_numbers(item) for item in value) + "}"
+        if isinstance(value, tuple)
+        else f"{value}"
+    )

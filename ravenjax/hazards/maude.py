@@ -1,6 +1,8 @@
-"""Shares of adverse event reports by category, and the rows of the library that stand for each: `data/maude.toml`.
+"""Shares of adverse event reports by category, and the rows of the library that stand for each:
+`data/maude.toml`.
 
-They are shares of reports and no probabilities of a fault; `CAVEAT` belongs beside every number made with them.
+They are shares of reports and no probabilities of a fault; `CAVEAT` belongs beside every number
+made with them.
 """
 
 from __future__ import annotations
@@ -15,9 +17,10 @@ from ravenjax.hazards.library import DATA, Hazard, LibraryTable
 
 FILE = "maude.toml"
 CAVEAT = (
-    "Weights are shares of adverse event reports (MAUDE 2000 to 2013), not probabilities of a fault: weighted is how "
-    "bad the simulated faults of each category are, by how often that category was reported. Categories overlap; "
-    "which simulated hazards stand for a category is ours."
+    "Weights are shares of adverse event reports (MAUDE 2000 to 2013), not probabilities of a"
+    " fault: weighted is how bad the simulated faults of each category are, by how often that"
+    " category was reported. Categories overlap; which simulated hazards stand for a category is"
+    " ours."
 )
 
 
@@ -28,8 +31,12 @@ class Category(LibraryTable):
     count: int = Field(ge=1, description="reports")
     share: float = Field(gt=0.0, le=1.0, description="of all reports, as published")
     source: str = Field(min_length=1)
-    hazards: tuple[str, ...] = Field(default=(), description="rows with one of these hazards stand for it")
-    scenarios: tuple[str, ...] = Field(default=(), description="rows of one of these training scenarios do")
+    hazards: tuple[str, ...] = Field(
+        default=(), description="rows with one of these hazards stand for it"
+    )
+    scenarios: tuple[str, ...] = Field(
+        default=(), description="rows of one of these training scenarios do"
+    )
     ids: tuple[str, ...] = Field(default=(), description="these rows do")
 
     def covers(self, row: Hazard) -> bool:
@@ -57,7 +64,10 @@ class Reports(LibraryTable):
     def _consistent(self) -> Reports:
         for one in self.category:
             if abs(one.count / self.reports - one.share) > 0.001:  # printed in per mille
-                raise ValueError(f"{one.name}: {one.count} of {self.reports} reports is not a share of {one.share}")
+                raise ValueError(
+                    f"{one.name}: {one.count} of {self.reports} reports is not a share of"
+                    f" {one.share}"
+                )
         return self
 
 

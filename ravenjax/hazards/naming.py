@@ -1,4 +1,6 @@
-"""Which hazards a campaign's group stands for, by its name. Needs nothing but the name, so that reports can ask."""
+"""Which hazards a campaign's group stands for, by its name. Needs nothing but the name, so that
+reports can ask.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +12,11 @@ _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
 
 
 def hazards_of(group: str) -> tuple[str, ...]:
-    """Ids of the hazards that a group's name begins with, after the last "/"; none where it names none.
+    """Ids of the hazards that a group's name begins with, after the last "/"; none where it names
+    none.
 
-    So named are the plain groups of `expansion.expand`, and those that a campaign's author calls "B07,B08 no write" or
-    "K15-K17 run level": a dash spans the ids between.
+    So named are the plain groups of `expansion.expand`, and those that a campaign's author calls
+    "B07,B08 no write" or "K15-K17 run level": a dash spans the ids between.
     """
     match = _IDS.match(group)
     if match is None:
@@ -27,5 +30,7 @@ def hazards_of(group: str) -> tuple[str, ...]:
 
 
 def kind_of(group: str) -> str:
-    """Kind of the faults of a group, what its author chose: the hazards that it stands for, or the group itself."""
+    """Kind of the faults of a group, what its author chose: the hazards that it stands for, or
+    the group itself.
+    """
     return ",".join(hazards_of(group)) or group

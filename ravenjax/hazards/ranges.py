@@ -1,7 +1,7 @@
 """What each channel does when nothing is wrong, and whether a fault leaves it there.
 
-`data/normal_ranges.csv` holds the measured ranges: fault-free runs of every generated motion at teleoperation scales
-0.05 and 0.1, where no check trips (`analysis/normal_ranges/measure.py`).
+`data/normal_ranges.csv` holds the measured ranges: fault-free runs of every generated motion at
+teleoperation scales 0.05 and 0.1, where no check trips (`analysis/normal_ranges/measure.py`).
 """
 
 from __future__ import annotations
@@ -43,25 +43,34 @@ def measured() -> dict[tuple[str, str, str], ChannelRange]:
     text = (DATA / FILE).read_text(encoding="utf-8")
     by_channel = {}
     for row in csv.DictReader(text.splitlines()):
-        low, low_permille, high_permille, high = (float(row[name]) for name in ("min", "p0.1", "p99.9", "max"))
+        low, low_permille, high_permille, high = (
+            float(row[name]) for name in ("min", "p0.1", "p99.9", "max")
+        )
         key = row["site"], row["arm"], row["channel"]
-        by_channel[key] = ChannelRange(*key, row["unit"], low, low_permille, high_permille, high, int(row["ticks"]))
+        by_channel[key] = ChannelRange(
+            *key, row["unit"], low, low_permille, high_permille, high, int(row["ticks"])
+        )
     return by_channel
 
 
 def normal(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
-    """The normal operating range of a channel; `arm` counts where the site is on each arm. Raises UserError."""
+    """The normal operating range of a channel; `arm` counts where the site is on each arm.
+    Raises UserError.
+    """
     key = site, arm if site in SITES and SITES[site].per_arm else "", channel
     if key not in measured():
-        raise UserError(f"no normal range of channel {channel!r} at site {site!r}, arm {arm!r}: see `ravenjax faults`")
+        raise UserError(
+            f"no normal range of channel {channel!r} at site {site!r}, arm {arm!r}: see `ravenjax"
+            " faults`"
+        )
     return measured()[key]
 
 
 def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
     """Whether what a fault makes of its channels lies in their normal ranges: IN, OUT or EITHER.
 
-    EITHER: some of its values, channels or moments in, others out; also where a bit flips, whose effect the number
-    itself decides.
+    EITHER: some of its values, channels or moments in, others out; also where a bit flips, whose
+    effect the number itself decides.
     """
     verdicts = set()
     for channel in struck.channels:
@@ -73,7 +82,9 @@ def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
 
 
 def within(effect: str, values: Sequence[float], usual: ChannelRange, ticks: int = RUN_MS) -> str:
-    """IN, OUT or EITHER: where a channel may lie while an effect acts for `ticks` with any value between `values`."""
+    """IN, OUT or EITHER: where a channel may lie while an effect acts for `ticks` with any value
+    between `values`.
+    """
     spans = [reach(effect, value, usual, ticks) for value in values]
     ends = [end for span in spans if span is not None for end in span]
     span = _stored(usual, min(ends), max(ends)) if ends else None
@@ -85,8 +96,12 @@ def within(effect: str, values: Sequence[float], usual: ChannelRange, ticks: int
     return OUT if high < usual.low or low > usual.high else EITHER
 
 
-def reach(effect: str, value: float, usual: ChannelRange, ticks: int = RUN_MS) -> tuple[float, float] | None:
-    """Least and greatest number that an effect makes of a channel that would stay in its normal range; None: any."""
+def reach(
+    effect: str, value: float, usual: ChannelRange, ticks: int = RUN_MS
+) -> tuple[float, float] | None:
+    """Least and greatest number that an effect makes of a channel that would stay in its normal
+    range; None: any.
+    """
     low, high = usual.low, usual.high
     ends = {
         "overwrite": (value, value),

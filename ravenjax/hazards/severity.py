@@ -1,4 +1,6 @@
-"""How bad each run was, 0 to 5: the severity scale of the risk tables, from the result table alone."""
+"""How bad each run was, 0 to 5: the severity scale of the risk tables, from the result table
+alone.
+"""
 
 from __future__ import annotations
 
@@ -12,41 +14,63 @@ SCALE = (
     "nothing",
     "a check spoke or limited a command, and nothing else happened",
     "pause or restart: the robot stopped or stood, and the fault ends by itself",
-    "conversion or reschedule: the robot stopped or stood, and a restart would meet the fault again",
+    (
+        "conversion or reschedule: the robot stopped or stood, and a restart would meet the fault"
+        " again"
+    ),
     "injury-capable motion, and a person was told: by a check, or the haptic cue",
     "injury-capable motion of which nobody was told",
 )
-"""Meaning of each severity, by number. An ordinal scale of ours: no source weighs a stop against an injury."""
+"""Meaning of each severity, by number. An ordinal scale of ours: no source weighs a stop against
+an injury.
+"""
 
 INJURY = 4
 """From this severity on the motion could injure."""
 
 DEPTH_MM = 1.0
-"""This much deeper in the tissue than the golden run could injure: surgeons accept no sudden 1 mm, DSN 2016."""
+"""This much deeper in the tissue than the golden run could injure: surgeons accept no sudden 1
+mm, DSN 2016.
+"""
 
 UNTIL_END = -1
 """`fault<k>_duration_ms` of a fault that lasts until the run ends."""
 
-COLUMNS = (*classes.COLUMNS, "tissue_depth_mm", "golden_tissue_depth_mm", "fault0_duration_ms", "fault0_every_ms")
-"""Columns of the result table that severities are made of; besides, the cue's, and those of other slots."""
+COLUMNS = (
+    *classes.COLUMNS,
+    "tissue_depth_mm",
+    "golden_tissue_depth_mm",
+    "fault0_duration_ms",
+    "fault0_every_ms",
+)
+"""Columns of the result table that severities are made of; besides, the cue's, and those of
+other slots.
+"""
 
 
 def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> pd.Series:
     """Severity of each row of a result table, Int64, missing for failed runs.
 
-    cue: haptic set that counts as an alarm; None: a robot without a cue. limit_mm: of an unintended motion. KeyError
-    names a column that is missing.
+    cue: haptic set that counts as an alarm; None: a robot without a cue. limit_mm: of an unintended
+    motion. KeyError names a column that is missing.
     """
     if missing := [name for name in COLUMNS if name not in frame]:
-        raise KeyError(f"severities need the columns {', '.join(COLUMNS)}; the table lacks {', '.join(missing)}")
+        raise KeyError(
+            f"severities need the columns {', '.join(COLUMNS)}; the table lacks"
+            f" {', '.join(missing)}"
+        )
     flags = classes.classify(frame, limit_mm)
     unavailable = flags["stop"] | flags["unresponsive"]
     alarmed = frame["response"].astype(str).isin(TOLD)
     if cue is not None:
-        alarmed |= beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"]) >= 0
+        alarmed |= (
+            beyond_golden(frame[f"cue{cue}_first_ms"], frame[f"golden_cue{cue}_first_ms"]) >= 0
+        )
     harmful = injury_capable(frame, flags)
     number = np.select(
-        [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, flags["message"]], [5, 4, 3, 2, 1], 0
+        [harmful & ~alarmed, harmful, unavailable & lasting(frame), unavailable, flags["message"]],
+        [5, 4, 3, 2, 1],
+        0,
     )
     return pd.Series(number, frame.index, "Int64", name="severity").where(frame["failed"] == "")
 
@@ -54,8 +78,8 @@ def severity(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_M
 def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd.Series:
     """Which runs moved the instrument so that it could injure.
 
-    A jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM deeper than its golden run's.
-    `found`: their classes, where they are at hand.
+    A jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM deeper than its
+    golden run's. `found`: their classes, where they are at hand.
     """
     flags = classes.classify(frame) if flags is None else flags
     deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
@@ -64,7 +88,9 @@ def injury_capable(frame: pd.DataFrame, flags: pd.DataFrame | None = None) -> pd
 
 
 def lasting(frame: pd.DataFrame) -> pd.Series:
-    """Which runs have a fault that does not end by itself: until the end of the run, or again and again."""
+    """Which runs have a fault that does not end by itself: until the end of the run, or again
+    and again.
+    """
     lasts = pd.Series(False, frame.index)
     for name in (name for name in frame if name.startswith("fault") and name.endswith("_site")):
         slot = name.removesuffix("_site")

@@ -51,9 +51,16 @@ def from_bytes(content: bytes) -> Program:
     name_of, dtype_of, lengths, flags = (column("<u1", count) for _ in range(4))
     operands, details = column("<i4", header["operands"]), column("<u8", count)
     operations, at = [], 0
-    for name, dtype, length, has_detail, detail in zip(name_of, dtype_of, lengths, flags, details, strict=True):
+    for name, dtype, length, has_detail, detail in zip(
+        name_of, dtype_of, lengths, flags, details, strict=True
+    ):
         operations.append(
-            Operation(names[name], dtypes[dtype], tuple(operands[at : at + length]), detail if has_detail else None)
+            Operation(
+                names[name],
+                dtypes[dtype],
+                tuple(operands[at : at + length]),
+                detail if has_detail else None,
+            )
         )
         at += length
     return Program(

@@ -1,6 +1,8 @@
-"""Writes programs: each operation once (common subexpressions are shared), constants folded, what is simple shortened.
+"""Writes programs: each operation once (common subexpressions are shared), constants folded, what
+is simple shortened.
 
-What the simplifier writes instead gives the same bits (a NaN's payload aside), for every operand there is.
+What the simplifier writes instead gives the same bits (a NaN's payload aside), for every operand
+there is.
 """
 
 from __future__ import annotations
@@ -51,7 +53,9 @@ class Builder:
             if o not in constants:
                 break
         else:
-            return self.constant(dtype, semantics.evaluate(name, dtype, tuple(constants[o] for o in operands)))
+            return self.constant(
+                dtype, semantics.evaluate(name, dtype, tuple(constants[o] for o in operands))
+            )
         if name in COMMUTATIVE and operands[0] > operands[1]:
             operands = (operands[1], operands[0])
         simpler = simplify.simplify(self, name, dtype, operands)
@@ -64,7 +68,11 @@ class Builder:
     def program(self, outputs: Sequence[int]) -> Program:
         """What was written."""
         return Program(
-            tuple(self.operations), tuple(self.inputs), tuple(outputs), tuple(self.tables), tuple(self.origins)
+            tuple(self.operations),
+            tuple(self.inputs),
+            tuple(outputs),
+            tuple(self.tables),
+            tuple(self.origins),
         )
 
     def _write(self, operation: Operation) -> int:
@@ -76,7 +84,9 @@ class Builder:
         return place
 
 
-def rewrite(program: Program, change: Callable[[Builder, int, tuple[int, ...]], int | None]) -> Program:
+def rewrite(
+    program: Program, change: Callable[[Builder, int, tuple[int, ...]], int | None]
+) -> Program:
     """`program` written anew, without what no result needs.
 
     change(builder, i, operands) may give another result for operation `i`; None copies it.
@@ -101,9 +111,11 @@ def rewrite(program: Program, change: Callable[[Builder, int, tuple[int, ...]], 
 
 
 def contract(program: Program) -> Program:
-    """Each sum with a product becomes one `fma`: fewer operations and roundings, on every engine alike.
+    """Each sum with a product becomes one `fma`: fewer operations and roundings, on every engine
+    alike.
 
-    Whether it does depends on nothing else that the program computes, so that what is left out changes no bit.
+    Whether it does depends on nothing else that the program computes, so that what is left out
+    changes no bit.
     """
 
     def fused(builder: Builder, i: int, operands: tuple[int, ...]) -> int | None:

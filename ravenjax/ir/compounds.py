@@ -30,6 +30,8 @@ def power(b: Builder, dtype: str, x: int, exponent: int) -> int:
 
 
 def nearest(b: Builder, length: int, read: Callable[[int], int], index: int) -> int:
-    """What `read` gives at `index` (int32) of a table of so many numbers; outside it, at its nearest end."""
+    """What `read` gives at `index` (int32) of a table of so many numbers; outside it, at its
+    nearest end.
+    """
     first, last = b.constant("int32", 0), b.constant("int32", length - 1)
     return read(b.emit("min", "int32", b.emit("max", "int32", index, first), last))

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 
-def guarded(function: Callable[..., float], otherwise: Callable[..., float]) -> Callable[..., float]:
+def guarded(
+    function: Callable[..., float], otherwise: Callable[..., float]
+) -> Callable[..., float]:
     """`function`, and `otherwise` of the arguments that it refuses."""
 
     def total(*x: Any) -> float:

@@ -1,7 +1,7 @@
 """A closed jaxpr of single numbers becomes a program: JAX's scalar primitives, one case each.
 
-jit-like calls are inlined, look-ups clamped to their table. What is not an operation on single numbers, or on 1-D
-tables read at one index, is refused by name.
+jit-like calls are inlined, look-ups clamped to their table. What is not an operation on single
+numbers, or on 1-D tables read at one index, is refused by name.
 """
 
 from __future__ import annotations
@@ -18,8 +18,32 @@ from ravenjax.ir import compounds, elementary, polynomials
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
 
-_ALIASES = ("copy", "copy_p", "squeeze", "reshape", "broadcast_in_dim", "stop_gradient", "reduce_precision")
-_SAME = ("add", "sub", "mul", "div", "and", "or", "xor", "not", "neg", "abs", "sqrt", "floor", "ceil", "max", "min")
+_ALIASES = (
+    "copy",
+    "copy_p",
+    "squeeze",
+    "reshape",
+    "broadcast_in_dim",
+    "stop_gradient",
+    "reduce_precision",
+)
+_SAME = (
+    "add",
+    "sub",
+    "mul",
+    "div",
+    "and",
+    "or",
+    "xor",
+    "not",
+    "neg",
+    "abs",
+    "sqrt",
+    "floor",
+    "ceil",
+    "max",
+    "min",
+)
 _COMPARISONS = {"eq": "eq", "ne": "ne", "lt": "lt", "le": "le", "gt": "lt", "ge": "le"}
 _SHIFTS = {"shift_left": "shl", "shift_right_logical": "shr", "shift_right_arithmetic": "sar"}
 _CALLS = {
@@ -41,12 +65,15 @@ class UnknownPrimitive(NotImplementedError):
     """The jaxpr holds something that is not an operation on single numbers."""
 
 
-def lower(jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials") -> Program:
+def lower(
+    jaxpr: core.ClosedJaxpr, origin: Origin | None = None, functions: Functions = "polynomials"
+) -> Program:
     """The program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
 
-    Its inputs are the jaxpr's single numbers in order, its tables the 1-D ones. origin: names where an equation comes
-    from; costs time. functions: sin, atan2 and their like are written out as `polynomials`, or stay operations that
-    mean those of the C library; then there may be wide integers, too. Raises UnknownPrimitive.
+    Its inputs are the jaxpr's single numbers in order, its tables the 1-D ones. origin: names where
+    an equation comes from; costs time. functions: sin, atan2 and their like are written out as
+    `polynomials`, or stay operations that mean those of the C library; then there may be wide
+    integers, too. Raises UnknownPrimitive.
     """
     builder = Builder()
     walk = _Walk(builder, origin, functions)
@@ -68,7 +95,9 @@ _Value = int | _Table
 
 def _single(value: _Value) -> int:
     if isinstance(value, _Table):
-        raise UnknownPrimitive("a whole table is used as if it were one number; look one number of it up")
+        raise UnknownPrimitive(
+            "a whole table is used as if it were one number; look one number of it up"
+        )
     return value
 
 
@@ -80,12 +109,16 @@ class _Walk:
     def _dtype(self, aval: Any) -> str:
         name = str(np.dtype(aval.dtype))
         if name not in self.types:
-            raise UnknownPrimitive(f"numbers of type {name} are not known; known are {', '.join(self.types)}")
+            raise UnknownPrimitive(
+                f"numbers of type {name} are not known; known are {', '.join(self.types)}"
+            )
         return name
 
     def input(self, aval: Any) -> _Value:
         if len(aval.shape) > 1:
-            raise UnknownPrimitive(f"an input has shape {aval.shape}; give single numbers or 1-D tables")
+            raise UnknownPrimitive(
+                f"an input has shape {aval.shape}; give single numbers or 1-D tables"
+            )
         if aval.shape:
             number = self.builder.table(self._dtype(aval), aval.shape[0])
             return _Table(aval.shape[0], lambda index: self.builder.lookup(number, index))
@@ -97,7 +130,9 @@ class _Walk:
         if value.size == 1:
             return self.builder.constant(dtype, value.reshape(()))
         if value.ndim != 1:
-            raise UnknownPrimitive(f"a constant has shape {value.shape}; give single numbers or 1-D tables")
+            raise UnknownPrimitive(
+                f"a constant has shape {value.shape}; give single numbers or 1-D tables"
+            )
         return _Table(len(value), lambda index: self._chosen(dtype, value, index))
 
     def _chosen(self, dtype: str, values: np.ndarray, index: int) -> int:
@@ -108,7 +143,9 @@ class _Walk:
             result = b.emit("select", dtype, here, b.constant(dtype, value), result)
         return result
 
-    def body(self, jaxpr: core.Jaxpr, consts: Sequence[_Value], inputs: Sequence[_Value]) -> list[_Value]:
+    def body(
+        self, jaxpr: core.Jaxpr, consts: Sequence[_Value], inputs: Sequence[_Value]
+    ) -> list[_Value]:
         values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
         values.update(zip(jaxpr.invars, inputs, strict=True))
 
@@ -134,10 +171,13 @@ class _Walk:
         return [read(atom) for atom in jaxpr.outvars]
 
     def _branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
-        """Both branches, and a choice between each pair of results; the first branch is the usual one."""
+        """Both branches, and a choice between each pair of results; the first branch is the
+        usual one.
+        """
         if len(eqn.params["branches"]) != 2:
             raise UnknownPrimitive(
-                f"a choice of {len(eqn.params['branches'])} branches is not known; nest two-way ones"
+                f"a choice of {len(eqn.params['branches'])} branches is not known; nest two-way"
+                " ones"
             )
         b, index = self.builder, _single(operands[0])
         condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
@@ -154,7 +194,9 @@ class _Walk:
         aval: Any = eqn.outvars[0].aval
         name = eqn.primitive.name
         if math.prod(aval.shape) != 1:
-            raise UnknownPrimitive(f"{name} gives shape {aval.shape}; only single numbers are known")
+            raise UnknownPrimitive(
+                f"{name} gives shape {aval.shape}; only single numbers are known"
+            )
         if self.origin is not None:
             self.builder.origin = self.origin(eqn)
         if name in ("dynamic_slice", "gather"):
@@ -177,7 +219,9 @@ class _Walk:
             return b.emit(name, dtype, *x)
         if name in polynomials.FUNCTIONS:
             if dtype not in polynomials.TYPES:
-                raise UnknownPrimitive(f"{name} of {dtype} is not known; known are {', '.join(polynomials.TYPES)}")
+                raise UnknownPrimitive(
+                    f"{name} of {dtype} is not known; known are {', '.join(polynomials.TYPES)}"
+                )
             return polynomials.write(name, polynomials.Arithmetic(b.emit, b.constant, dtype), *x)
         match name:
             case "rem" if not dtype.startswith("float"):
@@ -209,13 +253,20 @@ class _Walk:
                 return b.emit("bitcast", dtype, x[0])
         details = {key: params[key] for key in ("rounding_method",) if key in params}
         raise UnknownPrimitive(
-            f"primitive {name!r} of {dtype} {details or ''} is not an operation on single numbers that is known here"
+            f"primitive {name!r} of {dtype} {details or ''} is not an operation on single numbers"
+            " that is known here"
         )
 
     def _looked_up(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """One number of a 1-D table; an index outside reads the nearest end (or, of a gather that fills, NaN)."""
+        """One number of a 1-D table; an index outside reads the nearest end (or, of a gather
+        that fills, NaN).
+        """
         table = operands[0]
-        if not isinstance(table, _Table) or len(operands) != 2 or tuple(eqn.params["slice_sizes"]) != (1,):
+        if (
+            not isinstance(table, _Table)
+            or len(operands) != 2
+            or tuple(eqn.params["slice_sizes"]) != (1,)
+        ):
             aval: Any = eqn.invars[0].aval
             name = f"{eqn.primitive.name} of shape {aval.shape}"
             raise UnknownPrimitive(f"{name}; only one number of a 1-D table is known")
@@ -227,9 +278,13 @@ class _Walk:
             return result
         dtype = b.operations[result].dtype
         if not dtype.startswith("float"):
-            raise UnknownPrimitive(f"a gather of {dtype} that fills is not known; use .at[k].get(mode='clip')")
+            raise UnknownPrimitive(
+                f"a gather of {dtype} that fills is not known; use .at[k].get(mode='clip')"
+            )
         first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
-        inside = b.emit("and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last))
+        inside = b.emit(
+            "and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
+        )
         return b.emit("select", dtype, inside, result, b.constant(dtype, np.nan))
 
 

@@ -1,17 +1,17 @@
-"""Sine, arc tangent and their like from adds, products, choices and bits: the same operations on every engine.
+"""Sine, arc tangent and their like from adds, products, choices and bits: the same operations on
+every engine.
 
-Each function is written on an `Arithmetic`, whose numbers may be places in a straight-line program or NumPy arrays.
-float32. Largest errors, against the exact value (ulp: of a float32 near the result):
+Each function is written on an `Arithmetic`, whose numbers may be places in a straight-line program
+or NumPy arrays. float32. Largest errors, against the exact value (ulp: of a float32 near the
+result):
 
-sin, cos      2e-7 absolute for |x| <= 1e6 (2 ulp of sin near 0); within [-1, 1] beyond; NaN for infinities
-tan           sin / cos
-atan, atan2   3 ulp; every quadrant, zero and infinity as C has them
-asin, acos    3 ulp, 5e-7 absolute; NaN outside [-1, 1]
-exp           2 ulp, subnormal results included
-log           2 ulp
-NaN gives NaN everywhere.
+sin, cos      2e-7 absolute for |x| <= 1e6 (2 ulp of sin near 0); within [-1, 1] beyond; NaN for
+infinities tan           sin / cos atan, atan2   3 ulp; every quadrant, zero and infinity as C has
+them asin, acos    3 ulp, 5e-7 absolute; NaN outside [-1, 1] exp           2 ulp, subnormal results
+included log           2 ulp NaN gives NaN everywhere.
 
-Coefficients: weighted least squares driven to equal ripple (Lawson's iteration), rounded to float32.
+Coefficients: weighted least squares driven to equal ripple (Lawson's iteration), rounded to
+float32.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ _SIGN = -(2**31)
 
 @dataclasses.dataclass(frozen=True)
 class Arithmetic:
-    """Operations on numbers of one float type; `emit` and `constant` as those of `builder.Builder`."""
+    """Operations on numbers of one float type; `emit` and `constant` as those of
+    `builder.Builder`.
+    """
 
     emit: Callable[..., Number]
     constant: Callable[[str, Any], Number]
@@ -84,16 +86,21 @@ class Arithmetic:
         return result
 
 
-# --- sine and cosine --------------------------------------------------------------------------------------------------
+# --- sine and cosine
+# --------------------------------------------------------------------------------------------------
 
 _MAGIC = 1.5 * 2.0**23
 """Added to a small float32, it leaves the whole part in the lowest bits."""
-_PI_HIGH = 3.141592502593994  # the float32 below pi: both parts positive, so that a zero keeps its sign
+_PI_HIGH = (
+    3.141592502593994  # the float32 below pi: both parts positive, so that a zero keeps its sign
+)
 _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
-    """Remainder of x from the nearest multiple of pi, its square, and a sign bit: whether that multiple is odd."""
+    """Remainder of x from the nearest multiple of pi, its square, and a sign bit: whether that
+    multiple is odd.
+    """
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
@@ -108,7 +115,14 @@ def _flipped(m: Arithmetic, x: Number, sign: Number) -> Number:
 def sin(m: Arithmetic, x: Number) -> Number:
     """Sine of an angle in rad."""
     rest, square, sign = _half_turns(m, x)
-    slope = m.polynomial(square, 1.0, -1.666665708889e-01, 8.333017103591e-03, -1.980660152300e-04, 2.600024322121e-06)
+    slope = m.polynomial(
+        square,
+        1.0,
+        -1.666665708889e-01,
+        8.333017103591e-03,
+        -1.980660152300e-04,
+        2.600024322121e-06,
+    )
     return _flipped(m, m.mul(rest, slope), sign)
 
 
@@ -132,7 +146,8 @@ def tan(m: Arithmetic, x: Number) -> Number:
     return m.div(sin(m, x), cos(m, x))
 
 
-# --- arcs -------------------------------------------------------------------------------------------------------------
+# --- arcs -----------------------------------------------------------------------------------------
+# --------------------
 
 _ATAN = (
     -0.333331527355,
@@ -191,7 +206,8 @@ def acos(m: Arithmetic, x: Number) -> Number:
     return m.select(large, near_end, m.sub(math.pi / 2, m.select(negative, m.neg(arc), arc)))
 
 
-# --- exponential and logarithm ----------------------------------------------------------------------------------------
+# --- exponential and logarithm
+# ----------------------------------------------------------------------------------------
 
 _LN2_HIGH = 0.693359375
 _LN2_LOW = -2.1219444e-4
@@ -207,7 +223,16 @@ def exp(m: Arithmetic, x: Number) -> Number:
     x = m.max(-105.0, m.min(89.0, x))  # beyond: 0 and infinity
     whole = m.round(m.mul(x, 1.0 / math.log(2.0)))
     rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
-    value = m.polynomial(rest, 1.0, 1.0, 0.50000000957, 0.166665183054, 0.041666204137, 0.008368953592, 0.001395060243)
+    value = m.polynomial(
+        rest,
+        1.0,
+        1.0,
+        0.50000000957,
+        0.166665183054,
+        0.041666204137,
+        0.008368953592,
+        0.001395060243,
+    )
     power = m.emit("truncate", "int32", whole)
     half = m.integer("sar", power, 1)  # in two factors: 2^-150 and 2^128 are none
     other = m.emit("sub", "int32", power, half)
@@ -218,7 +243,9 @@ def log(m: Arithmetic, x: Number) -> Number:
     """Natural logarithm; -infinity at 0, NaN below."""
     subnormal = m.less(x, _TINY)
     pattern = m.bits(m.select(subnormal, m.mul(x, 2.0**23), x))
-    shifted = m.integer("sub", pattern, 0x3F3504F3)  # sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)]
+    shifted = m.integer(
+        "sub", pattern, 0x3F3504F3
+    )  # sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)]
     exponent = m.integer("sar", shifted, 23)
     mantissa = m.emit("sub", "int32", pattern, m.integer("shl", exponent, 23))
     power = m.add(m.emit("convert", m.dtype, exponent), m.select(subnormal, -23.0, 0.0))

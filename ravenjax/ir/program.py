@@ -1,7 +1,8 @@
 """The intermediate representation: a straight-line program, numbered operations on single numbers.
 
-Operations have the names of `semantics`; besides those, `input` is a number from outside (`detail`: which), `constant`
-one that is known (`detail`: its bits), and `lookup` reads a 1-D table at one index (`detail`: which table).
+Operations have the names of `semantics`; besides those, `input` is a number from outside (`detail`:
+which), `constant` one that is known (`detail`: its bits), and `lookup` reads a 1-D table at one
+index (`detail`: which table).
 """
 
 from __future__ import annotations

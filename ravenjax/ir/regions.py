@@ -1,8 +1,9 @@
-"""Which operations are needed only where something rare happens, so that code can pass them by where it does not.
+"""Which operations are needed only where something rare happens, so that code can pass them by
+where it does not.
 
-A `rarely` operation is a `select` whose condition seldom holds. What leads to nothing but the second operands of those
-with one condition is that condition's region: printed as a block that is entered if any lane asks for it. Results do
-not depend on it, as the choice itself stays.
+A `rarely` operation is a `select` whose condition seldom holds. What leads to nothing but the
+second operands of those with one condition is that condition's region: printed as a block that is
+entered if any lane asks for it. Results do not depend on it, as the choice itself stays.
 """
 
 from __future__ import annotations
@@ -21,12 +22,16 @@ class Region(NamedTuple):
 
     condition: int
     operations: tuple[int, ...]
-    results: tuple[int, ...]  # those of them that are read outside: by choices, and by a later region of the condition
+    results: tuple[
+        int, ...
+    ]  # those of them that are read outside: by choices, and by a later region of the condition
 
     def reads(self, operations: Sequence[Operation]) -> list[int]:
         """What comes into the region from outside."""
         here = set(self.operations)
-        inputs = dict.fromkeys(o for i in self.operations for o in operations[i].operands if o not in here)
+        inputs = dict.fromkeys(
+            o for i in self.operations for o in operations[i].operands if o not in here
+        )
         return list(inputs)
 
 
@@ -40,9 +45,13 @@ def flat(arranged: Iterable[int | Region]) -> Iterator[int]:
 
 
 def arrange(
-    operations: Sequence[Operation], order: Sequence[int], results: Sequence[int], least: int = LEAST
+    operations: Sequence[Operation],
+    order: Sequence[int],
+    results: Sequence[int],
+    least: int = LEAST,
 ) -> list[int | Region]:
-    """`order`, numbers of operations in an order that can be run, with regions in one piece before they are first read.
+    """`order`, numbers of operations in an order that can be run, with regions in one piece before
+    they are first read.
 
     results: operations that are read by others than those in `order`.
     """
@@ -58,7 +67,9 @@ def arrange(
             continue
         if any(o in label and o in missing for o in operations[i].operands):
             condition = operations[i].operands[0]
-            members = [member for member in order if member in missing and label.get(member) == condition]
+            members = [
+                member for member in order if member in missing and label.get(member) == condition
+            ]
             ready = _ready(operations, members, missing)
             missing.difference_update(ready)
             inside = set(ready)
@@ -70,7 +81,9 @@ def arrange(
 
 
 def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set[int]) -> list[int]:
-    """Those of `members` that wait for nothing but each other: not for a choice that is still to come."""
+    """Those of `members` that wait for nothing but each other: not for a choice that is still to
+    come.
+    """
     ready: dict[int, None] = {}
     for i in members:
         if all(o in ready or o not in missing for o in operations[i].operands):
@@ -78,8 +91,12 @@ def _ready(operations: Sequence[Operation], members: Sequence[int], missing: Set
     return list(ready)
 
 
-def _labels(operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]) -> dict[int, int]:
-    """Condition of the region that each operation is in, for those in one; a region within a region is part of it."""
+def _labels(
+    operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
+) -> dict[int, int]:
+    """Condition of the region that each operation is in, for those in one; a region within a
+    region is part of it.
+    """
     here = set(order)
     wanted: dict[int, set[int | None]] = {i: {None} for i in results}
     label: dict[int, int] = {}
@@ -92,5 +109,7 @@ def _labels(operations: Sequence[Operation], order: Sequence[int], results: Sequ
         for place, operand in enumerate(operation.operands):
             if operand in here:
                 rare = operation.name == "rarely" and place == 1 and i not in label
-                wanted.setdefault(operand, set()).add(operation.operands[0] if rare else label.get(i))
+                wanted.setdefault(operand, set()).add(
+                    operation.operands[0] if rare else label.get(i)
+                )
     return label

@@ -1,10 +1,11 @@
 """The semantics of each operation, in NumPy: folds constants, and is the printers' oracle.
 
-Floats follow IEEE 754 with one rounding an operation (`fma` included); integers wrap; nothing raises. Where XLA defines
-an edge, it is the same here: converting a float to an integer saturates (NaN: 0), a shift by the width or more shifts
-everything out, division of an integer by 0 is -1. `truncate` is C's `(int)x` on x86 instead: -2147483648 for what does
-not fit. Of two zeros of unlike sign `max` and `min` give the second; a NaN always comes through. `rarely` is a `select`
-whose condition seldom holds (see `regions`). Functions are those of the C library, rounded to their type.
+Floats follow IEEE 754 with one rounding an operation (`fma` included); integers wrap; nothing
+raises. Where XLA defines an edge, it is the same here: converting a float to an integer saturates
+(NaN: 0), a shift by the width or more shifts everything out, division of an integer by 0 is -1.
+`truncate` is C's `(int)x` on x86 instead: -2147483648 for what does not fit. Of two zeros of unlike
+sign `max` and `min` give the second; a NaN always comes through. `rarely` is a `select` whose
+condition seldom holds (see `regions`). Functions are those of the C library, rounded to their type.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ def evaluate(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
-    """a b + c rounded once. float32 through float64, whose sum is rounded to odd first; float64 by two error terms."""
+    """a b + c rounded once. float32 through float64, whose sum is rounded to odd first; float64
+    by two error terms.
+    """
     if np.asarray(a).dtype == np.float64:
         return _fma64(a, b, c)
     product = np.float64(a) * np.float64(b)  # exact: 48 bits
@@ -49,7 +52,9 @@ def _sum_error(a: Array, b: Array, total: Array) -> Array:
 
 
 def _fma64(a: Array, b: Array, c: Array) -> Array:
-    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(c)  # 64 bits: within half an ulp and 2^-11 of one
+    wide = np.longdouble(a) * np.longdouble(b) + np.longdouble(
+        c
+    )  # 64 bits: within half an ulp and 2^-11 of one
     return np.float64(wide)
 
 
@@ -91,11 +96,15 @@ def _extreme(pick: Callable[[Array, Array], Array]) -> Callable[[Array, Array], 
     return lambda a, b: np.where((np.asarray(a) != a) | pick(a, b), a, b)
 
 
-def _shift(shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]) -> Callable[[Array, Array], Array]:
+def _shift(
+    shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
+) -> Callable[[Array, Array], Array]:
     def shifted(x: Array, by: Array) -> Array:
         width = np.asarray(x).dtype.itemsize * 8
         inside = np.asarray(by).astype(np.uint32) < width
-        return np.where(inside, shift(x, np.where(inside, by, 0).astype(np.asarray(x).dtype)), fill(x))
+        return np.where(
+            inside, shift(x, np.where(inside, by, 0).astype(np.asarray(x).dtype)), fill(x)
+        )
 
     return shifted
 

@@ -1,4 +1,6 @@
-"""Shorter ways to write an operation that give the same bits (a NaN's payload aside), for every operand there is."""
+"""Shorter ways to write an operation that give the same bits (a NaN's payload aside), for every
+operand there is.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +35,15 @@ def simplify(b: ProgramWriter, name: str, dtype: str, operands: tuple[int, ...])
 def _is(b: ProgramWriter, i: int, value: float) -> bool:
     """Whether an operation is this constant, its sign of zero included."""
     constant = b.constants.get(i)
-    return constant is not None and constant == value and bool(np.signbit(constant)) == (math.copysign(1.0, value) < 0)
+    return (
+        constant is not None
+        and constant == value
+        and bool(np.signbit(constant)) == (math.copysign(1.0, value) < 0)
+    )
 
 
-# --- floats -----------------------------------------------------------------------------------------------------------
+# --- floats ---------------------------------------------------------------------------------------
+# --------------------
 
 
 def _add(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
@@ -72,7 +79,12 @@ def _mul(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
 
 def _div(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
     divisor = b.constants.get(y)
-    if divisor is not None and divisor != 0 and np.isfinite(divisor) and abs(math.frexp(float(divisor))[0]) == 0.5:
+    if (
+        divisor is not None
+        and divisor != 0
+        and np.isfinite(divisor)
+        and abs(math.frexp(float(divisor))[0]) == 0.5
+    ):
         inverse = 1.0 / float(divisor)
         if np.finfo(dtype).tiny <= abs(inverse) <= np.finfo(dtype).max:
             return b.emit("mul", dtype, x, b.constant(dtype, inverse))
@@ -103,7 +115,9 @@ def _extreme(name: str):
     def rule(b: ProgramWriter, dtype: str, x: int, y: int) -> int | None:
         if x == y:
             return x
-        if y in b.constants and not np.isnan(b.constants[y]):  # a constant first: no NaN can come from there
+        if y in b.constants and not np.isnan(
+            b.constants[y]
+        ):  # a constant first: no NaN can come from there
             return b.emit(name, dtype, y, x)
         return None
 
@@ -125,7 +139,8 @@ _FLOAT = {
 }
 
 
-# --- truth values -----------------------------------------------------------------------------------------------------
+# --- truth values ---------------------------------------------------------------------------------
+# --------------------
 
 
 def _logic(b: ProgramWriter, name: str, operands: tuple[int, ...]) -> int | None:
@@ -160,14 +175,22 @@ def _comparison(b: ProgramWriter, name: str, operands: tuple[int, ...]) -> int |
     dtype = b.operations[x].dtype
     if dtype == "bool":
         different = b.emit("xor", "bool", x, y)
-        return b.emit("not", "bool", different) if name == "eq" else different if name == "ne" else None
+        return (
+            b.emit("not", "bool", different)
+            if name == "eq"
+            else different
+            if name == "ne"
+            else None
+        )
     if x == y and dtype not in FLOATS:
         return b.constant("bool", name in ("eq", "le"))
     for p, q in ((x, y), (y, x)):
         choice = operands_of(b, p, "select")
         if choice and q in b.constants and choice[1] in b.constants and choice[2] in b.constants:
             sides = (choice[1:], (q, q)) if p == x else ((q, q), choice[1:])
-            yes, no = (b.emit(name, "bool", left, right) for left, right in zip(*sides, strict=True))
+            yes, no = (
+                b.emit(name, "bool", left, right) for left, right in zip(*sides, strict=True)
+            )
             return b.emit("select", "bool", choice[0], yes, no)
     if (
         dtype in FLOATS
@@ -244,5 +267,7 @@ def _conversion(b: ProgramWriter, name: str, dtype: str, x: int) -> int | None:
         return b.emit("bitcast", dtype, x)
     choice = operands_of(b, x, "select")
     if choice and choice[1] in b.constants and choice[2] in b.constants:
-        return b.emit("select", dtype, choice[0], *(b.emit("convert", dtype, side) for side in choice[1:]))
+        return b.emit(
+            "select", dtype, choice[0], *(b.emit("convert", dtype, side) for side in choice[1:])
+        )
     return None

@@ -1,8 +1,9 @@
 """Formulas written on terms, shortened by the algebra of real numbers, as programs.
 
-Formulas are written once on `Term`s with `+ - *`, `sin` and `cos`. Zeros and ones drop out, signs are pulled out of
-products, constant factors merge, and a program holds only what an output needs: generic code (rigid-body recursions
-over any tree) ends as the short list of scalar operations that a hand derivation would give.
+Formulas are written once on `Term`s with `+ - *`, `sin` and `cos`. Zeros and ones drop out, signs
+are pulled out of products, constant factors merge, and a program holds only what an output needs:
+generic code (rigid-body recursions over any tree) ends as the short list of scalar operations that
+a hand derivation would give.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ _REAL = "float64"
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """A signed operation of a program. Arithmetic with a Python number, or between terms of one builder."""
+    """A signed operation of a program. Arithmetic with a Python number, or between terms of one
+    builder.
+    """
 
     builder: Builder
     number: int
@@ -32,7 +35,11 @@ class Term:
 
     def __add__(self, other: Term | float) -> Term | float:
         if not isinstance(other, Term):
-            return self if other == 0.0 else self._operation("add", self._constant(other * self.sign), self.sign)
+            return (
+                self
+                if other == 0.0
+                else self._operation("add", self._constant(other * self.sign), self.sign)
+            )
         a, b = (self, other) if self.number <= other.number else (other, self)
         if a.number == b.number:
             return 0.0 if a.sign != b.sign else a * 2.0
@@ -75,7 +82,9 @@ class Term:
         if operation.name == "mul":
             for constant, rest in (operation.operands, operation.operands[::-1]):
                 if constant in self.builder.constants:
-                    return Term(self.builder, rest, self.sign), float(self.builder.constants[constant])
+                    return Term(self.builder, rest, self.sign), float(
+                        self.builder.constants[constant]
+                    )
         return self, None
 
 
@@ -90,12 +99,20 @@ def symbols(count: int) -> list[Term]:
 
 def sin(x: Number) -> Number:
     """Sine of a term or Python number."""
-    return Term(x.builder, x.builder.emit("sin", _REAL, x.number), x.sign) if isinstance(x, Term) else math.sin(x)
+    return (
+        Term(x.builder, x.builder.emit("sin", _REAL, x.number), x.sign)
+        if isinstance(x, Term)
+        else math.sin(x)
+    )
 
 
 def cos(x: Number) -> Number:
     """Cosine of a term or Python number."""
-    return Term(x.builder, x.builder.emit("cos", _REAL, x.number)) if isinstance(x, Term) else math.cos(x)
+    return (
+        Term(x.builder, x.builder.emit("cos", _REAL, x.number))
+        if isinstance(x, Term)
+        else math.cos(x)
+    )
 
 
 def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
@@ -110,9 +127,19 @@ def program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     return builder.program([written(x) for x in outputs])
 
 
-def replay(program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]) -> list[Any]:
-    """Results of such a program on any kind of number, tracers among them; constants stay Python numbers."""
-    apply = {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "neg": operator.neg, **functions}
+def replay(
+    program: Program, inputs: Sequence[Any], functions: Mapping[str, Callable[[Any], Any]]
+) -> list[Any]:
+    """Results of such a program on any kind of number, tracers among them; constants stay Python
+    numbers.
+    """
+    apply = {
+        "add": operator.add,
+        "sub": operator.sub,
+        "mul": operator.mul,
+        "neg": operator.neg,
+        **functions,
+    }
     values: dict[int, Any] = {}
     for i in program.needed():
         name, dtype, operands, detail = program.operations[i]

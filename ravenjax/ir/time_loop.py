@@ -1,16 +1,17 @@
 """A program with memory that runs tick after tick, split by what its numbers depend on.
 
-Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or neither; each is
-computed as often as that asks for and no more:
+Many lanes run the same loop. A number may differ between lanes, change from tick to tick, both, or
+neither; each is computed as often as that asks for and no more:
 
 shared   changes with the ticks, alike in all lanes of a group: once a tick and group, by the *shared* part, which
          leaves a row of those numbers that lanes need
 held     differs between lanes, does not change: once a lane, before the loop
 lane     both: once a tick and lane
 
-A lane is in a group with those that have the same shared inputs. State is split likewise, by fixpoint: a number of the
-state is shared until something of a lane enters it, and dropped if no result ever needs it.
-"""
+A lane is in a group with those that have the same shared inputs. State is split likewise, by
+fixpoint: a number of the state is shared until something of a lane enters it, and dropped if no
+result ever needs it.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -26,10 +27,12 @@ _FREE = ("neg", "bitcast")
 
 @dataclasses.dataclass(frozen=True)
 class TimeLoop:
-    """`begin` makes the state from the inputs, `step` advances it by a tick, `finish` reads results from it.
+    """`begin` makes the state from the inputs, `step` advances it by a tick, `finish` reads results
+    from it.
 
-    Inputs of `step`: the lane's inputs, the state, what the outside gives in this tick; its outputs: the new state,
-    then what goes out in this tick. Inputs of `finish`: the lane's inputs, the state.
+    Inputs of `step`: the lane's inputs, the state, what the outside gives in this tick; its
+    outputs: the new state, then what goes out in this tick. Inputs of `finish`: the lane's inputs,
+    the state.
     """
 
     begin: Program
@@ -69,7 +72,9 @@ class Split:
 
 
 def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[int]) -> Split:
-    """Split `loop`; `shared_inputs` of its inputs and `shared_ticks` of what enters a tick are alike in a group."""
+    """Split `loop`; `shared_inputs` of its inputs and `shared_ticks` of what enters a tick are
+    alike in a group.
+    """
     shared_inputs, shared_ticks = frozenset(shared_inputs), frozenset(shared_ticks)
     step, first = loop.step, loop.lane_inputs
     live = _live_state(loop)
@@ -77,11 +82,16 @@ def split(loop: TimeLoop, shared_inputs: Iterable[int], shared_ticks: Iterable[i
     frozen = {k for k in live if step.outputs[k] == own.get(first + k)}
     begins = _rates(loop.begin, {i: 0 if i in shared_inputs else LANE for i in range(first)})
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in frozen else TICK) for k in live}
-    ticks = {first + loop.states + i: TICK | (0 if i in shared_ticks else LANE) for i in range(_tick_inputs(loop))}
+    ticks = {
+        first + loop.states + i: TICK | (0 if i in shared_ticks else LANE)
+        for i in range(_tick_inputs(loop))
+    }
     lanes = {i: 0 if i in shared_inputs else LANE for i in range(first)}
     while True:
         rates = _rates(step, lanes | ticks | {first + k: rate for k, rate in state.items()})
-        new = {k: rate if k in frozen else rate | rates[step.outputs[k]] for k, rate in state.items()}
+        new = {
+            k: rate if k in frozen else rate | rates[step.outputs[k]] for k, rate in state.items()
+        }
         if new == state:
             break
         state = new
@@ -154,7 +164,9 @@ def _live_state(loop: TimeLoop) -> Set[int]:
     live = {k for k in roots if k >= 0}
     while True:
         needed = step.needed([*(step.outputs[k] for k in live), *step.outputs[loop.states :]])
-        read = {step.operations[i].detail - first for i in needed if step.operations[i].name == "input"}
+        read = {
+            step.operations[i].detail - first for i in needed if step.operations[i].name == "input"
+        }
         new = live | {k for k in read if 0 <= k < loop.states}
         if new == live:
             return live

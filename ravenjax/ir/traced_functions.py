@@ -1,7 +1,8 @@
-"""`jnp` and `lax` for code of a tick that writes its program itself: the functions that ticks call, and no others.
+"""`jnp` and `lax` for code of a tick that writes its program itself: the functions that ticks call,
+and no others.
 
-Each writes what JAX's function of that name is lowered to. Any other name, type or argument is refused with
-`Untraceable`.
+Each writes what JAX's function of that name is lowered to. Any other name, type or argument is
+refused with `Untraceable`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,16 @@ import numpy as np
 from ravenjax.ir import compounds, polynomials
 from ravenjax.ir import traced_number as number
 from ravenjax.ir.builder import Builder
-from ravenjax.ir.traced_number import BOOL, DTYPES, FLOAT, INT, UINT, WEAK_FLOAT, TracedNumber, refused
+from ravenjax.ir.traced_number import (
+    BOOL,
+    DTYPES,
+    FLOAT,
+    INT,
+    UINT,
+    WEAK_FLOAT,
+    TracedNumber,
+    refused,
+)
 from ravenjax.numbers import tree
 
 
@@ -35,7 +45,9 @@ class NumberType:
         return hash(self.dtype.type)
 
     def __call__(self, x: Any) -> TracedNumber:
-        if type(x) is int and self._kind == UINT and 0 <= x < 2**32:  # the only way to write so large a number
+        if (
+            type(x) is int and self._kind == UINT and 0 <= x < 2**32
+        ):  # the only way to write so large a number
             return TracedNumber(self._builder, None, UINT, x)
         return number.convert(self._builder, x, self._kind)
 
@@ -84,7 +96,9 @@ class TracedNumpy:
         condition, *sides = (number.operand(b, x) for x in (condition, yes, no))
         if condition.kind != BOOL:
             raise refused("a choice by anything but a truth value")
-        condition, *sides = (number.written(b, x) for x in (condition, *sides))  # before they are converted, as by JAX
+        condition, *sides = (
+            number.written(b, x) for x in (condition, *sides)
+        )  # before they are converted, as by JAX
         (i, j), kind = number.joined(b, *sides)
         return TracedNumber(b, b.emit("select", DTYPES[kind], condition.index, i, j), kind)
 
@@ -121,7 +135,9 @@ class TracedNumpy:
         x = number.operand(self._builder, x)
         if x.kind == BOOL:
             raise refused("sign of a truth value")
-        return TracedNumber(self._builder, compounds.sign(self._builder, DTYPES[x.kind], x.index), x.kind)
+        return TracedNumber(
+            self._builder, compounds.sign(self._builder, DTYPES[x.kind], x.index), x.kind
+        )
 
 
 class TracedLax:

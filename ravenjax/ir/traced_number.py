@@ -1,8 +1,10 @@
-"""A number of a program that is being written: what is done with it is written down, in the types that JAX would take.
+"""A number of a program that is being written: what is done with it is written down, in the types
+that JAX would take.
 
-With it, and with `traced_functions` for `jnp` and `lax`, code of a tick writes its program itself, in a tenth of the
-time that it takes to import JAX, trace and lower. What is written is the same, operation by operation. Types are those
-of JAX with 32-bit numbers. Whatever is not known here is refused with `Untraceable`, and left to JAX.
+With it, and with `traced_functions` for `jnp` and `lax`, code of a tick writes its program itself,
+in a tenth of the time that it takes to import JAX, trace and lower. What is written is the same,
+operation by operation. Types are those of JAX with 32-bit numbers. Whatever is not known here is
+refused with `Untraceable`, and left to JAX.
 """
 
 from __future__ import annotations
@@ -16,11 +18,20 @@ from ravenjax.ir import compounds, semantics
 from ravenjax.ir.builder import Builder
 
 BOOL, WEAK_INT, UINT, INT, WEAK_FLOAT, FLOAT = range(6)
-"""Kinds of numbers, in JAX's order of promotion: of two, the result is of the later. A Python number's is weak."""
+"""Kinds of numbers, in JAX's order of promotion: of two, the result is of the later. A Python
+number's is weak.
+"""
 DTYPES = ("bool", "int32", "uint32", "int32", "float32", "float32")
 """Types of the kinds."""
 _FLOATS = (WEAK_FLOAT, FLOAT)
-_KINDS = {"bool": BOOL, "int32": INT, "uint32": UINT, "float32": FLOAT, "int64": INT, "float64": FLOAT}
+_KINDS = {
+    "bool": BOOL,
+    "int32": INT,
+    "uint32": UINT,
+    "float32": FLOAT,
+    "int64": INT,
+    "float64": FLOAT,
+}
 _LEAST, _MOST = -(2**31), 2**31 - 1
 
 
@@ -52,7 +63,9 @@ class TracedNumber:
     __hash__ = None  # type: ignore[assignment]
 
     def __init__(self, builder: Builder, index: int | None, kind: int, value: Any = None) -> None:
-        """index: its operation; None: it is the constant `value`, which is written where it is first used."""
+        """index: its operation; None: it is the constant `value`, which is written where it is
+        first used.
+        """
         self.builder, self.kind, self._index, self._value = builder, kind, index, value
 
     @property
@@ -114,7 +127,9 @@ class TracedNumber:
     def __invert__(self) -> TracedNumber:
         if self.kind in _FLOATS:
             raise refused("~ of a float")
-        return TracedNumber(self.builder, self.builder.emit("not", DTYPES[self.kind], self.index), self.kind)
+        return TracedNumber(
+            self.builder, self.builder.emit("not", DTYPES[self.kind], self.index), self.kind
+        )
 
     def __and__(self, other: Any) -> TracedNumber:
         return bitwise(self.builder, "and", self, other)
@@ -172,10 +187,12 @@ class TracedNumber:
     def _plain(self, *_: Any, **__: Any) -> Any:
         raise refused("a plain number made of one that is being traced")
 
-    __bool__ = __int__ = __float__ = __index__ = __array__ = __len__ = __iter__ = __getitem__ = _plain
-    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __pow__ = __rpow__ = __matmul__ = __rmatmul__ = __round__ = (
+    __bool__ = __int__ = __float__ = __index__ = __array__ = __len__ = __iter__ = __getitem__ = (
         _plain
     )
+    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __pow__ = __rpow__ = __matmul__ = (
+        __rmatmul__
+    ) = __round__ = _plain
 
 
 class TracedTable:
@@ -216,7 +233,9 @@ class _Entries:
 
 
 class _Entry:
-    def __init__(self, look_up: Callable[[TracedNumber], TracedNumber], index: TracedNumber) -> None:
+    def __init__(
+        self, look_up: Callable[[TracedNumber], TracedNumber], index: TracedNumber
+    ) -> None:
         self._look_up, self._index = look_up, index
 
     def get(self, mode: str | None = None, wrap_negative_indices: bool = True) -> TracedNumber:
@@ -226,11 +245,14 @@ class _Entry:
         return self._look_up(self._index)
 
 
-# --- operands ---------------------------------------------------------------------------------------------------------
+# --- operands -------------------------------------------------------------------------------------
+# --------------------
 
 
 def operand(builder: Builder, x: Any) -> TracedNumber:
-    """What stands in code as a number. Refused where it is one of another program: it means another operation there."""
+    """What stands in code as a number. Refused where it is one of another program: it means
+    another operation there.
+    """
     if type(x) is TracedNumber:
         if x.builder is not builder:
             raise refused("a number that was kept from another function")
@@ -268,16 +290,25 @@ def convert(builder: Builder, x: Any, kind: int) -> TracedNumber:
     source, dtype = DTYPES[x.kind], DTYPES[kind]
     if x.constant is not None:
         return TracedNumber(
-            builder, None, kind, x.constant if source == dtype else _converted(x.constant, source, dtype)
+            builder,
+            None,
+            kind,
+            x.constant if source == dtype else _converted(x.constant, source, dtype),
         )
-    return TracedNumber(builder, x.index if source == dtype else builder.emit("convert", dtype, x.index), kind)
+    return TracedNumber(
+        builder, x.index if source == dtype else builder.emit("convert", dtype, x.index), kind
+    )
 
 
 def _converted(value: Any, source: str, dtype: str) -> Any:
-    """A plain number in another type that holds it; others go by rules of Python, NumPy and JAX each."""
+    """A plain number in another type that holds it; others go by rules of Python, NumPy and JAX
+    each.
+    """
     if source == dtype:
         return value
-    if source == "float32" and not _is_narrow(value):  # JAX at times takes 2.9999999999 for an int as 2, at times as 3
+    if source == "float32" and not _is_narrow(
+        value
+    ):  # JAX at times takes 2.9999999999 for an int as 2, at times as 3
         raise refused(f"the number {value} as {dtype}")
     if dtype in ("int32", "uint32") and not (0 if dtype == "uint32" else _LEAST) <= value <= _MOST:
         raise refused(f"the number {value} as {dtype}")
@@ -297,7 +328,8 @@ def joined(builder: Builder, *numbers: Any) -> tuple[list[int], int]:
     return [x.index for x in [convert(builder, x, kind) for x in operands]], kind
 
 
-# --- operations -------------------------------------------------------------------------------------------------------
+# --- operations -----------------------------------------------------------------------------------
+# --------------------
 
 
 def arithmetic(builder: Builder, name: str, x: Any, y: Any) -> TracedNumber:
@@ -337,7 +369,9 @@ def shift(builder: Builder, signed: str, unsigned: str, x: Any, y: Any) -> Trace
     (i, j), kind = joined(builder, x, y)
     if kind not in (INT, WEAK_INT, UINT):
         raise refused("a shift of anything but whole numbers")
-    return TracedNumber(builder, builder.emit(unsigned if kind == UINT else signed, DTYPES[kind], i, j), kind)
+    return TracedNumber(
+        builder, builder.emit(unsigned if kind == UINT else signed, DTYPES[kind], i, j), kind
+    )
 
 
 def comparison(builder: Builder, name: str, x: Any, y: Any, turned: bool = False) -> TracedNumber:

@@ -1,8 +1,9 @@
-"""A monitor as C: one struct that is remembered, one function a millisecond, no allocation, C99 and <math.h> alone.
+"""A monitor as C: one struct that is remembered, one function a millisecond, no allocation, C99 and
+<math.h> alone.
 
-The operations are the part's in their order, each rounded to float by itself (subtract, divide, compare: there is no
-sum of products that a compiler could fuse), so any compiler that keeps IEEE arithmetic gives the part's bits;
--ffast-math does not keep it.
+The operations are the part's in their order, each rounded to float by itself (subtract, divide,
+compare: there is no sum of products that a compiler could fuse), so any compiler that keeps IEEE
+arithmetic gives the part's bits; -ffast-math does not keep it.
 """
 
 from __future__ import annotations
@@ -19,8 +20,15 @@ def header(monitor: Monitor, notes: list[str]) -> str:
     for term in monitor.terms:
         for field in filter(None, (term.signal, term.against)):
             units[read_of(term, field)] = term.units[0]
-    inputs = [f"  float {name};{_unit(units.get(name, ''))}" for name in reads(monitor.terms, monitor.segments)]
-    before = [f"  float before_{read_of(term, term.signal)};" for term in monitor.terms if term.kind == "rate"]
+    inputs = [
+        f"  float {name};{_unit(units.get(name, ''))}"
+        for name in reads(monitor.terms, monitor.segments)
+    ]
+    before = [
+        f"  float before_{read_of(term, term.signal)};"
+        for term in monitor.terms
+        if term.kind == "rate"
+    ]
     comment = "\n".join(f" * {note}".rstrip() for note in notes)
     return f"""/*
 {comment}
@@ -48,7 +56,7 @@ void monitor_init(monitor_state *state);
 int monitor_step(monitor_state *state, const monitor_inputs *now, int live);
 
 #endif
-"""
+"""  # noqa: E501
 
 
 def source(monitor: Monitor) -> str:
@@ -81,7 +89,9 @@ int monitor_step(monitor_state *state, const monitor_inputs *now, int live) {{
 
 
 def test(monitor: Monitor) -> str:
-    """monitor_test.c: a main that runs test_vector.csv through the monitor and wants the same bits."""
+    """monitor_test.c: a main that runs test_vector.csv through the monitor and wants the same
+    bits.
+    """
     names = list(reads(monitor.terms, monitor.segments))
     reading = "\n".join(f"    now.{name} = strtof(at, &at); at += *at == ',';" for name in names)
     return f"""/* cc -std=c99 monitor.c monitor_test.c -lm && ./a.out test_vector.csv */
@@ -119,7 +129,7 @@ int main(int count, char **words) {{
   printf("%ld milliseconds, %ld in alarm, %ld differ\\n", rows, alarms, wrong);
   return rows == 0 || wrong != 0;
 }}
-"""
+"""  # noqa: E501
 
 
 def _term(monitor: Monitor, k: int, term: Score) -> list[str]:

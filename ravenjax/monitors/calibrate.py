@@ -1,4 +1,6 @@
-"""`ravenjax monitor calibrate`: from a campaign to a folder with a monitor, as data, as a part, and as C."""
+"""`ravenjax monitor calibrate`: from a campaign to a folder with a monitor, as data, as a part,
+and as C.
+"""
 
 from __future__ import annotations
 
@@ -66,9 +68,17 @@ def request(
         stretches = Segments.parsed(segments) if segments else WHOLE
     except ValueError as error:
         raise UserError(str(error)) from None
-    rest = {path: axis for path, axis in config.parameters.items() if not path.startswith("detectors.own.")}
-    config = config.model_copy(update={"parameters": rest})  # detectors of its own are left out, and so are theirs
-    return Request(config, tuple(signals) or SIGNALS, stretches, target, robots, tuple(motions), seed)
+    rest = {
+        path: axis
+        for path, axis in config.parameters.items()
+        if not path.startswith("detectors.own.")
+    }
+    config = config.model_copy(
+        update={"parameters": rest}
+    )  # detectors of its own are left out, and so are theirs
+    return Request(
+        config, tuple(signals) or SIGNALS, stretches, target, robots, tuple(motions), seed
+    )
 
 
 def calibrate(
@@ -78,17 +88,23 @@ def calibrate(
     engine: str = "auto",
     on_operator: OnOperator = lambda *_: None,
 ) -> Calibrated:
-    """Compute what is missing of `hours` of fault-free operation in `out`, and write the monitor there.
+    """Compute what is missing of `hours` of fault-free operation in `out`, and write the monitor
+    there.
 
-    hours: of operation, all operators and robots together; None: what the target needs. Raises UserError and
-    StoreError; finished operators stay, and the same call goes on.
+    hours: of operation, all operators and robots together; None: what the target needs. Raises
+    UserError and StoreError; finished operators stay, and the same call goes on.
     """
     wanted = terms(chosen(request.config.robot, request.signals))
     units = calibration.units_within(request.target, request.robots, hours)
     design = OperationDesign(
-        request.motions or motions(request.config), request.robots, request.target.length_h * 3600, request.seed
+        request.motions or motions(request.config),
+        request.robots,
+        request.target.length_h * 3600,
+        request.seed,
     )
-    peaks = operate(request.config, design, wanted, request.segments, out, units, engine, on_operator)
+    peaks = operate(
+        request.config, design, wanted, request.segments, out, units, engine, on_operator
+    )
     result = calibration.calibrate(peaks, wanted, request.segments, request.target, request.robots)
     writing.write(out, request.config, design, result)
     return result
@@ -121,16 +137,22 @@ def operate(
 
 
 def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:
-    """The candidates of a robot that the patterns name, in its order. Raises UserError for one that names none."""
+    """The candidates of a robot that the patterns name, in its order. Raises UserError for one
+    that names none.
+    """
     candidates = catalogue(robot)
     names = [score.name for score in candidates]
     for pattern in patterns:
         if not fnmatch.filter(names, pattern):
             raise UserError(
-                f"signal {pattern!r}: {robot.title} has none of that name; `ravenjax monitor signals` lists them, and "
-                f"* stands for any letters{suggestion(pattern, names)}"
+                f"signal {pattern!r}: {robot.title} has none of that name; `ravenjax monitor"
+                f" signals` lists them, and * stands for any letters{suggestion(pattern, names)}"
             )
-    return [score for score in candidates if any(fnmatch.fnmatchcase(score.name, pattern) for pattern in patterns)]
+    return [
+        score
+        for score in candidates
+        if any(fnmatch.fnmatchcase(score.name, pattern) for pattern in patterns)
+    ]
 
 
 def motions(config: CampaignConfig) -> tuple[str, ...]:
@@ -141,8 +163,12 @@ def motions(config: CampaignConfig) -> tuple[str, ...]:
     return tuple(motion for motion in words if motion not in UNVARIED)
 
 
-def measuring(config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path) -> CampaignConfig:
-    """`config` with a detector for each term and segment in place of its own; their files are written to `place`."""
+def measuring(
+    config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path
+) -> CampaignConfig:
+    """`config` with a detector for each term and segment in place of its own; their files are
+    written to `place`.
+    """
     place.mkdir(parents=True, exist_ok=True)
     raw = []
     for t, term in enumerate(wanted):
@@ -151,7 +177,9 @@ def measuring(config: CampaignConfig, wanted: tuple[Score, ...], segments: Segme
             path = (place / f"{name}.py").absolute()
             path.write_text(monitor_file.measuring(term, segments, s), encoding="utf-8")
             raw.append({"name": name, "file": str(path)})
-    detector = type(config).model_validate({**config.model_dump(mode="json"), "detector": raw}).detector
+    detector = (
+        type(config).model_validate({**config.model_dump(mode="json"), "detector": raw}).detector
+    )
     return config.model_copy(update={"detector": detector})
 
 

@@ -1,6 +1,8 @@
-"""From scores of fault-free operations to a monitor with a promise: scales on some, the threshold on others, a test.
+"""From scores of fault-free operations to a monitor with a promise: scales on some, the threshold
+on others, a test.
 
-Operators are dealt to three uses by their number, whatever their scores, so that more of them change no earlier one's.
+Operators are dealt to three uses by their number, whatever their scores, so that more of them
+change no earlier one's.
 """
 
 from __future__ import annotations
@@ -20,10 +22,14 @@ from ravenjax.stats.conformal.target import FalseAlarmTarget
 from ravenjax.stats.conformal.threshold import OperationScores, Threshold, TooFewUnits
 
 ROUND = 8
-"""Operators of a round: the first learns scales, CALIBRATES of them set the threshold, the others test it."""
+"""Operators of a round: the first learns scales, CALIBRATES of them set the threshold, the
+others test it.
+"""
 CALIBRATES = 4
 ROOM = 1.5
-"""Times the fewest units that are taken where nobody says how many hours: for pedal-up, and for an alarm or two."""
+"""Times the fewest units that are taken where nobody says how many hours: for pedal-up, and for
+an alarm or two.
+"""
 
 
 class Uses(NamedTuple):
@@ -45,7 +51,9 @@ class Test(NamedTuple):
 
     @property
     def per_hour(self) -> float:
-        """Operations with an alarm an hour without one, over all operations: the rate that is promised."""
+        """Operations with an alarm an hour without one, over all operations: the rate that is
+        promised.
+        """
         if not self.hours:
             return float("inf" if self.alarms else "nan")
         return self.alarms / self.hours
@@ -80,7 +88,8 @@ def require_hours(hours: float) -> None:
 
 
 def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:
-    """How many operators to compute: what `hours` of operation hold, or what the target needs with ROOM to spare.
+    """How many operators to compute: what `hours` of operation hold, or what the target needs with
+    ROOM to spare.
 
     Raises UserError where the hours cannot do, with how many would.
     """
@@ -92,22 +101,29 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
     if units < fewest:
         least = fewest * robots * target.length_h
         raise UserError(
-            f"{hours:g} h are {units} operators with {robots} operations of {target.length_h * 60:g} min each; "
-            f"{target.per_hour:g} false alarms an hour with {target.confidence:.0%} confidence need {fewest}, "
-            f"{target.fewest_clusters} of them to set the threshold: --hours {np.ceil(least):g} or more. "
+            f"{hours:g} h are {units} operators with {robots} operations of"
+            f" {target.length_h * 60:g} min each; {target.per_hour:g} false alarms an hour with"
+            f" {target.confidence:.0%} confidence need {fewest}, {target.fewest_clusters} of them"
+            f" to set the threshold: --hours {np.ceil(least):g} or more. "
             + (f"With --robots 1 it would be {np.ceil(least / robots):g}" if robots > 1 else "")
         )
     return units
 
 
 def calibrate(
-    peaks: Peaks, terms: tuple[Score, ...], segments: Segments, target: FalseAlarmTarget, robots: int
+    peaks: Peaks,
+    terms: tuple[Score, ...],
+    segments: Segments,
+    target: FalseAlarmTarget,
+    robots: int,
 ) -> Calibrated:
     """The monitor of `terms`. Raises UserError where the operations cannot carry the promise."""
     by = uses(peaks.unit)
     valid = by.scale & np.isfinite(peaks.peak).all(axis=1)
     if not valid.any():
-        raise UserError("no operation learns scales: all that should had a number that is not finite")
+        raise UserError(
+            "no operation learns scales: all that should had a number that is not finite"
+        )
     shape = (-1, len(terms), segments.count)
     scale = bands.scales(peaks.peak[valid].reshape(shape))
     score = joint(peaks, scale)
@@ -120,34 +136,42 @@ def calibrate(
             f"{error.units} operators do not carry {target.per_hour:g} false alarms an hour with "
             f"{target.confidence:.0%} confidence"
         )
-        raise UserError(f"{start}. {_reason(calibrating, len(peaks.unit), target, robots)}") from None
+        raise UserError(
+            f"{start}. {_reason(calibrating, len(peaks.unit), target, robots)}"
+        ) from None
     monitor = Monitor(terms, segments, tuple(tuple(map(float, row)) for row in scale), result.value)
     tested = OperationScores(*(values[by.test] for values in whole))
-    return Calibrated(monitor, target, result, len(np.unique(peaks.unit[by.scale])), test(tested, result.value))
+    return Calibrated(
+        monitor, target, result, len(np.unique(peaks.unit[by.scale])), test(tested, result.value)
+    )
 
 
-def _reason(calibrating: OperationScores, operations: int, target: FalseAlarmTarget, robots: int) -> str:
+def _reason(
+    calibrating: OperationScores, operations: int, target: FalseAlarmTarget, robots: int
+) -> str:
     """Why no threshold keeps the target, and what to do; operations: how many there are in all."""
     failed = float((~np.isfinite(calibrating.score)).mean())
     if failed:
         return (
-            f"{failed:.2%} of the operations failed or had a number that is not finite, which is an alarm at every "
-            f"threshold, and {target.risk:.2%} with an alarm are promised at most: let the campaign draw robots that "
-            "work, or allow more alarms"
+            f"{failed:.2%} of the operations failed or had a number that is not finite, which is an"
+            f" alarm at every threshold, and {target.risk:.2%} with an alarm are promised at most:"
+            " let the campaign draw robots that work, or allow more alarms"
         )
     lost = 1.0 - calibrating.hours.mean() / target.length_h
     follows = max(1.0 - lost, 0.1)
     wanted = units_for(int(np.ceil(ROOM * target.fewest_clusters / follows))) * robots
     enough = np.ceil(max(wanted, 1.1 * operations) * target.length_h)
     return (
-        f"At least {target.fewest_clusters} are needed where the robot follows the operator all the time, and more "
-        f"here, where it does not for {lost:.0%} of it: give more --hours, as {enough:.0f} (what is computed stays), "
-        "or allow more alarms"
+        f"At least {target.fewest_clusters} are needed where the robot follows the operator all the"
+        f" time, and more here, where it does not for {lost:.0%} of it: give more --hours, as"
+        f" {enough:.0f} (what is computed stays), or allow more alarms"
     )
 
 
 def joint(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
-    """Score of each operation; infinite where a number was not finite. scale: float32 [terms, segments]."""
+    """Score of each operation; infinite where a number was not finite. scale: float32 [terms,
+    segments].
+    """
     score = bands.joint(peaks.peak.reshape(len(peaks.peak), *scale.shape), scale)
     return np.where(np.isnan(score), np.float32(np.inf), score)
 

@@ -1,7 +1,8 @@
 """Whether fresh fault-free operations are still like those that a monitor was calibrated on.
 
-Of each operator, result folder or log one operation counts, the first: whatever else there is of it shares its hands,
-or its robot. Every term is tested, and the joint score; together they keep the level (Holm).
+Of each operator, result folder or log one operation counts, the first: whatever else there is of it
+shares its hands, or its robot. Every term is tested, and the joint score; together they keep the
+level (Holm).
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ MS_PER_HOUR = 3.6e6
 class FreshOperations(NamedTuple):
     """Fresh operations, one entry each; the first of each unit is tested."""
 
-    origin: str  # of its units: what two sources that share operators, a result or a log have in common
+    origin: (
+        str  # of its units: what two sources that share operators, a result or a log have in common
+    )
     unit: np.ndarray  # int
     hours: np.ndarray
     scores: dict[str, np.ndarray]  # SCORE, and what else there is of `writing.measured_names`
@@ -60,11 +63,14 @@ class MonitorCheck(NamedTuple):
         return tuple(one for one in self.signals if one.shifted)
 
 
-def check(folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int = 0) -> MonitorCheck:
-    """Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as CSV.
+def check(
+    folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int = 0
+) -> MonitorCheck:
+    """Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as
+    CSV.
 
-    A log has the columns of test_vector.csv: live, and what the monitor reads, a row a millisecond. Raises StoreError
-    and UserError.
+    A log has the columns of test_vector.csv: live, and what the monitor reads, a row a millisecond.
+    Raises StoreError and UserError.
     """
     if not 0 < level < 1:
         raise UserError(f"--level {level:g}: expected a number between 0 and 1, as 0.05")
@@ -84,7 +90,10 @@ def check(folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int 
             results[name] = shift.shift(before, after, seed)
     findings = holm({name: one.p for name, one in results.items()}, 1.0 - level)
     return MonitorCheck(
-        signals=tuple(SignalShift(n, one, findings[n].adjusted, findings[n].rejected) for n, one in results.items()),
+        signals=tuple(
+            SignalShift(n, one, findings[n].adjusted, findings[n].rejected)
+            for n, one in results.items()
+        ),
         level=level,
         units=len(first),
         operations=len(fresh.unit),
@@ -94,9 +103,11 @@ def check(folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int 
 
 
 def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarray]) -> np.ndarray:
-    """Largest of each term in each segment over a log, float32 [terms * segments]; 0 where it was never live there.
+    """Largest of each term in each segment over a log, float32 [terms * segments]; 0 where it was
+    never live there.
 
-    live: bool [milliseconds]; inputs: float32 [milliseconds] by name. The same operations as the part's.
+    live: bool [milliseconds]; inputs: float32 [milliseconds] by name. The same operations as the
+    part's.
     """
     numbers = {
         name: np.nan_to_num(np.asarray(v, np.float32), nan=0.0, posinf=np.inf, neginf=-np.inf)
@@ -115,7 +126,9 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
         elif term.kind == "rate":
             with np.errstate(invalid="ignore"):
                 own = np.diff(own, prepend=own[:1])
-        size = np.nan_to_num(np.abs(own), nan=0.0, posinf=np.inf)  # what is no number is above none, as in the part
+        size = np.nan_to_num(
+            np.abs(own), nan=0.0, posinf=np.inf
+        )  # what is no number is above none, as in the part
         for segment in range(monitor.segments.count):
             out[k, segment] = size[live & (place == segment)].max(initial=0.0)
     return out.ravel()
@@ -129,20 +142,29 @@ def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any])
     if source.suffix == ".csv":
         return _of_log(source, monitor, record)
     raise UserError(
-        f"{source}: expected a folder of `ravenjax monitor operate` or `ravenjax run`, or a log whose name ends in .csv"
+        f"{source}: expected a folder of `ravenjax monitor operate` or `ravenjax run`, or a log"
+        " whose name ends in .csv"
     )
 
 
-def _of_operations(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
-    """Of a folder with operations of their own operators, which are no others' of the calibration."""
+def _of_operations(
+    source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
+) -> FreshOperations:
+    """Of a folder with operations of their own operators, which are no others' of the
+    calibration.
+    """
     place, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
     before, design = score_folder.read_design(own), score_folder.read_design(place)
     for key in ("signals", "segments", "code"):
         if design.get(key) != before.get(key):
-            raise UserError(f"{source}: has other {key} than {folder}, so its scores cannot be compared")
+            raise UserError(
+                f"{source}: has other {key} than {folder}, so its scores cannot be compared"
+            )
     _require_length(source, float(design["design"]["length_s"]), record)
     if all(design["design"].get(key) == before["design"].get(key) for key in ("seed", "stream")):
-        raise UserError(f"{source}: its operators are those of the calibration: nothing of it is fresh")
+        raise UserError(
+            f"{source}: its operators are those of the calibration: nothing of it is fresh"
+        )
     peaks = score_folder.read(place)
     columns = dict(zip(writing.measured_names(monitor), peaks.peak.T, strict=True))
     score = _joint(monitor, peaks.peak)
@@ -151,28 +173,44 @@ def _of_operations(source: Path, folder: Path, monitor: Monitor, record: dict[st
 
 
 def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
-    """Of a campaign's runs without a fault that had the monitor as a detector: one operator, so one unit."""
+    """Of a campaign's runs without a fault that had the monitor as a detector: one operator, so
+    one unit.
+    """
     own = manifest.read(source)
     digest = record["sha256"][writing.PART]
-    texts = ", ".join(str(one["file"]) for one in own.config.get("detector", ()) if one.get("file")) or "none"
-    names = [one["name"] for one in own.config.get("detector", ()) if _is_part(Path(one.get("file") or ""), digest)]
+    texts = (
+        ", ".join(str(one["file"]) for one in own.config.get("detector", ()) if one.get("file"))
+        or "none"
+    )
+    names = [
+        one["name"]
+        for one in own.config.get("detector", ())
+        if _is_part(Path(one.get("file") or ""), digest)
+    ]
     if not names:
         raise UserError(
             f"{source}: none of its detectors is the monitor's {writing.PART} (got {texts}); "
             "name it in the campaign: [[detector]] file"
         )
     _require_length(source, own.duration_ms / 1e3, record)
-    usual = [d for d, one in enumerate(own.detectors) if one.name.split("/")[0] == names[0] and one.consecutive == 1]
+    usual = [
+        d
+        for d, one in enumerate(own.detectors)
+        if one.name.split("/")[0] == names[0] and one.consecutive == 1
+    ]
     if not usual:
         raise UserError(
-            f"{source}: detector {names[0]!r} alarms after several milliseconds in a row alone, which is another score "
-            "than the calibration's: run with consecutive = 1"
+            f"{source}: detector {names[0]!r} alarms after several milliseconds in a row alone,"
+            " which is another score than the calibration's: run with consecutive = 1"
         )
     number = usual[0]
-    slots = " AND ".join(["failed = ''", *(f"fault{slot}_site = ''" for slot in range(own.shape.slots))])
+    slots = " AND ".join(
+        ["failed = ''", *(f"fault{slot}_site = ''" for slot in range(own.shape.slots))]
+    )
     with query.open_folder(source) as table:
         rows = table.rows(
-            f"SELECT detector{number}_score, pedal_down_ms FROM {query.RESULTS} WHERE {slots} ORDER BY index"
+            f"SELECT detector{number}_score, pedal_down_ms FROM {query.RESULTS} WHERE {slots} ORDER"
+            " BY index"
         )
     if not rows:
         raise UserError(f"{source}: has no run without a fault")
@@ -187,25 +225,31 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOper
     arms = record["monitor"].get("arms", ())
     if len(arms) > 1:
         raise UserError(
-            f"{source}: a log is of one arm, and scores of the calibration are the larger of {' and '.join(arms)}: "
-            "calibrate with --set 'campaign.arms=[\"NAME\"]' for the arm of the log"
+            f"{source}: a log is of one arm, and scores of the calibration are the larger of"
+            f" {' and '.join(arms)}: calibrate with --set 'campaign.arms=[\"NAME\"]' for the arm of"
+            " the log"
         )
     names = ["live", *reads(monitor.terms, monitor.segments)]
     try:
         with open(source, newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
             if lost := [name for name in names if name not in (rows.fieldnames or ())]:
-                raise UserError(f"{source}: has no column {', '.join(lost)}; {writing.VECTOR} shows what is read")
+                raise UserError(
+                    f"{source}: has no column {', '.join(lost)}; {writing.VECTOR} shows what is"
+                    " read"
+                )
             table = np.array([[float(row[name]) for name in names] for row in rows], np.float64)
     except (OSError, UnicodeDecodeError) as error:
         raise StoreError(f"{source}: cannot be read ({error})") from None
     except (TypeError, ValueError) as error:
-        raise UserError(f"{source}: line {rows.line_num} has something else than a number ({error})") from None
+        raise UserError(
+            f"{source}: line {rows.line_num} has something else than a number ({error})"
+        ) from None
     length = round(record["promise"]["operation_s"] * 1e3)
     if len(table) < length:
         raise UserError(
-            f"{source}: {len(table)} ms long, the calibration's operations are {length} ms; the maximum over less time "
-            "cannot be compared"
+            f"{source}: {len(table)} ms long, the calibration's operations are {length} ms; the"
+            " maximum over less time cannot be compared"
         )
     live = table[:length, 0] != 0
     inputs = {name: table[:length, k + 1].astype(np.float32) for k, name in enumerate(names[1:])}
@@ -213,7 +257,10 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOper
     columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
     scores = {SCORE: _joint(monitor, peak), **columns}
     return FreshOperations(
-        f"log {files.sha256(source)}", np.zeros(1, int), np.array([live.sum() / MS_PER_HOUR]), scores
+        f"log {files.sha256(source)}",
+        np.zeros(1, int),
+        np.array([live.sum() / MS_PER_HOUR]),
+        scores,
     )
 
 
@@ -223,18 +270,23 @@ def _joint(monitor: Monitor, peak: np.ndarray) -> np.ndarray:
 
 
 def _largest_if_none(scores: np.ndarray) -> np.ndarray:
-    """The same, infinite where a number of the operation was not finite: one that failed is above all others."""
+    """The same, infinite where a number of the operation was not finite: one that failed is
+    above all others.
+    """
     return np.where(np.isnan(scores), np.float32(np.inf), scores)
 
 
 def _require_different(sources: Sequence[Path], some: Sequence[FreshOperations]) -> None:
-    """UserError where two sources have the same operators: units would count twice, or all but one source for none."""
+    """UserError where two sources have the same operators: units would count twice, or all but
+    one source for none.
+    """
     first: dict[str, Path] = {}
     for source, one in zip(sources, some, strict=True):
         if one.origin in first:
             raise UserError(
-                f"{source}: its operations are of the same operators as those of {first[one.origin]} ({one.origin}), "
-                "and of each operator one operation counts: check each by itself"
+                f"{source}: its operations are of the same operators as those of"
+                f" {first[one.origin]} ({one.origin}), and of each operator one operation counts:"
+                " check each by itself"
             )
         first[one.origin] = source
 
@@ -259,8 +311,9 @@ def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> Non
     wanted = record["promise"]["operation_s"]
     if abs(seconds - wanted) > 1e-6:
         raise UserError(
-            f"{source}: operations of {seconds:g} s, the calibration's are {wanted:g} s, and the maximum over another "
-            f"time cannot be compared: run with campaign.duration_s = {wanted:g}"
+            f"{source}: operations of {seconds:g} s, the calibration's are {wanted:g} s, and the"
+            " maximum over another time cannot be compared: run with campaign.duration_s ="
+            f" {wanted:g}"
         )
 
 
@@ -271,4 +324,8 @@ def _is_part(path: Path, digest: str) -> bool:
 def _reference(path: Path) -> dict[str, np.ndarray]:
     with open(path, newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name]) for row in rows], np.float32) for name in rows[0] if name != "operator"}
+    return {
+        name: np.array([float(row[name]) for row in rows], np.float32)
+        for name in rows[0]
+        if name != "operator"
+    }

@@ -1,4 +1,6 @@
-"""A calibrated monitor, as data: terms in their scales, a threshold, and what its promise rests on."""
+"""A calibrated monitor, as data: terms in their scales, a threshold, and what its promise rests
+on.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +14,11 @@ from ravenjax.monitors.scores import Score
 
 @dataclasses.dataclass(frozen=True)
 class Segments:
-    """Stretches of an operation by a number of the robot's view: below the first edge, from each edge to the next.
+    """Stretches of an operation by a number of the robot's view: below the first edge, from each
+    edge to the next.
 
-    `tick` makes them stretches of time, `runlevel` or `surgeon_mode` phases. No edges: one segment, the whole.
+    `tick` makes them stretches of time, `runlevel` or `surgeon_mode` phases. No edges: one segment,
+    the whole.
     """
 
     field: str = ""  # a single number of the view
@@ -22,8 +26,15 @@ class Segments:
 
     def __post_init__(self) -> None:
         numbers = np.asarray(self.edges, np.float32)
-        if bool(self.field) != bool(self.edges) or not np.isfinite(numbers).all() or (np.diff(numbers) <= 0).any():
-            raise ValueError(f"segments {self.words!r}: expected a field and ascending numbers, as tick=1000,5000")
+        if (
+            bool(self.field) != bool(self.edges)
+            or not np.isfinite(numbers).all()
+            or (np.diff(numbers) <= 0).any()
+        ):
+            raise ValueError(
+                f"segments {self.words!r}: expected a field and ascending numbers, as"
+                " tick=1000,5000"
+            )
         object.__setattr__(self, "edges", tuple(float(number) for number in numbers))
 
     @property
@@ -34,16 +45,24 @@ class Segments:
     @property
     def words(self) -> str:
         """As the command line takes them: tick=1000,5000."""
-        return f"{self.field}={','.join(f'{edge:.9g}' for edge in self.edges)}" if self.field else ""
+        return (
+            f"{self.field}={','.join(f'{edge:.9g}' for edge in self.edges)}" if self.field else ""
+        )
 
     @staticmethod
     def parsed(text: str) -> Segments:
         """From `FIELD=EDGE,EDGE`. ValueError for anything else."""
         match = re.fullmatch(r"([A-Za-z]\w*)=(.+)", text.strip())
         try:
-            return Segments(match[1], tuple(float(edge) for edge in match[2].split(","))) if match else Segments("?")
+            return (
+                Segments(match[1], tuple(float(edge) for edge in match[2].split(",")))
+                if match
+                else Segments("?")
+            )
         except ValueError:
-            raise ValueError(f"segments {text!r}: expected a field and ascending numbers, as tick=1000,5000") from None
+            raise ValueError(
+                f"segments {text!r}: expected a field and ascending numbers, as tick=1000,5000"
+            ) from None
 
 
 WHOLE = Segments()
@@ -52,7 +71,9 @@ WHOLE = Segments()
 
 @dataclasses.dataclass(frozen=True)
 class Monitor:
-    """An alarm where the largest of its terms, each over its scale, is above the threshold while the robot is live."""
+    """An alarm where the largest of its terms, each over its scale, is above the threshold while
+    the robot is live.
+    """
 
     terms: tuple[Score, ...]  # of one channel each
     segments: Segments
@@ -62,8 +83,13 @@ class Monitor:
     def __post_init__(self) -> None:
         names = [term.name for term in self.terms]
         if not names or len(set(names)) < len(names):
-            raise ValueError(f"a monitor needs a term or more of different names, got {', '.join(names) or 'none'}")
-        if {len(scales) for scales in self.scales} != {self.segments.count} or len(self.scales) != len(self.terms):
+            raise ValueError(
+                "a monitor needs a term or more of different names, got"
+                f" {', '.join(names) or 'none'}"
+            )
+        if {len(scales) for scales in self.scales} != {self.segments.count} or len(
+            self.scales
+        ) != len(self.terms):
             raise ValueError("a monitor has a scale for each term and segment")
 
     @property
@@ -90,11 +116,15 @@ def terms(scores: list[Score]) -> tuple[Score, ...]:
 
 
 def reads(terms: tuple[Score, ...], segments: Segments) -> dict[str, str]:
-    """What a monitor reads each millisecond: name of the number -> where it stands in the robot's view, in order."""
+    """What a monitor reads each millisecond: name of the number -> where it stands in the
+    robot's view, in order.
+    """
     out = {}
     for term in terms:
         for field in filter(None, (term.signal, term.against)):
-            out[read_of(term, field)] = f"view.{field}[{term.channels[0]}]" if term.channels else f"view.{field}"
+            out[read_of(term, field)] = (
+                f"view.{field}[{term.channels[0]}]" if term.channels else f"view.{field}"
+            )
     if segments.field:
         out.setdefault(segments.field, f"view.{segments.field}")
     return out

@@ -1,8 +1,10 @@
-"""Fault-free operations in bulk: each operator another motion, each of its operations another robot; scores alone.
+"""Fault-free operations in bulk: each operator another motion, each of its operations another
+robot; scores alone.
 
-What a detector sees of a run without a fault does not depend on the golden run beside it, which is the run itself. So
-operations are computed once, compared with nothing, and nothing of them is held but a row of outcomes:
-memory does not grow with their number, and a GPU has all robots of an operator side by side.
+What a detector sees of a run without a fault does not depend on the golden run beside it, which is
+the run itself. So operations are computed once, compared with nothing, and nothing of them is held
+but a row of outcomes: memory does not grow with their number, and a GPU has all robots of an
+operator side by side.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ class OperationDesign:
     stream: int = CALIBRATION
 
     def operator(self, number: int) -> tuple[str, int]:
-        """Motion and seed of an operator; they depend on nothing but its number, the seed and the stream."""
+        """Motion and seed of an operator; they depend on nothing but its number, the seed and
+        the stream.
+        """
         rng = np.random.default_rng([self.seed, self.stream, number])
         return self.motions[int(rng.integers(len(self.motions)))], int(rng.integers(2**31))
 
@@ -57,18 +61,30 @@ class OperatorScores:
     operator: int
     motion: str
     seed: int
-    score: np.ndarray  # float32 [operations, detectors], maximum over the operation; NaN where a number was not finite
+    # float32 [operations, detectors], maximum over the operation; NaN where a number was not finite
+    score: np.ndarray
     hours: np.ndarray  # in which detectors looked
 
 
 def campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
-    """The fault-free campaign of an operator: robot, distributions and detectors of `config`, none of its groups."""
+    """The fault-free campaign of an operator: robot, distributions and detectors of `config`,
+    none of its groups.
+    """
     own = config.model_dump(mode="json")
     group: dict[str, Any] = {"name": _GROUP}
-    if design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values()):  # else a run a value
+    if design.robots > 1 or any(
+        axis.kind == "list" for axis in config.parameters.values()
+    ):  # else a run a value
         group |= {"design": "random", "runs": design.robots}
-    tables = {name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")}
-    settings = {"name": "fault_free", "duration_s": design.length_s, "limit": None, "observe_ms": None}
+    tables = {
+        name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")
+    }
+    settings = {
+        "name": "fault_free",
+        "duration_s": design.length_s,
+        "limit": None,
+        "observe_ms": None,
+    }
     raw = own | tables | {"reaction": None, "stop": None, "group": [group]}
     return validated(raw | {"campaign": own["campaign"] | settings})
 
@@ -79,7 +95,10 @@ def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) 
     own: Any = campaign
     settings = own.campaign.model_copy(update={"seed": seed})
     return own.model_copy(
-        update={"campaign": settings, "operator": own.operator.model_copy(update={"motion": motion, "seed": seed})}
+        update={
+            "campaign": settings,
+            "operator": own.operator.model_copy(update={"motion": motion, "seed": seed}),
+        }
     )
 
 
@@ -88,39 +107,54 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
     operator = config.model_dump(mode="json").get("operator") or {}
     if operator.get("file"):
         raise UserError(
-            f"the operator is a recording ({operator['file']}), which has no other motion to draw: give a campaign "
-            "whose operator.motion is generated"
+            f"the operator is a recording ({operator['file']}), which has no other motion to draw:"
+            " give a campaign whose operator.motion is generated"
         )
     names = type(config).words().get("Operator", {}).get("motion", design.motions)
     if unknown := [motion for motion in design.motions if motion not in names]:
         expected = f"{', '.join(names)}{suggestion(unknown[0], names)}"
         raise UserError(f"motion {unknown[0]!r} is none: expected one of {expected}")
     if still := [motion for motion in design.motions if motion in fault_free.UNVARIED]:
-        raise UserError(f"motion {still[0]!r} is the same for every seed: operators would be copies of one another")
+        raise UserError(
+            f"motion {still[0]!r} is the same for every seed: operators would be copies of one"
+            " another"
+        )
     if config.cross:
-        raise UserError(f"[cross] repeats every run ({next(iter(config.cross))}): write distributions in [parameters]")
+        raise UserError(
+            f"[cross] repeats every run ({next(iter(config.cross))}): write distributions in"
+            " [parameters]"
+        )
     if design.robots > 1 and not varies(config):
         raise UserError(
-            f"{design.robots} robots an operator, but nothing of the robot is drawn, so they would be copies of one: "
-            "draw parameters ([parameters] path = {uniform = [low, high]}), noise or packets, or take --robots 1"
+            f"{design.robots} robots an operator, but nothing of the robot is drawn, so they would"
+            " be copies of one: draw parameters ([parameters] path = {uniform = [low, high]}),"
+            " noise or packets, or take --robots 1"
         )
 
 
 def varies(config: CampaignConfig) -> bool:
     """Whether two runs of one operator may differ: something of the robot is drawn."""
-    return config.campaign.noise or config.random_packets or any(axis.drawn for axis in config.parameters.values())
+    return (
+        config.campaign.noise
+        or config.random_packets
+        or any(axis.drawn for axis in config.parameters.values())
+    )
 
 
 class OperationRunner:
     """The operations of a campaign, compiled once."""
 
-    def __init__(self, config: CampaignConfig, design: OperationDesign, engine: str = "auto") -> None:
+    def __init__(
+        self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"
+    ) -> None:
         """Raises UserError for what cannot be run."""
         require(config, design)
         compile_cache.enable()
         self.config, self.design = campaign(config, design), design
         self._first = plan.make(of_operator(self.config, design, 0))
-        self._engine: Engine = selection.select(engine, self._first.program.setup.precision, compile_cache.objects())
+        self._engine: Engine = selection.select(
+            engine, self._first.program.setup.precision, compile_cache.objects()
+        )
         self.engine = f"{self._engine.name} on {self._engine.device}"
         self.detectors = tuple(name for name, *_ in config.detectors)
         self._own, self._lock = threading.local(), threading.Lock()
@@ -145,16 +179,22 @@ class OperationRunner:
                 raise
 
     def _side_by_side(self) -> int:
-        """Operators that are computed at a time: as many as the engine takes, or more where theirs do not fill it."""
+        """Operators that are computed at a time: as many as the engine takes, or more where
+        theirs do not fill it.
+        """
         lanes = self._kernel(self._first).branches
         return max(self._engine.threads, min(MOST_AT_A_TIME, -(-lanes // self.design.robots)))
 
     def _operator(self, number: int, on_ticks: Callable[[int], None] | None) -> OperatorScores:
         ready = plan.make(of_operator(self.config, self.design, number))
-        assert ready.runs == self.design.robots, f"{ready.runs} operations of {self.design.robots} robots"
+        assert ready.runs == self.design.robots, (
+            f"{ready.runs} operations of {self.design.robots} robots"
+        )
         kernel = self._kernel(ready)
         parts = [
-            self._block(ready, kernel, np.arange(first, min(first + kernel.lanes, ready.runs)), on_ticks)
+            self._block(
+                ready, kernel, np.arange(first, min(first + kernel.lanes, ready.runs)), on_ticks
+            )
             for first in range(0, ready.runs, kernel.lanes)
         ]
         score, hours = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -171,11 +211,14 @@ class OperationRunner:
         score = np.stack(columns, axis=1).astype(np.float32)
         score[own["failed_ms"][: len(rows)] >= 0] = np.nan
         armed_after = ready.varied.get(_ARMED_AFTER, program.params.detectors.armed_after)
-        looked_ms = np.maximum(own["pedal_down_ms"][: len(rows)] - int(np.max(np.asarray(armed_after))), 0)
+        looked_ms = np.maximum(
+            own["pedal_down_ms"][: len(rows)] - int(np.max(np.asarray(armed_after))), 0
+        )
         return score, looked_ms / MS_PER_HOUR
 
     def _kernel(self, ready: Plan) -> Kernel:
-        """Of a plan's program: that of an operator before, where it is the same, as it is for generated motions.
+        """Of a plan's program: that of an operator before, where it is the same, as it is for
+        generated motions.
 
         Each thread has its own, which lets a GPU take more blocks at a time than one kernel does.
         """

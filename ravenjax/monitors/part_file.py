@@ -1,7 +1,8 @@
 """Scores as a part of one's own: the text of a Python file that a campaign takes as a detector.
 
-The largest of the scores is the part's. Scales are its parameters, a Vec a score, so a campaign may vary them. Values
-are taken as floats before anything else is done with them, in the order `abs(x - y) / scale`.
+The largest of the scores is the part's. Scales are its parameters, a Vec a score, so a campaign may
+vary them. Values are taken as floats before anything else is done with them, in the order `abs(x -
+y) / scale`.
 """
 
 from __future__ import annotations
@@ -20,19 +21,33 @@ def text(scores: Sequence[Score], title: str = "") -> str:
     """The file's text, formatted as Python is. UserError for no scores, and for two of one name."""
     names = [score.name for score in scores]
     if not names or len(set(names)) < len(names):
-        raise UserError(f"a part file needs one score or more of different names, got {', '.join(names) or 'none'}")
+        raise UserError(
+            "a part file needs one score or more of different names, got"
+            f" {', '.join(names) or 'none'}"
+        )
     remembers = [score for score in scores if score.kind == "rate"]
-    lines = [f'"""{title or "Largest of: " + "; ".join(score.words for score in scores)}."""', "", _HEAD, "", ""]
+    lines = [
+        f'"""{title or "Largest of: " + "; ".join(score.words for score in scores)}."""',
+        "",
+        _HEAD,
+        "",
+        "",
+    ]
     lines += ["@record", "class Scales:"]
     for score in scores:
         lines += _scale(score)
     lines += ["", ""]
     if remembers:
         lines += ["@record", "class Before:", "    begun: Scalar  # bool"]
-        lines += [f"    {score.name}: Vec  # {score.signal} a millisecond ago, as floats" for score in remembers]
+        lines += [
+            f"    {score.name}: Vec  # {score.signal} a millisecond ago, as floats"
+            for score in remembers
+        ]
         lines += ["", ""]
     lines += ["def params():", "    return Scales("]
-    lines += [f"        {score.name}=Vec([{', '.join(map(repr, score.scales))}])," for score in scores]
+    lines += [
+        f"        {score.name}=Vec([{', '.join(map(repr, score.scales))}])," for score in scores
+    ]
     lines += ["    )", "", ""]
     if remembers:
         zeros = "".join(f", {score.name}=Vec.full({len(score.scales)}, 0.0)" for score in remembers)
@@ -47,7 +62,11 @@ def text(scores: Sequence[Score], title: str = "") -> str:
 
 def _scale(score: Score) -> list[str]:
     several = sorted(set(score.units), key=score.units.index)
-    unit = several[0] if len(several) == 1 else "; ".join(map(":".join, zip(score.labels, score.units, strict=True)))
+    unit = (
+        several[0]
+        if len(several) == 1
+        else "; ".join(map(":".join, zip(score.labels, score.units, strict=True)))
+    )
     return [
         f"    {score.name}: Annotated[",
         "        Vec,",
@@ -72,7 +91,10 @@ def _term(score: Score) -> list[str]:
         ]
     else:
         lines += [
-            f"    for now, before, scale in zip({score.name}, state.{score.name}, params.{score.name}):",
+            (
+                f"    for now, before, scale in zip({score.name}, state.{score.name},"
+                f" params.{score.name}):"
+            ),
             "        one = jnp.where(state.begun, jnp.abs(now - before) / scale, 0.0)",
         ]
     return [*lines, "        score = jnp.where(one > score, one, score)"]

@@ -1,6 +1,8 @@
-"""Scores of operations on disk: Parquet parts of some operators each, added to until there are enough.
+"""Scores of operations on disk: Parquet parts of some operators each, added to until there are
+enough.
 
-Each part is written aside and renamed, so whatever ends a start, finished parts stay and the next one goes on.
+Each part is written aside and renamed, so whatever ends a start, finished parts stay and the next
+one goes on.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ class ScoreFolder:
     """The operations of one design."""
 
     def __init__(self, folder: Path, design: dict[str, Any]) -> None:
-        """Begin, or go on with, `folder`. design: as JSON; UserError where its operations are of another."""
+        """Begin, or go on with, `folder`. design: as JSON; UserError where its operations are of
+        another.
+        """
         self.path = folder
         files.require_writable(folder)
         self._record(design)
@@ -50,10 +54,12 @@ class ScoreFolder:
         path, text = self.path / DESIGN, json.dumps(design, indent=1) + "\n"
         if path.exists():
             before = read_design(self.path)
-            if other := sorted(key for key in {*before, *design} if before.get(key) != json.loads(text).get(key)):
+            if other := sorted(
+                key for key in {*before, *design} if before.get(key) != json.loads(text).get(key)
+            ):
                 raise UserError(
-                    f"{self.path} holds operations of another {' and '.join(other)}: give another folder, or the same "
-                    "campaign, signals and options to go on"
+                    f"{self.path} holds operations of another {' and '.join(other)}: give another"
+                    " folder, or the same campaign, signals and options to go on"
                 )
         else:
             files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
@@ -68,11 +74,15 @@ class ScoreFolder:
                 yield wanted
 
     def put(self, some: Sequence[OperatorScores]) -> None:
-        """Add operators, all of one part, in order; not those that another process has added meanwhile."""
+        """Add operators, all of one part, in order; not those that another process has added
+        meanwhile.
+        """
         path = self._part(some[0].operator // OPERATORS * OPERATORS)
         before = [pq.read_table(path)] if path.exists() else []
         there = {number for table in before for number in table.column("operator").to_pylist()}
-        table = pa.concat_tables([*before, *(_table(one) for one in some if one.operator not in there)])
+        table = pa.concat_tables(
+            [*before, *(_table(one) for one in some if one.operator not in there)]
+        )
         files.write_aside(path, lambda aside: pq.write_table(table, aside, compression="zstd"))
 
     def read(self, units: int) -> Peaks:
@@ -83,7 +93,9 @@ class ScoreFolder:
         return self.path / PARTS / f"operators-{first:07d}.parquet"
 
 
-def filled(folder: ScoreFolder, units: int, compute: Callable[[range], Iterator[OperatorScores]]) -> Peaks:
+def filled(
+    folder: ScoreFolder, units: int, compute: Callable[[range], Iterator[OperatorScores]]
+) -> Peaks:
     """The operations of operators below `units`, those that are missing computed first."""
     for wanted in folder.missing(units):
         folder.put(list(compute(wanted)))
@@ -102,7 +114,9 @@ def read_design(folder: Path) -> dict[str, Any]:
 
 
 def read(folder: Path, units: int | None = None) -> Peaks:
-    """The operations in a folder, of operators below `units` if given. Raises StoreError where a part is unreadable."""
+    """The operations in a folder, of operators below `units` if given. Raises StoreError where a
+    part is unreadable.
+    """
     paths = sorted((folder / PARTS).glob("operators-*.parquet"))
     if not paths:
         raise StoreError(f"{folder}: holds no operations yet")
@@ -113,7 +127,11 @@ def read(folder: Path, units: int | None = None) -> Peaks:
             f"{folder}: a part cannot be read ({error}); remove it, and the same command goes on"
         ) from None
     peak = table.column("score").combine_chunks().flatten().to_numpy(zero_copy_only=False)
-    out = Peaks(table.column("operator").to_numpy(), table.column("hours").to_numpy(), peak.reshape(table.num_rows, -1))
+    out = Peaks(
+        table.column("operator").to_numpy(),
+        table.column("hours").to_numpy(),
+        peak.reshape(table.num_rows, -1),
+    )
     return out if units is None else out.taken_from(out.unit < units)
 
 

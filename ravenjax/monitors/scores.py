@@ -1,11 +1,13 @@
-"""Scores of candidate checks, as data: which number of the robot's view, how it is looked at, in what it is measured.
+"""Scores of candidate checks, as data: which number of the robot's view, how it is looked at, in
+what it is measured.
 
 - `bound`: |x| over its scale.
 - `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.
 - `residual`: |x - y| over its scale, of two fields of the view.
 
-A score of several channels is the largest of theirs, each over its own scale; one that is no number is above none.
-`part_file` prints scores as a part of one's own, which makes a score a detector (`ravenjax.stages.detectors`).
+A score of several channels is the largest of theirs, each over its own scale; one that is no number
+is above none. `part_file` prints scores as a part of one's own, which makes a score a detector
+(`ravenjax.stages.detectors`).
 """
 
 from __future__ import annotations
@@ -21,18 +23,26 @@ from ravenjax.vocabulary.signals import Signal
 
 Kind = Literal["bound", "rate", "residual"]
 KINDS: tuple[Kind, ...] = ("bound", "rate", "residual")
-_WORDS = {"bound": "{what}", "rate": "step of {what} within 1 ms", "residual": "{what} from {against}"}
+_WORDS = {
+    "bound": "{what}",
+    "rate": "step of {what} within 1 ms",
+    "residual": "{what} from {against}",
+}
 
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """One candidate check: a number a millisecond and arm. Plain data, from which code of any language is printed."""
+    """One candidate check: a number a millisecond and arm. Plain data, from which code of any
+    language is printed.
+    """
 
     name: str  # a word that a campaign takes as the name of a detector
     kind: Kind
     signal: str  # field of the robot's view
     channels: tuple[int, ...]  # places in the field; (): it is a single number
-    labels: tuple[str, ...]  # name of each channel, as joints and axes are called; of a single number ("",)
+    labels: tuple[
+        str, ...
+    ]  # name of each channel, as joints and axes are called; of a single number ("",)
     units: tuple[str, ...]  # of each channel
     scales: tuple[float, ...]  # of each channel, in its unit: the size at which it scores 1
     layer: str  # code of the robot's layer
@@ -41,13 +51,20 @@ class Score:
     def __post_init__(self) -> None:
         several = len(self.channels) or 1
         if {len(self.labels), len(self.units), len(self.scales)} != {several}:
-            raise ValueError(f"score {self.name}: labels, units and scales must be {several} each, one a channel")
+            raise ValueError(
+                f"score {self.name}: labels, units and scales must be {several} each, one a channel"
+            )
         if not all(0 < scale < float("inf") for scale in self.scales):
             raise ValueError(f"score {self.name}: scales {self.scales} must be above 0 and finite")
         if (self.kind == "residual") != bool(self.against):
-            raise ValueError(f"score {self.name}: a residual, and nothing else, has a field that it is taken against")
+            raise ValueError(
+                f"score {self.name}: a residual, and nothing else, has a field that it is taken"
+                " against"
+            )
         if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", self.name):
-            raise ValueError(f"score {self.name!r}: its name must be letters, digits and _, a letter first")
+            raise ValueError(
+                f"score {self.name!r}: its name must be letters, digits and _, a letter first"
+            )
 
     @property
     def words(self) -> str:
@@ -63,7 +80,12 @@ class Score:
             return (self,)
         return tuple(
             dataclasses.replace(
-                self, name=f"{self.name}_{place}", channels=(channel,), labels=(label,), units=(unit,), scales=(scale,)
+                self,
+                name=f"{self.name}_{place}",
+                channels=(channel,),
+                labels=(label,),
+                units=(unit,),
+                scales=(scale,),
             )
             for place, (channel, label, unit, scale) in enumerate(
                 zip(self.channels, self.labels, self.units, self.scales, strict=True)
@@ -76,14 +98,16 @@ class Score:
 
 
 def catalogue(robot: Robot) -> tuple[Score, ...]:
-    """Every candidate that a robot's signals give, one for all channels that are looked at together, scales 1.
+    """Every candidate that a robot's signals give, one for all channels that are looked at
+    together, scales 1.
 
-    In the robot's order: bounds, rates and residuals of each signal. UserError for a robot that declares no signals.
+    In the robot's order: bounds, rates and residuals of each signal. UserError for a robot that
+    declares no signals.
     """
     if not robot.signals:
         raise UserError(
-            f"robot {robot.name!r} declares no signals, so there is nothing to build a check on: expected `signals` in "
-            "its ROBOT, as ravenjax.vocabulary.signals says"
+            f"robot {robot.name!r} declares no signals, so there is nothing to build a check on:"
+            " expected `signals` in its ROBOT, as ravenjax.vocabulary.signals says"
         )
     return tuple(score for signal in robot.signals for score in _of(signal))
 
@@ -112,7 +136,9 @@ def _of(signal: Signal) -> Iterator[Score]:
 
 
 def _channels(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """(name, places) of what is looked at together: what belongs together by name, and the others."""
+    """(name, places) of what is looked at together: what belongs together by name, and the
+    others.
+    """
     if not signal.channels:
         yield "", ()
         return

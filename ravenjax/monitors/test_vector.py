@@ -1,4 +1,6 @@
-"""Inputs of a monitor and what it says of them, millisecond by millisecond, taken from the tick as it runs."""
+"""Inputs of a monitor and what it says of them, millisecond by millisecond, taken from the tick
+as it runs.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,16 @@ from ravenjax.monitors import monitor_file
 from ravenjax.monitors.monitor import Monitor, reads
 
 SECONDS = 3.0
-FAULT = {"site": "usb_out", "effect": "overwrite", "value": 20000, "start_ms": 1500, "duration_ms": 100}
-"""So that the vector has an alarm, where a robot has this site: behind every check of its software."""
+FAULT = {
+    "site": "usb_out",
+    "effect": "overwrite",
+    "value": 20000,
+    "start_ms": 1500,
+    "duration_ms": 100,
+}
+"""So that the vector has an alarm, where a robot has this site: behind every check of its
+software.
+"""
 _NAME, _SAME_LANES = "monitor", 2
 
 
@@ -33,17 +43,24 @@ class TestVector(NamedTuple):
     alarm: np.ndarray  # bool
 
     def text(self) -> str:
-        """As CSV: ms, live, inputs, score, alarm; nine digits of each float, which give its bits back."""
+        """As CSV: ms, live, inputs, score, alarm; nine digits of each float, which give its bits
+        back.
+        """
         out = io.StringIO()
         out.write(",".join(["ms", "live", *self.inputs, "score", "alarm"]) + "\n")
         columns = [column.tolist() for column in (*self.inputs.values(), self.score)]
-        for tick, (live, alarm, *numbers) in enumerate(zip(self.live, self.alarm, *columns, strict=True)):
-            out.write(f"{tick},{live:d},{','.join(f'{number:.9g}' for number in numbers)},{alarm:d}\n")
+        for tick, (live, alarm, *numbers) in enumerate(
+            zip(self.live, self.alarm, *columns, strict=True)
+        ):
+            out.write(
+                f"{tick},{live:d},{','.join(f'{number:.9g}' for number in numbers)},{alarm:d}\n"
+            )
         return out.getvalue()
 
 
 def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto") -> TestVector:
-    """Of the first arm of `config`'s robot, on `engine`; with a fault where the robot has the site of FAULT.
+    """Of the first arm of `config`'s robot, on `engine`; with a fault where the robot has the site
+    of FAULT.
 
     Raises UserError for a robot that does not show what its detectors see.
     """
@@ -51,8 +68,8 @@ def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
     part: Any = robot.part("campaign")
     if not hasattr(part, "watched"):
         raise UserError(
-            f"robot {robot.name!r} does not show what its detectors see, so there is no test vector: expected a robot "
-            "whose part `campaign` has `watched`, as raven2"
+            f"robot {robot.name!r} does not show what its detectors see, so there is no test"
+            " vector: expected a robot whose part `campaign` has `watched`, as raven2"
         )
     compile_cache.enable()
     with TemporaryDirectory() as folder:
@@ -60,21 +77,31 @@ def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
         file.write_text(monitor_file.text(monitor, records=True), encoding="utf-8")
         ready = plan.make(_campaign(config, monitor, seed, file))
         program = part.watched(ready.program)
-        tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(program, LANES)
-        (varied, faults), (_, harmless) = ready.lanes([0], LANES), ready.lanes([0], LANES, harmless=True)
-        *_, signals = tracer.run(Block(varied, harmless, None), Block(varied, faults, None), ready.columns)
+        tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(
+            program, LANES
+        )
+        (varied, faults), (_, harmless) = (
+            ready.lanes([0], LANES),
+            ready.lanes([0], LANES, harmless=True),
+        )
+        *_, signals = tracer.run(
+            Block(varied, harmless, None), Block(varied, faults, None), ready.columns
+        )
     own, before = signals.detectors.own[0][0], signals.detectors.detectors[0].recent[0]
     armed_after = ready.program.params.detectors.armed_after
     live = np.asarray(signals.live).astype(bool) & (np.arange(len(before)) >= armed_after)
     score = np.asarray(before, np.float32)
     inputs = {
-        name: np.asarray(getattr(own, f"read_{name}"), np.float32) for name in reads(monitor.terms, monitor.segments)
+        name: np.asarray(getattr(own, f"read_{name}"), np.float32)
+        for name in reads(monitor.terms, monitor.segments)
     }
     return TestVector(live, inputs, score, score > np.float32(monitor.threshold))
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    """A short run of one arm, with the monitor as its only detector. Its `consecutive` shows the score of each tick."""
+    """A short run of one arm, with the monitor as its only detector. Its `consecutive` shows the
+    score of each tick.
+    """
     own, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:
@@ -88,8 +115,17 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
     }
     raw = own | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
     raw["campaign"] = own["campaign"] | settings
-    raw["parameters"] = {path: value for path, value in own["parameters"].items() if _is_plain(config, path)}
-    raw["detector"] = [{"name": _NAME, "file": str(file), "consecutive": _SAME_LANES, "threshold": [monitor.threshold]}]
+    raw["parameters"] = {
+        path: value for path, value in own["parameters"].items() if _is_plain(config, path)
+    }
+    raw["detector"] = [
+        {
+            "name": _NAME,
+            "file": str(file),
+            "consecutive": _SAME_LANES,
+            "threshold": [monitor.threshold],
+        }
+    ]
     return validated(raw)
 
 

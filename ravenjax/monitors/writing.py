@@ -30,7 +30,9 @@ def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Ca
     monitor, notes = result.monitor, promise(result, design)
     vector = test_vector.of(config, monitor, design.seed, ENGINE)
     texts = {
-        PART: monitor_file.text(monitor, f"{' '.join(notes)} As a detector: threshold = {_threshold(monitor)}"),
+        PART: monitor_file.text(
+            monitor, f"{' '.join(notes)} As a detector: threshold = {_threshold(monitor)}"
+        ),
         DETECTOR: detector(monitor),
         c_code.HEADER: c_code.header(monitor, notes),
         c_code.SOURCE: c_code.source(monitor),
@@ -41,31 +43,53 @@ def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Ca
     for name, text in texts.items():
         _put(out / name, text)
     digests = {name: files.sha256(out / name) for name in texts}
-    _put(out / RECORD, record(config, design, result, digests, score_folder.digest(out / score_folder.FOLDER)))
+    _put(
+        out / RECORD,
+        record(config, design, result, digests, score_folder.digest(out / score_folder.FOLDER)),
+    )
 
 
 def promise(result: Calibrated, design: OperationDesign) -> list[str]:
     """What is promised, to whom, and what it rests on, in lines."""
     target, own = result.target, result.threshold
     return [
-        f"At most {target.per_hour:g} false alarms an hour in which the robot follows the operator, with "
-        f"{target.confidence:.4g} confidence, where an alarm ends an operation of {design.length_s:g} s.",
-        f"Threshold from {own.operations} operations, {own.hours:.4g} h, of {own.units} operators "
-        f"({', '.join(design.motions)}), each with {design.robots} robot{'s' if design.robots > 1 else ''} "
-        "of the campaign.",
-        "It is the mean over operators and robots drawn so, in simulation; of one robot it may be more.",
+        (
+            f"At most {target.per_hour:g} false alarms an hour in which the robot follows the"
+            f" operator, with {target.confidence:.4g} confidence, where an alarm ends an operation"
+            f" of {design.length_s:g} s."
+        ),
+        (
+            f"Threshold from {own.operations} operations, {own.hours:.4g} h, of {own.units}"
+            f" operators ({', '.join(design.motions)}), each with {design.robots}"
+            f" robot{'s' if design.robots > 1 else ''} of the campaign."
+        ),
+        (
+            "It is the mean over operators and robots drawn so, in simulation; of one robot it may"
+            " be more."
+        ),
     ]
 
 
 def detector(monitor: Monitor) -> str:
-    """detector.toml: what a campaign beside monitor.py takes to have it as a detector with its threshold."""
+    """detector.toml: what a campaign beside monitor.py takes to have it as a detector with its
+    threshold.
+    """
     lines = ["# Copy this into a campaign; file is taken from its folder on."]
-    lines += ["[[detector]]", 'name = "monitor"', f'file = "{PART}"', f"threshold = {_threshold(monitor)}"]
+    lines += [
+        "[[detector]]",
+        'name = "monitor"',
+        f'file = "{PART}"',
+        f"threshold = {_threshold(monitor)}",
+    ]
     return "\n".join(lines) + "\n"
 
 
 def record(
-    config: CampaignConfig, design: OperationDesign, result: Calibrated, digests: dict[str, str], operations: str
+    config: CampaignConfig,
+    design: OperationDesign,
+    result: Calibrated,
+    digests: dict[str, str],
+    operations: str,
 ) -> str:
     """monitor.toml."""
     own, tested, monitor = result.threshold, result.test, result.monitor
@@ -91,7 +115,9 @@ def record(
             "alarms": own.alarms,
             "p": own.p,
             "operators_for_scales": result.learned_units,
-            "method": "risk-controlling threshold of the maximum over an operation, operators as units",
+            "method": (
+                "risk-controlling threshold of the maximum over an operation, operators as units"
+            ),
         },
         "test": {
             "operators": tested.units,
@@ -116,8 +142,14 @@ def record(
     }
     lines = ["# Written by `ravenjax monitor calibrate`."]
     for name, table in tables.items():
-        lines += ["", f"[{name}]", *(f"{_key(key)} = {_value(value)}" for key, value in table.items())]
-    for term, scales, limits in zip(monitor.terms, monitor.scales, monitor.limits.tolist(), strict=True):
+        lines += [
+            "",
+            f"[{name}]",
+            *(f"{_key(key)} = {_value(value)}" for key, value in table.items()),
+        ]
+    for term, scales, limits in zip(
+        monitor.terms, monitor.scales, monitor.limits.tolist(), strict=True
+    ):
         entries = {
             "name": term.name,
             "kind": term.kind,
@@ -135,7 +167,9 @@ def record(
 
 
 def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
-    """The monitor of a folder, and all of its record. Raises StoreError for what is none, or was changed."""
+    """The monitor of a folder, and all of its record. Raises StoreError for what is none, or was
+    changed.
+    """
     path = folder / RECORD
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -162,21 +196,26 @@ def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
         )
     except OSError as error:
         raise StoreError(
-            f"{path}: cannot be read ({error.strerror or error}); `ravenjax monitor calibrate` writes one"
+            f"{path}: cannot be read ({error.strerror or error}); `ravenjax monitor calibrate`"
+            " writes one"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
-        raise StoreError(f"{path}: is no record of a monitor ({type(error).__name__}: {error})") from None
+        raise StoreError(
+            f"{path}: is no record of a monitor ({type(error).__name__}: {error})"
+        ) from None
     for name, digest in content.get("sha256", {}).items():
         if not (folder / name).is_file() or files.sha256(folder / name) != digest:
             raise StoreError(
-                f"{folder / name}: is not what the calibration wrote (sha256 expected {digest[:16]}); calibrate again, "
-                "its operations are there already"
+                f"{folder / name}: is not what the calibration wrote (sha256 expected"
+                f" {digest[:16]}); calibrate again, its operations are there already"
             )
     return monitor, content
 
 
 def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) -> str:
-    """reference.csv: the first operation of each operator that learned no scale, for tests for a shift."""
+    """reference.csv: the first operation of each operator that learned no scale, for tests for a
+    shift.
+    """
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
     some = some.taken_from(~calibration.uses(some.unit).scale)
@@ -184,7 +223,9 @@ def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) 
     rows = [",".join(["operator", "score", *measured_names(monitor)])]
     rows += [
         ",".join([str(unit), *(f"{number:.9g}" for number in (own, *peak))])
-        for unit, own, peak in zip(some.unit.tolist(), score.tolist(), some.peak.tolist(), strict=True)
+        for unit, own, peak in zip(
+            some.unit.tolist(), score.tolist(), some.peak.tolist(), strict=True
+        )
     ]
     return "\n".join(rows) + "\n"
 
@@ -193,7 +234,11 @@ def measured_names(monitor: Monitor) -> list[str]:
     """Of each term in each segment, in the order of the operations' columns."""
     if monitor.segments.count == 1:
         return [term.name for term in monitor.terms]
-    return [f"{term.name}/{segment}" for term in monitor.terms for segment in range(monitor.segments.count)]
+    return [
+        f"{term.name}/{segment}"
+        for term in monitor.terms
+        for segment in range(monitor.segments.count)
+    ]
 
 
 def _put(path: Path, text: str) -> None:

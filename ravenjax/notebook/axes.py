@@ -1,7 +1,9 @@
-"""What a key of a campaign may be in place of one value: a distribution to draw from, or a place in a phase.
+"""What a key of a campaign may be in place of one value: a distribution to draw from, or a place in
+a phase.
 
-Each function gives the table that a campaign file has in its place: `uniform(0, 1)` is `{ uniform = [0, 1] }`. What the
-numbers may be is checked where the campaign is, by the same rules. A plain list is a list of values.
+Each function gives the table that a campaign file has in its place: `uniform(0, 1)` is `{ uniform =
+[0, 1] }`. What the numbers may be is checked where the campaign is, by the same rules. A plain list
+is a list of values.
 """
 
 from __future__ import annotations
@@ -34,12 +36,15 @@ def choice(values: Sequence[Any]) -> Form:
 
 
 def together(values: Sequence[float]) -> Form:
-    """One of some values, drawn in one with all parameters that say together: the n-th value of each."""
+    """One of some values, drawn in one with all parameters that say together: the n-th value of
+    each.
+    """
     return {"together": list(values)}
 
 
 def phase(name: str, share: float | Sequence[float] | None = None) -> Form:
-    """A place in a phase of the operation, for `start_ms`: 0 is its first millisecond, 1 its last; several in turn.
+    """A place in a phase of the operation, for `start_ms`: 0 is its first millisecond, 1 its last;
+    several in turn.
 
     Without a share each millisecond of the phase is as likely.
     """

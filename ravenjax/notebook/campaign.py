@@ -49,9 +49,10 @@ class Campaign(CampaignTable):
         )
         results = campaign.run()
 
-    It says what a file says, key by key, and is checked by the same rules when it is made: UserError names each key
-    that is wrong, what was got and what to write. Two are equal that declare the same, however they were written. It
-    is frozen; `replace` gives a changed one. Files that it names are taken from the working directory.
+    It says what a file says, key by key, and is checked by the same rules when it is made:
+    UserError names each key that is wrong, what was got and what to write. Two are equal that
+    declare the same, however they were written. It is frozen; `replace` gives a changed one. Files
+    that it names are taken from the working directory.
     """
 
     _config: CampaignConfig
@@ -61,16 +62,22 @@ class Campaign(CampaignTable):
 
     def _enter(self, folder: Path, config: CampaignConfig | None) -> None:
         """Take files from `folder`; without a config the keys are checked."""
-        keys = {**_section(self._keys), **{key: value for key, value in self._keys.items() if key != SECTION}}
-        object.__setattr__(self, "_keys", {key: self._rooted(key, value, folder) for key, value in keys.items()})
+        keys = {
+            **_section(self._keys),
+            **{key: value for key, value in self._keys.items() if key != SECTION},
+        }
+        object.__setattr__(
+            self, "_keys", {key: self._rooted(key, value, folder) for key, value in keys.items()}
+        )
         object.__setattr__(self, "_config", config or loading.from_dict(self.plain()))
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """The campaign of a TOML file, of a bundled one by name, or of a text in TOML, which has several lines.
+        """The campaign of a TOML file, of a bundled one by name, or of a text in TOML, which has
+        several lines.
 
-        overrides: `key.path=value`, as `--set` on the command line. Comments are not kept. Raises UserError that names
-        file, line, key, what was got and what was expected.
+        overrides: `key.path=value`, as `--set` on the command line. Comments are not kept. Raises
+        UserError that names file, line, key, what was got and what was expected.
         """
         if isinstance(source, str) and "\n" in source:
             file, text = None, source
@@ -88,13 +95,15 @@ class Campaign(CampaignTable):
     def to_toml(self, path: str | Path | None = None) -> str:
         """The text of a file that declares the same; written to `path`, too, where one is named.
 
-        Files that it names are written from the folder of `path` where they lie in it, else as they are. Raises
-        StoreError where `path` cannot be written.
+        Files that it names are written from the folder of `path` where they lie in it, else as they
+        are. Raises StoreError where `path` cannot be written.
         """
         tables = self.plain()
         if path is not None:
             if not isinstance(path, str | os.PathLike) or not str(path):
-                raise UserError(f"path is {shown(path)}, expected the path of a file to write, or None")
+                raise UserError(
+                    f"path is {shown(path)}, expected the path of a file to write, or None"
+                )
             tables = _relative(tables, Path(path).absolute().parent)
         text = writing.text(tables)
         if path is not None:
@@ -120,7 +129,8 @@ class Campaign(CampaignTable):
         executor: str | None = None,
         workers: int | None = None,
     ) -> CampaignResults:
-        """Run it; arguments as of `run`. Without `out` the results lie in a temporary folder that goes with them.
+        """Run it; arguments as of `run`. Without `out` the results lie in a temporary folder that
+        goes with them.
 
         Raises UserError and, for what is wrong with `out`, StoreError.
         """
@@ -134,7 +144,9 @@ class Campaign(CampaignTable):
         return CampaignResults(Path(folder.name), folder)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Campaign) and self._config.model_dump() == other._config.model_dump()
+        return (
+            isinstance(other, Campaign) and self._config.model_dump() == other._config.model_dump()
+        )
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
@@ -153,7 +165,9 @@ def _section(keys: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _sections(keys: Mapping[str, Any]) -> set[str]:
-    """Which keys are tables beside [campaign]: those of the robot's model, and unknown ones that hold tables."""
+    """Which keys are tables beside [campaign]: those of the robot's model, and unknown ones that
+    hold tables.
+    """
     try:
         model: type[BaseModel] = config_class_of(robot_of({SECTION: keys}))
     except UserError:
@@ -162,7 +176,8 @@ def _sections(keys: Mapping[str, Any]) -> set[str]:
     return {
         key
         for key, value in keys.items()
-        if key in model.model_fields or (key not in inner and (hasattr(value, "plain") or isinstance(value, dict)))
+        if key in model.model_fields
+        or (key not in inner and (hasattr(value, "plain") or isinstance(value, dict)))
     }
 
 

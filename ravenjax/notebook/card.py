@@ -1,4 +1,6 @@
-"""What a notebook shows of a campaign and of its results: a card in HTML, in the notebook's own colours."""
+"""What a notebook shows of a campaign and of its results: a card in HTML, in the notebook's own
+colours.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,13 @@ class GroupLine(NamedTuple):
 def of_campaign(config: CampaignConfig) -> str:
     """The card of a campaign: what it is of, and its groups."""
     counts, due = design.counts(config), design.due(config)
-    lines = [GroupLine(group.name, _faults(group), group.design, counts[group.name]) for group in config.group]
-    return _page("campaign.html.j2", config=config, facts=dict(config.lines()), groups=lines, runs=due)
+    lines = [
+        GroupLine(group.name, _faults(group), group.design, counts[group.name])
+        for group in config.group
+    ]
+    return _page(
+        "campaign.html.j2", config=config, facts=dict(config.lines()), groups=lines, runs=due
+    )
 
 
 def of_results(runs: Runs, manifest: Manifest) -> str:
@@ -42,7 +49,10 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
     from ravenjax.report import paper
     from ravenjax.report.sections import tables
 
-    head, groups = tables.headline(runs, manifest), [row for row in tables.group_rows(runs) if row["faulty"]]
+    head, groups = (
+        tables.headline(runs, manifest),
+        [row for row in tables.group_rows(runs) if row["faulty"]],
+    )
     return _page(
         "results.html.j2",
         manifest=manifest,
@@ -55,13 +65,21 @@ def of_results(runs: Runs, manifest: Manifest) -> str:
 
 def _faults(group: Group) -> str:
     """Sites and effects, in order."""
-    named = (f"{fault.site} {', '.join(dict.fromkeys(fault.effect.listed))}" for fault in group.fault)
+    named = (
+        f"{fault.site} {', '.join(dict.fromkeys(fault.effect.listed))}" for fault in group.fault
+    )
     return " + ".join(dict.fromkeys(named)) or "none"
 
 
-def _used(outcomes: Mapping[str, tuple[str, str]], groups: list[dict[str, Any]]) -> dict[str, tuple[str, str]]:
+def _used(
+    outcomes: Mapping[str, tuple[str, str]], groups: list[dict[str, Any]]
+) -> dict[str, tuple[str, str]]:
     """Colour and label of the outcomes that came."""
-    return {name: entry for name, entry in outcomes.items() if any(row["outcomes"][name].k for row in groups)}
+    return {
+        name: entry
+        for name, entry in outcomes.items()
+        if any(row["outcomes"][name].k for row in groups)
+    }
 
 
 def _page(template: str, **content: Any) -> str:
@@ -79,7 +97,11 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters |= {"percent": wording.percent, "interval": wording.interval, "count": wording.count}
+    templates.filters |= {
+        "percent": wording.percent,
+        "interval": wording.interval,
+        "count": wording.count,
+    }
     assert templates.loader is not None
     style, _, _ = templates.loader.get_source(templates, "card.css")
     templates.globals["style"] = Markup(style)

@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 def table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.DataFrame:
     """As the public `explain`; source: a campaign or a result folder."""
     explainer = _explainer(source, engine)
-    wanted = runs if runs is None or (isinstance(runs, Sequence) and not isinstance(runs, str)) else [runs]
+    wanted = (
+        runs
+        if runs is None or (isinstance(runs, Sequence) and not isinstance(runs, str))
+        else [runs]
+    )
     rows = explainer.faulty() if wanted is None else [_row(explainer, one) for one in wanted]
     explanation, config = explainer.explain(rows), explainer.config
     frame = chain.table(explanation.results, explanation.ticks, config.robot, config.campaign.arms)
@@ -41,10 +45,14 @@ def figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | Non
 
 def _explainer(source: CampaignConfig | Path, engine: Any) -> Explainer:
     name = engine_name(engine)
-    return Explainer.of_folder(source, name) if isinstance(source, Path) else Explainer(source, name)
+    return (
+        Explainer.of_folder(source, name) if isinstance(source, Path) else Explainer(source, name)
+    )
 
 
 def _row(explainer: Explainer, run: Any) -> int:
     if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
-        raise UserError(f"a run is {shown(run)}, expected its index (a whole number) or its run_id (text)")
+        raise UserError(
+            f"a run is {shown(run)}, expected its index (a whole number) or its run_id (text)"
+        )
     return explainer.index(run if isinstance(run, str) else int(run))

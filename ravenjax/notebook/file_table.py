@@ -18,7 +18,9 @@ class FileTable:
 
     _names: ClassVar[Mapping[str, str]] = {}  # key -> what it means
     _required: ClassVar[frozenset[str]] = frozenset()
-    _inner: ClassVar[Mapping[str, type[FileTable]]] = {}  # key -> class of the tables that stand there
+    _inner: ClassVar[
+        Mapping[str, type[FileTable]]
+    ] = {}  # key -> class of the tables that stand there
     _files: ClassVar[tuple[str, ...]] = ()  # keys that name files
 
     _keys: dict[str, Any]
@@ -41,7 +43,9 @@ class FileTable:
 
     def _with_files(self: _Own, folder: Path) -> _Own:
         """Itself, with files that it and the tables in it name taken from `folder`."""
-        return type(self)(**{key: self._rooted(key, value, folder) for key, value in self._keys.items()})
+        return type(self)(
+            **{key: self._rooted(key, value, folder) for key, value in self._keys.items()}
+        )
 
     def _entered(self, key: str, value: Any) -> Any:
         inner = self._inner.get(key)
@@ -62,7 +66,9 @@ class FileTable:
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or (name not in self._names and name not in self._keys):
-            raise AttributeError(f"{type(self).__name__} has no key {name!r}; it has {', '.join(self._names)}")
+            raise AttributeError(
+                f"{type(self).__name__} has no key {name!r}; it has {', '.join(self._names)}"
+            )
         return self._keys.get(name)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -74,12 +80,16 @@ class FileTable:
         yield from (*super().__dir__(), *self._names)
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and isinstance(other, FileTable) and self.plain() == other.plain()
+        return (
+            type(self) is type(other)
+            and isinstance(other, FileTable)
+            and self.plain() == other.plain()
+        )
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
     def __repr__(self) -> str:
-        return f"rj.{type(self).__name__}({', '.join(f'{key}={value!r}' for key, value in self._keys.items())})"
+        return f"rj.{type(self).__name__}({', '.join(f'{key}={value!r}' for key, value in self._keys.items())})"  # noqa: E501
 
     def __reduce__(self) -> Any:
         return _again, (type(self), self._keys)
@@ -95,7 +105,9 @@ def _table(kind: type[FileTable], keys: Mapping[Any, Any]) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """A value as TOML has it: lists for arrays, tuples and ranges; what it cannot hold stays, for others to refuse."""
+    """A value as TOML has it: lists for arrays, tuples and ranges; what it cannot hold stays,
+    for others to refuse.
+    """
     if isinstance(value, FileTable):
         return value.plain()
     if isinstance(value, Mapping):

@@ -17,19 +17,26 @@ from ravenjax.store.access.query import RESULTS, quoted
 _WORDS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
 """Columns of `facts` by which the report tells classes of faults apart."""
 _PREFIXES = ("", "fault0_", "param:")
-"""What a column of the result table may begin with, beside its name: of the first fault, of a parameter."""
+"""What a column of the result table may begin with, beside its name: of the first fault, of a
+parameter.
+"""
 NUMBERS = ("event", "k", "n", "rate", "low", "high")
 """Columns beside those that rates are by."""
 
 
 def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> pd.DataFrame:
-    """A row an event and class of faults: columns `by`, then NUMBERS; classes by words have the largest rate first.
+    """A row an event and class of faults: columns `by`, then NUMBERS; classes by words have the
+    largest rate first.
 
-    n counts distinct faults: of each the first valid run in which nobody reacts. low and high are Wilson's 95 %
-    interval, NaN for classes whose faults were enumerated. Raises UserError for an unknown event or column.
+    n counts distinct faults: of each the first valid run in which nobody reacts. low and high are
+    Wilson's 95 % interval, NaN for classes whose faults were enumerated. Raises UserError for an
+    unknown event or column.
     """
     keys = {name: _column(runs, name) for name in by}
-    marks = [f"({_event(runs, name, rules)})::BOOLEAN AS event{place}" for place, name in enumerate(names)]
+    marks = [
+        f"({_event(runs, name, rules)})::BOOLEAN AS event{place}"
+        for place, name in enumerate(names)
+    ]
     columns = [
         *(f"{column} AS key{place}" for place, column in enumerate(keys.values())),
         "count(*)",
@@ -37,13 +44,18 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
         *(f"count(*) FILTER (r.event{place})" for place in range(len(names))),
     ]
     lines = runs.table.rows(
-        f"SELECT {', '.join(columns)} FROM (SELECT *, {', '.join(marks)} FROM {RESULTS}) r JOIN {FACTS} f "
-        "ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
+        f"SELECT {', '.join(columns)} FROM (SELECT *, {', '.join(marks)} FROM {RESULTS}) r JOIN"
+        f" {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
     )
     rows = []
     for place, name in enumerate(names):
         for line in lines:
-            values, n, groups, k = line[: len(by)], line[len(by)], line[len(by) + 1], line[len(by) + 2 + place]
+            values, n, groups, k = (
+                line[: len(by)],
+                line[len(by)],
+                line[len(by) + 1],
+                line[len(by) + 2 + place],
+            )
             rate = tables.of_faults(runs, k, n, groups)
             rows.append((*values, name, k, n, rate.value, rate.low, rate.high))
         if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
@@ -79,6 +91,6 @@ def _column(runs: Runs, name: str) -> str:
             return f"r.{quoted(prefix + name)}" + ("::VARCHAR" if words else "")
     names = [*_WORDS, *(one.removeprefix("fault0_") for one in runs.names)]
     raise UserError(
-        f"by {name!r}: no such column, expected {', '.join(_WORDS)}, a key of a fault, the path of a varied parameter "
-        f"or a column of the result table{suggestion(name, names)}"
+        f"by {name!r}: no such column, expected {', '.join(_WORDS)}, a key of a fault, the path of"
+        f" a varied parameter or a column of the result table{suggestion(name, names)}"
     )

@@ -30,13 +30,18 @@ _WORST = ("run_id", "index", "group", "fault", "response", "hazard", "verdict")
 class CampaignResults:
     """Results of a campaign, one row a run; what `Campaign.run` and `open_results` give.
 
-    Nothing is read before it is asked for, and a table may be larger than memory: what is counted is counted by
-    DuckDB. Whatever counts, counts distinct faults, as the report does: of a fault that was run several times the first
-    valid run in which nobody reacts. Raises StoreError where a part is missing or damaged.
+    Nothing is read before it is asked for, and a table may be larger than memory: what is counted
+    is counted by DuckDB. Whatever counts, counts distinct faults, as the report does: of a fault
+    that was run several times the first valid run in which nobody reacts. Raises StoreError where a
+    part is missing or damaged.
     """
 
-    def __init__(self, folder: str | Path, owned: tempfile.TemporaryDirectory[str] | None = None) -> None:
-        """folder: what a run wrote; owned: a temporary one that goes with this object. Raises StoreError."""
+    def __init__(
+        self, folder: str | Path, owned: tempfile.TemporaryDirectory[str] | None = None
+    ) -> None:
+        """folder: what a run wrote; owned: a temporary one that goes with this object. Raises
+        StoreError.
+        """
         if not isinstance(folder, str | os.PathLike) or not str(folder):
             raise UserError(f"folder is {shown(folder)}, expected the path of a result folder")
         self.folder = Path(folder)
@@ -57,11 +62,18 @@ class CampaignResults:
         """Columns of the table: name, dtype, unit and meaning."""
         import pandas as pd
 
-        rows = [(one.name, one.dtype, one.unit, one.meaning) for one in schema.columns(self._manifest.shape)]
-        return pd.DataFrame(rows, columns=["column", "dtype", "unit", "meaning"]).set_index("column")
+        rows = [
+            (one.name, one.dtype, one.unit, one.meaning)
+            for one in schema.columns(self._manifest.shape)
+        ]
+        return pd.DataFrame(rows, columns=["column", "dtype", "unit", "meaning"]).set_index(
+            "column"
+        )
 
     def to_pandas(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """The table, or some of its columns, as `run` gives it; its attrs say units and meanings."""
+        """The table, or some of its columns, as `run` gives it; its attrs say units and
+        meanings.
+        """
         from ravenjax.notebook.attributes import described
 
         frame = Results(self._manifest.shape, self.folder).frame(columns)
@@ -73,10 +85,11 @@ class CampaignResults:
         return Results(self._manifest.shape, self.folder).arrow(columns)
 
     def query(self, sql: str) -> pd.DataFrame:
-        """A query in SQL over `results`, the table, and `facts`, what the report derives of it; both have `row`.
+        """A query in SQL over `results`, the table, and `facts`, what the report derives of it;
+        both have `row`.
 
-        `results.query("SELECT site, count(*) AS n FROM facts WHERE evaded GROUP BY site")`. Raises UserError for what
-        DuckDB refuses.
+        `results.query("SELECT site, count(*) AS n FROM facts WHERE evaded GROUP BY site")`. Raises
+        UserError for what DuckDB refuses.
         """
         import duckdb
 
@@ -85,29 +98,38 @@ class CampaignResults:
         try:
             kinds = [statement.type for statement in duckdb.extract_statements(sql)]
             if kinds != [duckdb.StatementType.SELECT]:
-                raise UserError(f"sql is {shown(sql)}, expected one query, such as SELECT * FROM facts LIMIT 5")
+                raise UserError(
+                    f"sql is {shown(sql)}, expected one query, such as SELECT * FROM facts LIMIT 5"
+                )
             return self._runs.table.frame(sql)
         except duckdb.Error as error:
             reason = str(error).strip().splitlines()[0].rstrip(".")
-            raise UserError(f"sql: {reason}. Tables are results and facts; SELECT * FROM facts LIMIT 5 shows") from None
+            raise UserError(
+                f"sql: {reason}. Tables are results and facts; SELECT * FROM facts LIMIT 5 shows"
+            ) from None
 
-    def rates(self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group") -> pd.DataFrame:
+    def rates(
+        self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group"
+    ) -> pd.DataFrame:
         """How often an event came: a row a class of distinct faults, with k, n, rate, low and high.
 
-        event: one or several of those for `[stop] rates`. by: group, site, layer, block (site and effect), response,
-        hazard, outcome; effect, channel and other keys of the first fault; the path of a varied parameter; any column;
-        or several; () for all faults together. low and high are Wilson's 95 % interval where faults were drawn, and NaN
-        where they were enumerated: such a share has no sampling error. Raises UserError for an unknown name.
+        event: one or several of those for `[stop] rates`. by: group, site, layer, block (site and
+        effect), response, hazard, outcome; effect, channel and other keys of the first fault; the
+        path of a varied parameter; any column; or several; () for all faults together. low and high
+        are Wilson's 95 % interval where faults were drawn, and NaN where they were enumerated: such
+        a share has no sampling error. Raises UserError for an unknown name.
         """
         from ravenjax.notebook import rates
 
-        return rates.rates(self._runs, self._manifest.rules, rates.texts(event, "event"), rates.texts(by, "by"))
+        return rates.rates(
+            self._runs, self._manifest.rules, rates.texts(event, "event"), rates.texts(by, "by")
+        )
 
     def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
         """The worst valid runs with a fault, the worst first; fewer where fewer are cases.
 
-        by: unintended, loss, report, tissue, cue or response; the last column holds it, and attrs its unit and meaning.
-        Raises UserError.
+        by: unintended, loss, report, tissue, cue or response; the last column holds it, and attrs
+        its unit and meaning. Raises UserError.
         """
         import pandas as pd
 
@@ -118,7 +140,9 @@ class CampaignResults:
             raise UserError(f"n is {shown(n)}, expected a number of runs, 1 or more")
         if by not in ranking.RANKINGS:
             names = ranking.RANKINGS
-            raise UserError(f"by is {shown(by)}, expected one of {', '.join(names)}{suggestion(by, names)}")
+            raise UserError(
+                f"by is {shown(by)}, expected one of {', '.join(names)}{suggestion(by, names)}"
+            )
         runs = ranking.worst(self.folder, n, by)
         rows = self._runs.numbered([one.row for one in runs])
         measure = ranking.RANKINGS[by]
@@ -127,12 +151,19 @@ class CampaignResults:
             for row, one in zip(rows, runs, strict=True)
         ]
         name = f"{measure.name}_{measure.unit}"
-        table = pd.DataFrame([[*(row[key] for key in _WORST), value] for row, value in lines], columns=[*_WORST, name])
+        table = pd.DataFrame(
+            [[*(row[key] for key in _WORST), value] for row, value in lines],
+            columns=[*_WORST, name],
+        )
         table.attrs.update({"units": {name: measure.unit}, "meanings": {name: measure.meaning}})
         return table
 
-    def explain(self, runs: int | str | Sequence[int | str] | None = None, engine: str = "auto") -> pd.DataFrame:
-        """How faults spread, signal by signal, against the golden run: as the function `explain`, of this result."""
+    def explain(
+        self, runs: int | str | Sequence[int | str] | None = None, engine: str = "auto"
+    ) -> pd.DataFrame:
+        """How faults spread, signal by signal, against the golden run: as the function
+        `explain`, of this result.
+        """
         from ravenjax.notebook import explaining
 
         return explaining.table(self.folder, runs, engine)
@@ -144,16 +175,22 @@ class CampaignResults:
         return self._figure(paper.verdicts, "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """How soon after a fault's first effect the cue comes, a check tells, and anyone could know."""
+        """How soon after a fault's first effect the cue comes, a check tells, and anyone could
+        know.
+        """
         from ravenjax.report import paper
 
-        return self._figure(lambda runs: paper.how_soon(runs, self._manifest), "no fault had an effect")
+        return self._figure(
+            lambda runs: paper.how_soon(runs, self._manifest), "no fault had an effect"
+        )
 
     def plot_roc(self) -> ShownFigure:
         """Detected hazards over false alarms, for each detector and threshold."""
         from ravenjax.report import paper
 
-        return self._figure(lambda runs: paper.roc(runs, self._manifest), "the campaign has no [[detector]]")
+        return self._figure(
+            lambda runs: paper.roc(runs, self._manifest), "the campaign has no [[detector]]"
+        )
 
     def plot_tradeoff(self) -> ShownFigure:
         """Missed hazards over false cues, for each haptic set."""
@@ -163,11 +200,14 @@ class CampaignResults:
         return self._figure(lambda runs: paper.tradeoff(runs, self._manifest), nothing)
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
-        """How the fault of one run spread, over time: the run is computed again. run: as of `simulate`."""
+        """How the fault of one run spread, over time: the run is computed again. run: as of
+        `simulate`.
+        """
         from ravenjax.notebook import explaining
 
         return self._figure(
-            lambda _: explaining.figure(self.folder, run, engine), f"nothing differs from the golden run in run {run}"
+            lambda _: explaining.figure(self.folder, run, engine),
+            f"nothing differs from the golden run in run {run}",
         )
 
     def _figure(self, drawn: Callable[[Runs], Figure | None], absent: str) -> ShownFigure:

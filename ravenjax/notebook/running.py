@@ -25,15 +25,22 @@ def run(
     """Run it into `out`, a path, or in memory where it is None. Raises UserError and StoreError."""
     require(out, on_progress)
     folder, carrier = None if out is None else Path(out), choice.executor(executor, workers)
-    return adaptive.run(config, folder, engine_name(engine), on_progress=on_progress, executor=carrier)
+    return adaptive.run(
+        config, folder, engine_name(engine), on_progress=on_progress, executor=carrier
+    )
 
 
 def require(out: Any, on_progress: Any) -> None:
     """UserError unless `out` is a path or None, and `on_progress` a function or None."""
     if out is not None and (not isinstance(out, str | os.PathLike) or not str(out)):
-        raise UserError(f"out is {shown(out)}, expected the path of a result folder, or None to keep it in memory")
+        raise UserError(
+            f"out is {shown(out)}, expected the path of a result folder, or None to keep it in"
+            " memory"
+        )
     if on_progress is not None and not callable(on_progress):
-        raise UserError(f"on_progress is {shown(on_progress)}, expected a function of one Status, or None")
+        raise UserError(
+            f"on_progress is {shown(on_progress)}, expected a function of one Status, or None"
+        )
 
 
 def engine_name(engine: Any) -> str:

@@ -1,6 +1,8 @@
-"""Static types of `tables`, for editors and checkers: the text of `tables.pyi`, from the JSON Schema of campaign files.
+"""Static types of `tables`, for editors and checkers: the text of `tables.pyi`, from the JSON
+Schema of campaign files.
 
-Words are those of the Raven-II, so that an editor completes them and a checker marks one that is none.
+Words are those of the Raven-II, so that an editor completes them and a checker marks one that is
+none.
 """
 
 from __future__ import annotations
@@ -71,7 +73,11 @@ def _class(kind: type[FileTable], properties: Schema, words: dict[str, str]) -> 
     yield "        self,"
     yield "        *,"
     for key, hint in sorted(hints.items(), key=lambda item: item[0] not in kind._required):
-        yield f"        {key}: {hint}," if key in kind._required else f"        {key}: {_optional(hint)} = None,"
+        yield (
+            f"        {key}: {hint},"
+            if key in kind._required
+            else f"        {key}: {_optional(hint)} = None,"
+        )
     yield "    ) -> None: ..."
     for key in hints:
         yield "    @property"
@@ -83,7 +89,8 @@ def _indented(text: str) -> str:
     lines = [
         part
         for line in text.splitlines()
-        for part in (textwrap.wrap(line, 108, subsequent_indent="    ", break_long_words=False) or [""])
+        for part in textwrap.wrap(line, 108, subsequent_indent="    ", break_long_words=False)
+        or [""]
     ]
     return "\n".join(f"    {line}".rstrip() for line in lines)
 
@@ -99,7 +106,9 @@ def _hint(node: Schema, key: str, words: dict[str, str]) -> str:
         members.remove("int")
     if any(one.startswith(("Sequence[float", "Sequence[int")) for one in members):
         members.append("NDArray[Any]")
-    members.sort(key=lambda one: [-place for place, name in enumerate(_ORDER, 1) if one.startswith(name)])
+    members.sort(
+        key=lambda one: [-place for place, name in enumerate(_ORDER, 1) if one.startswith(name)]
+    )
     return " | ".join(members)
 
 
@@ -127,7 +136,9 @@ def _members(node: Schema, key: str, words: dict[str, str]) -> Iterator[str]:
 
 def _item(node: Schema, key: str, words: dict[str, str]) -> str:
     inner = [node["items"]] if "items" in node else node.get("prefixItems", [{"type": "number"}])
-    return " | ".join(dict.fromkeys(one for part in inner for one in _hint(part, key, words).split(" | ")))
+    return " | ".join(
+        dict.fromkeys(one for part in inner for one in _hint(part, key, words).split(" | "))
+    )
 
 
 def _words(options: list[Any], key: str, words: dict[str, str]) -> str:

@@ -1,7 +1,8 @@
-"""The tables of a campaign file as classes, one for each model that a file is checked with: `Group`, `Fault`, ..
+"""The tables of a campaign file as classes, one for each model that a file is checked with:
+`Group`, `Fault`, ..
 
-What keys there are, what they mean and which may be left out is read from the models, so that there is one definition.
-`tables` has the classes by name.
+What keys there are, what they mean and which may be left out is read from the models, so that there
+is one definition. `tables` has the classes by name.
 """
 
 from __future__ import annotations
@@ -29,10 +30,17 @@ HOME = "ravenjax.notebook.tables"
 
 def names(model: type[BaseModel]) -> dict[str, str]:
     """Keys of a table and what they mean; of a group also those with which it names hazards."""
-    own = {key: field.description or _inner_sentence(field.annotation) for key, field in model.model_fields.items()}
+    own = {
+        key: field.description or _inner_sentence(field.annotation)
+        for key, field in model.model_fields.items()
+    }
     if not issubclass(model, GroupModel):
         return own
-    named = {key: f"of a group that names hazards: {text}" for key, text in expansion.KEYS.items() if key not in own}
+    named = {
+        key: f"of a group that names hazards: {text}"
+        for key, text in expansion.KEYS.items()
+        if key not in own
+    }
     return own | named
 
 
@@ -57,15 +65,24 @@ def _signature(keys: dict[str, str], required: frozenset[str]) -> inspect.Signat
     defaults = {key: inspect.Parameter.empty if key in required else None for key in keys}
     order = sorted(keys, key=lambda key: key not in required)
     return inspect.Signature(
-        [inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=defaults[key]) for key in order]
+        [
+            inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=defaults[key])
+            for key in order
+        ]
     )
 
 
 def _class(
-    name: str, title: str, keys: dict[str, str], models: list[type[BaseModel]], base: type[FileTable] = FileTable
+    name: str,
+    title: str,
+    keys: dict[str, str],
+    models: list[type[BaseModel]],
+    base: type[FileTable] = FileTable,
 ) -> type[FileTable]:
     """A class of tables whose keys are those of these models."""
-    fields = {key: field for model in models for key, field in model.model_fields.items() if key in keys}
+    fields = {
+        key: field for model in models for key, field in model.model_fields.items() if key in keys
+    }
     required = frozenset(key for key, field in fields.items() if field.is_required())
     inner = {
         key: CLASSES[table.__name__]
@@ -96,7 +113,9 @@ class _CampaignBase(FileTable):
 
 _WHOLE = config_class_of(robots.find(robots.DEFAULT))
 CLASSES: dict[str, type[FileTable]] = {}
-"""Name of a model -> its class: of every table of a file of the usual robot but [campaign], inner ones first."""
+"""Name of a model -> its class: of every table of a file of the usual robot but [campaign],
+inner ones first.
+"""
 
 
 def tables() -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:

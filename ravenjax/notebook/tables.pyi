@@ -261,7 +261,7 @@ class Fault(FileTable):
     period_ms: period of effect periodic, ms
     wraps: a value beyond 16 bits is meant, and stored as the word holds it; without it such a value is refused,
         but at usb_out where campaign.dac_words is set
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -271,8 +271,16 @@ class Fault(FileTable):
         arm: Literal["gold", "green"] | Sequence[Literal["gold", "green"]] | Form | None = None,
         channel: str | Sequence[str] | Form | None = None,
         value: float | bool | Sequence[float | bool] | NDArray[Any] | Form | None = None,
-        trigger: Literal["time", "packet", "pedal"] | Sequence[Literal["time", "packet", "pedal"]] | Form | None = None,
-        duration_ms: int | Literal["end"] | Sequence[int | Literal["end"]] | NDArray[Any] | Form | None = None,
+        trigger: Literal["time", "packet", "pedal"]
+        | Sequence[Literal["time", "packet", "pedal"]]
+        | Form
+        | None = None,
+        duration_ms: int
+        | Literal["end"]
+        | Sequence[int | Literal["end"]]
+        | NDArray[Any]
+        | Form
+        | None = None,
         every_ms: int | Sequence[int] | NDArray[Any] | Form | None = None,
         period_ms: int | Sequence[int] | NDArray[Any] | Form | None = None,
         wraps: bool | None = None,
@@ -338,7 +346,7 @@ class Operator(FileTable):
     at_end: a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and forth
     start: [operator.start]: joints in which a generated motion begins; what is left out is as after homing.
     slow_down: how much slower than recorded it is replayed
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -458,7 +466,7 @@ class OwnStages(FileTable):
     dac: a file whose step gives (state, current_cmd): DAC counts from desired torques
     sha256: stage = of that file and what it takes from its folder; another content is refused. Left out, any is
         taken
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -532,7 +540,7 @@ class Detector(FileTable):
     fusion: of steps: which of the three must be over; all, two, any, or one of them alone
     consecutive: milliseconds in a row above the threshold that make an alarm, 1 to 8
     threshold: alarm above it; all evaluated in the same run
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -573,7 +581,7 @@ class OwnCheck(FileTable):
         limit: limits, tells nobody; watch: watches, does nothing
     threshold: it trips above it; varied as checks.threshold.NAME
     consecutive: milliseconds in a row above the threshold in which it trips from then on
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -609,7 +617,7 @@ class Outcomes(FileTable):
     jump_step_mm: of rule code: step of the measured tip per packet, mm
     large_jump_mm: of rule text: motion of the true tip within 2 ms, mm
     limit_mm: a motion, or an error of the report, of more than this is a hazard, mm
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -640,7 +648,7 @@ class Stop(FileTable):
     looks: shares of each group after which one looks, increasing; no more than the last is computed
     confidence: with which all intervals of all looks hold
     allocation: proportional: as many of each group; neyman: after the first look where it narrows most
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -682,7 +690,7 @@ class Group(FileTable):
     value: of a group that names hazards: in place of the library's, for hazards that strike one channel
     start_ms: of a group that names hazards: in place of the library's onsets
     duration_ms: of a group that names hazards: in place of the library's lengths of the window
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -698,7 +706,12 @@ class Group(FileTable):
         arm: Literal["gold", "green"] | Sequence[Literal["gold", "green"]] | Form | None = None,
         value: float | bool | Sequence[float | bool] | NDArray[Any] | Form | None = None,
         start_ms: int | Sequence[int | Form] | NDArray[Any] | Form | None = None,
-        duration_ms: int | Literal["end"] | Sequence[int | Literal["end"]] | NDArray[Any] | Form | None = None,
+        duration_ms: int
+        | Literal["end"]
+        | Sequence[int | Literal["end"]]
+        | NDArray[Any]
+        | Form
+        | None = None,
     ) -> None: ...
     @property
     def name(self) -> Any: ...
@@ -781,7 +794,7 @@ class CampaignTable(FileTable):
     reaction: an operator who reacts; without it nobody does
     controller: stages of the control software that are files of your own
     hand: a hand that the cue moves; without it the cue is a signal
-    """
+    """  # noqa: E501
     def __init__(
         self,
         *,
@@ -801,7 +814,10 @@ class CampaignTable(FileTable):
         dac_words: Literal["wrap", "saturate", "unwrapped"] | None = None,
         tools: Sequence[Tools] | None = None,
         console: Literal["increments", "absolute"] | None = None,
-        packets: Literal["every_cycle", "measured", "bursts"] | Sequence[float] | NDArray[Any] | None = None,
+        packets: Literal["every_cycle", "measured", "bursts"]
+        | Sequence[float]
+        | NDArray[Any]
+        | None = None,
         policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] | None = None,
         level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = None,
         parameter_set: ParameterSet | None = None,

@@ -1,7 +1,8 @@
 """Small linear algebra on single numbers, in which literal zeros and ones drop out.
 
-Vectors are `Vec`s, matrices `Vec`s of row `Vec`s of any size. A Python `0`, `1` or `-1` among the factors is taken as
-structure, not as data: `0 * x` is `0` and `0 + x` is `x`, so that products with sparse constants trace to nothing.
+Vectors are `Vec`s, matrices `Vec`s of row `Vec`s of any size. A Python `0`, `1` or `-1` among the
+factors is taken as structure, not as data: `0 * x` is `0` and `0 + x` is `x`, so that products with
+sparse constants trace to nothing.
 """
 
 from __future__ import annotations

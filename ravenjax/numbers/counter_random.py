@@ -1,10 +1,12 @@
-"""Random numbers from a counter: the same (key, tick, channel) gives the same number on every engine, in any order.
+"""Random numbers from a counter: the same (key, tick, channel) gives the same number on every
+engine, in any order.
 
-A run's noise therefore does not depend on batch, chunk or worker, and a run and its golden run that share a key
-share every draw. Only 32-bit integer multiply, xor and shift, so the stream is bit-identical wherever it is computed.
+A run's noise therefore does not depend on batch, chunk or worker, and a run and its golden run that
+share a key share every draw. Only 32-bit integer multiply, xor and shift, so the stream is
+bit-identical wherever it is computed.
 
-Mixing: the two-multiply finaliser `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018; exact bias 0.174),
-applied to the key, then to the counter.
+Mixing: the two-multiply finaliser `lowbias32` (C. Wellons, "Prospecting for hash functions", 2018;
+exact bias 0.174), applied to the key, then to the counter.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ def _mix(x: Scalar) -> Scalar:
 
 
 def bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """32 random bits (uint32) for a run's `key` (uint32), a `tick` (int32) and a fixed `channel`."""
+    """32 random bits (uint32) for a run's `key` (uint32), a `tick` (int32) and a fixed
+    `channel`.
+    """
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
     counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset
     return _mix(_mix(counter) ^ _mix(lax.convert_element_type(key, jnp.uint32)))
@@ -42,7 +46,9 @@ def uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 
 def normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Standard normal float32 by Box and Muller from the two halves of one draw; its tail ends at 4.9 sigma."""
+    """Standard normal float32 by Box and Muller from the two halves of one draw; its tail ends
+    at 4.9 sigma.
+    """
     word = bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
     angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)

@@ -25,9 +25,11 @@ def init() -> FiniteState:
 
 
 def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scalar) -> FiniteState:
-    """After this tick. watched: numbers by what they are, a name of `failures.SIGNALS`; their sum is looked at.
+    """After this tick. watched: numbers by what they are, a name of `failures.SIGNALS`; their sum
+    is looked at.
 
-    Only the first time counts. Of several that are not finite in one tick the one that stands first is named.
+    Only the first time counts. Of several that are not finite in one tick the one that stands first
+    is named.
     """
     signal = jnp.int32(-1)
     for name, numbers in reversed(list(watched.items())):
@@ -38,5 +40,7 @@ def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scal
 
 
 def outcomes(state: FiniteState) -> dict[str, Scalar]:
-    """Outcomes of a run: ms and code of the first number that was not finite, -1 where there was none."""
+    """Outcomes of a run: ms and code of the first number that was not finite, -1 where there was
+    none.
+    """
     return {"failed_ms": state.first, "failed_signal": state.signal}

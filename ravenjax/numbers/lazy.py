@@ -1,8 +1,8 @@
 """JAX, imported when it is first used: what needs none of it does without.
 
-`from ravenjax.numbers.lazy import jax, jnp, lax` stands for `import jax`, `import jax.numpy as jnp`, `from jax import
-lax`. Within `instead(...)` other functions stand for `jnp` and `lax`. Within `at_once()` those of NumPy do: code of the
-tick then runs on plain numbers, without JAX.
+`from ravenjax.numbers.lazy import jax, jnp, lax` stands for `import jax`, `import jax.numpy as
+jnp`, `from jax import lax`. Within `instead(...)` other functions stand for `jnp` and `lax`. Within
+`at_once()` those of NumPy do: code of the tick then runs on plain numbers, without JAX.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ _WAITING: list[Callable[[Any], Any]] = []
 
 
 def when_loaded(action: Callable[[Any], Any]) -> None:
-    """Call `action(jax)` before JAX is first used through this module; at once where JAX is imported already."""
+    """Call `action(jax)` before JAX is first used through this module; at once where JAX is
+    imported already.
+    """
     with _LOADING:
         _WAITING.append(action)
     if "jax" in sys.modules:

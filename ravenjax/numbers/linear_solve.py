@@ -1,4 +1,6 @@
-"""Solve with a small symmetric positive definite matrix, unrolled; zeros in the pattern cost nothing."""
+"""Solve with a small symmetric positive definite matrix, unrolled; zeros in the pattern cost
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,13 @@ from ravenjax.numbers.vec import Scalar, Vec
 
 
 def solve_spd(matrix: tuple[Vec, ...], right: Vec) -> Vec:
-    """x with matrix x = right, by matrix = L^T D L. Reads the lower triangle only; literal zeros are not computed with.
+    """x with matrix x = right, by matrix = L^T D L. Reads the lower triangle only; literal zeros
+    are not computed with.
 
-    Elimination runs from the last row to the first: for the mass matrix of a tree, parents before children, no entry
-    that is zero by structure fills in (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5). Units:
-    those of `right` over those of `matrix`. A matrix that is not positive definite gives infinities or NaN, no error.
+    Elimination runs from the last row to the first: for the mass matrix of a tree, parents before
+    children, no entry that is zero by structure fills in (R. Featherstone, Rigid Body Dynamics
+    Algorithms, 2008, section 6.5). Units: those of `right` over those of `matrix`. A matrix that is
+    not positive definite gives infinities or NaN, no error.
     """
     n = len(right)
     lower = [list(row) for row in matrix]

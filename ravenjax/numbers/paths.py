@@ -1,8 +1,9 @@
-"""Names for the numbers of a parameter record: `plant.friction_scale`, `motor_control.green.kp.shoulder`.
+"""Names for the numbers of a parameter record: `plant.friction_scale`,
+`motor_control.green.kp.shoulder`.
 
-A path walks attributes, of records and of named tuples; where a field holds one entry an arm, an arm's name picks one
-and leaving it out means all of them; where it holds a number a joint or an axis, the joint's or axis' name picks one
-and leaving it out means all.
+A path walks attributes, of records and of named tuples; where a field holds one entry an arm, an
+arm's name picks one and leaving it out means all of them; where it holds a number a joint or an
+axis, the joint's or axis' name picks one and leaving it out means all.
 """
 
 from __future__ import annotations
@@ -22,21 +23,30 @@ def _entries(node: Any, setup: Setup) -> dict[str, tuple[Any, bool]] | None:
     """Name of each entry of `node` -> (entry, may the name be left out); None for a number."""
     if dataclasses.is_dataclass(node):
         fields = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}
-        return {name: (value, False) for name, value in fields.items() if value is not None}  # None: not in this setup
+        return {
+            name: (value, False) for name, value in fields.items() if value is not None
+        }  # None: not in this setup
     if isinstance(node, Vec):
         names = component_names(len(node), setup.joints, setup.leading_joints)
         return {name: (item, True) for name, item in zip(names, node, strict=True)}
     if fields := getattr(node, "_fields", ()):
-        return {name: (item, False) for name, item in zip(fields, node, strict=True) if item is not None}
+        return {
+            name: (item, False) for name, item in zip(fields, node, strict=True) if item is not None
+        }
     if isinstance(node, tuple):
-        per_arm = len(node) == len(setup.arms) and all(dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node)
+        per_arm = len(node) == len(setup.arms) and all(
+            dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node
+        )
         names = setup.arms if per_arm else tuple(str(i) for i in range(len(node)))
         return {name: (item, True) for name, item in zip(names, node, strict=True)}
     return None
 
 
-def component_names(length: int, joints: tuple[str, ...], leading: tuple[int, ...]) -> tuple[str, ...]:
-    """Names of the numbers of a vector: of all joints, of an axis each, of the first joints, else their places.
+def component_names(
+    length: int, joints: tuple[str, ...], leading: tuple[int, ...]
+) -> tuple[str, ...]:
+    """Names of the numbers of a vector: of all joints, of an axis each, of the first joints, else
+    their places.
 
     leading: lengths of vectors that are of the first joints only.
     """

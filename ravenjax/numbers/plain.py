@@ -1,6 +1,8 @@
-"""The functions that the tick's code calls, in NumPy: for plain numbers, each result of the type JAX would give it.
+"""The functions that the tick's code calls, in NumPy: for plain numbers, each result of the type
+JAX would give it.
 
-Results are those of XLA on a CPU, bit for bit, but for sine and cosine of float32: those here are correctly rounded.
+Results are those of XLA on a CPU, bit for bit, but for sine and cosine of float32: those here are
+correctly rounded.
 """
 
 from __future__ import annotations

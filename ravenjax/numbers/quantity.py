@@ -1,9 +1,11 @@
-"""What the numbers of a parameter record may be: unit, range and meaning of each, said once, at its field.
+"""What the numbers of a parameter record may be: unit, range and meaning of each, said once, at its
+field.
 
     scale: Annotated[Scalar, Quantity("", 0, 1, "tip motion per hand motion")]
 
-A range keeps out what has no meaning (negative mass, a packet every 0 cycles), what single precision cannot hold, and
-what is a slip of the unit (degrees for radians). Within it the robot may be as bad as a campaign wants it.
+A range keeps out what has no meaning (negative mass, a packet every 0 cycles), what single
+precision cannot hold, and what is a slip of the unit (degrees for radians). Within it the robot may
+be as bad as a campaign wants it.
 """
 
 from __future__ import annotations
@@ -22,8 +24,9 @@ HOUR_MS = 3_600_000
 class Quantity:
     """Annotation of a field: what its number, or each number in it, may be.
 
-    A vector with unlike joints has several, beside each other or in a tuple, each with its `joints`. One with joints in
-    a record that stands at a joint's name holds where it is one of them.
+    A vector with unlike joints has several, beside each other or in a tuple, each with its
+    `joints`. One with joints in a record that stands at a joint's name holds where it is one of
+    them.
     """
 
     unit: str
@@ -55,7 +58,8 @@ class Reserved:
 
 
 def quantities(params: type) -> Iterator[tuple[str, Quantity]]:
-    """(path, what it may be) of every number of a record class, in order; more than once where joints are unlike.
+    """(path, what it may be) of every number of a record class, in order; more than once where
+    joints are unlike.
 
     A path has no arm, number of a set, joint or axis: it is that of the fields.
     """
@@ -76,7 +80,9 @@ def reserved(params: type) -> Iterator[tuple[str, str]]:
 
 
 def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
-    """(path, what its annotation says) of each field of a record class, and of the records in it."""
+    """(path, what its annotation says) of each field of a record class, and of the records in
+    it.
+    """
     hints = typing.get_type_hints(params, include_extras=True)
     for field in dataclasses.fields(params):
         inner, notes = _opened(hints[field.name])
@@ -87,7 +93,9 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
 
 
 def _opened(hint: Any) -> tuple[Any, list[Any]]:
-    """What a field holds one of, and what its annotation says: `Annotated[tuple[X, ...] | None, said]`."""
+    """What a field holds one of, and what its annotation says: `Annotated[tuple[X, ...] | None,
+    said]`.
+    """
     notes: list[Any] = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)

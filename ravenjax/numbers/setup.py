@@ -1,7 +1,7 @@
 """What picks code, static: how wide numbers are, which faults, cues and detectors are in the tick.
 
-Everything that a campaign may vary is a traced number in the robot's `TickParams`; what is here is hashable, and one
-`Setup` is one compile. A robot adds its own choices in a subclass.
+Everything that a campaign may vary is a traced number in the robot's `TickParams`; what is here is
+hashable, and one `Setup` is one compile. A robot adds its own choices in a subclass.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ravenjax.vocabulary.detectors import DetectorUse
 class Precision:
     """Widths of floating point numbers, static.
 
-    The original control software stores float32 and evaluates many expressions in double: `narrow` is
-    what it stores, `wide` what it evaluates in. `real` is the width of everything that is not control software: plant,
-    nominal model, haptics, monitor. Campaigns run with all three float32; the control software driven alone, or checked
-    against the original, with `wide` float64.
+    The original control software stores float32 and evaluates many expressions in double: `narrow`
+    is what it stores, `wide` what it evaluates in. `real` is the width of everything that is not
+    control software: plant, nominal model, haptics, monitor. Campaigns run with all three float32;
+    the control software driven alone, or checked against the original, with `wide` float64.
     """
 
     narrow: str = "float32"
@@ -41,7 +41,9 @@ REFERENCE = Precision(narrow="float64", wide="float64", real="float64")
 
 @dataclasses.dataclass(frozen=True)
 class SiteUse:
-    """The channels of one fault site that a campaign hits, and the effects it applies there; static."""
+    """The channels of one fault site that a campaign hits, and the effects it applies there;
+    static.
+    """
 
     site: str  # a name of the robot's sites
     channels: tuple[tuple[str, str], ...]  # (arm, or "" where the site has none; channel)
@@ -50,7 +52,9 @@ class SiteUse:
 
 @dataclasses.dataclass(frozen=True)
 class Injection:
-    """Which fault machinery a campaign needs; static. What is not named here is not in its kernel."""
+    """Which fault machinery a campaign needs; static. What is not named here is not in its
+    kernel.
+    """
 
     slots: int = 0  # faults that one run may hold
     sites: tuple[SiteUse, ...] = ()
@@ -62,10 +66,14 @@ class Setup:
     """Everything that picks code, of any robot. Static and hashable: one Setup, one compile."""
 
     joints: ClassVar[tuple[str, ...]] = ()  # of each arm, in order
-    leading_joints: ClassVar[tuple[int, ...]] = ()  # lengths of vectors that are of the first joints only
+    leading_joints: ClassVar[
+        tuple[int, ...]
+    ] = ()  # lengths of vectors that are of the first joints only
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
-    link_dynamics: Literal["unrolled", "mjx"] = "unrolled"  # of engine mjx: by mujoco.mjx, where the robot can
+    link_dynamics: Literal["unrolled", "mjx"] = (
+        "unrolled"  # of engine mjx: by mujoco.mjx, where the robot can
+    )
     injection: Injection = Injection()
     cues: int = 1  # haptic threshold and gain sets evaluated side by side
     detectors: tuple[DetectorUse, ...] = ()

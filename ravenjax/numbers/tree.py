@@ -1,4 +1,5 @@
-"""Records, tuples, lists and dicts of numbers, taken apart and put together without JAX, in JAX's order.
+"""Records, tuples, lists and dicts of numbers, taken apart and put together without JAX, in JAX's
+order.
 
 `None` has no leaves; dicts go by their sorted keys; whatever is not one of these is a leaf.
 """
@@ -39,7 +40,9 @@ def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
 
 
 def filled(tree: Any, numbers: list[Any]) -> Any:
-    """A tree of the structure of `tree` with these numbers for leaves, in order. ValueError for fewer or more."""
+    """A tree of the structure of `tree` with these numbers for leaves, in order. ValueError for
+    fewer or more.
+    """
     if len(numbers) != (wanted := len(leaves(tree))):
         raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
     rest = iter(numbers)

@@ -1,8 +1,10 @@
-"""What a tick is written in: single numbers, `Vec`s of them, and records whose leaves are single numbers.
+"""What a tick is written in: single numbers, `Vec`s of them, and records whose leaves are single
+numbers.
 
-Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of them with elementwise
-arithmetic; a `record` is a frozen dataclass registered as a JAX pytree whose leaves are single numbers. Code written on
-them reads like the equations, needs no axes, and traces to a straight list of scalar operations.
+Every quantity of a simulated robot is a *single number*. A `Vec` is a fixed-length tuple of them
+with elementwise arithmetic; a `record` is a frozen dataclass registered as a JAX pytree whose
+leaves are single numbers. Code written on them reads like the equations, needs no axes, and traces
+to a straight list of scalar operations.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ Scalar: TypeAlias = Any
 
 
 class Vec(tuple):
-    """Fixed-length tuple of single numbers with elementwise arithmetic; a number stands for a Vec of itself."""
+    """Fixed-length tuple of single numbers with elementwise arithmetic; a number stands for a
+    Vec of itself.
+    """
 
     __slots__ = ()
 
@@ -86,7 +90,9 @@ def record(cls: type) -> type:
     """Frozen dataclass whose fields are all pytree data. Leaves are single numbers."""
     cls = dataclasses.dataclass(frozen=True)(cls)
     names = [field.name for field in dataclasses.fields(cls)]
-    when_loaded(lambda jax: jax.tree_util.register_dataclass(cls, data_fields=names, meta_fields=[]))
+    when_loaded(
+        lambda jax: jax.tree_util.register_dataclass(cls, data_fields=names, meta_fields=[])
+    )
     RECORDS[f"{cls.__module__}.{cls.__qualname__}"] = cls
     return cls
 
@@ -106,9 +112,13 @@ INT32_MIN = -2147483648
 
 
 def to_int32(x: Scalar) -> Scalar:
-    """C's `(int)x` on x86: truncation toward zero; NaN and anything outside 32 bits become -2147483648."""
+    """C's `(int)x` on x86: truncation toward zero; NaN and anything outside 32 bits become
+    -2147483648.
+    """
     fits = (x >= -2147483648.0) & (x < 2147483648.0)
-    return jnp.where(fits, lax.convert_element_type(jnp.where(fits, x, 0.0), jnp.int32), jnp.int32(INT32_MIN))
+    return jnp.where(
+        fits, lax.convert_element_type(jnp.where(fits, x, 0.0), jnp.int32), jnp.int32(INT32_MIN)
+    )
 
 
 def wrap16(x: Scalar) -> Scalar:
@@ -122,9 +132,11 @@ def as_int(x: Scalar) -> Scalar:
 
 
 def rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
-    """`then()` where `condition`, which seldom holds, else `otherwise`: records of the same structure and types.
+    """`then()` where `condition`, which seldom holds, else `otherwise`: records of the same
+    structure and types.
 
-    Means the same as `where`; engines that print code pass `then()` by in ticks where nobody needs it.
+    Means the same as `where`; engines that print code pass `then()` by in ticks where nobody needs
+    it.
     """
     return lax.cond(condition, then, lambda: otherwise)
 

@@ -1,6 +1,7 @@
 """Events of runs, each one expression over columns of the result table that DuckDB evaluates.
 
-One definition serves stop rules, report and search, on Parquet files, Arrow tables and DataFrames alike.
+One definition serves stop rules, report and search, on Parquet files, Arrow tables and DataFrames
+alike.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ class Rules(NamedTuple):
     jump: str = "jump_code"  # column of the jump rule
     limit_mm: float = LIMIT_MM  # of hazards
     built_in: str = "response"  # column of what the built-in checks did by themselves
-    stopping: tuple[tuple[int, str], ...] = ()  # number and name of each detector that presses the E-stop
+    stopping: tuple[
+        tuple[int, str], ...
+    ] = ()  # number and name of each detector that presses the E-stop
 
 
 class Event(NamedTuple):
@@ -40,13 +43,18 @@ def _among(words: Iterable[str]) -> str:
 
 
 def beyond_golden_sql(column: str) -> str:
-    """Time of what came first, -1 where it never came or the golden run had it by then: as `verdict.beyond_golden`."""
+    """Time of what came first, -1 where it never came or the golden run had it by then: as
+    `verdict.beyond_golden`.
+    """
     own, golden = f'"{column}"', f'"golden_{column}"'
-    return f"CASE WHEN {own} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {own}) THEN {own} ELSE -1 END"
+    return (
+        f"CASE WHEN {own} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {own}) THEN {own} ELSE -1 END"
+    )
 
 
 def check_ms_sql(name: str, golden: bool = True) -> str:
-    """When a check first did what it does not in the golden run, -1 if never: as `verdict.responses`.
+    """When a check first did what it does not in the golden run, -1 if never: as
+    `verdict.responses`.
 
     golden: whether the golden run's trips are known; where they are not, every trip counts.
     """
@@ -55,7 +63,10 @@ def check_ms_sql(name: str, golden: bool = True) -> str:
         return own
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
     sooner = beyond_golden_sql(f"check_{name}_first_ms")
-    return f"CASE WHEN ({sooner}) >= 0 THEN {own} WHEN {more} THEN greatest({own}, first_active_ms) ELSE -1 END"
+    return (
+        f"CASE WHEN ({sooner}) >= 0 THEN {own} WHEN {more} THEN greatest({own}, first_active_ms)"
+        " ELSE -1 END"
+    )
 
 
 CUE_MS = beyond_golden_sql("cue{cue}_first_ms")
@@ -72,24 +83,37 @@ _ALL = (
     ),
     Event(
         "evades_built_in",
-        "no built-in check told anyone by itself, whatever checks and detectors of one's own did, and the live robot "
-        "made an unintended motion of more than {limit}",
+        "no built-in check told anyone by itself, whatever checks and detectors of one's own did,"
+        " and the live robot made an unintended motion of more than {limit}",
         f"{{built_in}} IN {_among(UNTOLD)} AND hazard = 'unintended motion'",
     ),
     Event(
         "unintended_motion",
-        "the tip was more than {limit} off the golden run, the model and standing still while the robot was live",
+        "the tip was more than {limit} off the golden run, the model and standing still while the"
+        " robot was live",
         "hazard = 'unintended motion'",
     ),
-    Event("loss_of_motion", "the instrument did not follow the operator", "hazard = 'loss of motion'"),
-    Event("false_report", "the reported tip was more than {limit} off the true one", "hazard = 'false report'"),
+    Event(
+        "loss_of_motion", "the instrument did not follow the operator", "hazard = 'loss of motion'"
+    ),
+    Event(
+        "false_report",
+        "the reported tip was more than {limit} off the true one",
+        "hazard = 'false report'",
+    ),
     Event("hazard", "there was a hazard of any kind", "hazard <> 'none'"),
     Event("stopped", "a check stopped the robot", "response = 'stopped'"),
     Event("flagged", "a check told a person, and the robot went on", "response = 'flagged'"),
-    Event("limited", "a check limited a command or dropped a packet and told nobody", "response = 'limited'"),
+    Event(
+        "limited",
+        "a check limited a command or dropped a packet and told nobody",
+        "response = 'limited'",
+    ),
     Event("silent", "no check did anything", "response = 'silent'"),
     Event("told", "a check told a person or stopped the robot", TOLD_SQL),
-    Event("cue", "the {threshold} cue came and the golden run had none by then", f"({CUE_MS}) >= 0"),
+    Event(
+        "cue", "the {threshold} cue came and the golden run had none by then", f"({CUE_MS}) >= 0"
+    ),
     Event("jump", "the reported tip jumped by the campaign's jump rule", "{jump}"),
     Event(
         "cable_overload",
@@ -101,8 +125,8 @@ _ALL = (
 )
 
 UNWATCHED = (
-    "but the tensions of this robot's cables are not known: with a Raven-II take campaign.parameter_set = "
-    "'power_consistent'"
+    "but the tensions of this robot's cables are not known: with a Raven-II take"
+    " campaign.parameter_set = 'power_consistent'"
 )
 """Why a table may have no event `cable_overload`."""
 
@@ -121,7 +145,9 @@ def sql(name: str, rules: Rules) -> str:
 
 def meaning(name: str, rules: Rules) -> str:
     """An event in words, with the campaign's own numbers."""
-    return EVENTS[name].meaning.format(limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm")
+    return EVENTS[name].meaning.format(
+        limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
+    )
 
 
 def columns(names: Sequence[str], rules: Rules) -> list[str]:
@@ -132,9 +158,11 @@ def columns(names: Sequence[str], rules: Rules) -> list[str]:
 
 
 def happened(table: pa.Table, names: Sequence[str], rules: Rules) -> np.ndarray:
-    """Which rows are valid, and of which events each is a case: bool [1 + names, rows]; `valid` first.
+    """Which rows are valid, and of which events each is a case: bool [1 + names, rows]; `valid`
+    first.
 
-    table: Arrow, with `columns` of the result table. Of a run without a valid outcome an event says nothing.
+    table: Arrow, with `columns` of the result table. Of a run without a valid outcome an event says
+    nothing.
     """
     import duckdb
     import numpy as np

@@ -21,18 +21,23 @@ LIMIT_MM = PUBLISHED_CUE_MM
 """Distance of a hazard where a campaign's `[outcomes] limit_mm` says nothing else."""
 
 HALT_MS = 200
-"""Time out of pedal-down that is noticed: the largest visual delay that operators put up with is 150 to 200 ms. It is
-known as a sum: a flickering pedal is up for a few ms at a time, in which no brake closes, and for tens of ms in all."""
+"""Time out of pedal-down that is noticed: the largest visual delay that operators put up with is
+150 to 200 ms. It is known as a sum: a flickering pedal is up for a few ms at a time, in which no
+brake closes, and for tens of ms in all."""
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
-"""What checks did, the strongest first: the built-in ones, and those of one's own that do more than watch."""
+"""What checks did, the strongest first: the built-in ones, and those of one's own that do more
+than watch.
+"""
 
 HAZARDS = ("unintended motion", "loss of motion", "false report", "none")
 """What became of the motion, the gravest first."""
 
 CUES = ("cue", "no cue")
 
-VERDICTS = tuple(f"{response}/{hazard}/{cue}" for response in RESPONSES for hazard in HAZARDS for cue in CUES)
+VERDICTS = tuple(
+    f"{response}/{hazard}/{cue}" for response in RESPONSES for hazard in HAZARDS for cue in CUES
+)
 
 TOLD = ("stopped", "flagged")
 """Responses of which a person learns."""
@@ -61,34 +66,49 @@ class Response(NamedTuple):
 def responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
     """What the checks did in each run beyond what they did in its golden run.
 
-    Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost. Only what the fault
-    changed counts: a check that tripped more often than in the golden run, or first tripped sooner than there. golden:
-    its `check_*_count` and `check_*_first_ms`.
+    Checks trip on fault-free motion too: a command is clipped, the first packet of a stream lost.
+    Only what the fault changed counts: a check that tripped more often than in the golden run, or
+    first tripped sooner than there. golden: its `check_*_count` and `check_*_first_ms`.
     """
     counted = [name for name in checks.names(outcomes) if robot.check(name).action != "watch"]
     return _responses(outcomes, golden, robot, counted, None)
 
 
-def built_in_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()) -> Response:
-    """What the built-in checks did by themselves: of runs whose course a part of one's own changed, until then.
+def built_in_responses(
+    outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()
+) -> Response:
+    """What the built-in checks did by themselves: of runs whose course a part of one's own changed,
+    until then.
 
-    detectors: those that may stop the robot, by their numbers; golden has their `detector<d>_threshold0_*`. A stop by
-    one's own makes built-in checks trip, too: the software E-stop, then the PLC. What the robot would have done without
-    that part only a run without it can tell; what tripped before it did, would have tripped anyway.
+    detectors: those that may stop the robot, by their numbers; golden has their
+    `detector<d>_threshold0_*`. A stop by one's own makes built-in checks trip, too: the software
+    E-stop, then the PLC. What the robot would have done without that part only a run without it can
+    tell; what tripped before it did, would have tripped anyway.
     """
     names = checks.names(outcomes)
-    own = [(f"check_{name}_count", f"check_{name}_first_ms") for name in names if _acts(robot.check(name))]
-    own += [(f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors]
+    own = [
+        (f"check_{name}_count", f"check_{name}_first_ms")
+        for name in names
+        if _acts(robot.check(name))
+    ]
+    own += [
+        (f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors
+    ]
     acted = _first_otherwise(outcomes, golden, own)
-    return _responses(outcomes, golden, robot, [name for name in names if not robot.check(name).own], acted)
+    return _responses(
+        outcomes, golden, robot, [name for name in names if not robot.check(name).own], acted
+    )
 
 
 def _acts(check: Check) -> bool:
     return check.own and check.acts
 
 
-def _first_otherwise(outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]) -> np.ndarray:
-    """When the first of those tripped that trip otherwise than in the golden run, ms; -1: none does.
+def _first_otherwise(
+    outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str, str]]
+) -> np.ndarray:
+    """When the first of those tripped that trip otherwise than in the golden run, ms; -1: none
+    does.
 
     trips: columns of how often and when first. Not before the fault: until then the two are one.
     """
@@ -105,8 +125,8 @@ def _first_otherwise(outcomes: Outcomes, golden: Outcomes, trips: list[tuple[str
 def _responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], until: np.ndarray | None
 ) -> Response:
-    """What these checks did. until: ms [rows], what is later does not count, nor, at the same time, what `follows`;
-    -1: all counts."""
+    """What these checks did. until: ms [rows], what is later does not count, nor, at the same time,
+    what `follows`; -1: all counts."""
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
     cause = np.zeros(len(onset), np.int8)
@@ -123,7 +143,8 @@ def _responses(
         more = (own > usual) | sooner
         if not more.any():
             continue
-        # Where the golden run has tripped by then, the first trip may precede the fault; the response does not.
+        # Where the golden run has tripped by then, the first trip may precede the fault; the
+        # response does not.
         ms = np.where(sooner, ms, np.maximum(ms, onset))
         if until is not None:
             more = more & ((until < 0) | (ms < until + (not robot.check(name).follows)))
@@ -132,16 +153,20 @@ def _responses(
         if rank in _TOLD:
             earlier = more & ((alarm < 0) | (ms < alarm))
             alarm[earlier] = ms[earlier]
-    return Response(response, cause, first, alarm, ("", *(robot.check(name).named_cause for name in names)))
+    return Response(
+        response, cause, first, alarm, ("", *(robot.check(name).named_cause for name in names))
+    )
 
 
 def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
     """Index of HAZARDS for each run: the gravest that it has.
 
-    outcomes: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms, golden_halted_ms. stopped: bool
-    [rows], a check stopped the robot.
+    outcomes: unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
+    golden_halted_ms. stopped: bool [rows], a check stopped the robot.
     """
-    halted = halts(np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["golden_halted_ms"]), stopped)
+    halted = halts(
+        np.asarray(outcomes["halted_ms"]), np.asarray(outcomes["golden_halted_ms"]), stopped
+    )
     return np.select(
         [
             np.asarray(outcomes["unintended_first_ms"]) >= 0,
@@ -154,7 +179,8 @@ def hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
 
 
 def halts(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
-    """Whether the time out of pedal-down with the pedal held is a loss of motion: bool, arrays [rows] or numbers.
+    """Whether the time out of pedal-down with the pedal held is a loss of motion: bool, arrays
+    [rows] or numbers.
 
     stopped: a check stopped the robot.
     """
@@ -162,12 +188,18 @@ def halts(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
 
 
 def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
-    """Time [rows] of what came first in each run, -1 where it never came or the golden run had it by then, too."""
+    """Time [rows] of what came first in each run, -1 where it never came or the golden run had
+    it by then, too.
+    """
     own, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
     return np.where((own >= 0) & ~((golden >= 0) & (golden <= own)), own, -1)
 
 
-def verdicts(response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Index of (*VERDICTS, "") for each run: "" where it has no valid outcome. cue: bool, beyond the golden run."""
+def verdicts(
+    response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray
+) -> np.ndarray:
+    """Index of (*VERDICTS, "") for each run: "" where it has no valid outcome. cue: bool, beyond
+    the golden run.
+    """
     place = (response.astype(np.int16) * len(HAZARDS) + hazard) * len(CUES) + ~cue
     return np.where(valid, place, len(VERDICTS))

@@ -1,4 +1,6 @@
-"""Files beside a part's own that are part of its content: arrays that it loads, modules that it imports."""
+"""Files beside a part's own that are part of its content: arrays that it loads, modules that it
+imports.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ class _Place(NamedTuple):
 
     folder: Path
     hashes: dict[str, str]  # sha256 of what was taken, by name
-    before: Mapping[str, str] | None  # sha256 of what was taken when the part was first read: nothing else is now
+    before: (
+        Mapping[str, str] | None
+    )  # sha256 of what was taken when the part was first read: nothing else is now
 
 
 _PLACES: list[_Place] = []
@@ -28,8 +32,8 @@ _CONTENTS: dict[str, bytes] = {}
 def beside(path: Path, before: Iterable[tuple[str, str]] | None = None) -> Iterator[dict[str, str]]:
     """Let `content` find the files beside `path`; gives the sha256 of each that is taken, by name.
 
-    before: (name, sha256) of all files of a part that was read before, maybe in another process; they are taken as
-    they were.
+    before: (name, sha256) of all files of a part that was read before, maybe in another process;
+    they are taken as they were.
     """
     place = _Place(path.parent, {}, None if before is None else dict(before))
     _PLACES.append(place)
@@ -50,7 +54,9 @@ def folder() -> Path:
 
 
 def content(name: str) -> bytes:
-    """What is in a file beside the part that is being read; it is part of its content from now on. Raises OSError."""
+    """What is in a file beside the part that is being read; it is part of its content from now
+    on. Raises OSError.
+    """
     place = _PLACES[-1]
     if place.before is None:
         data = (place.folder / name).read_bytes()

@@ -14,14 +14,17 @@ from ravenjax.parts import files
 
 
 def run(code: Any, module: types.ModuleType, path: Path) -> None:
-    """Run the code of the part at `path` in its module; its imports find modules beside it first, as a script's do."""
+    """Run the code of the part at `path` in its module; its imports find modules beside it
+    first, as a script's do.
+    """
     _run(code, module, _Imports(module.__name__, path.parent))
 
 
 class _Imports:
     """`__import__` of one part, and of the modules beside it.
 
-    No other part has these modules, nor has `sys.modules` by their plain names: two campaigns may have two `filters`.
+    No other part has these modules, nor has `sys.modules` by their plain names: two campaigns may
+    have two `filters`.
     """
 
     def __init__(self, part: str, folder: Path) -> None:
@@ -44,7 +47,9 @@ class _Imports:
         file = f"{name}.py"
         if not files.reading():
             if (self._folder / file).is_file():
-                raise ImportError(f"import {name} at the top of the file, so that its text counts as content")
+                raise ImportError(
+                    f"import {name} at the top of the file, so that its text counts as content"
+                )
             return None
         try:
             content = files.content(file)

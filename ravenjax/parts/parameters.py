@@ -1,4 +1,6 @@
-"""Parameters of several parts, each by its part's name; they travel between processes with their code."""
+"""Parameters of several parts, each by its part's name; they travel between processes with their
+code.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def of(sources: tuple[OwnSource, ...]) -> Any:
-    """A named tuple of the records that the files give, each None where its file has none. Raises UserError."""
+    """A named tuple of the records that the files give, each None where its file has none.
+    Raises UserError.
+    """
     return _kind(sources)(*(part.params(part.loaded(source)) for source in sources))
 
 
@@ -31,7 +35,8 @@ def _named_kind(names: tuple[str, ...]) -> type[Any]:
 
 @functools.lru_cache(maxsize=256)
 def _kind(sources: tuple[OwnSource, ...]) -> type[Any]:
-    # Records of a file are classes that no other process has: there they come from its text, as numbers do from here.
+    # Records of a file are classes that no other process has: there they come from its text, as
+    # numbers do from here.
     def reduced(own: Any) -> tuple[Any, ...]:
         return _restored, (sources, files.contents(sources), tree.leaves(own))
 
@@ -40,6 +45,8 @@ def _kind(sources: tuple[OwnSource, ...]) -> type[Any]:
     return kind
 
 
-def _restored(sources: tuple[OwnSource, ...], contents: Mapping[str, bytes], numbers: list[Any]) -> Any:
+def _restored(
+    sources: tuple[OwnSource, ...], contents: Mapping[str, bytes], numbers: list[Any]
+) -> Any:
     files.keep(contents)
     return tree.filled(of(sources), numbers)

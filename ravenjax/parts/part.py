@@ -1,7 +1,9 @@
-"""A part from its source: its functions, what a campaign may vary of it, and one millisecond of it, checked.
+"""A part from its source: its functions, what a campaign may vary of it, and one millisecond of it,
+checked.
 
-The code runs as it is traced, so what is wrong with it is told as one error that names file and line: whatever it
-raises, a branch on a value, an array where a single number belongs, a state that changes its structure or types.
+The code runs as it is traced, so what is wrong with it is told as one error that names file and
+line: whatever it raises, a branch on a value, an array where a single number belongs, a state that
+changes its structure or types.
 """
 
 from __future__ import annotations
@@ -57,8 +59,8 @@ class OwnPart(NamedTuple):
 
 
 def read(name: str, path: Path, what: str = "detector") -> OwnSource:
-    """The source of the file at `path`, which is run once; what: kind of the part. Raises UserError, naming file and
-    line."""
+    """The source of the file at `path`, which is run once; what: kind of the part. Raises
+    UserError, naming file and line."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -74,7 +76,9 @@ def read(name: str, path: Path, what: str = "detector") -> OwnSource:
 
 
 def unchanged(source: OwnSource) -> bool:
-    """Whether its file, and those that it takes from beside it, are what they were when it was read."""
+    """Whether its file, and those that it takes from beside it, are what they were when it was
+    read.
+    """
     path = Path(source.path)
     try:
         same = path.read_text(encoding="utf-8") == source.text
@@ -92,12 +96,18 @@ def digest(source: OwnSource) -> str:
 
 @functools.lru_cache(maxsize=256)
 def loaded(source: OwnSource) -> OwnPart:
-    """Its functions. Raises UserError where there is no `step`, or `params` is not as it should be."""
+    """Its functions. Raises UserError where there is no `step`, or `params` is not as it should
+    be.
+    """
     module = _module(source)
     step: Callable[..., Any] | None = getattr(module, "step", None)
     if step is None or not callable(step):
-        raise UserError(f"{source.path}: has no function step(params, state, view), which gives (state, score)")
-    own = OwnPart(source, getattr(module, "params", _nothing), getattr(module, "init", _nothing), step)
+        raise UserError(
+            f"{source.path}: has no function step(params, state, view), which gives (state, score)"
+        )
+    own = OwnPart(
+        source, getattr(module, "params", _nothing), getattr(module, "init", _nothing), step
+    )
     _require_ranges(own)
     return own
 
@@ -115,59 +125,90 @@ def quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
 
 
 def init(part: OwnPart, params: Any, real: str) -> Any:
-    """What it remembers before the first millisecond, each number of its kind: float of width `real`, int32, bool."""
+    """What it remembers before the first millisecond, each number of its kind: float of width
+    `real`, int32, bool.
+    """
     with _Blame(part.source, "init(params)"):
         return _numbers(part.source, "init(params)", part.init(params), real)
 
 
 def step(part: OwnPart, params: Any, state: Any, view: Any, real: str) -> tuple[Any, Scalar]:
-    """One millisecond of one arm: what it remembers, and its score as a float of width `real`. Raises UserError."""
+    """One millisecond of one arm: what it remembers, and its score as a float of width `real`.
+    Raises UserError.
+    """
     after, (score,) = _stepped(part, params, state, view, real, ("score",))
     return after, score
 
 
-def limiting_step(part: OwnPart, params: Any, state: Any, view: Any, real: str, before: Vec) -> tuple[Any, Scalar, Vec]:
-    """As `step`, and what goes on in place of `before`: as many numbers, each of its kind. Raises UserError."""
-    after, (score, values) = _stepped(part, params, state, view, real, ("score", ("values", before)))
+def limiting_step(
+    part: OwnPart, params: Any, state: Any, view: Any, real: str, before: Vec
+) -> tuple[Any, Scalar, Vec]:
+    """As `step`, and what goes on in place of `before`: as many numbers, each of its kind.
+    Raises UserError.
+    """
+    after, (score, values) = _stepped(
+        part, params, state, view, real, ("score", ("values", before))
+    )
     return after, score, values
 
 
-def stage_step(part: OwnPart, params: Any, state: Any, view: Any, real: str, name: str, like: Any) -> tuple[Any, Any]:
-    """One millisecond of one arm of a stage: what it remembers, and what it gives, called `name`, in the structure of
-    `like`, each number of its kind. Raises UserError."""
+def stage_step(
+    part: OwnPart, params: Any, state: Any, view: Any, real: str, name: str, like: Any
+) -> tuple[Any, Any]:
+    """One millisecond of one arm of a stage: what it remembers, and what it gives, called `name`,
+    in the structure of `like`, each number of its kind. Raises UserError."""
     after, (values,) = _stepped(part, params, state, view, real, ((name, like),))
     return after, values
 
 
 def keyed_step(
-    part: OwnPart, params: Any, state: Any, view: Any, real: str, name: str, like: Mapping[str, InPlace]
+    part: OwnPart,
+    params: Any,
+    state: Any,
+    view: Any,
+    real: str,
+    name: str,
+    like: Mapping[str, InPlace],
 ) -> tuple[Any, dict[str, Any]]:
-    """One millisecond of a part that gives a dict, called `name`: what it remembers, and of each key that it has what
-    it gives there, in the structure of `like`, each number of its kind. A key at which it gives the numbers of `like`
-    back as they are counts as left out. Raises UserError."""
+    """One millisecond of a part that gives a dict, called `name`: what it remembers, and of each
+    key that it has what it gives there, in the structure of `like`, each number of its kind. A key
+    at which it gives the numbers of `like` back as they are counts as left out. Raises UserError.
+    """
     after, (values,) = _stepped(part, params, state, view, real, ((name, like),))
     return after, values
 
 
 def _stepped(
-    part: OwnPart, params: Any, state: Any, view: Any, real: str, gives: tuple[str | tuple[str, Any], ...]
+    part: OwnPart,
+    params: Any,
+    state: Any,
+    view: Any,
+    real: str,
+    gives: tuple[str | tuple[str, Any], ...],
 ) -> tuple[Any, list[Any]]:
-    """The state after `step`, and the other things that it gives: a score, or numbers like some that it is given."""
+    """The state after `step`, and the other things that it gives: a score, or numbers like some
+    that it is given.
+    """
     with _Blame(part.source, STEP):
         result = part.step(params, state, view)
         names = ["state", *(one if isinstance(one, str) else one[0] for one in gives)]
-        if not (isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == len(names)):
+        if not (
+            isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == len(names)
+        ):
             raise _error(
                 part.source,
                 STEP,
-                f"gives {shown(result)}, expected {_COUNTS[len(names)]} things: ({', '.join(names)})",
+                f"gives {shown(result)}, expected {_COUNTS[len(names)]} things:"
+                f" ({', '.join(names)})",
             )
         after = _numbers(part.source, STEP, result[0], real)
         _require_alike(part.source, state, after)
         out: list[Any] = []
         for one, value in zip(gives, result[1:], strict=True):
             if isinstance(one, str):
-                out.append(lax.convert_element_type(_number(part.source, STEP, one, value, real), real))
+                out.append(
+                    lax.convert_element_type(_number(part.source, STEP, one, value, real), real)
+                )
             elif isinstance(one[1], Mapping):
                 out.append(_keyed(part.source, *one, value, real))
             else:
@@ -181,21 +222,37 @@ STEP = "step(params, state, view)"
 _COUNTS = {2: "two", 3: "three"}
 
 
-def _keyed(source: OwnSource, name: str, like: Mapping[str, InPlace], values: Any, real: str) -> dict[str, Any]:
-    """Of each key of `values` the numbers there, as `like` has them; a key with the very numbers of `like` is none."""
+def _keyed(
+    source: OwnSource, name: str, like: Mapping[str, InPlace], values: Any, real: str
+) -> dict[str, Any]:
+    """Of each key of `values` the numbers there, as `like` has them; a key with the very numbers
+    of `like` is none.
+    """
     keys = ", ".join(like)
     if not isinstance(values, dict):
-        raise _error(source, STEP, f"gives {shown(values)} for {name}, expected a dict with some of the keys {keys}")
+        raise _error(
+            source,
+            STEP,
+            f"gives {shown(values)} for {name}, expected a dict with some of the keys {keys}",
+        )
     for key in values:
         if key not in like:
             raise _error(
-                source, STEP, f"gives the key {key!r} in {name}, expected some of {keys}{suggestion(key, like)}"
+                source,
+                STEP,
+                f"gives the key {key!r} in {name}, expected some of {keys}{suggestion(key, like)}",
             )
-    numbers = {key: _like(source, key, like[key].like, value, real, like[key].words) for key, value in values.items()}
+    numbers = {
+        key: _like(source, key, like[key].like, value, real, like[key].words)
+        for key, value in values.items()
+    }
     given_back = {
         key
         for key, value in values.items()
-        if all(new is old for new, old in zip(tree.leaves(value), tree.leaves(like[key].like), strict=True))
+        if all(
+            new is old
+            for new, old in zip(tree.leaves(value), tree.leaves(like[key].like), strict=True)
+        )
     }
     return {key: new for key, new in numbers.items() if key not in given_back}
 
@@ -215,7 +272,10 @@ def _like(source: OwnSource, name: str, like: Any, values: Any, real: str, words
         number, kind = _number(source, STEP, what, value, real), _kind(wanted)
         if _kind(number) != kind:
             raise _error(
-                source, STEP, f"gives a {_kind(number)} for {what}, expected {kind}{_CONVERSIONS.get(str(kind), '')}"
+                source,
+                STEP,
+                f"gives a {_kind(number)} for {what}, expected"
+                f" {kind}{_CONVERSIONS.get(str(kind), '')}",
             )
         numbers.append(number)
     return tree.filled(like, numbers)
@@ -236,20 +296,33 @@ _MODULES: dict[OwnSource, types.ModuleType] = {}
 def _module(source: OwnSource) -> types.ModuleType:
     """The module of a source, run once in a process."""
     if source not in _MODULES:
-        module = types.ModuleType(f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}")
+        module = types.ModuleType(
+            f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}"
+        )
         module.__file__ = source.path
-        # so that a traceback shows the line also where the file has changed, or is on another machine
-        linecache.cache[source.path] = (len(source.text), None, source.text.splitlines(keepends=True), source.path)
+        # so that a traceback shows the line also where the file has changed, or is on another
+        # machine
+        linecache.cache[source.path] = (
+            len(source.text),
+            None,
+            source.text.splitlines(keepends=True),
+            source.path,
+        )
         path = Path(source.path)
         first = files.reading()  # else it is known which files it takes
-        with contextlib.nullcontext() if first else files.beside(path, source.files), _Blame(source, "the file"):
+        with (
+            contextlib.nullcontext() if first else files.beside(path, source.files),
+            _Blame(source, "the file"),
+        ):
             imports.run(compile(source.text, source.path, "exec"), module, path)
         _MODULES[source] = module
     return _MODULES[source]
 
 
 class _Blame:
-    """Turns what a part's code raises into one UserError that names file and line; what it prints is no output."""
+    """Turns what a part's code raises into one UserError that names file and line; what it
+    prints is no output.
+    """
 
     def __init__(self, source: OwnSource, where: str) -> None:
         self._source, self._where = source, where
@@ -265,20 +338,25 @@ class _Blame:
         if not is_jax():
             if isinstance(error, Untraceable):
                 return
-            raise Untraceable(f"{self._source.path}: JAX says better what is wrong with it") from error
+            raise Untraceable(
+                f"{self._source.path}: JAX says better what is wrong with it"
+            ) from error
         if isinstance(error, SyntaxError) and self._is_own(error.filename):
-            raise UserError(f"{error.filename}:{error.lineno}: is no Python ({error.msg})") from None
+            raise UserError(
+                f"{error.filename}:{error.lineno}: is no Python ({error.msg})"
+            ) from None
         frames = [frame for frame in traceback.extract_tb(trace) if self._is_own(frame.filename)]
         place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else self._source.path
         if any(one.__name__ in _BRANCHES for one in type(error).__mro__):
             trouble = (
-                "uses a value that is known only when the robot runs as if it were known now, in an if, a while, a "
-                "comparison chain or a conversion; write jnp.where(condition, a, b), and & and | for and and or"
+                "uses a value that is known only when the robot runs as if it were known now, in an"
+                " if, a while, a comparison chain or a conversion; write jnp.where(condition, a,"
+                " b), and & and | for and and or"
             )
         elif isinstance(error, Untraceable) or type(error).__name__ == "UnexpectedTracerError":
             trouble = (
-                "uses a number of jnp that it kept from another call, in a global or a cache; keep plain numbers, "
-                "or what init gives"
+                "uses a number of jnp that it kept from another call, in a global or a cache; keep"
+                " plain numbers, or what init gives"
             )
         else:
             first = next(iter(str(error).strip().splitlines()), "")
@@ -300,12 +378,22 @@ def _error(source: OwnSource, where: str, said: str) -> UserError:
 def _line(source: OwnSource, where: str) -> str:
     """`:7` for the function that `where` names; "" where it does not stand in the file as such."""
     head = re.compile(rf"def {re.escape(where.partition('(')[0])}\b")
-    return next((f":{number}" for number, line in enumerate(source.text.splitlines(), 1) if head.match(line)), "")
+    return next(
+        (
+            f":{number}"
+            for number, line in enumerate(source.text.splitlines(), 1)
+            if head.match(line)
+        ),
+        "",
+    )
 
 
 def _numbers(source: OwnSource, where: str, state: Any, real: str) -> Any:
     named = list(_named(state))
-    numbers = [_number(source, where, f"the state's {name or 'number'}", value, real) for name, value in named]
+    numbers = [
+        _number(source, where, f"the state's {name or 'number'}", value, real)
+        for name, value in named
+    ]
     return tree.filled(state, numbers)
 
 
@@ -317,10 +405,17 @@ def _number(source: OwnSource, where: str, what: str, value: Any, real: str) -> 
         raise _error(source, where, f"gives {shown(value)} for {what}, expected a number") from None
     if shape:
         raise _error(
-            source, where, f"gives an array of shape {shape} for {what}, expected a single number: take Vec for several"
+            source,
+            where,
+            f"gives an array of shape {shape} for {what}, expected a single number: take Vec for"
+            " several",
         )
     if kind is None:
-        raise _error(source, where, f"gives {np.dtype(value.dtype).name} for {what}, expected float, int or bool")
+        raise _error(
+            source,
+            where,
+            f"gives {np.dtype(value.dtype).name} for {what}, expected float, int or bool",
+        )
     return lax.convert_element_type(value, {"float": real, "int": "int32", "bool": "bool"}[kind])
 
 
@@ -363,7 +458,8 @@ def _require_alike(source: OwnSource, before: Any, after: Any) -> None:
             raise _error(
                 source,
                 STEP,
-                f"makes the state's {name} a {kinds[1]}, it began as {kinds[0]}: write it so in init, or convert it",
+                f"makes the state's {name} a {kinds[1]}, it began as {kinds[0]}: write it so in"
+                " init, or convert it",
             )
 
 
@@ -374,14 +470,20 @@ def _require_ranges(part: OwnPart) -> None:
         return
     where = "params()"
     if not dataclasses.is_dataclass(record) or isinstance(record, type):
-        raise _error(part.source, where, f"gives {shown(record)}, expected a record of numbers, made with @record")
+        raise _error(
+            part.source,
+            where,
+            f"gives {shown(record)}, expected a record of numbers, made with @record",
+        )
     ranges = dict(quantity.quantities(type(record)))
     for name, value in _named(record):
         path = ".".join(word for word in name.split(".") if not word.isdecimal())
         limits = ranges.get(path)
         if limits is None:
             raise _error(
-                part.source, where, f"has {name} without a range: annotate it with Quantity(unit, low, high, meaning)"
+                part.source,
+                where,
+                f"has {name} without a range: annotate it with Quantity(unit, low, high, meaning)",
             )
         if not isinstance(value, int | float | np.number) or not math.isfinite(value):
             raise _error(part.source, where, f"gives {shown(value)} for {name}, expected a number")

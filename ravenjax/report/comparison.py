@@ -1,7 +1,9 @@
-"""Two result folders of campaigns that share faults, run by run: what differs in configuration, in outcomes, in rates.
+"""Two result folders of campaigns that share faults, run by run: what differs in configuration, in
+outcomes, in rates.
 
-Runs are paired by run id. Those that are left are paired by their faults and by the varied parameters that both
-campaigns have; where one fault occurs several times, in the order of the tables.
+Runs are paired by run id. Those that are left are paired by their faults and by the varied
+parameters that both campaigns have; where one fault occurs several times, in the order of the
+tables.
 """
 
 from __future__ import annotations
@@ -27,8 +29,16 @@ from ravenjax.store.manifest import Change, Manifest
 from ravenjax.vocabulary.robot import Robot
 
 RATES = (
-    "evades", "unintended_motion", "loss_of_motion", "false_report", "stopped", "flagged", "limited", "silent", "cue",
-)  # fmt: skip
+    "evades",
+    "unintended_motion",
+    "loss_of_motion",
+    "false_report",
+    "stopped",
+    "flagged",
+    "limited",
+    "silent",
+    "cue",
+)
 """Events of `ravenjax.outcomes` whose rates are compared."""
 WORDS = {"response": RESPONSES, "hazard": HAZARDS, "cue": CUES}
 """What a run's verdict consists of."""
@@ -92,23 +102,31 @@ class FolderComparison(NamedTuple):
         """What the comparison is of, in words."""
         pairs = self.pairs
         lines = [
-            f"Paired by run id: {wording.many(pairs.by_run_id, 'run')}, by fault: {wording.count(pairs.by_fault)}. "
-            f"Compared: {wording.many(pairs.compared, 'pair')} with a fault and two valid outcomes."
+            f"Paired by run id: {wording.many(pairs.by_run_id, 'run')}, by fault:"
+            f" {wording.count(pairs.by_fault)}. Compared: {wording.many(pairs.compared, 'pair')}"
+            " with a fault and two valid outcomes."
         ]
         if pairs.compared:
             faults = wording.many(pairs.faults, "fault")
             lines.append(
-                f"Of {faults}; intervals, 95 %, are over these faults, all pairs of a fault together."
+                f"Of {faults}; intervals, 95 %, are over these faults, all pairs of a fault"
+                " together."
                 if pairs.sampled
-                else f"Of {faults}, not all of which were drawn: a rate of enumerated values has no interval."
+                else (
+                    f"Of {faults}, not all of which were drawn: a rate of enumerated values has no"
+                    " interval."
+                )
             )
         if any(pairs.unpaired):
             one, other = wording.many(pairs.unpaired[0], "run"), wording.count(pairs.unpaired[1])
-            lines.append(f"Without a counterpart: {one} of {self.folders[0]}, {other} of {self.folders[1]}.")
+            lines.append(
+                f"Without a counterpart: {one} of {self.folders[0]}, {other} of {self.folders[1]}."
+            )
         if self.limits_mm[0] != self.limits_mm[1]:
             one, other = (f"{limit:g} mm" for limit in self.limits_mm)
             lines.append(
-                f"Hazards begin at {one} in the first and at {other} in the second: they are not the same events."
+                f"Hazards begin at {one} in the first and at {other} in the second: they are not"
+                " the same events."
             )
         return lines
 
@@ -163,26 +181,31 @@ def _pair(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
     )
     for side, key in zip(SIDES, keys, strict=True):
         table.run(
-            f"CREATE TABLE left_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM runs_{side} "
-            f"ANTI JOIN (SELECT {side} AS row FROM pairs) USING (row)) "
-            "SELECT row, key, row_number() OVER (PARTITION BY key ORDER BY row) AS nth FROM keyed"
+            f"CREATE TABLE left_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM"
+            f" runs_{side} ANTI JOIN (SELECT {side} AS row FROM pairs) USING (row)) SELECT row,"
+            " key, row_number() OVER (PARTITION BY key ORDER BY row) AS nth FROM keyed"
         )
     table.run(
-        "INSERT INTO pairs SELECT a.row, b.row, false FROM left_first AS a JOIN left_second AS b USING (key, nth)"
+        "INSERT INTO pairs SELECT a.row, b.row, false FROM left_first AS a JOIN left_second AS b"
+        " USING (key, nth)"
     )
-    alike, similar = table.row("SELECT count(*) FILTER (same), count(*) FILTER (NOT same) FROM pairs")
+    alike, similar = table.row(
+        "SELECT count(*) FILTER (same), count(*) FILTER (NOT same) FROM pairs"
+    )
     if not alike + similar:
         raise UserError(
-            f"{folders[0]} and {folders[1]} share no fault: no run has the same run id, or the same faults and values "
-            "of the parameters that both campaigns vary. Compare results of one campaign, or of one that was varied "
-            "by --set."
+            f"{folders[0]} and {folders[1]} share no fault: no run has the same run id, or the same"
+            " faults and values of the parameters that both campaigns vary. Compare results of one"
+            " campaign, or of one that was varied by --set."
         )
     runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
     return ComparedPairs(alike, similar, (runs[0] - alike - similar, runs[1] - alike - similar), 0)
 
 
 def _keys(table: ResultTable) -> tuple[str, str]:
-    """Of either folder the columns that tell its runs apart and that the other may have too, as SQL."""
+    """Of either folder the columns that tell its runs apart and that the other may have too, as
+    SQL.
+    """
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted({name for one in types for name in one if name.startswith("fault")})
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
@@ -198,7 +221,11 @@ def _keys(table: ResultTable) -> tuple[str, str]:
         slots = {name: f"{name.partition('_')[0]}_site" for name in faults}
         # what an empty slot holds besides its site says nothing
         filled = [
-            f"CASE WHEN {quoted(slot)} <> '' THEN {column(name, own)} END" if slot in own else "NULL"
+            (
+                f"CASE WHEN {quoted(slot)} <> '' THEN {column(name, own)} END"
+                if slot in own
+                else "NULL"
+            )
             for name, slot in slots.items()
         ]
         return ", ".join([*filled, *(column(name, own) for name in shared)]) or "0"
@@ -207,46 +234,58 @@ def _keys(table: ResultTable) -> tuple[str, str]:
 
 
 def _judge(table: ResultTable, side: str, record: Manifest, key: str) -> None:
-    """Make the table `judged_<side>`: of each run its outcome by the campaign's own rules, and its fault by `key`."""
+    """Make the table `judged_<side>`: of each run its outcome by the campaign's own rules, and
+    its fault by `key`.
+    """
     names = list(table.types(f"runs_{side}"))
-    happened = {name: f"coalesce(({events.sql(name, record.rules)})::BOOLEAN, false)" for name in RATES}
+    happened = {
+        name: f"coalesce(({events.sql(name, record.rules)})::BOOLEAN, false)" for name in RATES
+    }
     listed = ", ".join(f"{sql} AS {quoted('is_' + name)}" for name, sql in happened.items())
     table.run(
-        f'CREATE TABLE judged_{side} AS SELECT row, run_id, hash({key}) AS fault, "group"::VARCHAR AS "group", '
+        f'CREATE TABLE judged_{side} AS SELECT row, run_id, hash({key}) AS fault, "group"::VARCHAR'
+        ' AS "group", '
         "verdict::VARCHAR AS verdict, "
         "response::VARCHAR AS response, hazard::VARCHAR AS hazard, "
         f"CASE WHEN {happened['cue']} THEN 'cue' ELSE 'no cue' END AS cue, "
-        f"unintended_mm::DOUBLE AS unintended_mm, {events.VALID_SQL} AND {faulty_sql(names)} AS counts, {listed} "
+        f"unintended_mm::DOUBLE AS unintended_mm, {events.VALID_SQL} AND {faulty_sql(names)} AS"
+        f" counts, {listed} "
         f"FROM runs_{side}"
     )
 
 
 _JOINED = (
-    "pairs JOIN judged_first AS a ON a.row = pairs.first JOIN judged_second AS b ON b.row = pairs.second "
-    "WHERE a.counts AND b.counts"
+    "pairs JOIN judged_first AS a ON a.row = pairs.first JOIN judged_second AS b ON b.row ="
+    " pairs.second WHERE a.counts AND b.counts"
 )
 
 
 def _faults(table: ResultTable) -> np.ndarray:
     """Of each compared pair the number of its fault."""
-    return table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")["fault"].to_numpy()
+    return table.frame(f"SELECT a.fault AS fault FROM {_JOINED} ORDER BY pairs.first")[
+        "fault"
+    ].to_numpy()
 
 
 def _sampled(table: ResultTable, records: tuple[Manifest, Manifest]) -> bool:
     """Whether the compared faults were drawn, by the records of both campaigns."""
     for side, record in zip("ab", records, strict=True):
         sources = draws.groups(record.config)
-        present = {group for (group,) in table.rows(f'SELECT DISTINCT {side}."group" FROM {_JOINED}')}
+        present = {
+            group for (group,) in table.rows(f'SELECT DISTINCT {side}."group" FROM {_JOINED}')
+        }
         if sources is not None and not present <= sources:
             return False
     return True
 
 
-def _rate(table: ResultTable, name: str, records: tuple[Manifest, Manifest], among: Units | None) -> RateChange:
+def _rate(
+    table: ResultTable, name: str, records: tuple[Manifest, Manifest], among: Units | None
+) -> RateChange:
     """among: the faults of the pairs, None where they were not drawn."""
     hits = table.frame(
-        f"SELECT a.{quoted('is_' + name)} AS first, b.{quoted('is_' + name)} AS second FROM {_JOINED} "
-        "ORDER BY pairs.first"
+        f"SELECT a.{quoted('is_' + name)} AS first, b.{quoted('is_' + name)} AS second FROM"
+        f" {_JOINED} ORDER BY pairs.first"
     )
     first, second = (hits[side].to_numpy(bool) for side in SIDES)
     return RateChange(
@@ -263,22 +302,31 @@ def _rate(table: ResultTable, name: str, records: tuple[Manifest, Manifest], amo
 def _transitions(table: ResultTable, word: str) -> list[Transition]:
     rows = table.rows(f"SELECT a.{word}, b.{word}, count(*) FROM {_JOINED} GROUP BY ALL")
     order = WORDS[word].index
-    return [Transition(*row) for row in sorted(rows, key=lambda row: (order(row[0]), order(row[1])))]
+    return [
+        Transition(*row) for row in sorted(rows, key=lambda row: (order(row[0]), order(row[1])))
+    ]
 
 
 def _changed(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
     """Runs whose verdict or unintended motion differs, by how much the latter does."""
     rows = table.rows(
-        "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm, b.unintended_mm "
-        f"FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <> b.unintended_mm) "
-        "ORDER BY abs(a.unintended_mm - b.unintended_mm) DESC, a.verdict = b.verdict, pairs.first "
-        f"LIMIT {most}"
+        "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
+        f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"
+        " b.unintended_mm) ORDER BY abs(a.unintended_mm - b.unintended_mm) DESC, a.verdict ="
+        f" b.verdict, pairs.first LIMIT {most}"
     )
     if not rows:
         return []
     listed = ", ".join(str(row[0]) for row in rows)
-    faults = table.frame(f"SELECT row, COLUMNS('fault.*') FROM runs_first WHERE row IN ({listed})").set_index("row")
+    faults = table.frame(
+        f"SELECT row, COLUMNS('fault.*') FROM runs_first WHERE row IN ({listed})"
+    ).set_index("row")
     return [
-        RunChange((one, other), wording.fault(faults.loc[row].to_dict(), robot), (before, after), (mm, other_mm))
+        RunChange(
+            (one, other),
+            wording.fault(faults.loc[row].to_dict(), robot),
+            (before, after),
+            (mm, other_mm),
+        )
         for row, one, other, before, after, mm, other_mm in rows
     ]

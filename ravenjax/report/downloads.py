@@ -1,4 +1,6 @@
-"""A table of the page as CSV: one column a number, so that a rate becomes k, n, value, low and high."""
+"""A table of the page as CSV: one column a number, so that a rate becomes k, n, value, low and
+high.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ from pydantic import BaseModel
 def text(rows: Iterable[Any]) -> str:
     """Rows (mappings or named tuples, nested) as CSV with a header; empty where there are none.
 
-    Nested values become columns joined by "_"; lists, arrays and curves belong to figures and are left out. What is
-    not a number is empty.
+    Nested values become columns joined by "_"; lists, arrays and curves belong to figures and are
+    left out. What is not a number is empty.
     """
     flat = [dict(_flat("", row)) for row in rows]
     names = list(dict.fromkeys(name for row in flat for name in row))

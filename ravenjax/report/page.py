@@ -88,7 +88,9 @@ def build(folder: Path) -> Path:
 
 
 def render(runs: Runs, manifest: Manifest, folder: Path) -> str:
-    """The page of a result table; `folder` is what the replay commands name, and where traces are looked for."""
+    """The page of a result table; `folder` is what the replay commands name, and where traces
+    are looked for.
+    """
     cue = manifest.cues[manifest.verdict_cue] if manifest.cues else None
     content: dict[str, Any] = {
         **_verdicts(runs, manifest, folder),
@@ -168,7 +170,11 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
     knowledge = answers.knowledge(runs, first_ms, early_ms, manifest)
     curves, timing = time_to_know.incidence_curves(runs, manifest, knowledge.delay)
     pairs = reactions.drawn(runs) if manifest.shape.reacts else None
-    differences = reactions.differences(pairs.frame, pairs.facts, runs.sampled) if pairs and pairs.crossed else []
+    differences = (
+        reactions.differences(pairs.frame, pairs.facts, runs.sampled)
+        if pairs and pairs.crossed
+        else []
+    )
     sweep = cue_sweep.rows(runs, manifest)
     choices = choice.choices(runs, sweep)
     hours = choice.hours_to_offer(choices)
@@ -197,7 +203,10 @@ def _knowledge(runs: Runs, manifest: Manifest, folder: Path) -> dict[str, Any]:
         "reaction_runs": (len(pairs.frame), runs.rows) if pairs else (0, 0),
     }
     if manifest.detectors:
-        rows, times = performance.rows(runs, manifest, alarms), performance.curves(runs, manifest, alarms)
+        rows, times = (
+            performance.rows(runs, manifest, alarms),
+            performance.curves(runs, manifest, alarms),
+        )
         out |= {
             "detectors": rows,
             "roc": detector_figures.roc(rows),

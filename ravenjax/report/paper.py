@@ -1,4 +1,6 @@
-"""The main figures of a campaign for print: verdicts by group, time to know, ROC, the cue's trade-off; SVG and PDF."""
+"""The main figures of a campaign for print: verdicts by group, time to know, ROC, the cue's
+trade-off; SVG and PDF.
+"""
 
 from __future__ import annotations
 
@@ -42,12 +44,13 @@ MOST_GROUPS = 40
 
 
 def write(folder: Path, out: Path) -> list[Path]:
-    """Draw the figures of a result folder into `out`, each as .svg and .pdf, and return their paths.
+    """Draw the figures of a result folder into `out`, each as .svg and .pdf, and return their
+    paths.
 
-    verdicts: share of each group's faults by outcome. time_to_know: cue, built-in response and first possible knowledge
-    after the first effect. roc: where the campaign has detectors. tradeoff: missed hazards over false cues. A figure
-    for which there are no runs is left out. Raises StoreError where the folder holds no readable result or `out` cannot
-    be written.
+    verdicts: share of each group's faults by outcome. time_to_know: cue, built-in response and
+    first possible knowledge after the first effect. roc: where the campaign has detectors.
+    tradeoff: missed hazards over false cues. A figure for which there are no runs is left out.
+    Raises StoreError where the folder holds no readable result or `out` cannot be written.
     """
     folder, out = Path(folder), Path(out)
     manifest = manifests.read(folder)
@@ -73,7 +76,9 @@ def verdicts(runs: Runs) -> Figure | None:
 
 
 def how_soon(runs: Runs, manifest: Manifest) -> Figure | None:
-    """Cue, built-in response and first possible knowledge after the first effect; None where no fault had one."""
+    """Cue, built-in response and first possible knowledge after the first effect; None where no
+    fault had one.
+    """
     alarms = performance.alarms(runs, manifest)
     first_ms, early_ms = performance.known(alarms), performance.before_motion(alarms)
     delay = answers.knowledge(runs, first_ms, early_ms, manifest).delay
@@ -85,7 +90,9 @@ def roc(runs: Runs, manifest: Manifest) -> Figure | None:
     """Of each detector; None without detectors."""
     if not manifest.detectors:
         return None
-    chart = detector_figures.roc(performance.rows(runs, manifest, performance.alarms(runs, manifest)))
+    chart = detector_figures.roc(
+        performance.rows(runs, manifest, performance.alarms(runs, manifest))
+    )
     return _of_chart(chart) if chart else None
 
 
@@ -129,14 +136,21 @@ def _verdicts(rows: list[dict]) -> Figure:
 def _of_chart(chart: Chart) -> Figure:
     """A chart of the page, drawn for print."""
     figure = Figure(
-        figsize=(WIDTH / 2, 1.2 + chart.height / 150 + 0.13 * sum(visible for *_, visible in chart.legend())),
+        figsize=(
+            WIDTH / 2,
+            1.2 + chart.height / 150 + 0.13 * sum(visible for *_, visible in chart.legend()),
+        ),
         layout="constrained",
     )
     axis = figure.subplots()
     axes.draw(chart, axis)
     handles, labels = axis.get_legend_handles_labels()
-    by_name = dict(zip(reversed(labels), reversed(handles), strict=True))  # a curve before the marks of its name
+    by_name = dict(
+        zip(reversed(labels), reversed(handles), strict=True)
+    )  # a curve before the marks of its name
     names = [name for name, _, visible in chart.legend() if visible and name in by_name]
     if names:
-        figure.legend([by_name[name] for name in names], names, loc="outside upper left", fontsize=7)
+        figure.legend(
+            [by_name[name] for name in names], names, loc="outside upper left", fontsize=7
+        )
     return figure

@@ -25,7 +25,9 @@ def many(value: float, noun: str) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """`digits` significant digits without exponent for usual sizes; a dash for what is not finite."""
+    """`digits` significant digits without exponent for usual sizes; a dash for what is not
+    finite.
+    """
     if not math.isfinite(value):
         return DASH
     value += 0.0  # no minus before a zero
@@ -60,7 +62,9 @@ def percent(fraction: float) -> str:
 
 
 def interval(rate: Rate) -> str:
-    """14.1–17.3 %, of a rate's confidence interval; empty where it has none, as nothing was sampled."""
+    """14.1–17.3 %, of a rate's confidence interval; empty where it has none, as nothing was
+    sampled.
+    """
     if not rate.n:
         return "no runs"
     if math.isnan(rate.low):
@@ -70,7 +74,9 @@ def interval(rate: Rate) -> str:
 
 
 def estimate(value: Estimate, unit: str = "") -> str:
-    """12 ms (9–15), of an estimate; a bound that is not known is a dash, and so is the whole where nothing is known."""
+    """12 ms (9–15), of an estimate; a bound that is not known is a dash, and so is the whole
+    where nothing is known.
+    """
     if not math.isfinite(value.value):
         return DASH
     unit = f" {unit}" if unit else ""
@@ -101,8 +107,12 @@ def points(value: Estimate) -> str:
 
 
 def bounds(value: Estimate, decimals: int | None = None) -> str:
-    """9–15, the interval of an estimate; empty where nothing is known. decimals: of rounded numbers."""
-    low, high = (bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high))
+    """9–15, the interval of an estimate; empty where nothing is known. decimals: of rounded
+    numbers.
+    """
+    low, high = (
+        bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high)
+    )
     return span(low, high) if math.isfinite(low) or math.isfinite(high) else ""
 
 
@@ -114,14 +124,20 @@ def hundredths(value: float) -> str:
 def span(low: float, high: float) -> str:
     """9–15, or −4 to 2 where a bound is negative; an unknown bound is open."""
     if math.isfinite(low) and math.isfinite(high):
-        return f"{number(low)}{DASH}{number(high)}" if low >= 0 else f"{number(low)} to {number(high)}"
+        return (
+            f"{number(low)}{DASH}{number(high)}" if low >= 0 else f"{number(low)} to {number(high)}"
+        )
     return f"from {number(low)}" if math.isfinite(low) else f"up to {number(high)}"
 
 
 def fault(row: Mapping[str, Any], robot: Robot = robots.USUAL) -> str:
-    """The faults of one result row in a phrase: usb_out gold shoulder, overwrite 500 counts, 9 ms from 1,200 ms."""
+    """The faults of one result row in a phrase: usb_out gold shoulder, overwrite 500 counts, 9
+    ms from 1,200 ms.
+    """
     slots = range(sum(name.startswith("fault") and name.endswith("_site") for name in row))
-    return "; ".join(filter(None, (fault_in_slot(row, slot, robot) for slot in slots))) or "no fault"
+    return (
+        "; ".join(filter(None, (fault_in_slot(row, slot, robot) for slot in slots))) or "no fault"
+    )
 
 
 def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
@@ -132,7 +148,11 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     if not site:
         return ""
     where = " ".join(str(word) for word in (site, arm, channel) if word)
-    what = effect if math.isnan(value) else f"{effect} {_magnitude(robot, site, channel, effect, value)}"
+    what = (
+        effect
+        if math.isnan(value)
+        else f"{effect} {_magnitude(robot, site, channel, effect, value)}"
+    )
     if period > 0:
         what += f", period {count(period)} ms"
     unit = "packets" if trigger == "packet" else "ms"
@@ -140,7 +160,9 @@ def fault_in_slot(row: Mapping[str, Any], slot: int, robot: Robot) -> str:
     if trigger == "pedal":
         begins += f" after {robot.live_state}" if robot.dead_man else " after it became live"
     when = f"{count(length)} {unit} {begins}" if length >= 0 else f"{begins} to the end"
-    return f"{where}, {what}, {when}" + (f", again every {count(every)} {unit}" if every > 0 else "")
+    return f"{where}, {what}, {when}" + (
+        f", again every {count(every)} {unit}" if every > 0 else ""
+    )
 
 
 _FAULT_KEYS = (
@@ -159,13 +181,17 @@ _UNIT_WORDS = {"cnt": "counts", "1": "", "bits": ""}
 
 
 def _magnitude(robot: Robot, site: str, channel: str, effect: str, value: float) -> str:
-    """The value of a fault as its effect takes it, with its unit where this version knows the channel."""
+    """The value of a fault as its effect takes it, with its unit where this version knows the
+    channel.
+    """
     text = number(value, 5)
     if effect == "bit_flip":
         return f"of bit {text}"
     if effect == "scale":
         return f"by {text}"
-    units = {one.name: one.unit for one in robot.sites[site].channels} if site in robot.sites else {}
+    units = (
+        {one.name: one.unit for one in robot.sites[site].channels} if site in robot.sites else {}
+    )
     unit = units.get(channel, "")
     unit = _UNIT_WORDS.get(unit, unit)
     if effect == "drift":

@@ -1,7 +1,7 @@
 """Robots: a folder each, which declares arms, joints, sites and checks, and holds the tick.
 
-`find` gives the declaration of a robot by name. Other robots live in any module that Python can import: it declares
-ROBOT, and a campaign names the module: `[campaign] robot = "my_lab.arm"`.
+`find` gives the declaration of a robot by name. Other robots live in any module that Python can
+import: it declares ROBOT, and a campaign names the module: `[campaign] robot = "my_lab.arm"`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ DEFAULT = "raven2"
 
 @functools.cache
 def find(name: str) -> Robot:
-    """The robot of that name: a folder of this package, or a module that declares ROBOT. Raises UserError."""
+    """The robot of that name: a folder of this package, or a module that declares ROBOT. Raises
+    UserError.
+    """
     for module in (f"{__name__}.{name}", name):
         try:
             if importlib.util.find_spec(module) is None:
@@ -28,11 +30,14 @@ def find(name: str) -> Robot:
             continue
         robot = getattr(importlib.import_module(module), "ROBOT", None)
         if not isinstance(robot, Robot):
-            raise UserError(f"robot {name!r}: the module {module} declares no ROBOT of ravenjax.vocabulary.robot.Robot")
+            raise UserError(
+                f"robot {name!r}: the module {module} declares no ROBOT of"
+                " ravenjax.vocabulary.robot.Robot"
+            )
         return robot
     raise UserError(
-        f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that Python can import and that "
-        "declares ROBOT"
+        f"robot {name!r} is unknown: expected {DEFAULT!r}, or the name of a module that Python can"
+        " import and that declares ROBOT"
     )
 
 

@@ -1,8 +1,9 @@
-"""Runs of a template as a function of their inputs: planned once, compiled once, then batch after batch.
+"""Runs of a template as a function of their inputs: planned once, compiled once, then batch after
+batch.
 
-The same point is the same run: its id hashes its content, as that of any campaign's run, so what a run draws (effect
-"random", noise) is drawn in a campaign with that row, too, and a point that comes again is not run again, nor is one
-that an earlier start of the same search has run (`journal`).
+The same point is the same run: its id hashes its content, as that of any campaign's run, so what a
+run draws (effect "random", noise) is drawn in a campaign with that row, too, and a point that comes
+again is not run again, nor is one that an earlier start of the same search has run (`journal`).
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ from ravenjax.store import parts, schema
 
 
 class Evaluator:
-    """Outcomes of points: `evaluator(case [n], values [n, inputs]) -> [n, outcomes]`, NaN where a run failed."""
+    """Outcomes of points: `evaluator(case [n], values [n, inputs]) -> [n, outcomes]`, NaN where
+    a run failed.
+    """
 
     def __init__(
         self,
@@ -52,12 +55,18 @@ class Evaluator:
         compile_cache.enable()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
-        self._plan = plan.make(template.config)  # one run a case: what picks code is the same for every point
+        self._plan = plan.make(
+            template.config
+        )  # one run a case: what picks code is the same for every point
         self.shape = runner.shape_of(self._plan)
-        if complaints := [complaint for outcome in wanted for complaint in outcome.complaints(self.shape)]:
+        if complaints := [
+            complaint for outcome in wanted for complaint in outcome.complaints(self.shape)
+        ]:
             source = f"{template.config.source}: " if template.config.source is not None else ""
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
-        self.engine = selection.select(engine, self._plan.program.setup.precision, compile_cache.objects())
+        self.engine = selection.select(
+            engine, self._plan.program.setup.precision, compile_cache.objects()
+        )
         self.batches, self.run_s = 0, 0.0
         self.progress = self._progress(1, None, 0, ())
         self._journal: Journal | None = None
@@ -69,18 +78,22 @@ class Evaluator:
         self._asked = pd.Index(np.zeros(0, np.uint64))
 
     def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
-        """Keep every run in `journal` from now on, and take over those that it holds. due: about how many runs will be
-        asked for."""
+        """Keep every run in `journal` from now on, and take over those that it holds. due: about
+        how many runs will be asked for."""
         self._journal = journal
         for rows in journal.tables:
             ids = run_id.numbers(rows.column("run_id").to_pylist())
-            new = np.flatnonzero(self._known.get_indexer(ids) < 0)  # a kill may leave the same runs in two files
+            new = np.flatnonzero(
+                self._known.get_indexer(ids) < 0
+            )  # a kill may leave the same runs in two files
             self._learn(ids[new], [rows.take(new)])
         self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
         for rows in self._tables:
             self.progress.known(parts.failures(rows))
 
-    def _progress(self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]) -> Progress:
+    def _progress(
+        self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]
+    ) -> Progress:
         words, ticks = f"{self.engine.name} on {self.engine.device}", self._plan.program.ticks
         return Progress(words, due, due - earlier, ticks, told, notes=notes)
 
@@ -116,18 +129,21 @@ class Evaluator:
         return run_id.text(rows.numbers("run_id")).to_pylist()
 
     def rows(self) -> pa.Table:
-        """Every run that was asked for so far as rows of the result table, in the order in which they were first asked
-        for: the same table wherever earlier starts ended."""
+        """Every run that was asked for so far as rows of the result table, in the order in which
+        they were first asked for: the same table wherever earlier starts ended."""
         place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
         return schema.conform(
-            parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers), self.shape
+            parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers),
+            self.shape,
         )
 
     def _run(self, rows: FaultTable) -> None:
         """Run these rows of the fault table, part by part."""
         ready = self._planned(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
-        chunks = [range(first, min(first + size, ready.runs)) for first in range(0, ready.runs, size)]
+        chunks = [
+            range(first, min(first + size, ready.runs)) for first in range(0, ready.runs, size)
+        ]
         computation = self._computation_of(ready)
         with interruption.held_back(), contextlib.closing(computation.blocks(chunks)) as blocks:
             for part in assembly.parts(chunks, blocks):
@@ -150,11 +166,16 @@ class Evaluator:
         rules = self._plan.config.rules
         names = {name for one in self.wanted for name in one.columns(rules)}
         columns = rows.select(sorted(names)).to_pandas()
-        values = [one.margins(columns) if self._margins else one.values(columns, rules) for one in self.wanted]
+        values = [
+            one.margins(columns) if self._margins else one.values(columns, rules)
+            for one in self.wanted
+        ]
         return np.stack(values, axis=1)
 
     def _planned(self, rows: FaultTable) -> Plan:
-        """The template's plan with other rows; those of one golden run stand together, so that it is computed once."""
+        """The template's plan with other rows; those of one golden run stand together, so that
+        it is computed once.
+        """
         base, columns = self._plan, table.parameters(rows)
         for path, purpose in base.keys.items():
             columns[path] = run_id.stream(rows.numbers("run_id"), purpose)
@@ -162,7 +183,9 @@ class Evaluator:
         golden = np.zeros(len(rows), np.int32)
         if varied:
             different = np.stack([values.astype(np.float64) for values in varied.values()], axis=1)
-            golden = np.unique(different, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
+            golden = (
+                np.unique(different, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
+            )
         order = np.argsort(golden, kind="stable")
         own = np.arange(len(rows), dtype=np.int32)
         rows = rows.take(order).replaced(index=own, pair=own)
@@ -198,7 +221,9 @@ class _Narrow:
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         self.kernel.prepare(block, motion)
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None) -> BlockResult:
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None
+    ) -> BlockResult:
         return self.kernel.run(block, motion, progress)
 
     def trunk(

@@ -34,7 +34,13 @@ class SearchFindings:
 
 def number(value: float, digits: int = 4) -> str:
     """A number as readers want it; nothing of NaN."""
-    return "" if math.isnan(value) else f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
+    return (
+        ""
+        if math.isnan(value)
+        else f"{value:.{digits}g}"
+        if abs(value) < 10**digits
+        else f"{value:.0f}"
+    )
 
 
 def plain(value: Any) -> Any:
@@ -50,7 +56,9 @@ def plain(value: Any) -> Any:
 
 
 def short(name: str) -> str:
-    """An axis as readers want it: a field of the first fault, or of which other one, with ms as its unit."""
+    """An axis as readers want it: a field of the first fault, or of which other one, with ms as
+    its unit.
+    """
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
         return name
@@ -72,5 +80,6 @@ def words(case: Mapping[str, Any]) -> str:
     """A case in words."""
     parts = ((*short(name).partition(", "), value) for name, value in case.items())
     return ", ".join(
-        f"{name} {value}" + (f" {unit}" if value != "end" and unit else "") for name, _, unit, value in parts
+        f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")
+        for name, _, unit, value in parts
     )

@@ -1,8 +1,10 @@
-"""The runs of a search on disk as they come, so that the same command goes on wherever the last one ended.
+"""The runs of a search on disk as they come, so that the same command goes on wherever the last one
+ended.
 
-A search is made of batches, each of which follows from the outcomes of those before. What is kept is runs alone: the
-next start takes the same way again, finds the runs of finished batches here, and computes from where there are none.
-Parts are a campaign's (`store.parts`), numbered as they come; once the search is done, `rows.parquet` holds all in one.
+A search is made of batches, each of which follows from the outcomes of those before. What is kept
+is runs alone: the next start takes the same way again, finds the runs of finished batches here, and
+computes from where there are none. Parts are a campaign's (`store.parts`), numbered as they come;
+once the search is done, `rows.parquet` holds all in one.
 """
 
 from __future__ import annotations
@@ -29,14 +31,16 @@ WRITERS = 2
 class Journal:
     """Finished runs in a search's folder, which nobody else writes to (see `store.lock`).
 
-    A context manager while runs are added: what still waits is written on the way out, however that comes.
+    A context manager while runs are added: what still waits is written on the way out, however that
+    comes.
     """
 
     def __init__(self, out: Path, identity: str, rows_sha256: str | None = None) -> None:
         """Take over what the folder holds; a damaged part is set aside and noted.
 
-        identity: hash of all that decides outcomes. rows_sha256: of `rows.parquet`, where an earlier start was done.
-        Raises StoreError where the disk refuses or a part belongs to something else.
+        identity: hash of all that decides outcomes. rows_sha256: of `rows.parquet`, where an
+        earlier start was done. Raises StoreError where the disk refuses or a part belongs to
+        something else.
         """
         self.out, self._parts, self._identity = out, out / folder.PARTS, identity
         self.tables: list[pa.Table] = []
@@ -77,11 +81,14 @@ class Journal:
     def add(self, rows: pa.Table) -> None:
         """Keep finished runs, rows of the result table; not from two threads at once.
 
-        Small batches wait for others: a kill loses what was computed within `EVERY_S`. Raises StoreError where the disk
-        refused what was added before.
+        Small batches wait for others: a kill loses what was computed within `EVERY_S`. Raises
+        StoreError where the disk refused what was added before.
         """
         self._waiting.append(rows)
-        if sum(map(len, self._waiting)) >= parts.FEWEST_ROWS or time.monotonic() - self._written >= EVERY_S:
+        if (
+            sum(map(len, self._waiting)) >= parts.FEWEST_ROWS
+            or time.monotonic() - self._written >= EVERY_S
+        ):
             self._write()
 
     def _write(self) -> None:
@@ -103,11 +110,15 @@ class Journal:
 
     def conclude(self, rows: pa.Table) -> str:
         """Write `rows.parquet`; its sha256. Raises StoreError where the disk refuses."""
-        files.write_aside(self.out / ROWS, lambda path: pq.write_table(rows, path, compression="zstd"))
+        files.write_aside(
+            self.out / ROWS, lambda path: pq.write_table(rows, path, compression="zstd")
+        )
         return files.sha256(self.out / ROWS)
 
     def forget(self) -> None:
-        """Remove the parts: `rows.parquet` holds what they hold. What cannot be removed does no harm."""
+        """Remove the parts: `rows.parquet` holds what they hold. What cannot be removed does no
+        harm.
+        """
         with contextlib.suppress(OSError):
             for path in self._parts.iterdir():
                 path.unlink()

@@ -1,4 +1,6 @@
-"""Writes what a search is and what it found: search.json, search.md, search.html and its figures."""
+"""Writes what a search is and what it found: search.json, search.md, search.html and its
+figures.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +20,11 @@ NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
 
 
 def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Begin a search in `out`, or take it over where it holds the same one: what search.json says of the earlier start.
+    """Begin a search in `out`, or take it over where it holds the same one: what search.json says
+    of the earlier start.
 
-    identity: the part of search.json that decides what comes out. Raises UserError where the folder holds another
-    search, and StoreError where it cannot be written to.
+    identity: the part of search.json that decides what comes out. Raises UserError where the folder
+    holds another search, and StoreError where it cannot be written to.
     """
     path = out / NUMBERS
     if not path.exists():
@@ -29,9 +32,13 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
         return {}
     try:
         earlier = files.parsed(path.read_text(encoding="utf-8"))
-        differences = manifest.differences({name: earlier[name] for name in identity}, dict(identity))
+        differences = manifest.differences(
+            {name: earlier[name] for name in identity}, dict(identity)
+        )
     except (OSError, ValueError, KeyError, TypeError):
-        raise UserError(f"{path}: cannot be read as a search; delete it, or give another folder with --out") from None
+        raise UserError(
+            f"{path}: cannot be read as a search; delete it, or give another folder with --out"
+        ) from None
     if differences:
         raise UserError(
             f"{out}: holds another search, which differs:\n{listed(differences)}\n"
@@ -41,7 +48,9 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def write(out: Path, record: dict[str, Any], findings: SearchFindings) -> None:
-    """All files of a search; each is there whole or not at all. Raises StoreError where the disk refuses."""
+    """All files of a search; each is there whole or not at all. Raises StoreError where the disk
+    refuses.
+    """
     figures = {name: f"{name}.svg" for name in findings.figures}
     for name, draw in findings.figures.items():
         style.save(draw(), out / figures[name])
@@ -71,8 +80,11 @@ def _markdown(record: dict[str, Any], findings: SearchFindings, figures: dict[st
         lines += [campaign["description"], ""]
     lines += [f"- {sentence}" for sentence in findings.sentences]
     lines += [
-        f"- {record['runs']} different runs of {campaign['duration_s']:g} s in {record['batches']} batches, "
-        f"{_pace(record)}on engine {record['engine']} ({record['device']}); seed {record['seed']}.",
+        (
+            f"- {record['runs']} different runs of {campaign['duration_s']:g} s in"
+            f" {record['batches']} batches, {_pace(record)}on engine {record['engine']}"
+            f" ({record['device']}); seed {record['seed']}."
+        ),
         "",
     ]
     for name, file in figures.items():
@@ -86,7 +98,9 @@ def _pace(record: dict[str, Any]) -> str:
     """How fast, where anything was computed; of an earlier start nobody knows."""
     if not record["runs_per_s"]:
         return ""
-    last = "" if record["computed"] == record["runs"] else f" (the last {record['computed']} of them)"
+    last = (
+        "" if record["computed"] == record["runs"] else f" (the last {record['computed']} of them)"
+    )
     return f"{record['runs_per_s']:.0f} runs/s{last}, "
 
 

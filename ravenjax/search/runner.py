@@ -40,22 +40,26 @@ def run(
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> SearchResult:
-    """Run the search of a file, of a bundled one by name, or a loaded one, and write it into `out`, or finish it where
-    `out` holds a part of it.
+    """Run the search of a file, of a bundled one by name, or a loaded one, and write it into `out`,
+    or finish it where `out` holds a part of it.
 
-    out: folder, by default results/NAME. overrides: `key.path=value`, of a file. Raises UserError and StoreError for
-    what the user can mend.
+    out: folder, by default results/NAME. overrides: `key.path=value`, of a file. Raises UserError
+    and StoreError for what the user can mend.
     """
     config = file if isinstance(file, SearchConfig) else loading.load(file, overrides)
     folder = Path("results") / config.campaign.campaign.name if out is None else Path(out)
     wanted = [outcomes.parse(text) for text in config.search.outcomes]
-    evaluator = Evaluator(Template(config.campaign), wanted, engine, margins=isinstance(config.search, Rare))
+    evaluator = Evaluator(
+        Template(config.campaign), wanted, engine, margins=isinstance(config.search, Rare)
+    )
     files.require_writable(folder)
     with lock.held(folder):
         return _into(folder, config, evaluator, on_progress)
 
 
-def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None) -> SearchResult:
+def _into(
+    folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
+) -> SearchResult:
     """Search, in a folder that nobody else writes to."""
     search, identity = config.search, _identity(config, evaluator)
     earlier = output.open_folder(folder, identity)
@@ -69,7 +73,9 @@ def _into(folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress:
     except BaseException:
         evaluator.progress.tell("stopped")
         raise
-    record = identity | _record(config, evaluator) | {"rows_sha256": journal.conclude(evaluator.rows())}
+    record = (
+        identity | _record(config, evaluator) | {"rows_sha256": journal.conclude(evaluator.rows())}
+    )
     output.write(folder, record, findings)
     journal.forget()
     evaluator.progress.tell("done")
@@ -88,14 +94,16 @@ def _find(config: SearchConfig, evaluator: Evaluator, folder: Path) -> SearchFin
 
 def _identity(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:
     """What decides what comes out, as JSON has it."""
-    return plain({
-        "config": config.resolved(),
-        "config_hash": manifest.config_hash(config.resolved()),
-        "code": manifest.code_hash()[:16],
-        "engine": evaluator.engine.name,
-        "device": evaluator.engine.device,
-        "versions": manifest.package_versions(),
-    })  # fmt: skip
+    return plain(
+        {
+            "config": config.resolved(),
+            "config_hash": manifest.config_hash(config.resolved()),
+            "code": manifest.code_hash()[:16],
+            "engine": evaluator.engine.name,
+            "device": evaluator.engine.device,
+            "versions": manifest.package_versions(),
+        }
+    )
 
 
 def _record(config: SearchConfig, evaluator: Evaluator) -> dict[str, Any]:

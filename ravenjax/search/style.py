@@ -25,4 +25,6 @@ def save(figure: Any, path: Path) -> None:
     import matplotlib
 
     with matplotlib.rc_context(STYLE):
-        write_aside(path, lambda target: figure.savefig(target, format="svg", metadata={"Date": None}))
+        write_aside(
+            path, lambda target: figure.savefig(target, format="svg", metadata={"Date": None})
+        )

@@ -1,1 +1,3 @@
-"""Stages that any robot may have in its tick: checks as records, haptics, detectors, the monitor, packets."""
+"""Stages that any robot may have in its tick: checks as records, haptics, detectors, the
+monitor, packets.
+"""

@@ -17,7 +17,8 @@ class CheckHistory:
 
     first_tick: Scalar  # int32 tick of the first trip; -1: never
     count: Scalar  # int32 trips
-    margin: Scalar  # smallest distance to the limit, in the check's own unit, <= 0 beyond it; inf: none measured
+    # smallest distance to the limit, in the check's own unit, <= 0 beyond it; inf: none measured
+    margin: Scalar
 
 
 def init(setup: Setup) -> CheckHistory:
@@ -25,13 +26,19 @@ def init(setup: Setup) -> CheckHistory:
     return CheckHistory(np.int32(-1), np.int32(0), np.dtype(setup.precision.real).type(np.inf))
 
 
-def update(check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None) -> CheckHistory:
-    """Enter this tick: `tripped` is a truth value, `margin` a distance to the limit (left out where none is cheap)."""
+def update(
+    check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
+) -> CheckHistory:
+    """Enter this tick: `tripped` is a truth value, `margin` a distance to the limit (left out
+    where none is cheap).
+    """
     first = tripped & (check.first_tick < 0)
     nearest = check.margin
     if margin is not None:
         nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin says nothing
-    return CheckHistory(jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest)
+    return CheckHistory(
+        jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest
+    )
 
 
 def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:

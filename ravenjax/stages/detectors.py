@@ -1,22 +1,27 @@
-"""Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is above a threshold.
+"""Detectors: observers of the robot that give a score in each millisecond, and an alarm where it is
+above a threshold.
 
-They watch. One of one's own may also stop the robot: its alarm presses the E-stop a millisecond later. Five kinds, each
-of which sees the worse of the arms:
+They watch. One of one's own may also stop the robot: its alarm presses the E-stop a millisecond
+later. Five kinds, each of which sees the worse of the arms:
 
-- `steps`: the model-based detector of DSN'16. A dynamic model that gets the command actually written says how motors
-  and joints 1-3 move; the virtual robot is that model here. Score: steps of motor position, of motor velocity and of
-  joint position within 1 ms, each over its learned step, the largest of the three joints, and then *fused*: `all` (the
-  published rule) takes the least of the three, `two` the middle one, `any` the largest; `mpos`, `mvel`, `jpos` one
-  alone. As published, a step of velocity counts when two in a row have it.
-- `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor accelerations|),
-  summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of raven2_sim, threshold 55).
+- `steps`: the model-based detector of DSN'16. A dynamic model that gets the command actually
+  written says how motors and joints 1-3 move; the virtual robot is that model here. Score: steps of
+  motor position, of motor velocity and of joint position within 1 ms, each over its learned step,
+  the largest of the three joints, and then *fused*: `all` (the published rule) takes the least of
+  the three, `two` the middle one, `any` the largest; `mpos`, `mvel`, `jpos` one alone. As
+  published, a step of velocity counts when two in a row have it.
+- `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor
+  accelerations|), summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of
+  raven2_sim, threshold 55).
 - `tip_error`: distance in mm between nominal model and reported tip, on which the haptic cue works.
-- `overdrive`: |current_cmd| over the limit at which the control software clips, the largest of its checked joints.
+- `overdrive`: |current_cmd| over the limit at which the control software clips, the largest of its
+  checked joints.
 - `own`: what a file says (`ravenjax.parts`).
 
-An alarm needs the score above its threshold in `consecutive` milliseconds in a row, so the *score of a run* is the
-largest over time of the least in that many: one campaign tells what each threshold would have done. Detectors are armed
-in pedal-down, without software E-stop, once `armed_after` has passed.
+An alarm needs the score above its threshold in `consecutive` milliseconds in a row, so the *score
+of a run* is the largest over time of the least in that many: one campaign tells what each threshold
+would have done. Detectors are armed in pedal-down, without software E-stop, once `armed_after` has
+passed.
 """
 
 from __future__ import annotations
@@ -47,12 +52,15 @@ LEARNED = {
     "elbow": (0.0856, 0.570, 6.98e-4),
     "insertion": (0.0838, 0.528, 3.90e-5),
 }
-"""Steps of motor position [rad], motor velocity [rad/s] and joint position [rad; insertion m]: the 99.85 percentile of
-fault-free steps of seven motions at scales 0.05 and 0.1, analysis/detector_thresholds/learn.py."""
+"""Steps of motor position [rad], motor velocity [rad/s] and joint position [rad; insertion m]: the
+99.85 percentile of fault-free steps of seven motions at scales 0.05 and 0.1,
+analysis/detector_thresholds/learn.py."""
 
 
 def _step(unit: str, joints: tuple[str, ...] = ()) -> Quantity:
-    return Quantity(unit, 1e-9, 1e6, "step within 1 ms at which the detector scores 1", joints=joints)
+    return Quantity(
+        unit, 1e-9, 1e6, "step within 1 ms at which the detector scores 1", joints=joints
+    )
 
 
 @record
@@ -72,7 +80,10 @@ class DetectorParams:
     elbow: StepScale
     insertion: StepScale
     armed_after: Annotated[  # int32
-        Scalar, Quantity("ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True)
+        Scalar,
+        Quantity(
+            "ms", 0, HOUR_MS, "since the run began, before which no detector looks", whole=True
+        ),
     ]
     own: tuple[Any, ...]  # of each file, by the detector's name: its own record, or None
     thresholds: Annotated[  # of each detector, in the unit of its score
@@ -130,7 +141,9 @@ class DetectorSignal:
     command_limit: Vec  # 7 int32 DAC counts, at which that clips
     armed: Scalar  # bool, pedal-down without software E-stop
     tick: Scalar  # int32
-    views: tuple[Any, ...] | None  # what detectors of one's own see, as the robot has it; None: there are none
+    views: (
+        tuple[Any, ...] | None
+    )  # what detectors of one's own see, as the robot has it; None: there are none
 
 
 def sources(setup: Setup) -> tuple[OwnSource, ...]:
@@ -139,7 +152,9 @@ def sources(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def params(setup: Setup) -> DetectorParams:
-    """Steps learned from fault-free runs (`LEARNED`); thresholds of 1 until a campaign names them."""
+    """Steps learned from fault-free runs (`LEARNED`); thresholds of 1 until a campaign names
+    them.
+    """
     steps = {joint: StepScale(*values) for joint, values in LEARNED.items()}
     files = sources(setup)
     return DetectorParams(
@@ -163,10 +178,16 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         (part.init(part.loaded(source), values, setup.precision.real),) * len(setup.arms)
         for source, values in zip(sources(setup), params.own, strict=True)
     )
-    return DetectorsState(per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)), own, detectors)
+    return DetectorsState(
+        per_arm(setup, lambda *_: DetectorArmState(still, still, still, still, zero)),
+        own,
+        detectors,
+    )
 
 
-def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: DetectorSignal) -> DetectorsState:
+def step(
+    setup: Setup, params: DetectorParams, state: DetectorsState, signal: DetectorSignal
+) -> DetectorsState:
     """The detectors after this tick."""
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
@@ -175,8 +196,14 @@ def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: De
     }
     armed = signal.armed & (signal.tick >= params.armed_after)
     detectors = []
-    for use, thresholds, before in zip(setup.detectors, params.thresholds, state.detectors, strict=True):
-        arms = [_score(use, scores) for _, scores in views] if use.part is None else [s for _, s in files[use.part]]
+    for use, thresholds, before in zip(
+        setup.detectors, params.thresholds, state.detectors, strict=True
+    ):
+        arms = (
+            [_score(use, scores) for _, scores in views]
+            if use.part is None
+            else [s for _, s in files[use.part]]
+        )
         score = _largest(setup, arms)
         detectors.append(_watch(before, thresholds, _counted(score, armed), signal.tick))
     own = tuple(tuple(after for after, _ in arms) for arms in files.values())
@@ -186,7 +213,9 @@ def step(setup: Setup, params: DetectorParams, state: DetectorsState, signal: De
 def stops(setup: Setup, state: DetectorsState | None) -> Scalar:
     """Whether a detector that may stop the robot is in alarm at its first threshold: bool."""
     alarms = jnp.bool_(False)
-    for use, one in zip(setup.detectors, () if state is None else state.detectors, strict=state is not None):
+    for use, one in zip(
+        setup.detectors, () if state is None else state.detectors, strict=state is not None
+    ):
         alarms = alarms | one.thresholds[0].over if use.stops else alarms
     return alarms
 
@@ -208,15 +237,20 @@ def _own(
     """State and score of a file, one entry an arm."""
     assert signal.views is not None
     code, views = part.loaded(source), signal.views
-    return per_arm(setup, lambda i, _: part.step(code, params, before[i], views[i], setup.precision.real))
+    return per_arm(
+        setup, lambda i, _: part.step(code, params, before[i], views[i], setup.precision.real)
+    )
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
     """The largest of those scores that are numbers, none of which is below 0; 0 if there are none.
 
-    A comparison with what is no number is false: in this order it hides no other arm's or joint's score.
+    A comparison with what is no number is false: in this order it hides no other arm's or joint's
+    score.
     """
-    return reduce(lambda most, score: jnp.where(score > most, score, most), scores, real(setup, 0.0))
+    return reduce(
+        lambda most, score: jnp.where(score > most, score, most), scores, real(setup, 0.0)
+    )
 
 
 @record
@@ -239,12 +273,19 @@ def _arm(
     learned = (params.shoulder, params.elbow, params.insertion)
 
     def largest(name: str, now: Vec, then: Vec) -> Scalar:
-        steps = [jnp.abs(a - b) / getattr(step, name) for a, b, step in zip(now, then, learned, strict=True)]
+        steps = [
+            jnp.abs(a - b) / getattr(step, name)
+            for a, b, step in zip(now, then, learned, strict=True)
+        ]
         return _largest(setup, steps)
 
     mvel_step = largest("mvel", mvel, before.mvel)
-    link = sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(jvel, before.jvel, strict=True))
-    motor = sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(mvel, before.mvel, strict=True))
+    link = sum(
+        jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(jvel, before.jvel, strict=True)
+    )
+    motor = sum(
+        jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(mvel, before.mvel, strict=True)
+    )
     shares = [
         real(setup, jnp.abs(command)) / real(setup, jnp.maximum(limit, 1))
         for command, limit in zip(signal.command[i][:6], signal.command_limit[:6], strict=True)
@@ -281,7 +322,9 @@ def _counted(score: Scalar, armed: Scalar) -> Scalar:
     return jnp.where(armed, jnp.minimum(score, LARGEST), 0.0)
 
 
-def _watch(before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar) -> DetectorState:
+def _watch(
+    before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar
+) -> DetectorState:
     lowest = reduce(jnp.minimum, [score, *before.recent])
     after = []
     for threshold, state in zip(thresholds, before.thresholds, strict=True):

@@ -1,26 +1,31 @@
-"""The hand at the console: a mass on spring and damper that the force of the haptic cue moves off its plan.
+"""The hand at the console: a mass on spring and damper that the force of the haptic cue moves off
+its plan.
 
     M d'' + B d' + K d = F        d: displacement of the hand; three axes, all alike
 
-The hand follows its plan as before; d comes on top, and what the console sends is the plan plus d. The spring is the
-posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE 11(10):e0163854, 2016), sooner than
-any reaction, so that a measured spring has these answers in it.
+The hand follows its plan as before; d comes on top, and what the console sends is the plan plus d.
+The spring is the posture that muscles hold. A stretched muscle answers after 25 to 100 ms (PLoS ONE
+11(10):e0163854, 2016), sooner than any reaction, so that a measured spring has these answers in it.
 
-- Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m: fitted to one trial of one participant who held the handle of a haptic
-  device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports 5:18004, 2015, Figure 3).
-- A firmer grip makes a hand stiffer and more damped (Hasser, Cutkosky, Haptic Interfaces 2002: a pinched knob; models
-  by grip force of a held stylus: Fu, Cavusoglu, IEEE SMC-B 42, 2012). By how much is *assumed*: at a firm grip five
-  times the stiffness (range 2 to 10), with the same damping ratio.
-- Newtons in a device unit of the cue: no source says it. *Assumed*: 3.3, the largest force of a Phantom Omni, which is
-  one of the Raven's masters (range 1 to 66; with 66 the published cap of 0.05 units is that largest force).
+- Relaxed, M 0.554 kg, B 6.45 N s/m, K 135 N/m: fitted to one trial of one participant who held the
+  handle of a haptic device (van Beek, Bergmann Tiest, Mugge, Kappers, Scientific Reports 5:18004,
+  2015, Figure 3).
+- A firmer grip makes a hand stiffer and more damped (Hasser, Cutkosky, Haptic Interfaces 2002: a
+  pinched knob; models by grip force of a held stylus: Fu, Cavusoglu, IEEE SMC-B 42, 2012). By how
+  much is *assumed*: at a firm grip five times the stiffness (range 2 to 10), with the same damping
+  ratio.
+- Newtons in a device unit of the cue: no source says it. *Assumed*: 3.3, the largest force of a
+  Phantom Omni, which is one of the Raven's masters (range 1 to 66; with 66 the published cap of
+  0.05 units is that largest force).
 - The device's own mass and friction are left out.
 
-Discretised by the implicit midpoint rule: stable for any numbers, and over a tick of length h exactly
+Discretised by the implicit midpoint rule: stable for any numbers, and over a tick of length h
+exactly
 
     change of (M v^2 + K d^2) / 2  =  F . (change of d) - h B u^2        u: mean of the velocities before and after
 
 so that the hand never gives back more energy than the force put in.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -43,18 +48,30 @@ TICK_S = 1e-3
 class HandParams:
     """What a campaign may vary."""
 
-    grip: Annotated[Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")]
+    grip: Annotated[
+        Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")
+    ]
     newtons_per_unit: Annotated[  # negative: away from the model, for null models
-        Scalar, Quantity("N", -1e3, 1e3, "force on the hand per device unit of the first haptic set")
+        Scalar,
+        Quantity("N", -1e3, 1e3, "force on the hand per device unit of the first haptic set"),
     ]
     mass: Annotated[Scalar, Quantity("kg", 0.01, 10, "mass of the hand that the cue's force moves")]
     damping: Annotated[Scalar, Quantity("N s/m", 0, 1e3, "damping of a relaxed hand")]
     stiffness: Annotated[Scalar, Quantity("N/m", 0, 1e5, "stiffness of a relaxed hand")]
     firm_times: Annotated[
-        Scalar, Quantity("", 1, 100, "stiffness of a firm hand by that of a relaxed one; the damping ratio stays")
+        Scalar,
+        Quantity(
+            "", 1, 100, "stiffness of a firm hand by that of a relaxed one; the damping ratio stays"
+        ),
     ]
     turn_deg: Annotated[
-        Scalar, Quantity("deg", -180, 180, "turn of the force about the diagonal of the console's axes: a null model")
+        Scalar,
+        Quantity(
+            "deg",
+            -180,
+            180,
+            "turn of the force about the diagonal of the console's axes: a null model",
+        ),
     ]
 
 
@@ -70,7 +87,13 @@ class HandState:
 def params(setup: Setup) -> HandParams:
     """The numbers above, held half firmly."""
     return HandParams(
-        grip=0.5, newtons_per_unit=3.3, mass=0.554, damping=6.45, stiffness=135.0, firm_times=5.0, turn_deg=0.0
+        grip=0.5,
+        newtons_per_unit=3.3,
+        mass=0.554,
+        damping=6.45,
+        stiffness=135.0,
+        firm_times=5.0,
+        turn_deg=0.0,
     )
 
 
@@ -81,7 +104,9 @@ def init(setup: Setup) -> HandState:
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
-    """One tick under the cue's force `pull` (3, device units, axes of the console); one without direction is none."""
+    """One tick under the cue's force `pull` (3, device units, axes of the console); one without
+    direction is none.
+    """
     stiffness, damping = impedance(params)
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turned(pull, params.turn_deg) * params.newtons_per_unit
@@ -107,7 +132,9 @@ def turned(force: Vec, angle_deg: Scalar) -> Vec:
     angle = angle_deg * (math.pi / 180.0)
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     along = (force[0] + force[1] + force[2]) * ((1.0 - cos) / 3.0)
-    across = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (sin / math.sqrt(3.0))
+    across = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (
+        sin / math.sqrt(3.0)
+    )
     return force * cos + across + along
 
 

@@ -1,18 +1,19 @@
 """The console's haptic cue: a spring-damper on the distance between nominal model and robot.
 
-Published rule (Raven-II surgical training simulator, Eq. 5) as read here. With e = p_model - p_robot, d = e/|e| and
-v the tip velocities from the Jacobian:
+Published rule (Raven-II surgical training simulator, Eq. 5) as read here. With e = p_model -
+p_robot, d = e/|e| and v the tip velocities from the Jacobian:
 
     |e| >  threshold:  force = min(cap, max(0, kp |e| + kd (v_model - v_robot) . d))
     |e| <= threshold:  force = 0
 
-The printed equation has two cases but states a condition at the constant 0.05 only. Its Figure 5 settles the reading:
-single pulses of different height (0.013 to 0.030 device units) at tip errors of 3.3 to 5 mm, nothing below 3 mm, and
-one pulse flat at 0.0500: a proportional force above the threshold which is capped, not set, at 0.05. A haptic device
-can only pull towards the model, so the force is never negative.
+The printed equation has two cases but states a condition at the constant 0.05 only. Its Figure 5
+settles the reading: single pulses of different height (0.013 to 0.030 device units) at tip errors
+of 3.3 to 5 mm, nothing below 3 mm, and one pulse flat at 0.0500: a proportional force above the
+threshold which is capped, not set, at 0.05. A haptic device can only pull towards the model, so the
+force is never negative.
 
-Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`): with an operator who does not react
-they all see the same motion.
+Several (threshold, kp, kd, cap) sets are evaluated side by side (`Setup.cues`): with an operator
+who does not react they all see the same motion.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ class HapticParams:
     cues: Annotated[
         tuple[CueParams, ...],
         Reserved(
-            "reports name each cue by it; write [haptics] threshold_mm, kp_per_mm, kd_per_mm_s and cap, whose lists "
-            "are evaluated side by side in the same runs"
+            "reports name each cue by it; write [haptics] threshold_mm, kp_per_mm, kd_per_mm_s and"
+            " cap, whose lists are evaluated side by side in the same runs"
         ),
     ]
 
@@ -86,9 +87,10 @@ class HapticOutput:
 def params(setup: Setup) -> HapticParams:
     """The published cue, `setup.cues` times.
 
-    3 mm and cap 0.05: published. kp 4.5 per m: Figure 5 shows about 0.0045 per mm. kd is not published: 0.09 per m/s
-    makes the third pulse (0.0296 at 5.0 mm, of which 0.0225 is spring) out of its rebound of 6.7 degrees in 150 ms,
-    which is about 80 mm/s at the 0.1 m between tip and shoulder axis.
+    3 mm and cap 0.05: published. kp 4.5 per m: Figure 5 shows about 0.0045 per mm. kd is not
+    published: 0.09 per m/s makes the third pulse (0.0296 at 5.0 mm, of which 0.0225 is spring) out
+    of its rebound of 6.7 degrees in 150 ms, which is about 80 mm/s at the 0.1 m between tip and
+    shoulder axis.
     """
     cue = CueParams(threshold_m=PUBLISHED_CUE_MM / 1e3, kp=4.5, kd=0.09, cap=0.05)
     return HapticParams(cues=(cue,) * setup.cues)
@@ -133,7 +135,9 @@ def step(
         forces.append(force)
         cues.append(
             CueState(
-                first_tick=jnp.where((active == 1) & (before.first_tick < 0), state.tick, before.first_tick),
+                first_tick=jnp.where(
+                    (active == 1) & (before.first_tick < 0), state.tick, before.first_tick
+                ),
                 peak_force=jnp.maximum(before.peak_force, force),
                 ticks_active=before.ticks_active + active,
                 impulses=before.impulses + active * (1 - before.active),

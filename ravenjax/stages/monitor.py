@@ -1,16 +1,19 @@
-"""What the run did to the instrument: deviations, jumps, tissue, DAC peaks. The independent observer of the tick.
+"""What the run did to the instrument: deviations, jumps, tissue, DAC peaks. The independent
+observer of the tick.
 
-Two tips are watched. The *true* tip is where the links of the virtual robot are; the *measured* tip is what the control
-software computes from its encoders (whole micrometres), on which the published jump rule works (analyze_faulty.py).
-Everything is compared with the nominal model and with the run's golden run.
+Two tips are watched. The *true* tip is where the links of the virtual robot are; the *measured* tip
+is what the control software computes from its encoders (whole micrometres), on which the published
+jump rule works (analyze_faulty.py). Everything is compared with the nominal model and with the
+run's golden run.
 
-Hazards (`ravenjax.outcomes` says what they are) are judged live. With a = distance from the golden run, b = from the
-nominal model and c = distance from where standing would have left the tip, d = min(a, b):
+Hazards (`ravenjax.outcomes` says what they are) are judged live. With a = distance from the golden
+run, b = from the nominal model and c = distance from where standing would have left the tip, d =
+min(a, b):
 
     unintended motion:  min(d, c) > limit
     loss of motion:     d > limit, and min(d, c) <= limit or c < d / 2: most of it is motion that the robot missed
     false report:       |(measured - true) - (the golden run's measured - true)| > limit
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -42,15 +45,19 @@ _WORDS = "it is what the words of every report mean"
 class MonitorParams:
     """Limits of the observer."""
 
-    jump_step: Annotated[  # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
-        Scalar, Reserved(f"{_WORDS}; write [outcomes] jump_step_mm")
-    ]
+    # m per packet, on two packets in a row; 0.1 mm, CSLDepend/raven2_sim analyze_faulty.py
+    jump_step: Annotated[Scalar, Reserved(f"{_WORDS}; write [outcomes] jump_step_mm")]
     large_jump: Annotated[  # m within 2 ms; 1 mm, the rule in the text of DSN'16
         Scalar, Reserved(f"{_WORDS}; write [outcomes] large_jump_mm")
     ]
-    diverged: Scalar  # m from the golden run above which a run counts as diverged; 1 um, the resolution of `pos`
-    idle_share: Scalar  # share of the golden run's step below which a step counts as none; a quarter, ours
-    idle_step: Scalar  # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
+    # m from the golden run above which a run counts as diverged; 1 um, the resolution of `pos`
+    diverged: Scalar
+    idle_share: (
+        Scalar  # share of the golden run's step below which a step counts as none; a quarter, ours
+    )
+    idle_step: (
+        Scalar  # m per tick, steps of the golden run that count; 1 um, the resolution of `pos`
+    )
     limit: Annotated[  # m, of hazards; `ravenjax.outcomes.verdict.LIMIT_MM`
         Scalar, Reserved(f"{_WORDS}; write [outcomes] limit_mm")
     ]
@@ -66,17 +73,25 @@ class MonitorArmState:
     missed: Vec  # m, sum of the golden run's steps while this robot was told to stand, or stood
     pos: Vec  # um, measured tip at the last packet
     golden_pos: Vec  # um, the golden run's
-    over: Scalar  # bool, the last packet's step was over the jump limit and the golden run's was not
-    leapt: Scalar  # bool, the true tip's last step was over the jump limit and the golden run's was not
+    over: (
+        Scalar  # bool, the last packet's step was over the jump limit and the golden run's was not
+    )
+    # bool, the true tip's last step was over the jump limit and the golden run's was not
+    leapt: Scalar
     peak_model: Scalar  # m, largest distance from the nominal model
     peak_live: Scalar  # m, the same while the robot was live
     square_model: Scalar  # m^2, sum over ticks
     peak_golden: Scalar  # m, largest distance from the golden run
     square_golden: Scalar  # m^2, sum over ticks
-    unintended: Scalar  # m, largest live distance from golden run, model and where standing would have left the tip
-    unintended_off: Scalar  # m, while not live: largest distance from golden run and from where standing leaves the tip
-    loss: Scalar  # m, largest live distance from golden run and model by motion that the robot missed
-    false_report: Scalar  # m, largest live distance of the measured tip from the true one, the golden run's taken off
+    # m, largest live distance from golden run, model and where standing would have left the tip
+    unintended: Scalar
+    # m, while not live: largest distance from golden run and from where standing leaves the tip
+    unintended_off: Scalar
+    loss: (
+        Scalar  # m, largest live distance from golden run and model by motion that the robot missed
+    )
+    # m, largest live distance of the measured tip from the true one, the golden run's taken off
+    false_report: Scalar
     idle_ticks: Scalar  # int32, ticks in which the golden run moved and this robot did not
     peak_step: Scalar  # m per tick, largest step of the true tip
     path: Scalar  # m, way of the true tip
@@ -84,7 +99,8 @@ class MonitorArmState:
     peak_dac: Vec  # counts, largest magnitude written to USB
     jump: Scalar  # int32, tick of the first jump by the code's rule; -1: none
     large_jump: Scalar  # int32, tick of the first jump by the text's rule; -1: none
-    tip_jump: Scalar  # int32, tick of the first jump by the code's rule on the true tip, tick by tick; -1: none
+    # int32, tick of the first jump by the code's rule on the true tip, tick by tick; -1: none
+    tip_jump: Scalar
 
 
 @record
@@ -97,8 +113,12 @@ class MonitorState:
     unintended: Scalar  # int32, first tick of unintended motion; -1: never
     loss: Scalar  # int32, first tick of loss of motion; -1: never
     false_report: Scalar  # int32, first tick of a false report; -1: never
-    halted: Scalar  # int32, ticks in which the operator held the pedal down and the robot was not live
-    finite: finite.FiniteState  # of the tips, their distances and whatever else the robot's tick enters
+    halted: (
+        Scalar  # int32, ticks in which the operator held the pedal down and the robot was not live
+    )
+    finite: (
+        finite.FiniteState
+    )  # of the tips, their distances and whatever else the robot's tick enters
     ticks: Scalar  # int32
 
 
@@ -113,7 +133,9 @@ class MonitorSignal:
     distance: Scalar  # m between the two tips; infinite with one arm
     dac: tuple[Vec, ...]  # counts, as written
     fresh: Scalar  # bool, a new packet was due in this tick
-    live: Scalar  # bool, pedal-down without software E-stop: what the operator asks for is what the robot should do
+    # bool, pedal-down without software E-stop: what the operator asks for is what the robot should
+    # do
+    live: Scalar
     pedal: Scalar  # bool, the operator holds the pedal down
     tick: Scalar  # int32
 
@@ -121,7 +143,12 @@ class MonitorSignal:
 def params(setup: Setup) -> MonitorParams:
     """The published limits."""
     return MonitorParams(
-        jump_step=1e-4, large_jump=1e-3, diverged=1e-6, limit=LIMIT_MM / 1e3, idle_share=0.25, idle_step=1e-6
+        jump_step=1e-4,
+        large_jump=1e-3,
+        diverged=1e-6,
+        limit=LIMIT_MM / 1e3,
+        idle_share=0.25,
+        idle_step=1e-6,
     )
 
 
@@ -190,7 +217,8 @@ def realigned(state: MonitorState) -> MonitorState:
 class Distances(NamedTuple):
     """How far one arm is off in this tick, m.
 
-    `unintended_off` counts while the robot is not live; `unintended`, `loss` and `false_report` while it is.
+    `unintended_off` counts while the robot is not live; `unintended`, `loss` and `false_report`
+    while it is.
     """
 
     golden: Scalar  # true tip from the golden run's
@@ -201,8 +229,12 @@ class Distances(NamedTuple):
     false_report: Scalar
 
 
-def distances(params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, golden_pos: Vec) -> Distances:
-    """Distances of an arm. arm: has `tip`, `golden_tip`, `missed` of this tick; model_tip: m; pos, golden_pos: um."""
+def distances(
+    params: MonitorParams, arm: MonitorArmState, model_tip: Vec, pos: Vec, golden_pos: Vec
+) -> Distances:
+    """Distances of an arm. arm: has `tip`, `golden_tip`, `missed` of this tick; model_tip: m;
+    pos, golden_pos: um.
+    """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = _norm(tip - golden_tip), _norm(tip - model_tip)
     standing = _norm(tip - golden_tip + arm.missed)
@@ -229,7 +261,11 @@ def _first(tick: Scalar, happens: Scalar, before: Scalar) -> Scalar:
 
 
 def _arm(
-    params: MonitorParams, state: MonitorArmState, signal: MonitorSignal, reference: Reference, i: int
+    params: MonitorParams,
+    state: MonitorArmState,
+    signal: MonitorSignal,
+    reference: Reference,
+    i: int,
 ) -> tuple[MonitorArmState, Distances]:
     """The arm after this tick, and how far it is off."""
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
@@ -261,26 +297,41 @@ def _arm(
         peak_golden=jnp.maximum(state.peak_golden, golden),
         square_golden=state.square_golden + golden * golden,
         unintended=jnp.where(live, jnp.maximum(state.unintended, off.unintended), state.unintended),
-        unintended_off=jnp.where(live, state.unintended_off, jnp.maximum(state.unintended_off, off.unintended_off)),
+        unintended_off=jnp.where(
+            live, state.unintended_off, jnp.maximum(state.unintended_off, off.unintended_off)
+        ),
         loss=jnp.where(live, jnp.maximum(state.loss, off.loss), state.loss),
-        false_report=jnp.where(live, jnp.maximum(state.false_report, off.false_report), state.false_report),
+        false_report=jnp.where(
+            live, jnp.maximum(state.false_report, off.false_report), state.false_report
+        ),
         idle_ticks=state.idle_ticks + as_int(idle),
         peak_step=jnp.maximum(state.peak_step, step),
         path=state.path + step,
         depth=jnp.maximum(state.depth, signal.depth[i]),
-        peak_dac=state.peak_dac.map(lambda peak, dac: jnp.maximum(peak, jnp.abs(dac)), signal.dac[i]),
+        peak_dac=state.peak_dac.map(
+            lambda peak, dac: jnp.maximum(peak, jnp.abs(dac)), signal.dac[i]
+        ),
         jump=_first(signal.tick, fresh & over & state.over, state.jump),
-        large_jump=_first(signal.tick, (step > params.large_jump) | (both > params.large_jump), state.large_jump),
+        large_jump=_first(
+            signal.tick, (step > params.large_jump) | (both > params.large_jump), state.large_jump
+        ),
         tip_jump=_first(signal.tick, leapt & state.leapt, state.tip_jump),
     )
     return new, off
 
 
 def step(
-    setup: Setup, params: MonitorParams, state: MonitorState, signal: MonitorSignal, reference: Reference
+    setup: Setup,
+    params: MonitorParams,
+    state: MonitorState,
+    signal: MonitorSignal,
+    reference: Reference,
 ) -> MonitorState:
     """The observer after this tick."""
-    arms, off = zip(*per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)), strict=True)
+    arms, off = zip(
+        *per_arm(setup, lambda i, arm: _arm(params, state.arms[i], signal, reference, i)),
+        strict=True,
+    )
     diverged, unintended, loss, false_report = (jnp.bool_(False),) * 4
     for distance in off:
         diverged = diverged | (distance.golden > params.diverged)

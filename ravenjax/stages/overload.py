@@ -1,4 +1,6 @@
-"""What the cables of a run carried, as shares of their strength, and which was the first to be overloaded."""
+"""What the cables of a run carried, as shares of their strength, and which was the first to be
+overloaded.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def init(setup: Setup) -> OverloadState:
 
 
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:
-    """After this tick. loads: of each arm's cables, the largest tension in it by their strength; above 1: overload."""
+    """After this tick. loads: of each arm's cables, the largest tension in it by their strength;
+    above 1: overload.
+    """
     every = [load for arm in loads for load in arm]
     largest, place = every[0], jnp.int32(0)
     for i, load in enumerate(every[1:], start=1):
@@ -38,4 +42,8 @@ def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> Overload
 
 def outcomes(state: OverloadState) -> dict[str, Scalar]:
     """Outcome columns of a run: a share, ms, and the place of a cable among all, arm by arm."""
-    return {"cable_load": state.peak, "cable_overload_first_ms": state.first, "cable_overload": state.cable}
+    return {
+        "cable_load": state.peak,
+        "cable_overload_first_ms": state.first,
+        "cable_overload": state.cable,
+    }

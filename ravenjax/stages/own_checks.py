@@ -1,17 +1,21 @@
 """Checks of one's own: files that look at a seam of the tick and act in the same millisecond.
 
-As detectors they give a score in each millisecond of each arm (`ravenjax.parts`), and trip where it is above their
-threshold in `consecutive` milliseconds in a row. They differ in where they stand: between two stages, as the built-in
-checks do, so that what they do is done before the next stage reads. What they may do is what the robot's own checks do:
+As detectors they give a score in each millisecond of each arm (`ravenjax.parts`), and trip where it
+is above their threshold in `consecutive` milliseconds in a row. They differ in where they stand:
+between two stages, as the built-in checks do, so that what they do is done before the next stage
+reads. What they may do is what the robot's own checks do:
 
 - `watch`: nothing; they leave their columns, and count as no response;
 - `flag`: tell a person. The robot goes on; a run in which one trips counts as flagged;
-- `limit`: on an arm where they trip, something else goes on in this millisecond: what `step` gives as a third thing;
-- `stop`: raise the robot's E-stop as its own checks raise it; how, the robot says where it asks them.
+- `limit`: on an arm where they trip, something else goes on in this millisecond: what `step` gives
+  as a third thing;
+- `stop`: raise the robot's E-stop as its own checks raise it; how, the robot says where it asks
+  them.
 
-They look in every millisecond, at every run level: what is none of their business they leave alone by themselves, by
-what is in their view. What they leave is as of the built-in checks: first trip, milliseconds tripped, and the margin,
-which is the threshold less the score, of the arm and millisecond where it was smallest.
+They look in every millisecond, at every run level: what is none of their business they leave alone
+by themselves, by what is in their view. What they leave is as of the built-in checks: first trip,
+milliseconds tripped, and the margin, which is the threshold less the score, of the arm and
+millisecond where it was smallest.
 """
 
 from __future__ import annotations
@@ -74,7 +78,9 @@ def init(setup: Setup, params: OwnCheckParams) -> tuple[tuple[OwnCheckArmState, 
         arm = OwnCheckArmState(own, Vec.full(use.consecutive - 1, real(setup, 0.0)))
         return (arm,) * len(setup.arms)
 
-    return tuple(of_check(use, values) for use, values in zip(setup.checks, params.own, strict=True))
+    return tuple(
+        of_check(use, values) for use, values in zip(setup.checks, params.own, strict=True)
+    )
 
 
 def look(
@@ -85,7 +91,9 @@ def look(
     views: Sequence[Any],
     crossing: Sequence[Vec],
 ) -> OwnCheckTrip:
-    """The check at `place` in this millisecond. views: what it sees, one an arm. crossing: what crosses its seam."""
+    """The check at `place` in this millisecond. views: what it sees, one an arm. crossing: what
+    crosses its seam.
+    """
     use, code = setup.checks[place], part.loaded(setup.checks[place].part)
     own, threshold, width = params.own[place], params.threshold[place], setup.precision.real
 

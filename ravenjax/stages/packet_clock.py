@@ -1,11 +1,14 @@
-"""When the console's packets reach the robot: each lasts a number of control cycles that is drawn when it comes.
+"""When the console's packets reach the robot: each lasts a number of control cycles that is drawn
+when it comes.
 
-The original's network thread takes every datagram as it arrives and adds its increments to the desired position; the
-control cycle reads the sum, or with a console of positions the last one (raven2: network_layer.cpp, local_io.cpp).
-Datagrams that arrive in one cycle thus act as one, and this clock makes one of them: a burst is one packet with all
-the motion since the one before. A gap is a packet that lasts long.
+The original's network thread takes every datagram as it arrives and adds its increments to the
+desired position; the control cycle reads the sum, or with a console of positions the last one
+(raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one cycle thus act as one, and
+this clock makes one of them: a burst is one packet with all the motion since the one before. A gap
+is a packet that lasts long.
 
-Simplified: lengths are independent. In the recordings short ones follow long ones, and gaps come at regular times.
+Simplified: lengths are independent. In the recordings short ones follow long ones, and gaps come at
+regular times.
 """
 
 from __future__ import annotations
@@ -37,14 +40,19 @@ def init() -> PacketClock:
 
 
 def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> PacketClock:
-    """The clock after tick `now` (int32), which has a packet that lasts `cycles` (int32) where it is `fresh` (bool)."""
+    """The clock after tick `now` (int32), which has a packet that lasts `cycles` (int32) where
+    it is `fresh` (bool).
+    """
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 
 
-def length(distributions: Sequence[Sequence[float]], choice: Scalar, key: Scalar, packet: Scalar) -> Scalar:
+def length(
+    distributions: Sequence[Sequence[float]], choice: Scalar, key: Scalar, packet: Scalar
+) -> Scalar:
     """Cycles (int32) that the packet of index `packet` (int32) lasts.
 
-    distributions: shares of packets that last 1, 2, 3, .. cycles; choice: number of one of them; key: uint32, of a run.
+    distributions: shares of packets that last 1, 2, 3, .. cycles; choice: number of one of them;
+    key: uint32, of a run.
     """
     partial = [np.cumsum(shares[:-1]) for shares in distributions]
     if isinstance(choice, np.integer):  # the same in all runs
@@ -52,7 +60,9 @@ def length(distributions: Sequence[Sequence[float]], choice: Scalar, key: Scalar
     number = uniform(key, packet, _LENGTH)
     cycles = jnp.int32(1)
     for k in range(max(map(len, partial))):
-        sums = [np.float32(one[k]) if k < len(one) else np.float32(1.0) for one in partial]  # 1: never reached
+        sums = [
+            np.float32(one[k]) if k < len(one) else np.float32(1.0) for one in partial
+        ]  # 1: never reached
         bound = jnp.float32(sums[0])
         for i, other in enumerate(sums[1:], start=1):
             bound = jnp.where(choice == i, jnp.float32(other), bound)

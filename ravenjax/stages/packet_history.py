@@ -1,10 +1,11 @@
 """When the newest packets were sent, a bit for each tick: what it takes to send an older one again.
 
-Where each packet lasts a number of cycles of its own, the tick at which one was made follows from nothing but the
-lengths of all that came after it. A network that delivers older packets must therefore remember when they were sent. It
-does so in words of 32 bits that shift by one in each tick. The packet after which n others were sent is the bit above
-the n lowest ones that are set; sums over pairs, fours, eights and halves of a word lead to it (S. E. Anderson, Bit
-Twiddling Hacks: counting bits set, in parallel; selecting the position of a bit with a given count).
+Where each packet lasts a number of cycles of its own, the tick at which one was made follows from
+nothing but the lengths of all that came after it. A network that delivers older packets must
+therefore remember when they were sent. It does so in words of 32 bits that shift by one in each
+tick. The packet after which n others were sent is the bit above the n lowest ones that are set;
+sums over pairs, fours, eights and halves of a word lead to it (S. E. Anderson, Bit Twiddling Hacks:
+counting bits set, in parallel; selecting the position of a bit with a given count).
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ def step(history: PacketHistory, fresh: Scalar) -> PacketHistory:
 
 
 def age(history: PacketHistory, newer: Scalar) -> Scalar:
-    """Ticks (int32) since the packet was sent after which `newer` (int32, at least 0) others were; NEVER: unknown."""
+    """Ticks (int32) since the packet was sent after which `newer` (int32, at least 0) others
+    were; NEVER: unknown.
+    """
     word, first, counted, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
     for place, candidate in enumerate(history.words):
         count = _sums(candidate)[0]
@@ -54,7 +57,9 @@ def age(history: PacketHistory, newer: Scalar) -> Scalar:
 
 
 def sent_within(history: PacketHistory, ticks: Scalar) -> Scalar:
-    """Packets (int32) that were sent in the last `ticks` (int32) ticks, the present one among them."""
+    """Packets (int32) that were sent in the last `ticks` (int32) ticks, the present one among
+    them.
+    """
     total = jnp.int32(0)
     for place, word in enumerate(history.words):
         bits = jnp.minimum(jnp.maximum(ticks - WORD * place, 0), WORD)
@@ -68,7 +73,9 @@ def _u32(number: int) -> Scalar:
 
 
 def _sums(word: Scalar) -> tuple[Scalar, ...]:
-    """Set bits of a word, int32; and, uint32, those of its halves, eights, fours and pairs, each where its bits are."""
+    """Set bits of a word, int32; and, uint32, those of its halves, eights, fours and pairs, each
+    where its bits are.
+    """
     pairs = word - ((word >> _u32(1)) & _u32(0x55555555))
     fours = (pairs & _u32(0x33333333)) + ((pairs >> _u32(2)) & _u32(0x33333333))
     eights = (fours + (fours >> _u32(4))) & _u32(0x0F0F0F0F)

@@ -44,10 +44,16 @@ def step(state: TouchState, instruments: tuple[Touched, ...]) -> TouchState:
         peak = jnp.maximum(peak, one.tissue)
         impulse = impulse + one.tissue * TICK_S
         vessel = jnp.maximum(vessel, one.vessel)
-    return TouchState(peak, impulse, vessel, jnp.maximum(state.instrument, instruments[0].instrument))
+    return TouchState(
+        peak, impulse, vessel, jnp.maximum(state.instrument, instruments[0].instrument)
+    )
 
 
 def outcomes(setup: Setup, state: TouchState) -> dict[str, Scalar]:
     """Outcome columns of a run, N and N s."""
-    out = {"contact_peak_n": state.peak, "contact_impulse_n_s": state.impulse, "contact_vessel_peak_n": state.vessel}
+    out = {
+        "contact_peak_n": state.peak,
+        "contact_impulse_n_s": state.impulse,
+        "contact_vessel_peak_n": state.vessel,
+    }
     return out | ({"contact_instruments_peak_n": state.instrument} if len(setup.arms) > 1 else {})

@@ -1,1 +1,3 @@
-"""Statistics, free of robots: intervals, comparisons, bootstrap, alarms, sensitivity, sample sizes."""
+"""Statistics, free of robots: intervals, comparisons, bootstrap, alarms, sensitivity, sample
+sizes.
+"""

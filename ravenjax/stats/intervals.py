@@ -1,8 +1,9 @@
 """Confidence intervals of a rate k/n.
 
-Wilson for display, Clopper-Pearson for guarantees (never covers less than promised); both from statsmodels'
-proportion_confint (Brown, Cai, DasGupta, Statistical Science 16, 2001). They take the n trials as independent: repeats
-of a deterministic run are not, so count distinct faults, or resample clusters (`bootstrap.clusters`).
+Wilson for display, Clopper-Pearson for guarantees (never covers less than promised); both from
+statsmodels' proportion_confint (Brown, Cai, DasGupta, Statistical Science 16, 2001). They take the
+n trials as independent: repeats of a deterministic run are not, so count distinct faults, or
+resample clusters (`bootstrap.clusters`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ _NONE = Rate(0, 0, np.nan, np.nan, np.nan)  # one object, since tuples with diff
 
 
 class Estimate(NamedTuple):
-    """A value with its confidence interval, in the unit of what was estimated; arrays of one shape for a curve."""
+    """A value with its confidence interval, in the unit of what was estimated; arrays of one
+    shape for a curve.
+    """
 
     value: Any
     low: Any
@@ -44,24 +47,35 @@ def wilson(k: int, n: int, confidence: float = 0.95) -> Rate:
 
 
 def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> Rate:
-    """Rate with its exact (Clopper-Pearson) interval. ValueError unless 0 <= k <= n and 0 < confidence < 1."""
+    """Rate with its exact (Clopper-Pearson) interval. ValueError unless 0 <= k <= n and 0 <
+    confidence < 1.
+    """
     return rates([k], [n], confidence, "clopper_pearson")[0]
 
 
 def share(k: int, n: int) -> Rate:
-    """k of the n cells of a design without an interval: nothing was sampled. ValueError unless 0 <= k <= n."""
+    """k of the n cells of a design without an interval: nothing was sampled. ValueError unless 0
+    <= k <= n.
+    """
     return wilson(k, n)._replace(low=np.nan, high=np.nan)
 
 
-def rates(k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson") -> list[Rate]:
+def rates(
+    k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method = "wilson"
+) -> list[Rate]:
     """Rates k[i] of n[i] with their intervals: thousands at the price of one.
 
-    k and n are whole numbers of one shape [m] or a number each. ValueError unless 0 <= k <= n and 0 < confidence < 1.
+    k and n are whole numbers of one shape [m] or a number each. ValueError unless 0 <= k <= n and 0
+    < confidence < 1.
     """
-    hits, trials = (np.atleast_1d(part) for part in np.broadcast_arrays(whole(k, "k"), whole(n, "n")))
+    hits, trials = (
+        np.atleast_1d(part) for part in np.broadcast_arrays(whole(k, "k"), whole(n, "n"))
+    )
     outside = np.flatnonzero((hits < 0) | (hits > trials))
     if len(outside):
-        raise ValueError(f"a rate needs 0 <= k <= n, got k = {hits[outside[0]]}, n = {trials[outside[0]]}")
+        raise ValueError(
+            f"a rate needs 0 <= k <= n, got k = {hits[outside[0]]}, n = {trials[outside[0]]}"
+        )
     low, high = bounds(hits, trials, confidence, method)
     with np.errstate(invalid="ignore"):
         value = hits / trials
@@ -72,14 +86,17 @@ def rates(k: ArrayLike, n: ArrayLike, confidence: float = 0.95, method: Method =
 def bounds(
     k: np.ndarray, n: np.ndarray, confidence: float = 0.95, method: Method = "wilson"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds [m] of the rates k/n, NaN where n is 0; k may be a fraction, as an expected count is.
+    """Lower and upper bounds [m] of the rates k/n, NaN where n is 0; k may be a fraction, as an
+    expected count is.
 
     Where k is 0 the lower bound is 0, and where k is n the upper is 1.
     """
     return bounds_at(k, n, alpha_of(confidence), method)
 
 
-def bounds_at(k: np.ndarray, n: np.ndarray, alpha: float, method: Method = "wilson") -> tuple[np.ndarray, np.ndarray]:
+def bounds_at(
+    k: np.ndarray, n: np.ndarray, alpha: float, method: Method = "wilson"
+) -> tuple[np.ndarray, np.ndarray]:
     """As `bounds`, with alpha = 1 - confidence, which may be too small for a confidence below 1."""
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
@@ -106,5 +123,7 @@ def whole(counts: ArrayLike, name: str) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         numbers = raw.astype(np.int64)
     if not np.array_equal(numbers, raw):
-        raise ValueError(f"{name} counts, so it must be whole numbers, got {raw[np.asarray(numbers != raw)]}")
+        raise ValueError(
+            f"{name} counts, so it must be whole numbers, got {raw[np.asarray(numbers != raw)]}"
+        )
     return numbers

@@ -1,6 +1,7 @@
 """Delays to an event that may never come: a run that ends without it is censored, not dropped.
 
-Censoring is taken as uninformative: a run that a stop ended early would have gone on like the others.
+Censoring is taken as uninformative: a run that a stop ended early would have gone on like the
+others.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson
 
 
 class Incidence(NamedTuple):
-    """Kaplan-Meier estimate of the fraction of runs in which the event came by `time`, with its confidence band."""
+    """Kaplan-Meier estimate of the fraction of runs in which the event came by `time`, with its
+    confidence band.
+    """
 
     time: np.ndarray  # as given, increasing, from 0 (a lead time: from the least)
     fraction: np.ndarray
@@ -27,23 +30,29 @@ class Incidence(NamedTuple):
     n: int
 
     def quantile(self, fraction: float) -> float:
-        """First time by which `fraction` of the runs had the event; NaN where that is never reached."""
+        """First time by which `fraction` of the runs had the event; NaN where that is never
+        reached.
+        """
         return _first(self.time, self.fraction, fraction)
 
     def quantile_interval(self, fraction: float) -> Estimate:
         """`quantile` with its interval: the times whose band holds `fraction`.
 
-        Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN where the runs are too few or end too early for it.
+        Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN where the runs are too few or end
+        too early for it.
         """
-        return Estimate(self.quantile(fraction), *(_first(self.time, edge, fraction) for edge in (self.high, self.low)))
+        return Estimate(
+            self.quantile(fraction),
+            *(_first(self.time, edge, fraction) for edge in (self.high, self.low)),
+        )
 
 
 class Lead(NamedTuple):
     """How long before the harm the alarm came, over all harmed runs.
 
-    lag: incidence of the alarm over alarm minus harm (negative: before the harm), runs without an alarm censored where
-    their observation ended. before: rate of harmed runs whose alarm came strictly before the harm. alarmed: in how many
-    it came at all.
+    lag: incidence of the alarm over alarm minus harm (negative: before the harm), runs without an
+    alarm censored where their observation ended. before: rate of harmed runs whose alarm came
+    strictly before the harm. alarmed: in how many it came at all.
     """
 
     lag: Incidence
@@ -52,27 +61,30 @@ class Lead(NamedTuple):
     n: int
 
     def quantile(self, fraction: float) -> Estimate:
-        """Lead that this fraction of the harmed runs had or exceeded, with its interval; negative: after the harm.
+        """Lead that this fraction of the harmed runs had or exceeded, with its interval; negative:
+        after the harm.
 
-        NaN where so many never had an alarm while they were watched; a bound is NaN where it is not known.
+        NaN where so many never had an alarm while they were watched; a bound is NaN where it is not
+        known.
         """
         value, low, high = self.lag.quantile_interval(fraction)
         return Estimate(-value, -high, -low)
 
 
 class LogRank(NamedTuple):
-    """Log-rank test that two groups have the same law of delay; statistic is positive where the first's events come
-    later. NaN where no event came."""
+    """Log-rank test that two groups have the same law of delay; statistic is positive where the
+    first's events come later. NaN where no event came."""
 
     statistic: float
     p: float
 
 
 def incidence(delay: ArrayLike, happened: ArrayLike, confidence: float = 0.95) -> Incidence:
-    """Incidence over time of an event: `delay` [n] to it where `happened` (bool [n]), else to the end of observation.
+    """Incidence over time of an event: `delay` [n] to it where `happened` (bool [n]), else to the
+    end of observation.
 
-    Any unit of time. The band is pointwise, by Greenwood's variance of log(-log). ValueError where a delay is negative
-    or not a number, or the lengths differ.
+    Any unit of time. The band is pointwise, by Greenwood's variance of log(-log). ValueError where
+    a delay is negative or not a number, or the lengths differ.
     """
     times, came = _delays(delay, happened, "incidence")
     return _curve(times, came, 0.0, confidence)
@@ -81,14 +93,18 @@ def incidence(delay: ArrayLike, happened: ArrayLike, confidence: float = 0.95) -
 def quantile(
     delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units, confidence: float = 0.95
 ) -> Estimate:
-    """Time by which `fraction` of the runs had the event, as `Incidence.quantile`, its interval by resampling units.
+    """Time by which `fraction` of the runs had the event, as `Incidence.quantile`, its interval by
+    resampling units.
 
-    Runs as for `incidence`, but that times may be negative, as lags are. A bound is NaN where resamples reach the
-    fraction too rarely to tell it, or where there are too few units. ValueError where lengths differ.
+    Runs as for `incidence`, but that times may be negative, as lags are. A bound is NaN where
+    resamples reach the fraction too rarely to tell it, or where there are too few units. ValueError
+    where lengths differ.
     """
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not times.shape == came.shape == among.unit.shape:
-        raise ValueError(f"quantile: {times.shape} delays, {came.shape} events and {among.unit.shape} units")
+        raise ValueError(
+            f"quantile: {times.shape} delays, {came.shape} events and {among.unit.shape} units"
+        )
     if not len(times):
         return Estimate(np.nan, np.nan, np.nan)
     order = _order(times, came)
@@ -103,11 +119,13 @@ def quantile(
 def mean_within(
     delay: ArrayLike, happened: ArrayLike, horizon: float, among: Units, confidence: float = 0.95
 ) -> Estimate:
-    """Mean of the delay where a longer one counts as `horizon`: the area under the curve of runs still without event
-    (Klein, Moeschberger, Survival Analysis, 2003, 4.5). Its interval is by resampling units.
+    """Mean of the delay where a longer one counts as `horizon`: the area under the curve of runs
+    still without event (Klein, Moeschberger, Survival Analysis, 2003, 4.5). Its interval is by
+    resampling units.
 
-    Unit of the delay. NaN where n is 0. ValueError as `incidence`, where lengths differ, where horizon is not positive,
-    or where it lies beyond the last observation of runs still without event: nothing is known there.
+    Unit of the delay. NaN where n is 0. ValueError as `incidence`, where lengths differ, where
+    horizon is not positive, or where it lies beyond the last observation of runs still without
+    event: nothing is known there.
     """
     times, came = _delays(delay, happened, "mean_within")
     if times.shape != among.unit.shape:
@@ -118,8 +136,8 @@ def mean_within(
         return Estimate(np.nan, np.nan, np.nan)
     if times.max() < horizon and not came[times == times.max()].all():
         raise ValueError(
-            f"mean_within: the horizon {horizon:g} lies beyond the last observation, {times.max():g}, of runs without "
-            f"event; take that or less"
+            f"mean_within: the horizon {horizon:g} lies beyond the last observation,"
+            f" {times.max():g}, of runs without event; take that or less"
         )
     order = _order(times, came)
     ends = np.minimum(times[order], horizon)
@@ -131,20 +149,26 @@ def mean_within(
     return units.statistic(area, among, confidence)
 
 
-def lead_time(alarm: ArrayLike, harm: ArrayLike, end: ArrayLike | float, confidence: float = 0.95) -> Lead:
-    """Lead of the alarm over the harm: times [n] of both, NaN where one never came, in any unit; `end` [n] or one
-    number is when the observation of the run ended.
+def lead_time(
+    alarm: ArrayLike, harm: ArrayLike, end: ArrayLike | float, confidence: float = 0.95
+) -> Lead:
+    """Lead of the alarm over the harm: times [n] of both, NaN where one never came, in any unit;
+    `end` [n] or one number is when the observation of the run ended.
 
-    Runs without harm have no lead and are left out (Lead.n counts the rest); an alarm that never came is censored at
-    the end, so a detector cannot gain by missing. ValueError where lengths differ, a time lies after the end, or the
-    end is not a number.
+    Runs without harm have no lead and are left out (Lead.n counts the rest); an alarm that never
+    came is censored at the end, so a detector cannot gain by missing. ValueError where lengths
+    differ, a time lies after the end, or the end is not a number.
     """
     alarmed, harmed = np.asarray(alarm, float), np.asarray(harm, float)
     if alarmed.shape != harmed.shape or alarmed.ndim != 1:
-        raise ValueError(f"lead_time: alarm {alarmed.shape} and harm {harmed.shape} must be of one length")
+        raise ValueError(
+            f"lead_time: alarm {alarmed.shape} and harm {harmed.shape} must be of one length"
+        )
     ended = np.broadcast_to(np.asarray(end, float), alarmed.shape)
     if not np.isfinite(ended).all() or (alarmed > ended).any() or (harmed > ended).any():
-        raise ValueError("lead_time: each run needs a finite end, and no alarm or harm comes after it")
+        raise ValueError(
+            "lead_time: each run needs a finite end, and no alarm or harm comes after it"
+        )
     harmful = ~np.isnan(harmed)
     came = ~np.isnan(alarmed[harmful])
     lag = np.where(came, alarmed[harmful], ended[harmful]) - harmed[harmful]
@@ -153,11 +177,18 @@ def lead_time(alarm: ArrayLike, harm: ArrayLike, end: ArrayLike | float, confide
     return Lead(curve, before, int(came.sum()), len(lag))
 
 
-def log_rank(first: ArrayLike, first_happened: ArrayLike, second: ArrayLike, second_happened: ArrayLike) -> LogRank:
-    """Log-rank test (Mantel 1966) of two groups' delays [n1], [n2] with `happened` bool as in `incidence`."""
+def log_rank(
+    first: ArrayLike, first_happened: ArrayLike, second: ArrayLike, second_happened: ArrayLike
+) -> LogRank:
+    """Log-rank test (Mantel 1966) of two groups' delays [n1], [n2] with `happened` bool as in
+    `incidence`.
+    """
     from scipy.stats import CensoredData, logrank
 
-    groups = [_delays(*group, "log_rank") for group in ((first, first_happened), (second, second_happened))]
+    groups = [
+        _delays(*group, "log_rank")
+        for group in ((first, first_happened), (second, second_happened))
+    ]
     if not any(came.any() for _, came in groups) or not all(len(times) for times, _ in groups):
         return LogRank(float("nan"), float("nan"))
     one, two = (CensoredData(uncensored=times[came], right=times[~came]) for times, came in groups)
@@ -175,7 +206,8 @@ def _curve(times: np.ndarray, came: np.ndarray, start: float, confidence: float)
         return Incidence(np.full(1, start), zero, zero, zero, 0, len(times))
     result = ecdf(CensoredData(uncensored=times[came], right=times[~came])).cdf
     with warnings.catch_warnings():
-        # no value before the first event and after the last: the neighbour's or the trivial bound stands
+        # no value before the first event and after the last: the neighbour's or the trivial bound
+        # stands
         warnings.simplefilter("ignore", RuntimeWarning)
         band = result.confidence_interval(confidence, method="log-log")
     low = np.maximum.accumulate(np.nan_to_num(band.low.probabilities, nan=0.0))
@@ -197,7 +229,9 @@ def _order(times: np.ndarray, came: np.ndarray) -> np.ndarray:
 
 
 def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Kaplan-Meier share still without event after each run of `order`, of weighted runs [b, n]: [b, n]."""
+    """Kaplan-Meier share still without event after each run of `order`, of weighted runs [b, n]:
+    [b, n].
+    """
     mine = weight[:, order]
     at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
     lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)
@@ -207,12 +241,17 @@ def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndar
 def _delays(delay: ArrayLike, happened: ArrayLike, caller: str) -> tuple[np.ndarray, np.ndarray]:
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if times.shape != came.shape or times.ndim != 1:
-        raise ValueError(f"{caller}: delay {times.shape} and happened {came.shape} must be one-dimensional and equal")
+        raise ValueError(
+            f"{caller}: delay {times.shape} and happened {came.shape} must be one-dimensional and"
+            " equal"
+        )
     if not (times >= 0).all():
         raise ValueError(f"{caller}: a delay is never negative, got {times[~(times >= 0)][0]}")
     return times, came
 
 
 def _first(time: np.ndarray, fraction: np.ndarray, wanted: float) -> float:
-    reached = np.flatnonzero(fraction >= wanted - 1e-12)  # 11 of 22 are a half, whatever a product of factors rounds to
+    reached = np.flatnonzero(
+        fraction >= wanted - 1e-12
+    )  # 11 of 22 are a half, whatever a product of factors rounds to
     return float(time[reached[0]]) if len(reached) else float("nan")

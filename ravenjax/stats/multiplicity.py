@@ -19,10 +19,11 @@ class Finding(NamedTuple):
 
 
 def holm(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
-    """Holm's step-down: with this confidence not one rejection is wrong, whatever the dependence (Holm 1979).
+    """Holm's step-down: with this confidence not one rejection is wrong, whatever the dependence
+    (Holm 1979).
 
-    Named p-values in, findings out in the same order. A NaN p (nothing to test) is not part of the family and never
-    rejected. ValueError where a p is outside 0..1.
+    Named p-values in, findings out in the same order. A NaN p (nothing to test) is not part of the
+    family and never rejected. ValueError where a p is outside 0..1.
     """
     from statsmodels.stats.multitest import multipletests  # slow to import
 

@@ -1,9 +1,10 @@
-"""The rate of one more unit, drawn as these were: how units differ, and how well their mean is known.
+"""The rate of one more unit, drawn as these were: how units differ, and how well their mean is
+known.
 
-The share that a unit's trials show differs from its rate by chance. The beta-binomial model (Skellam, JRSS B 10, 1948)
-tells the two apart: rates of units are beta distributed, trials binomial. Its mean and its intra-class correlation have
-uniform priors, the latter in its root; they are integrated over a grid, so that an interval is wide where units cannot
-be told from chance.
+The share that a unit's trials show differs from its rate by chance. The beta-binomial model
+(Skellam, JRSS B 10, 1948) tells the two apart: rates of units are beta distributed, trials
+binomial. Its mean and its intra-class correlation have uniform priors, the latter in its root; they
+are integrated over a grid, so that an interval is wide where units cannot be told from chance.
 """
 
 from __future__ import annotations
@@ -26,14 +27,15 @@ class UnitRate(NamedTuple):
 
     rate: Rate
     units: int
-    deviation: float  # standard deviation of the units' rates, the posterior's mean; NaN where it cannot be told
+    # standard deviation of the units' rates, the posterior's mean; NaN where it cannot be told
+    deviation: float
 
 
 def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
     """k of n trials of each unit [units]; units without trials are left out.
 
-    Without an interval (NaN) below FEWEST units, or where no unit has a second trial: differences between units cannot
-    be told from chance then. ValueError unless 0 <= k <= n.
+    Without an interval (NaN) below FEWEST units, or where no unit has a second trial: differences
+    between units cannot be told from chance then. ValueError unless 0 <= k <= n.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
     if hits.shape != trials.shape or ((hits < 0) | (hits > trials)).any():
@@ -53,11 +55,15 @@ def rate(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> UnitRate:
 
 
 def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, root of the intra-class correlation and weight at the points of a grid, [GRID**2] each."""
+    """Mean, root of the intra-class correlation and weight at the points of a grid, [GRID**2]
+    each.
+    """
     total, among = hits.sum(), trials.sum()
     middle = np.log((total + 0.5) / (among - total + 0.5))
     expected = trials * (total + 0.5) / (among + 1.0)
-    excess = ((hits - expected) ** 2 / (expected * (1.0 - (total + 0.5) / (among + 1.0)))).sum() / len(hits)
+    excess = (
+        (hits - expected) ** 2 / (expected * (1.0 - (total + 0.5) / (among + 1.0)))
+    ).sum() / len(hits)
     error = np.sqrt((1.0 / (total + 0.5) + 1.0 / (among - total + 0.5)) * max(1.0, excess))
     means = 1.0 / (1.0 + np.exp(-(middle + 6.0 * error * np.linspace(-1.0, 1.0, GRID))))
     coarse = np.geomspace(1e-4, 0.95, GRID)
@@ -66,17 +72,24 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     least = 1e-4 if likely[0] == coarse[0] else likely[0] * coarse[0] / coarse[1]
     roots = np.linspace(least, min(0.95, likely[-1] * coarse[1] / coarse[0]), GRID)
     mean, root = (points.ravel() for points in np.meshgrid(means, roots, indexing="ij"))
-    logarithm = _likelihood(hits, trials, mean, root) + np.log(mean * (1.0 - mean))  # uniform in the mean
+    logarithm = _likelihood(hits, trials, mean, root) + np.log(
+        mean * (1.0 - mean)
+    )  # uniform in the mean
     weight = np.exp(logarithm - logarithm.max())
     return mean, root, weight / weight.sum()
 
 
-def _likelihood(hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray) -> np.ndarray:
+def _likelihood(
+    hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
+) -> np.ndarray:
     """Logarithm of the beta-binomial's, but for a constant, at each mean and root."""
     from scipy.special import betaln
 
     one, other = _beta(*np.broadcast_arrays(mean, root))
-    parts = betaln(one[..., None] + hits, other[..., None] + trials - hits) - betaln(one, other)[..., None]
+    parts = (
+        betaln(one[..., None] + hits, other[..., None] + trials - hits)
+        - betaln(one, other)[..., None]
+    )
     return parts.sum(axis=-1)
 
 

@@ -1,7 +1,8 @@
 """The probability of an event too rare to be met by chance.
 
-A limit state g maps unit-cube points [n, d] to margins [n]; the event is margin <= 0. Each coordinate is the quantile
-of an independent input. g is called with batches and must give the same margin for the same point.
+A limit state g maps unit-cube points [n, d] to margins [n]; the event is margin <= 0. Each
+coordinate is the quantile of an independent input. g is called with batches and must give the same
+margin for the same point.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ _MOST_LEVELS = 12
 
 
 class RareEvent(NamedTuple):
-    """Probability of the event with its interval; cov: coefficient of variation of the estimate (NaN where no event
-    was met); runs: evaluations of the limit state; levels: margins that subset simulation went through, falling."""
+    """Probability of the event with its interval; cov: coefficient of variation of the estimate
+    (NaN where no event was met); runs: evaluations of the limit state; levels: margins that subset
+    simulation went through, falling."""
 
     probability: float
     low: float
@@ -37,32 +39,44 @@ def monte_carlo(
 ) -> RareEvent:
     """Plain Monte Carlo with n points, at most `batch` at a time; Clopper-Pearson interval.
 
-    Needs some 100 / probability runs for a cov of 10 %. The result does not depend on batch. ValueError where d, n or
-    batch is not positive or g returns NaN or a wrong shape.
+    Needs some 100 / probability runs for a cov of 10 %. The result does not depend on batch.
+    ValueError where d, n or batch is not positive or g returns NaN or a wrong shape.
     """
     if min(d, n, batch) < 1:
         raise ValueError(f"monte_carlo: d, n and batch must be positive, got {d}, {n}, {batch}")
     random = np.random.default_rng(seed)
-    hits = sum(int((_margins(g, random.random((min(batch, n - start), d))) <= 0).sum()) for start in range(0, n, batch))
+    hits = sum(
+        int((_margins(g, random.random((min(batch, n - start), d))) <= 0).sum())
+        for start in range(0, n, batch)
+    )
     (rate,) = rates(hits, n, confidence, "clopper_pearson")
     cov = math.sqrt((1 - rate.value) / hits) if hits else math.nan
     return RareEvent(rate.value, rate.low, rate.high, cov, n)
 
 
 def subset(
-    g: LimitState, d: int, per_level: int = 1000, *, share: float = 0.1, seed: int = 0, confidence: float = 0.95
+    g: LimitState,
+    d: int,
+    per_level: int = 1000,
+    *,
+    share: float = 0.1,
+    seed: int = 0,
+    confidence: float = 0.95,
 ) -> RareEvent:
-    """Subset simulation (Au, Beck, Prob. Eng. Mech. 16, 2001) by OpenTURNS: each level keeps the `share` of the
-    per_level points with the least margins and walks on from them, so 1e-6 costs some 6 levels.
+    """Subset simulation (Au, Beck, Prob. Eng. Mech. 16, 2001) by OpenTURNS: each level keeps the
+    `share` of the per_level points with the least margins and walks on from them, so 1e-6 costs
+    some 6 levels.
 
-    g is called with batches of per_level * share points: as many chains as there are seeds, of 1 / share steps each.
-    The cov counts the correlation along the chains as far as Au and Beck do, and is somewhat too small; the interval is
-    lognormal with it (one level alone: Clopper-Pearson). Needs a margin that tells near from far. Where the event is
-    not reached in 12 levels, since it is rarer, impossible, or the margin is flat, the probability is given as 0, and
-    the upper bound is what the first level's independent points assure. Check it against `monte_carlo` where the event
-    has a probability of 1e-2 to 1e-3. Deterministic by seed; the state of OpenTURNS' generator is left as it was.
-    ValueError where per_level * share is not a whole number of at least 2, 1 / share not whole, or g returns NaN or a
-    wrong shape; UserError (a ValueError) where OpenTURNS is not installed.
+    g is called with batches of per_level * share points: as many chains as there are seeds, of 1 /
+    share steps each. The cov counts the correlation along the chains as far as Au and Beck do, and
+    is somewhat too small; the interval is lognormal with it (one level alone: Clopper-Pearson).
+    Needs a margin that tells near from far. Where the event is not reached in 12 levels, since it
+    is rarer, impossible, or the margin is flat, the probability is given as 0, and the upper bound
+    is what the first level's independent points assure. Check it against `monte_carlo` where the
+    event has a probability of 1e-2 to 1e-3. Deterministic by seed; the state of OpenTURNS'
+    generator is left as it was. ValueError where per_level * share is not a whole number of at
+    least 2, 1 / share not whole, or g returns NaN or a wrong shape; UserError (a ValueError) where
+    OpenTURNS is not installed.
     """
     from scipy.stats import lognorm
 
@@ -70,15 +84,15 @@ def subset(
     chains, steps = round(per_level * share), round(1 / share) if share > 0 else 0
     if d < 1 or chains < 2 or steps < 2 or chains * steps != per_level:
         raise ValueError(
-            f"subset: per_level must be a whole multiple of 1 / share, two chains at least, as 1000 with 0.1; "
-            f"got d = {d}, per_level = {per_level}, share = {share}"
+            "subset: per_level must be a whole multiple of 1 / share, two chains at least, as 1000"
+            f" with 0.1; got d = {d}, per_level = {per_level}, share = {share}"
         )
     try:
         import openturns as ot  # slow to import, and an extra
     except ImportError:
         raise UserError(
-            'subset simulation needs OpenTURNS, which is not installed: pip install "ravenjax[rare]"; '
-            "or take plain Monte Carlo"
+            "subset simulation needs OpenTURNS, which is not installed: pip install"
+            ' "ravenjax[rare]"; or take plain Monte Carlo'
         ) from None
     runs = 0
     failure: BaseException | None = None
@@ -97,11 +111,14 @@ def subset(
 
     inputs = ot.RandomVector(ot.JointDistribution([ot.Uniform(0.0, 1.0)] * d))
     event = ot.ThresholdEvent(
-        ot.CompositeRandomVector(ot.PythonFunction(d, 1, func_sample=margins), inputs), ot.LessOrEqual(), 0.0
+        ot.CompositeRandomVector(ot.PythonFunction(d, 1, func_sample=margins), inputs),
+        ot.LessOrEqual(),
+        0.0,
     )
     algorithm = ot.SubsetSampling(event)
     algorithm.setConditionalProbability(share)
-    # one block, one step of every chain: larger blocks repeat seeds and leave chains of one step, with twice the error
+    # one block, one step of every chain: larger blocks repeat seeds and leave chains of one step,
+    # with twice the error
     algorithm.setBlockSize(chains)
     algorithm.setMaximumOuterSampling(steps)
     state = ot.RandomGenerator.GetState()
@@ -129,9 +146,13 @@ def subset(
         return RareEvent(rate.value, rate.low, rate.high, cov, runs, levels)
     # Au and Beck's sum over all levels; OpenTURNS leaves the first one out of its own
     step = reached / np.append(1.0, reached[:-1])
-    correlation = np.nan_to_num(np.array(algorithm.getGammaPerStep()))  # nan where step is 1, which has no variance
+    correlation = np.nan_to_num(
+        np.array(algorithm.getGammaPerStep())
+    )  # nan where step is 1, which has no variance
     cov = math.sqrt(np.sum((1 + correlation) * (1 - step) / (step * per_level)))
-    low, high = lognorm.ppf([alpha / 2, 1 - alpha / 2], math.sqrt(math.log1p(cov**2)), scale=probability)
+    low, high = lognorm.ppf(
+        [alpha / 2, 1 - alpha / 2], math.sqrt(math.log1p(cov**2)), scale=probability
+    )
     return RareEvent(probability, float(low), min(1.0, float(high)), cov, runs, levels)
 
 
@@ -146,9 +167,12 @@ class _Unreached(Exception):
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:
     margins = np.asarray(g(points), float)
     if margins.shape != (len(points),):
-        raise ValueError(f"a limit state gives one margin a point: [{len(points)}] wanted, got {margins.shape}")
+        raise ValueError(
+            f"a limit state gives one margin a point: [{len(points)}] wanted, got {margins.shape}"
+        )
     if np.isnan(margins).any():
         raise ValueError(
-            f"{int(np.isnan(margins).sum())} margins are NaN; give a failed run the margin that it stands for"
+            f"{int(np.isnan(margins).sum())} margins are NaN; give a failed run the margin that it"
+            " stands for"
         )
     return margins

@@ -24,17 +24,25 @@ def numbers(values: np.ndarray) -> pa.Array | None:
     if values.dtype.kind not in _PLAIN or values.dtype.itemsize > 8:
         return None
     kind = pa.type_for_alias(values.dtype.name)
-    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
+    return pa.Array.from_buffers(
+        kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))]
+    )
 
 
 def plain(arrays: Sequence[pa.Array]) -> np.ndarray:
-    """The numbers [rows] of some arrays of one type, one after the other, of which none is missing."""
+    """The numbers [rows] of some arrays of one type, one after the other, of which none is
+    missing.
+    """
     kind = np.dtype(arrays[0].type.to_pandas_dtype())
-    return np.concatenate([np.frombuffer(a.buffers()[1], kind, len(a), a.offset * kind.itemsize) for a in arrays])
+    return np.concatenate(
+        [np.frombuffer(a.buffers()[1], kind, len(a), a.offset * kind.itemsize) for a in arrays]
+    )
 
 
 def texts(values: Sequence[str]) -> pa.StringArray:
     """Words [rows]."""
     encoded = [value.encode() for value in values]
     offsets = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    return pa.StringArray.from_buffers(len(encoded), pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded)))
+    return pa.StringArray.from_buffers(
+        len(encoded), pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded))
+    )

@@ -16,8 +16,8 @@ from ravenjax.errors import StoreError
 def write_aside(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a temporary file beside `path`, flush it to disk and rename it to `path`.
 
-    A crash at any point leaves the old `path` or the new one, and at most one hidden temporary file, which the next
-    attempt overwrites. Raises StoreError naming `path` where the disk refuses.
+    A crash at any point leaves the old `path` or the new one, and at most one hidden temporary
+    file, which the next attempt overwrites. Raises StoreError naming `path` where the disk refuses.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
@@ -30,13 +30,14 @@ def write_aside(path: Path, write: Callable[[Path], object]) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise StoreError(
-            f"{path}: cannot be written ({error.strerror or error}). Nothing that was there before is lost; "
-            "free space or make the folder writable, then start the same command again."
+            f"{path}: cannot be written ({error.strerror or error}). Nothing that was there before"
+            " is lost; free space or make the folder writable, then start the same command again."
         ) from error
 
 
 def replace(path: Path, text: str) -> None:
-    """Put `text` in place of a file's content in one step, without waiting for the disk; OSError where it refuses.
+    """Put `text` in place of a file's content in one step, without waiting for the disk; OSError
+    where it refuses.
 
     For what may be lost in a power cut but must never be read by halves.
     """
@@ -46,7 +47,8 @@ def replace(path: Path, text: str) -> None:
 
 
 def parsed(text: str) -> Any:
-    """What a text of JSON says; ValueError where it is none, or where its lists and tables lie too deep in each other.
+    """What a text of JSON says; ValueError where it is none, or where its lists and tables lie too
+    deep in each other.
 
     `json.loads` would go to the end of the stack.
     """
@@ -73,7 +75,9 @@ def sha256(path: Path) -> str:
 
 
 def require_writable(folder: Path) -> None:
-    """Create `folder` if need be and prove by writing that it takes files; StoreError where it does not."""
+    """Create `folder` if need be and prove by writing that it takes files; StoreError where it
+    does not.
+    """
     probe = folder / ".write-test"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -81,6 +85,7 @@ def require_writable(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise StoreError(
-            f"{folder}: the output folder cannot be written to ({error.strerror or error}). Expected a folder that "
-            "this user may create files in; name another one with --out. No run was started."
+            f"{folder}: the output folder cannot be written to ({error.strerror or error})."
+            " Expected a folder that this user may create files in; name another one with --out."
+            " No run was started."
         ) from error

@@ -1,4 +1,6 @@
-"""A campaign's result folder: manifest.json beside parts/. Checked before any work, resumed after any interruption."""
+"""A campaign's result folder: manifest.json beside parts/. Checked before any work, resumed
+after any interruption.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PARTS, SET_ASIDE = "parts", "set-aside"
-"""Folders of parts: of those that count, and of those that could not be used. The second is not inside the first, which
-any tool may read as a whole."""
+"""Folders of parts: of those that count, and of those that could not be used. The second is not
+inside the first, which any tool may read as a whole."""
 READERS = max(4, min(16, len(os.sched_getaffinity(0))))
-"""Parts that are read side by side: each is hashed, which a core does at half a gigabyte a second or more."""
+"""Parts that are read side by side: each is hashed, which a core does at half a gigabyte a
+second or more.
+"""
 
 
 class ResultFolder:
-    """An open result folder. Only `open` makes one; it is then safe to add parts, also from several threads."""
+    """An open result folder. Only `open` makes one; it is then safe to add parts, also from
+    several threads.
+    """
 
     def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()) -> None:
         self.path, self.notes = path, notes
@@ -36,15 +42,18 @@ class ResultFolder:
     @property
     def manifest(self) -> Manifest:
         """Its record as of now."""
-        return self._manifest.model_copy(update={"parts": tuple(sorted(self._parts, key=lambda part: part.first))})
+        return self._manifest.model_copy(
+            update={"parts": tuple(sorted(self._parts, key=lambda part: part.first))}
+        )
 
     @staticmethod
     def open(path: Path, wanted: Manifest) -> ResultFolder:
-        """Start or resume campaign `wanted` in folder `path`, which nobody else writes to (see `lock`).
+        """Start or resume campaign `wanted` in folder `path`, which nobody else writes to (see
+        `lock`).
 
-        Whole parts of the same campaign are taken over; what is damaged, foreign or overlaps another is moved to
-        `SET_ASIDE` and noted. StoreError, before any work and any change, where the folder cannot be written to or
-        holds another campaign.
+        Whole parts of the same campaign are taken over; what is damaged, foreign or overlaps
+        another is moved to `SET_ASIDE` and noted. StoreError, before any work and any change, where
+        the folder cannot be written to or holds another campaign.
         """
         require_writable(path / PARTS)
         record, resumes = wanted, (path / manifests.FILE).exists()
@@ -58,23 +67,34 @@ class ResultFolder:
         recorded = {part.file: part for part in record.parts}
         there = parts.files(path / PARTS)
         finished = threads.mapped(
-            lambda file: _finished(file, recorded.get(file.name), wanted.config_hash), there, READERS
+            lambda file: _finished(file, recorded.get(file.name), wanted.config_hash),
+            there,
+            READERS,
         )
         if not resumes:  # then what is foreign may be somebody's only copy of another campaign
             for what in finished:
                 if isinstance(what, parts.ForeignPart):
                     raise what
-        whole, over = parts.apart([part for part in finished if isinstance(part, parts.Part)], recorded)
+        whole, over = parts.apart(
+            [part for part in finished if isinstance(part, parts.Part)], recorded
+        )
         useless = {
-            file.name: str(why) for file, why in zip(there, finished, strict=True) if isinstance(why, StoreError)
+            file.name: str(why)
+            for file, why in zip(there, finished, strict=True)
+            if isinstance(why, StoreError)
         }
-        useless |= {part.file: f"{path / PARTS / part.file}: holds rows that another part holds, too" for part in over}
+        useless |= {
+            part.file: f"{path / PARTS / part.file}: holds rows that another part holds, too"
+            for part in over
+        }
         notes = tuple(set_aside(path, name, why) for name, why in useless.items())
         for torn in (path / PARTS).glob(".part-*.tmp"):
             torn.unlink(missing_ok=True)
         record = record.model_copy(update={"parts": tuple(whole)})
         folder = ResultFolder(path, record, notes)
-        if any(True for _ in folder.missing(record.runs)):  # a part that was lost is computed again, or there is more
+        if any(
+            True for _ in folder.missing(record.runs)
+        ):  # a part that was lost is computed again, or there is more
             folder._manifest = record.model_copy(update={"finished": None})
         manifests.write(path, folder.manifest)
         return folder
@@ -95,44 +115,56 @@ class ResultFolder:
             self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int) -> None:
-        """Record the times of this start (s) and the rows it computed; the finish time once no row is missing."""
+        """Record the times of this start (s) and the rows it computed; the finish time once no
+        row is missing.
+        """
         if rows:
             rate = rows / run_s if run_s else None
             self._manifest = self._manifest.model_copy(
                 update={"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
             )
-        if self._manifest.finished is None and not any(True for _ in self.missing(self._manifest.runs)):
+        if self._manifest.finished is None and not any(
+            True for _ in self.missing(self._manifest.runs)
+        ):
             self._manifest = self._manifest.model_copy(update={"finished": manifests.now()})
         manifests.write(self.path, self.manifest)
 
 
 def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Every finished row of a result folder, ordered by `index`, each part checked against the manifest.
+    """Every finished row of a result folder, ordered by `index`, each part checked against the
+    manifest.
 
-    columns: only these, None for all. Raises StoreError where the folder holds no result, a part is missing or damaged,
-    or the table has no such column.
+    columns: only these, None for all. Raises StoreError where the folder holds no result, a part is
+    missing or damaged, or the table has no such column.
     """
     path = Path(path)
     manifest = manifests.read(path)
     if not manifest.parts:
-        raise StoreError(f"{path}: holds no finished part yet; start or resume it with `ravenjax run`")
+        raise StoreError(
+            f"{path}: holds no finished part yet; start or resume it with `ravenjax run`"
+        )
     if manifest.finished is not None and manifest.done < manifest.due:
         raise StoreError(
-            f"{path / manifests.PARTS_FILE}: names parts of {manifest.done} of the {manifest.due} finished runs. "
-            "Start the same `ravenjax run` again: it takes over whole parts and computes what is missing."
+            f"{path / manifests.PARTS_FILE}: names parts of {manifest.done} of the {manifest.due}"
+            " finished runs. Start the same `ravenjax run` again: it takes over whole parts and"
+            " computes what is missing."
         )
     parts.require_disjoint(path / PARTS, manifest.parts)
     schema.require_columns(manifest.shape, columns or ())
     ordered = sorted(manifest.parts, key=lambda part: part.first)
     return parts.concatenate(
         threads.mapped(
-            lambda part: parts.read(path / PARTS / part.file, manifest.config_hash, part, columns), ordered, READERS
+            lambda part: parts.read(path / PARTS / part.file, manifest.config_hash, part, columns),
+            ordered,
+            READERS,
         )
     )
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:
-    """Record of a whole part, one that was renamed but not yet recorded when the power went too; or why it is none."""
+    """Record of a whole part, one that was renamed but not yet recorded when the power went too;
+    or why it is none.
+    """
     try:
         if recorded is None:
             return parts.inspect(file, config_hash)
@@ -141,11 +173,15 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
     except StoreError as error:
         return error
     except OSError as error:  # of the disk, not of what is on it
-        raise StoreError(f"{file}: cannot be read ({error.strerror or error}). Nothing was changed.") from error
+        raise StoreError(
+            f"{file}: cannot be read ({error.strerror or error}). Nothing was changed."
+        ) from error
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
-    """Move a part out of the way, over nothing that is there; a sentence that says so. StoreError on refusal."""
+    """Move a part out of the way, over nothing that is there; a sentence that says so.
+    StoreError on refusal.
+    """
     place = path / SET_ASIDE
     target, number = place / name, 1
     while target.exists():
@@ -155,7 +191,9 @@ def set_aside(path: Path, name: str, why: str) -> str:
         place.mkdir(exist_ok=True)
         (path / PARTS / name).rename(target)
     except OSError as error:
-        raise StoreError(f"{target}: cannot be written ({error.strerror or error}). {why}") from error
+        raise StoreError(
+            f"{target}: cannot be written ({error.strerror or error}). {why}"
+        ) from error
     return f"set aside as {target}, to be computed again: {why}"
 
 
@@ -163,7 +201,7 @@ def _require_same(path: Path, kept: Manifest, wanted: Manifest) -> None:
     differences = kept.differences(wanted)
     if differences:
         raise StoreError(
-            f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which differs:\n"
-            f"{listed(differences)}\nNothing was changed. To keep it, choose another --out; "
-            f"to start anew, delete the folder: rm -r {path}"
+            f"{path}: holds {kept.done} of {kept.runs} runs of campaign {kept.campaign!r}, which"
+            f" differs:\n{listed(differences)}\nNothing was changed. To keep it, choose another"
+            f" --out; to start anew, delete the folder: rm -r {path}"
         )

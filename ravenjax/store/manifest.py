@@ -1,7 +1,9 @@
-"""manifest.json: what was computed, by which code, on what; beside it parts.jsonl: the checksum of each finished part.
+"""manifest.json: what was computed, by which code, on what; beside it parts.jsonl: the checksum of
+each finished part.
 
-A part is recorded by one line at the end of parts.jsonl, so that recording costs the same however many there are. A
-line that a crash tore is no record, nor is what follows it: such parts are found on disk and taken over once checked.
+A part is recorded by one line at the end of parts.jsonl, so that recording costs the same however
+many there are. A line that a crash tore is no record, nor is what follows it: such parts are found
+on disk and taken over once checked.
 """
 
 from __future__ import annotations
@@ -55,11 +57,22 @@ _READERS = (
 )
 """What decides no outcome, folder by folder: a change there must not forbid to resume.
 
-Executors' carriers only carry: what they carry is made in `executors/remote.py`; each part says which rows it holds.
+Executors' carriers only carry: what they carry is made in `executors/remote.py`; each part says
+which rows it holds.
 """
 _SHOWN = 60
 """Characters of a value in an error."""
-PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "pandas", "pyarrow", "scipy")
+PACKAGES = (
+    "ravenjax",
+    "jax",
+    "jaxlib",
+    "mujoco",
+    "mujoco-mjx",
+    "numpy",
+    "pandas",
+    "pyarrow",
+    "scipy",
+)
 
 
 class CueRecord(BaseModel):
@@ -93,45 +106,77 @@ class Manifest(BaseModel):
     campaign: str = Field(description="name of the campaign")
     config: dict[str, Any] = Field(description="the resolved campaign, every default filled in")
     config_hash: str = Field(
-        description="sha256 of `config` and of every run id; a recording counts by what is in it, wherever it lies"
+        description=(
+            "sha256 of `config` and of every run id; a recording counts by what is in it, wherever"
+            " it lies"
+        )
     )
     seed: int
     runs: int = Field(description="rows of the fault table")
     duration_ms: int = Field(description="ms, length of every run")
     shape: schema.Shape = Field(description="which repeated columns the table has")
     cues: tuple[CueRecord, ...] = Field(default=(), description="haptic sets, in column order")
-    detectors: tuple[DetectorRecord, ...] = Field(default=(), description="detectors, in column order")
-    operator: MotionSummary | None = Field(default=None, description="what became of a recorded operator")
-    verdict_cue: int = Field(default=0, description="number of the haptic set that the column `verdict` uses")
-    verdict_jump: str = Field(default="jump_code", description="column of the jump rule of the campaign")
+    detectors: tuple[DetectorRecord, ...] = Field(
+        default=(), description="detectors, in column order"
+    )
+    operator: MotionSummary | None = Field(
+        default=None, description="what became of a recorded operator"
+    )
+    verdict_cue: int = Field(
+        default=0, description="number of the haptic set that the column `verdict` uses"
+    )
+    verdict_jump: str = Field(
+        default="jump_code", description="column of the jump rule of the campaign"
+    )
     limit_mm: float = Field(default=LIMIT_MM, description="mm, limit of the hazards")
     engine: str
     device: str = Field(description="device that computed, in words")
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
-    code_hash: str = Field(default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes")
+    code_hash: str = Field(
+        default_factory=lambda: code_hash(), description="sha256 of the files that decide outcomes"
+    )
     lock_hash: str = Field(
-        default_factory=lambda: lock_hash(), description='sha256 of requirements.lock, "" outside a checkout'
+        default_factory=lambda: lock_hash(),
+        description='sha256 of requirements.lock, "" outside a checkout',
     )
     started: str = Field(default_factory=lambda: now())
     finished: str | None = None
-    command: tuple[str, ...] = Field(default=(), description="command line of the last start, where there was one")
+    command: tuple[str, ...] = Field(
+        default=(), description="command line of the last start, where there was one"
+    )
     executor: str = Field(default="local", description="who computed at the last start")
     workers: int | None = Field(
-        default=1, description="side by side, as asked for at the last start; None: as many as there was room for"
+        default=1,
+        description=(
+            "side by side, as asked for at the last start; None: as many as there was room for"
+        ),
     )
-    shard: str | None = Field(default=None, description="which share of the campaign this is, as 2/7; None: no share")
+    shard: str | None = Field(
+        default=None, description="which share of the campaign this is, as 2/7; None: no share"
+    )
     rows: tuple[tuple[int, int], ...] | None = Field(
-        default=None, description="row ranges (first, last inclusive) that this folder is to hold, None: all of them"
+        default=None,
+        description=(
+            "row ranges (first, last inclusive) that this folder is to hold, None: all of them"
+        ),
     )
-    starts: int = Field(default=1, description="how often the command was started, interruptions included")
-    compile_s: float | None = Field(default=None, description="s, tracing and compiling, last start")
+    starts: int = Field(
+        default=1, description="how often the command was started, interruptions included"
+    )
+    compile_s: float | None = Field(
+        default=None, description="s, tracing and compiling, last start"
+    )
     run_s: float | None = Field(default=None, description="s, executing, last start")
-    runs_per_s: float | None = Field(default=None, description="runs per second of execution, last start")
+    runs_per_s: float | None = Field(
+        default=None, description="runs per second of execution, last start"
+    )
     parts: tuple[Part, ...] = Field(default=(), description="finished parts; kept in parts.jsonl")
 
     @property
     def robot(self) -> Robot:
-        """The robot that the campaign is of, with its own checks. Raises UserError where it cannot be found here."""
+        """The robot that the campaign is of, with its own checks. Raises UserError where it
+        cannot be found here.
+        """
         return robots.find(self.shape.robot).with_checks(self.shape.own_checks)
 
     @property
@@ -139,8 +184,12 @@ class Manifest(BaseModel):
         """What the campaign chose of the definitions of outcomes."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
-        stopping = tuple((number, one.name) for number, one in enumerate(self.detectors) if one.stops)
-        return Rules(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping)
+        stopping = tuple(
+            (number, one.name) for number, one in enumerate(self.detectors) if one.stops
+        )
+        return Rules(
+            self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping
+        )
 
     @property
     def done(self) -> int:
@@ -149,7 +198,9 @@ class Manifest(BaseModel):
 
     @property
     def failures(self) -> dict[str, int]:
-        """Runs of finished parts without a valid outcome, by cause; of parts that nobody counted, none."""
+        """Runs of finished parts without a valid outcome, by cause; of parts that nobody
+        counted, none.
+        """
         causes: dict[str, int] = {}
         for part in self.parts:
             for cause, count in (part.failed or {}).items():
@@ -159,7 +210,11 @@ class Manifest(BaseModel):
     @property
     def wanted(self) -> tuple[range, ...]:
         """The rows that this folder is to hold, as ranges in order."""
-        return (range(self.runs),) if self.rows is None else tuple(range(a, b + 1) for a, b in self.rows)
+        return (
+            (range(self.runs),)
+            if self.rows is None
+            else tuple(range(a, b + 1) for a, b in self.rows)
+        )
 
     @property
     def due(self) -> int:
@@ -167,8 +222,13 @@ class Manifest(BaseModel):
         return sum(map(len, self.wanted))
 
     def _identity(self) -> dict[str, Any]:
-        fields = self.model_dump(include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"})
-        return fields | {"code": self.code_hash[:16], "config": by_content(self.config, self.operator)}
+        fields = self.model_dump(
+            include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
+        )
+        return fields | {
+            "code": self.code_hash[:16],
+            "config": by_content(self.config, self.operator),
+        }
 
     def differences(self, other: Manifest) -> list[str]:
         """What decides outcomes and differs from `other`: 'name: mine, theirs', one line each."""
@@ -182,7 +242,9 @@ def differences(here: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
         all_changes = [
             change for change in all_changes if change.path != "config_hash"
         ]  # follows, and says nothing by itself
-    return [f"{path}: {_short(one)} here, {_short(other)} asked for" for path, one, other in all_changes]
+    return [
+        f"{path}: {_short(one)} here, {_short(other)} asked for" for path, one, other in all_changes
+    ]
 
 
 class Change(NamedTuple):
@@ -197,17 +259,24 @@ def changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
     """Every leaf in which two nested values differ, by path."""
     one, other = _flat(first), _flat(second)
     names = sorted(one.keys() | other.keys())
-    return [Change(name, one.get(name), other.get(name)) for name in names if one.get(name) != other.get(name)]
+    return [
+        Change(name, one.get(name), other.get(name))
+        for name in names
+        if one.get(name) != other.get(name)
+    ]
 
 
 def read(folder: Path) -> Manifest:
-    """The manifest of a result folder; StoreError where there is none, it is damaged, or newer than this reader."""
+    """The manifest of a result folder; StoreError where there is none, it is damaged, or newer
+    than this reader.
+    """
     path = folder / FILE
     try:
         data = parsed(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError) as error:
         raise StoreError(
-            f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out of `ravenjax run`."
+            f"{folder}: is not a result folder, it holds no {FILE}. Give the folder named by --out"
+            " of `ravenjax run`."
         ) from error
     except OSError as error:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
@@ -229,12 +298,15 @@ def read(folder: Path) -> Manifest:
 
 
 _RESTORE = (
-    "The parts do not depend on it: move this file away and start the same `ravenjax run` again; whole parts are kept."
+    "The parts do not depend on it: move this file away and start the same `ravenjax run` again;"
+    " whole parts are kept."
 )
 
 
 def recorded(folder: Path) -> tuple[Part, ...] | None:
-    """Parts that `record` listed, up to the first line that is not whole; None where there is no list."""
+    """Parts that `record` listed, up to the first line that is not whole; None where there is no
+    list.
+    """
     path = folder / PARTS_FILE
     if not path.exists():
         return None
@@ -259,7 +331,8 @@ def write(folder: Path, manifest: Manifest) -> None:
 
 
 def record(folder: Path, part: Part) -> None:
-    """Add one part to the folder's list; not from two threads at once. Raises StoreError where the disk refuses.
+    """Add one part to the folder's list; not from two threads at once. Raises StoreError where the
+    disk refuses.
 
     Nothing waits for the disk: a record that a crash loses is made again from the part itself.
     """
@@ -279,7 +352,9 @@ def _line(part: Part) -> str:
 
 
 def joined(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
-    """Row ranges (first, last inclusive) that hold every row of these, in order and apart; None: all rows."""
+    """Row ranges (first, last inclusive) that hold every row of these, in order and apart; None:
+    all rows.
+    """
     if any(ranges is None for ranges in some):
         return None
     union: list[tuple[int, int]] = []
@@ -297,12 +372,16 @@ def now() -> str:
 
 
 def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: str) -> str:
-    """`Manifest.config_hash` of a resolved campaign, its recorded operator, and the digest of its run ids."""
+    """`Manifest.config_hash` of a resolved campaign, its recorded operator, and the digest of
+    its run ids.
+    """
     return config_hash({"config": by_content(config, operator), "runs": runs})
 
 
 def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
-    """A resolved campaign whose recording is named by its hash: who keeps it elsewhere runs the same campaign."""
+    """A resolved campaign whose recording is named by its hash: who keeps it elsewhere runs the
+    same campaign.
+    """
     own = config.get("operator") or {}
     if operator is None or not own.get("file"):
         return config
@@ -329,7 +408,8 @@ def package_versions() -> dict[str, str]:
 
 @functools.cache
 def code_hash(robot: Robot = robots.USUAL) -> str:
-    """sha256 over the Python files that can decide an outcome, names included, as they were when first asked for.
+    """sha256 over the Python files that can decide an outcome, names included, as they were when
+    first asked for.
 
     Those of a robot that lives outside this package count, too.
     """
@@ -349,7 +429,11 @@ def _own_files(robot: Robot, package: Path) -> list[Path]:
     spec = importlib.util.find_spec(robot.package)
     if spec is None or spec.origin is None or Path(spec.origin).resolve().is_relative_to(package):
         return []
-    return sorted(Path(spec.origin).parent.rglob("*.py")) if spec.submodule_search_locations else [Path(spec.origin)]
+    return (
+        sorted(Path(spec.origin).parent.rglob("*.py"))
+        if spec.submodule_search_locations
+        else [Path(spec.origin)]
+    )
 
 
 def lock_hash() -> str:

@@ -1,4 +1,6 @@
-"""Parquet parts of the result table: each holds a range of rows, and is there whole or not at all."""
+"""Parquet parts of the result table: each holds a range of rows, and is there whole or not at
+all.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,12 @@ _NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
 
 
 FEWEST_ROWS, MOST_ROWS = 1024, 65_536
-"""Rows of a part where the user names no number: fewer cost more to write than to compute, more are late to be safe."""
+"""Rows of a part where the user names no number: fewer cost more to write than to compute, more
+are late to be safe.
+"""
 ALONE, PARTS = 4, 32
-"""Times the fewest where one process computes all, whose threads wait for what writes; and parts for each process where
-that gives enough rows."""
+"""Times the fewest where one process computes all, whose threads wait for what writes; and parts
+for each process where that gives enough rows."""
 
 
 class ForeignPart(StoreError):
@@ -47,7 +51,9 @@ class Part(BaseModel):
     last: int  # index of the last row, inclusive
     sha256: str  # hex digest of the file
     size: int  # bytes
-    failed: dict[str, int] | None = None  # runs without a valid outcome, by cause; None where nobody counted them
+    failed: dict[str, int] | None = (
+        None  # runs without a valid outcome, by cause; None where nobody counted them
+    )
 
     @property
     def rows(self) -> range:
@@ -56,8 +62,8 @@ class Part(BaseModel):
 
 
 def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
-    """Rows of each part of a campaign of so many runs, where nobody chose a number; workers: processes that compute it,
-    None: not known."""
+    """Rows of each part of a campaign of so many runs, where nobody chose a number; workers:
+    processes that compute it, None: not known."""
     fewest = FEWEST_ROWS * (ALONE if workers == 1 else 1)
     return min(max(-(-runs // (PARTS * (workers or 2))), fewest), MOST_ROWS)
 
@@ -70,7 +76,8 @@ class Encoded(NamedTuple):
 
 
 def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Encoded:
-    """Rows, whose column `index` counts up by one, as the file of one part; equal rows give equal bytes.
+    """Rows, whose column `index` counts up by one, as the file of one part; equal rows give equal
+    bytes.
 
     Raises StoreError where the columns do not fit the schema.
     """
@@ -82,8 +89,13 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     index = arrow_arrays.plain(table.column("index").chunks)
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
-        raise StoreError(f"a part holds consecutive rows in order, got {len(index)} rows with index {first} to {last}")
-    table = table.replace_schema_metadata({**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()})
+        raise StoreError(
+            f"a part holds consecutive rows in order, got {len(index)} rows with index {first} to"
+            f" {last}"
+        )
+    table = table.replace_schema_metadata(
+        {**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()}
+    )
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, **_encoding(table.schema))
     content = sink.getvalue().to_pybytes()
@@ -101,7 +113,9 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
 
 
 def put(folder: Path, encoded: Encoded) -> Part:
-    """Write a part into `folder`, whole or not at all; its record. Raises StoreError where the disk refuses."""
+    """Write a part into `folder`, whole or not at all; its record. Raises StoreError where the
+    disk refuses.
+    """
     write_aside(folder / encoded.part.file, lambda target: target.write_bytes(encoded.content))
     return encoded.part
 
@@ -118,9 +132,11 @@ def failures(table: pa.Table) -> dict[str, int]:
 
 
 def _encoding(columns: pa.Schema) -> dict[str, Any]:
-    """How columns are written: measured to be both faster and smaller than a dictionary of everything.
+    """How columns are written: measured to be both faster and smaller than a dictionary of
+    everything.
 
-    Numbers of floating point and ids seldom repeat, words and whole numbers do, and the row's index only counts up.
+    Numbers of floating point and ids seldom repeat, words and whole numbers do, and the row's index
+    only counts up.
     """
     counting = [name for name in ("index", "pair") if name in columns.names]
     once = ("run_id", *counting)
@@ -146,7 +162,8 @@ def read(
 ) -> pa.Table:
     """The table of one part, or some of its columns, checked in full.
 
-    Raises StoreError where the file is truncated or changed, is of a newer schema, or belongs to another campaign.
+    Raises StoreError where the file is truncated or changed, is of a newer schema, or belongs to
+    another campaign.
     """
     if recorded is not None and path.is_file():
         _require_unchanged(path, recorded)
@@ -159,7 +176,9 @@ def read(
 
 
 def verify(path: Path, config_hash: str, recorded: Part) -> None:
-    """Check that a part is to the byte what was recorded, and of this campaign. Raises StoreError as `read`."""
+    """Check that a part is to the byte what was recorded, and of this campaign. Raises
+    StoreError as `read`.
+    """
     if path.is_file():
         _require_unchanged(path, recorded)
     with _opened(path, config_hash):
@@ -168,19 +187,29 @@ def verify(path: Path, config_hash: str, recorded: Part) -> None:
 
 @contextlib.contextmanager
 def _opened(path: Path, config_hash: str | None) -> Iterator[pq.ParquetFile]:
-    """A part whose footer says that it is one of this campaign; what goes wrong in reading it becomes a StoreError."""
+    """A part whose footer says that it is one of this campaign; what goes wrong in reading it
+    becomes a StoreError.
+    """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             metadata = file.schema_arrow.metadata or {}
             _require_known_version(path, metadata)
             _require_campaign(path, metadata, config_hash)
             yield file
-    except (pa.ArrowException, OSError, ValueError) as error:  # ValueError: text in a damaged footer
+    except (
+        pa.ArrowException,
+        OSError,
+        ValueError,
+    ) as error:  # ValueError: text in a damaged footer
         if not path.is_file():
-            raise StoreError(f"{path}: is missing. Every other part is untouched: start the same command again, "
-                             "which computes its rows anew.") from error  # fmt: skip
+            raise StoreError(
+                f"{path}: is missing. Every other part is untouched: start the same command again, "
+                "which computes its rows anew."
+            ) from error
         size = path.stat().st_size
-        raise _damaged(path, f"is not a readable Parquet file ({size} bytes): {_first_line(error)}") from error
+        raise _damaged(
+            path, f"is not a readable Parquet file ({size} bytes): {_first_line(error)}"
+        ) from error
 
 
 def inspect(path: Path, config_hash: str | None = None) -> Part:
@@ -192,7 +221,9 @@ def inspect(path: Path, config_hash: str | None = None) -> Part:
 
 
 def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
-    """One DataFrame of parts in their order, the same whatever their sizes: categories are sorted, none unused."""
+    """One DataFrame of parts in their order, the same whatever their sizes: categories are
+    sorted, none unused.
+    """
     frame = pa.concat_tables(tables).unify_dictionaries().to_pandas()
     for name in frame.columns[frame.dtypes == "category"]:
         column = frame[name].cat.remove_unused_categories()
@@ -201,9 +232,11 @@ def concatenate(tables: Sequence[pa.Table]) -> pd.DataFrame:
 
 
 def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Iterator[range]:
-    """What no finished part holds of the `wanted` rows (ranges in order, apart from one another), in order.
+    """What no finished part holds of the `wanted` rows (ranges in order, apart from one another),
+    in order.
 
-    Cut at the multiples of `chunk`, wherever a gap begins: the same rows make the same parts whoever computes them.
+    Cut at the multiples of `chunk`, wherever a gap begins: the same rows make the same parts
+    whoever computes them.
     """
     blocks = sorted((part.rows for part in finished), key=lambda rows: rows.start)
     next_held = 0
@@ -212,24 +245,34 @@ def gaps(finished: Iterable[Part], wanted: Iterable[range], chunk: int) -> Itera
         while row < rows.stop:
             while next_held < len(blocks) and blocks[next_held].stop <= row:
                 next_held += 1
-            following = blocks[next_held] if next_held < len(blocks) else range(rows.stop, rows.stop)
+            following = (
+                blocks[next_held] if next_held < len(blocks) else range(rows.stop, rows.stop)
+            )
             if following.start <= row < following.stop:
                 row = following.stop
                 continue
-            stop = min(rows.stop, following.start if following.start > row else rows.stop, row - row % chunk + chunk)
+            stop = min(
+                rows.stop,
+                following.start if following.start > row else rows.stop,
+                row - row % chunk + chunk,
+            )
             yield range(row, stop)
             row = stop
 
 
 def apart(found: Sequence[Part], trusted: Iterable[str] = ()) -> tuple[list[Part], list[Part]]:
-    """(parts of which no two hold the same row, those that overlap one of them); files of these names go first."""
+    """(parts of which no two hold the same row, those that overlap one of them); files of these
+    names go first.
+    """
     names = set(trusted)
     disjoint: list[Part] = []  # by first row
     over: list[Part] = []
     for part in sorted(found, key=lambda part: (part.file not in names, part.first, part.last)):
         place = bisect.bisect(disjoint, part.first, key=lambda other: other.first)
         before, after = disjoint[max(0, place - 1) : place], disjoint[place : place + 1]
-        clash = any(other.last >= part.first for other in before) or any(other.first <= part.last for other in after)
+        clash = any(other.last >= part.first for other in before) or any(
+            other.first <= part.last for other in after
+        )
         if clash:
             over.append(part)
         else:
@@ -243,8 +286,9 @@ def require_disjoint(folder: Path, finished: Sequence[Part]) -> None:
     for one, other in pairwise(ordered):
         if other.first <= one.last:
             raise StoreError(
-                f"{folder / other.file} and {folder / one.file} both hold row {other.first}. Start the same "
-                "`ravenjax run` again: it sets one of them aside and recomputes what is then missing."
+                f"{folder / other.file} and {folder / one.file} both hold row {other.first}. Start"
+                " the same `ravenjax run` again: it sets one of them aside and recomputes what is"
+                " then missing."
             )
 
 
@@ -252,33 +296,51 @@ def row_range(path: Path) -> tuple[int, int]:
     """First and last row of a part, by its name. StoreError where that is another."""
     match = _NAME.fullmatch(path.name)
     if match is None:
-        raise StoreError(f"{path}: expected a name like part-000000000-000000255.parquet (first and last row)")
+        raise StoreError(
+            f"{path}: expected a name like part-000000000-000000255.parquet (first and last row)"
+        )
     return int(match[1]), int(match[2])
 
 
 def _require_unchanged(path: Path, recorded: Part) -> None:
     size = path.stat().st_size
     if size != recorded.size:
-        raise _damaged(path, f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was changed")
+        raise _damaged(
+            path,
+            f"has {size} bytes, the manifest recorded {recorded.size}: it is truncated or was"
+            " changed",
+        )
     if sha256(path) != recorded.sha256:
-        raise _damaged(path, f"does not have the recorded checksum {recorded.sha256[:16]}: its content was changed")
+        raise _damaged(
+            path,
+            f"does not have the recorded checksum {recorded.sha256[:16]}: its content was changed",
+        )
 
 
 def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
     version = metadata.get(b"ravenjax.schema_version", b"").decode()
     if not version.isdigit():
-        raise ForeignPart(f"{path}: is Parquet, but not a ravenjax result part (it names no schema version)")
+        raise ForeignPart(
+            f"{path}: is Parquet, but not a ravenjax result part (it names no schema version)"
+        )
     require_version(path, int(version))
 
 
 def require_version(path: Path, version: int) -> None:
     """StoreError where `path` was written with another schema than this reader knows."""
     if version not in (schema.VERSION, *schema.OLDER):
-        way = "upgrade ravenjax" if version > schema.VERSION else "run the campaign again into another folder"
-        since = "".join(f" Since {one}, {what}." for one, what in schema.CHANGES.items() if one > version)
+        way = (
+            "upgrade ravenjax"
+            if version > schema.VERSION
+            else "run the campaign again into another folder"
+        )
+        since = "".join(
+            f" Since {one}, {what}." for one, what in schema.CHANGES.items() if one > version
+        )
         raise ForeignPart(
-            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}.{since} The file is fine: "
-            f"read it with the ravenjax that wrote it (versions in manifest.json), or {way}."
+            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}.{since} The"
+            " file is fine: read it with the ravenjax that wrote it (versions in manifest.json),"
+            f" or {way}."
         )
 
 
@@ -286,17 +348,21 @@ def _require_campaign(path: Path, metadata: dict[bytes, bytes], config_hash: str
     actual = metadata.get(b"ravenjax.config_hash", b"").decode()
     if config_hash is not None and actual != config_hash:
         raise ForeignPart(
-            f"{path}: belongs to another campaign (config hash {actual[:16]}, expected {config_hash[:16]}). "
-            "Move it away, or choose another output folder with --out."
+            f"{path}: belongs to another campaign (config hash {actual[:16]}, expected"
+            f" {config_hash[:16]}). Move it away, or choose another output folder with --out."
         )
 
 
 def _damaged(path: Path, what: str) -> StoreError:
     return StoreError(
-        f"{path}: {what}. Every other part is untouched: start the same command again, which sets this file "
-        "aside and recomputes its rows only."
+        f"{path}: {what}. Every other part is untouched: start the same command again, which sets"
+        " this file aside and recomputes its rows only."
     )
 
 
 def _first_line(error: BaseException) -> str:
-    return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
+    return (
+        str(error).strip().splitlines()[0].rstrip(".")
+        if str(error).strip()
+        else type(error).__name__
+    )

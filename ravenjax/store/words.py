@@ -1,4 +1,6 @@
-"""Columns of words: a small number a row, and the words that the numbers stand for. No row is ever a Python string."""
+"""Columns of words: a small number a row, and the words that the numbers stand for. No row is
+ever a Python string.
+"""
 
 from __future__ import annotations
 
@@ -53,23 +55,31 @@ class WordColumn:
         """The same as a Categorical of pandas."""
         import pandas as pd  # a fifth of a second that only who asks for it should pay
 
-        return pd.Categorical.from_codes(self.codes, pd.Index(self.categories, dtype="str"), validate=False)  # pyright: ignore[reportArgumentType]
+        return pd.Categorical.from_codes(
+            self.codes, pd.Index(self.categories, dtype="str"), validate=False
+        )  # pyright: ignore[reportArgumentType]
 
 
 def column(places: np.ndarray, known: Sequence[str]) -> WordColumn:
-    """Words by their places in `known`, integers from 0; those that occur become the categories, in that order."""
+    """Words by their places in `known`, integers from 0; those that occur become the categories,
+    in that order.
+    """
     code, categories = numbered(known, np.bincount(places, minlength=len(known)) > 0)
     return WordColumn(code[places], categories)
 
 
 def numbered(known: Sequence[str], occurs: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Codes of the words of `known` that occur, bool [known], by their places in `known`; and those words."""
+    """Codes of the words of `known` that occur, bool [known], by their places in `known`; and
+    those words.
+    """
     code = (np.cumsum(occurs) - 1).astype(np.min_scalar_type(-len(known)))
     return code, tuple(word for word, there in zip(known, occurs, strict=True) if there)
 
 
 def arrow(words: Any) -> pa.DictionaryArray:
-    """Words [rows], categorical or not, as a dictionary-encoded Arrow array; a missing word is ""."""
+    """Words [rows], categorical or not, as a dictionary-encoded Arrow array; a missing word is
+    "".
+    """
     if not isinstance(words, WordColumn):
         words = _categorised(words)
     codes = arrow_arrays.numbers(words.codes.astype(np.int32))

@@ -30,5 +30,7 @@ NAMES = {
 def find(name: str) -> Study:
     """The study of that name. Raises UserError."""
     if name not in NAMES:
-        raise UserError(f"unknown study {name!r}, expected one of {', '.join(NAMES)}{suggestion(name, NAMES)}")
+        raise UserError(
+            f"unknown study {name!r}, expected one of {', '.join(NAMES)}{suggestion(name, NAMES)}"
+        )
     return importlib.import_module(f"ravenjax.studies.{NAMES[name]}").STUDY

@@ -1,4 +1,6 @@
-"""Runs a study: its campaigns into folders, resumable like any campaign, then its comparison, then its files."""
+"""Runs a study: its campaigns into folders, resumable like any campaign, then its comparison,
+then its files.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +22,27 @@ RUNS = "runs"
 """Folder of a study's campaigns, inside the study's own."""
 
 
-def reproduce(name: str, out: Path, engine: str = "auto", on_progress: OnProgress | None = None) -> Findings:
-    """Run the study of that name, or finish it where OUT/NAME holds a part of it, and write its findings there.
+def reproduce(
+    name: str, out: Path, engine: str = "auto", on_progress: OnProgress | None = None
+) -> Findings:
+    """Run the study of that name, or finish it where OUT/NAME holds a part of it, and write its
+    findings there.
 
-    on_progress: told how far all campaigns of the study are together. Raises UserError and StoreError for what the user
-    can mend; finished parts stay.
+    on_progress: told how far all campaigns of the study are together. Raises UserError and
+    StoreError for what the user can mend; finished parts stay.
     """
     return run(catalogue.find(name), out, engine, on_progress)
 
 
-def run(study: Study, out: Path, engine: str = "auto", on_progress: OnProgress | None = None) -> Findings:
+def run(
+    study: Study, out: Path, engine: str = "auto", on_progress: OnProgress | None = None
+) -> Findings:
     """As `reproduce`, of a study at hand."""
     folder = out / study.name
-    configs = {variant.name: loading.load(variant.campaign, variant.overrides) for variant in study.variants}
+    configs = {
+        variant.name: loading.load(variant.campaign, variant.overrides)
+        for variant in study.variants
+    }
     if len(configs) < len(study.variants):
         raise ValueError(f"study {study.name}: two variants share a name, and so a folder")
     whole = _Whole([design.due(config) for config in configs.values()], on_progress)
@@ -46,7 +56,9 @@ def run(study: Study, out: Path, engine: str = "auto", on_progress: OnProgress |
     return findings
 
 
-def _provenance(study: Study, configs: dict[str, CampaignConfig], folders: dict[str, Path]) -> Provenance:
+def _provenance(
+    study: Study, configs: dict[str, CampaignConfig], folders: dict[str, Path]
+) -> Provenance:
     records = {name: manifest.read(folder) for name, folder in folders.items()}
     any_record = next(iter(records.values()), None)
 
@@ -98,7 +110,9 @@ class _Whole:
             return
         statuses = list(self._last.values())
         runs = sum(self._runs)
-        share = sum(self._runs[k] * status.progress for k, status in self._last.items()) / max(1, runs)
+        share = sum(self._runs[k] * status.progress for k, status in self._last.items()) / max(
+            1, runs
+        )
         self._on_progress(
             dataclasses.replace(
                 statuses[-1],

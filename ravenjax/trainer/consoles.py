@@ -90,7 +90,9 @@ class PedalWords:
 class ItpConsole:
     """A console over the network: increments in, force out."""
 
-    def __init__(self, server: ItpServer, session: Session, say: Callable[[str], None] = print) -> None:
+    def __init__(
+        self, server: ItpServer, session: Session, say: Callable[[str], None] = print
+    ) -> None:
         """say: takes what a user should know of the console's packets."""
         self._server, self._session, self._arms = server, session, session.arms
         self._say = say
@@ -98,7 +100,9 @@ class ItpConsole:
         self._refusals = Refusals(server.gate)
 
     def poll(self) -> list[dict[str, Any]]:
-        messages = [{**one, "console": "itp"} for one in (*self._server.poll(), *self._refusals.poll())]
+        messages = [
+            {**one, "console": "itp"} for one in (*self._server.poll(), *self._refusals.poll())
+        ]
         for line in self._server.gate.news():
             self._say(line)
         return messages

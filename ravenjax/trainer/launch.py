@@ -60,7 +60,9 @@ KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 COMMANDS = "commands.jsonl"
 """What was said to the session (up to `heard.MOST_HEARD`): a script that makes it again."""
 CLAIM = ".session"
-"""Empty; there while a session begins in a folder, so that two that begin at once do not get the same."""
+"""Empty; there while a session begins in a folder, so that two that begin at once do not get the
+same.
+"""
 _LEFT = (description.FILE, session_log.FILE, table.FILE, COMMANDS, "debrief.html")
 """Any of these tells that a folder holds a session."""
 Say = Callable[[str], None]
@@ -80,11 +82,17 @@ class SessionOptions:
     host: str = "127.0.0.1"
     port: int = 0
     token: str | None = None
-    instructor_token: str | None = None  # what makes an instructor of a visitor; made up where it is left out
-    script: str | None = None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
+    instructor_token: str | None = (
+        None  # what makes an instructor of a visitor; made up where it is left out
+    )
+    script: str | None = (
+        None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
+    )
     itp_port: int | None = None  # None: no console over the network
     console: str = "raven"  # its profile: a name or file of `store.consoles`, or "auto"
-    robot: str | None = None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 in place of that port
+    robot: str | None = (
+        None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 in place of that port
+    )
     crtk: Ros | None = None  # also speak CRTK over this ROS
 
 
@@ -119,8 +127,9 @@ def realtime(
 ) -> FinishedSession:
     """Run a session against the clock.
 
-    linger_s: how long the page stays after the end, None: until Ctrl-C. One Ctrl-C ends session and page.
-    helpers: started before, with a page or without as this session; None: they are started now.
+    linger_s: how long the page stays after the end, None: until Ctrl-C. One Ctrl-C ends session and
+    page. helpers: started before, with a page or without as this session; None: they are started
+    now.
     """
     began = time.monotonic()
     if with_page:
@@ -130,16 +139,25 @@ def realtime(
     with contextlib.ExitStack() as stack:
         stack.callback(_release, options.folder)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
-        session = Session(options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say))
+        session = Session(
+            options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
+        )
         interruption.point()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
-        script = None if options.script is None else Scripted(options.script, session)  # before anything is recorded
+        script = (
+            None if options.script is None else Scripted(options.script, session)
+        )  # before anything is recorded
         header = _header(options, session)
-        frames, events = Ring.create(KEPT_FRAMES, 4 * session.layout.size), Ring.create(KEPT_EVENTS, EVENT_BYTES)
+        frames, events = (
+            Ring.create(KEPT_FRAMES, 4 * session.layout.size),
+            Ring.create(KEPT_EVENTS, EVENT_BYTES),
+        )
         stack.callback(events.close)
         stack.callback(frames.close)
         names = tuple(session.layout.names())
-        helpers.recorder.begin(recorder.RecorderOptions(frames.name, events.name, names, options.folder, header))
+        helpers.recorder.begin(
+            recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
+        )
         recording = helpers.recorder.process
         consoles: list[loop.Console] = []
         browser: loop.PageCommands | None = None
@@ -147,11 +165,15 @@ def realtime(
         if helpers.page is not None:
             commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
             stack.callback(commands.close)
-            port = _open_page(helpers.page, options, session, header, (frames, events, commands), say)
+            port = _open_page(
+                helpers.page, options, session, header, (frames, events, commands), say
+            )
             browser = loop.PageCommands(commands, drives=options.script is None)
             consoles.append(browser)
         if options.itp_port is not None:
-            server = ItpServer(session.arms, options.host, options.itp_port, profiles=console_profiles)
+            server = ItpServer(
+                session.arms, options.host, options.itp_port, profiles=console_profiles
+            )
             stack.callback(server.close)
             stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
             consoles.append(ItpConsole(server, session, say))
@@ -169,13 +191,24 @@ def realtime(
         interruption.point()  # what was held back until now
         with clock.realtime() as granted:
             say(f"realtime: {granted}")
-            timing = loop.run(session, frames, events, consoles, lambda: bool(stop), lambda: processes.ended(recording))
+            timing = loop.run(
+                session,
+                frames,
+                events,
+                consoles,
+                lambda: bool(stop),
+                lambda: processes.ended(recording),
+            )
         if trouble := processes.ended(recording):
             say(trouble)
         recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
         if with_page and linger_s != 0 and not stop:
-            say("the page stays until Ctrl-C" if linger_s is None else f"the page stays for {linger_s:g} s")
+            say(
+                "the page stays until Ctrl-C"
+                if linger_s is None
+                else f"the page stays for {linger_s:g} s"
+            )
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
             while not stop and time.monotonic() < end and browser is not None:
                 time.sleep(0.05)
@@ -195,19 +228,28 @@ def with_tokens(options: SessionOptions) -> SessionOptions:
 
 
 def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
-    """The options of the session that was asked for at the end of the last, in a folder beside that."""
+    """The options of the session that was asked for at the end of the last, in a folder beside
+    that.
+    """
     wish = last.wish or NextSession()
     setting = options.scenario if wish.scenario is None else scenario.load(wish.scenario)
     participant = options.participant if wish.participant is None else wish.participant
     seed = setting.seed if wish.seed is None else wish.seed
     folder = fresh_folder(setting.name, participant, seed, options.folder.parent)
     return dataclasses.replace(
-        options, scenario=setting, participant=participant, seed=seed, folder=folder, port=last.port or options.port
+        options,
+        scenario=setting,
+        participant=participant,
+        seed=seed,
+        folder=folder,
+        port=last.port or options.port,
     )
 
 
 def _wish(said: loop.PageCommands, say: Say) -> NextSession | None:
-    """The next session that was asked for since the last look; a scenario that is none is told of."""
+    """The next session that was asked for since the last look; a scenario that is none is told
+    of.
+    """
     for command in said.poll():
         if (command.get("type"), command.get("do")) != ("instructor", "next"):
             continue
@@ -223,19 +265,27 @@ def _wish(said: loop.PageCommands, say: Say) -> NextSession | None:
 
 
 def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
-    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each time.
+    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each
+    time.
 
     UserError without a script: somebody must drive.
     """
     script = options.script
     if script is None:
-        raise UserError(f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of commands")
+        raise UserError(
+            f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of"
+            " commands"
+        )
     session = Session(options.scenario, options.seed, cue=options.cue)
-    driver = Scripted(script, session)  # before there is a folder: a file that is no script leaves none
+    driver = Scripted(
+        script, session
+    )  # before there is a folder: a file that is no script leaves none
     options = _apart(options, say)
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     description.write(options.folder, header)
-    log = session_log.SessionWriter(options.folder / session_log.FILE, tuple(session.layout.names()), header)
+    log = session_log.SessionWriter(
+        options.folder / session_log.FILE, tuple(session.layout.names()), header
+    )
     block: list[np.ndarray] = []
     events: list[dict[str, Any]] = []
     first = 0
@@ -253,9 +303,15 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     return _conclude(options, session, None, say)
 
 
-def fresh_folder(name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")) -> Path:
-    """A folder for a session that begins now, named by scenario, who drives, time (UTC) and seed; not by the group."""
-    who = "".join(letter if letter.isalnum() or letter in "_.-" else "-" for letter in participant)[:40]
+def fresh_folder(
+    name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
+) -> Path:
+    """A folder for a session that begins now, named by scenario, who drives, time (UTC) and
+    seed; not by the group.
+    """
+    who = "".join(letter if letter.isalnum() or letter in "_.-" else "-" for letter in participant)[
+        :40
+    ]
     parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
     return base / "-".join(part for part in parts if part)
 
@@ -264,7 +320,8 @@ def fresh_folder(name: str, participant: str = "", seed: int = 0, base: Path = P
 
 
 def _apart(options: SessionOptions, say: Say) -> SessionOptions:
-    """The options with a folder that no session has: its own, made here, or one with a number behind it, which is told.
+    """The options with a folder that no session has: its own, made here, or one with a number
+    behind it, which is told.
 
     UserError where it cannot be written.
     """
@@ -310,7 +367,10 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
         "code_hash": manifest.code_hash(),
         "engine": "stepper",
         "arms": list(session.arms),
-        "bases": {arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True)) for arm in session.arms},
+        "bases": {
+            arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True))
+            for arm in session.arms
+        },
         "robot": options.robot or "virtual",
         "consoles": _consoles(options),
         "hazards": [hazard.header() for hazard in session.hazards],
@@ -327,7 +387,9 @@ def _consoles(options: SessionOptions) -> list[str]:
     return ["page", *(console for console, there in beside if there)]
 
 
-def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Callable[[Blueprint], Driven]:
+def _robot(
+    stack: contextlib.ExitStack, options: SessionOptions, say: Say
+) -> Callable[[Blueprint], Driven]:
     """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
     if options.robot is None:
         return SimulatedRobot
@@ -339,8 +401,9 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Ca
         if not isinstance(stream, int):
             if armables:
                 raise UserError(
-                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing can be armed in a "
-                    f"robot over {stream}: choose a scenario without, or start `ravenjax robot` and give its joint port"
+                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing"
+                    f" can be armed in a robot over {stream}: choose a scenario without, or start"
+                    " `ravenjax robot` and give its joint port"
                 )
             transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
             stack.callback(transport.close)
@@ -351,10 +414,13 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Ca
         stack.callback(remote.close)
         mine, theirs = digest(armables), remote.greeting.get("hazards")
         if mine != theirs:
-            other = f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
+            other = (
+                f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
+            )
             raise UserError(
-                f"the robot at {host} ({other}) has other hazards than this session ({options.scenario.name!r}, seed "
-                f"{options.seed}): start both with the same scenario, --seed and --set"
+                f"the robot at {host} ({other}) has other hazards than this session"
+                f" ({options.scenario.name!r}, seed {options.seed}): start both with the same"
+                " scenario, --seed and --set"
             )
         return DistantRobot(made, remote)
 
@@ -362,15 +428,20 @@ def _robot(stack: contextlib.ExitStack, options: SessionOptions, say: Say) -> Ca
 
 
 def address(text: str) -> tuple[str, tuple[int, int | Ros]]:
-    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2 may stand for the
-    latter. UserError."""
+    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2
+    may stand for the latter. UserError."""
     host, *ports = text.split(":")
     ros: Ros | None = next((one for one in get_args(Ros) if ports[1:] == [one]), None)
     numbers = ports[:1] if ros else ports
-    if not host or len(ports) > 2 or not all(port.isdecimal() and int(port) < 65536 for port in numbers):
+    if (
+        not host
+        or len(ports) > 2
+        or not all(port.isdecimal() and int(port) < 65536 for port in numbers)
+    ):
         raise UserError(
-            f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as 127.0.0.1:36000:36002; "
-            "ros1 or ros2 in place of JOINT_PORT for a robot that tells of itself over ROS"
+            f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
+            " 127.0.0.1:36000:36002; ros1 or ros2 in place of JOINT_PORT for a robot that tells of"
+            " itself over ROS"
         )
     itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
     return host, (itp, joint if ros is None else ros)
@@ -384,7 +455,9 @@ def _open_page(
     rings: tuple[Ring, Ring, Ring],
     say: Say,
 ) -> int:
-    """Tell the page's process what to serve, wait until it listens, say where and return the port."""
+    """Tell the page's process what to serve, wait until it listens, say where and return the
+    port.
+    """
     token, instructor_token = options.token, options.instructor_token
     page_options = page.PageOptions(
         frames=rings[0].name,
@@ -402,28 +475,35 @@ def _open_page(
     serving.begin(page_options)
     if not serving.answers.poll(processes.STARTING_S):
         raise UserError(
-            f"the page did not start within {processes.STARTING_S:g} s; try `--no-page`, or `ravenjax doctor`"
+            f"the page did not start within {processes.STARTING_S:g} s; try `--no-page`, or"
+            " `ravenjax doctor`"
         )
     try:
         port = serving.answers.recv()
     except (EOFError, ConnectionResetError):
         serving.process.join(processes.STARTING_S)
         raise UserError(
-            f"the page's process ended with code {serving.process.exitcode}; its message stands above"
+            f"the page's process ended with code {serving.process.exitcode}; its message stands"
+            " above"
         ) from None
     if options.port not in (0, port):
         say(f"port {options.port} is taken: the page is at port {port}")
     ask = f"&token={token}" if token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
     say(f"operator: http://{host}:{port}/?role=operator{ask}")
-    say(f"instructor: http://{host}:{port}/?role=instructor{ask}&instructor_token={instructor_token}")
+    say(
+        "instructor:"
+        f" http://{host}:{port}/?role=instructor{ask}&instructor_token={instructor_token}"
+    )
     return port
 
 
 def _require_address(host: str, port: int) -> None:
     """Told before a process is started for it: viser would wait forever."""
     try:
-        addresses = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        addresses = socket.getaddrinfo(
+            host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
         for family, kind, protocol, _, address in addresses:
             with socket.socket(family, kind, protocol) as probe:
                 probe.bind(address)
@@ -436,7 +516,9 @@ def _require_address(host: str, port: int) -> None:
         raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
 
 
-def _conclude(options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say) -> FinishedSession:
+def _conclude(
+    options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say
+) -> FinishedSession:
     """Table, summary and debrief once the recording is whole."""
     from ravenjax.trainer.debrief import page as debrief  # plotly: a second, after the session
 
@@ -452,7 +534,11 @@ def _conclude(options: SessionOptions, session: Session, timing: LoopTiming | No
         writer.writeheader()
         writer.writerows(rows)
     scripts.save(options.folder / COMMANDS, session.heard)
-    summary: dict[str, Any] = {"ended": session.ended, "task": session.task.result(), "ticks": session.ticks}
+    summary: dict[str, Any] = {
+        "ended": session.ended,
+        "task": session.task.result(),
+        "ticks": session.ticks,
+    }
     summary["hazards"] = session.judge.result()
     if timing is not None:
         summary["timing"] = facts(timing)
@@ -463,7 +549,11 @@ def _conclude(options: SessionOptions, session: Session, timing: LoopTiming | No
 
 def facts(timing: LoopTiming) -> dict[str, float]:
     """A loop's timing in numbers, us."""
-    numbers: dict[str, float] = {"ticks": timing.ticks, "late_ticks": timing.late, "skipped_ms": timing.skipped}
+    numbers: dict[str, float] = {
+        "ticks": timing.ticks,
+        "late_ticks": timing.late,
+        "skipped_ms": timing.skipped,
+    }
     for what in ("compute", "whole", "lateness"):
         for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
             numbers[f"{what}_{name}_us"] = timing.percentile(what, share)
@@ -475,4 +565,6 @@ def _blinded(options: SessionOptions) -> bool:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
+    return (
+        ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
+    )

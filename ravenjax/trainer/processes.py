@@ -23,7 +23,9 @@ STARTING_S = 60.0
 
 
 class Helper:
-    """A process that is started before what it is to do is known: it imports what it needs meanwhile."""
+    """A process that is started before what it is to do is known: it imports what it needs
+    meanwhile.
+    """
 
     def __init__(self, stack: contextlib.ExitStack, target: Callable[[Connection], None]) -> None:
         """target: takes what it is to do from the connection, and may answer there."""
@@ -39,7 +41,8 @@ class Helper:
         except OSError:
             self.process.join(STARTING_S)
             raise UserError(
-                f"a process of the session ended with code {self.process.exitcode}; its message stands above"
+                f"a process of the session ended with code {self.process.exitcode}; its message"
+                " stands above"
             ) from None
 
     def keep_away(self) -> None:
@@ -53,8 +56,12 @@ class Helper:
 
 
 def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
-    """A process of its own, never a fork: neither jax nor a loaded server survives one. Ctrl-C does not reach it."""
-    process = multiprocessing.get_context("spawn").Process(target=target, args=(given,), daemon=True)
+    """A process of its own, never a fork: neither jax nor a loaded server survives one. Ctrl-C
+    does not reach it.
+    """
+    process = multiprocessing.get_context("spawn").Process(
+        target=target, args=(given,), daemon=True
+    )
     with _deaf():
         process.start()
 
@@ -70,7 +77,9 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
 @contextlib.contextmanager
 def _deaf() -> Iterator[None]:
-    """Ctrl-C waits, also for a process that is started now, from its first moment on; here it comes afterwards."""
+    """Ctrl-C waits, also for a process that is started now, from its first moment on; here it
+    comes afterwards.
+    """
     resource_tracker.ensure_running()  # it lets signals through once it has started
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -80,11 +89,15 @@ def _deaf() -> Iterator[None]:
 
 
 def wait_for(recording: BaseProcess, path: Path) -> None:
-    """Until the recorder has made its file. UserError where it ends or takes longer than STARTING_S."""
+    """Until the recorder has made its file. UserError where it ends or takes longer than
+    STARTING_S.
+    """
     end = time.monotonic() + STARTING_S
     while not path.exists():
         if not recording.is_alive() or time.monotonic() > end:
-            raise UserError(f"{path.parent}: the recorder did not start (exit code {recording.exitcode})")
+            raise UserError(
+                f"{path.parent}: the recorder did not start (exit code {recording.exitcode})"
+            )
         interruption.point()
         time.sleep(0.02)
 
@@ -93,4 +106,6 @@ def ended(recording: BaseProcess) -> str | None:
     """What to tell where the recorder has ended before the session."""
     if recording.is_alive() or recording.exitcode == 0:
         return None
-    return f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
+    return (
+        f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
+    )

@@ -1,4 +1,6 @@
-"""How well this machine keeps time: an empty loop, the compiled tick alone, a session without and with its page."""
+"""How well this machine keeps time: an empty loop, the compiled tick alone, a session without
+and with its page.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,18 @@ from ravenjax.trainer.realtime.clock import Clock, LoopTiming
 from ravenjax.trainer.session import blueprint
 from ravenjax.trainer.session.simulation import SimulatedRobot
 
-COLUMNS = ("loop", "compute, us: p50 / p99 / p99.9", "with judge and log", "lateness, us", "late ticks", "of")
+COLUMNS = (
+    "loop",
+    "compute, us: p50 / p99 / p99.9",
+    "with judge and log",
+    "lateness, us",
+    "late ticks",
+    "of",
+)
 AIM_US = 100
-"""p99.9 of a tick's compute time at most: a tenth of the cycle, so that a slower machine keeps up too."""
+"""p99.9 of a tick's compute time at most: a tenth of the cycle, so that a slower machine keeps
+up too.
+"""
 SCENARIO = "first_steps"
 TICK = "tick alone"
 
@@ -33,7 +44,9 @@ class Measured:
         """As `COLUMNS`."""
         timing = self.timing
         levels = {
-            what: " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
+            what: " / ".join(
+                f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999)
+            )
             for what in ("compute", "whole", "lateness")
         }
         if not timing.whole.any():
@@ -42,15 +55,20 @@ class Measured:
 
 
 def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:
-    """The empty loop first and last; between them the compiled tick of the robot with nothing around it, and a
-    session with all that is around it, without and with a visitor on its page.
+    """The empty loop first and last; between them the compiled tick of the robot with nothing
+    around it, and a session with all that is around it, without and with a visitor on its page.
 
     The session is driven by commands that were recorded before, as many as a page sends.
     """
     setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
-    results = [Measured("empty", _empty(seconds, say)), Measured(TICK, _tick_alone(setting, seconds, say))]
+    results = [
+        Measured("empty", _empty(seconds, say)),
+        Measured(TICK, _tick_alone(setting, seconds, say)),
+    ]
     with tempfile.TemporaryDirectory() as place:
-        driven = launch.SessionOptions(scenario=setting, folder=Path(place) / "driven", seed=0, script="none")
+        driven = launch.SessionOptions(
+            scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
+        )
         commands = launch.headless(driven).folder / launch.COMMANDS
         for name, visited in (("session, page closed", False), ("session, page open", True)):
             say(f"{name}: {seconds:g} s")
@@ -66,7 +84,15 @@ def verdict(found: list[Measured]) -> list[tuple[str, str]]:
         if one.loop.startswith(("session", TICK)):
             slow = one.timing.percentile("compute", 0.999)
             state = "ok" if slow <= AIM_US else "slow"
-            out.append((state, f"{one.loop}: 99.9 % of ticks are computed within {slow:.0f} us, expected {AIM_US}"))
+            out.append(
+                (
+                    state,
+                    (
+                        f"{one.loop}: 99.9 % of ticks are computed within {slow:.0f} us, expected"
+                        f" {AIM_US}"
+                    ),
+                )
+            )
     idle = [one.timing for one in found if one.loop.startswith("empty")]
     worst = max(timing.late / timing.ticks for timing in idle)
     for one in found:
@@ -75,7 +101,9 @@ def verdict(found: list[Measured]) -> list[tuple[str, str]]:
             noise = 3 * max(1.0, (worst * ticks) ** 0.5)  # three standard deviations of a count
             state = "ok" if late <= worst * ticks + noise else "late"
             empty = ", ".join(f"{timing.late}" for timing in idle)
-            out.append((state, f"{one.loop}: {late} late ticks of {ticks}; the empty loops had {empty}"))
+            out.append(
+                (state, f"{one.loop}: {late} late ticks of {ticks}; the empty loops had {empty}")
+            )
     return out
 
 
@@ -84,7 +112,9 @@ def _empty(seconds: float, say: Callable[[str], None]) -> LoopTiming:
     return _paced(seconds, lambda: None)
 
 
-def _tick_alone(chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]) -> LoopTiming:
+def _tick_alone(
+    chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]
+) -> LoopTiming:
     say(f"{TICK}: {seconds:g} s")
     robot = SimulatedRobot(blueprint.make(scenario.campaign(chosen, 0)))
     return _paced(seconds, robot.step)

@@ -1,6 +1,7 @@
 """What a check is: name, unit of the margin, what it looks at, and what it does when it trips.
 
-A robot has its built-in ones; a campaign may add checks of one's own, Python files that stand at a seam of the tick.
+A robot has its built-in ones; a campaign may add checks of one's own, Python files that stand at a
+seam of the tick.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from typing import Literal, NamedTuple
 from ravenjax.vocabulary.parts import OwnSource
 
 Action = Literal["stop", "flag", "limit", "watch"]
-"""What a check does when it trips: the robot stops; a person is told; a command is changed or a packet dropped;
-nothing, which only one of one's own may do."""
+"""What a check does when it trips: the robot stops; a person is told; a command is changed or a
+packet dropped; nothing, which only one of one's own may do."""
 
 DOES: dict[Action, str] = {
     "stop": "stops the robot",
@@ -60,7 +61,9 @@ class Check(NamedTuple):
 
     @property
     def response(self) -> str:
-        """What a run is called in which it trips and nothing stronger does: a word of `outcomes.verdict.RESPONSES`."""
+        """What a run is called in which it trips and nothing stronger does: a word of
+        `outcomes.verdict.RESPONSES`.
+        """
         return _RESPONSES[self.action]
 
     @property
@@ -74,7 +77,12 @@ class Check(NamedTuple):
         return self.action in ("stop", "limit")
 
 
-_RESPONSES: dict[Action, str] = {"stop": "stopped", "flag": "flagged", "limit": "limited", "watch": "silent"}
+_RESPONSES: dict[Action, str] = {
+    "stop": "stopped",
+    "flag": "flagged",
+    "limit": "limited",
+    "watch": "silent",
+}
 
 
 def of_own(name: str, at: str, acts: Action) -> Check:
@@ -88,13 +96,16 @@ def count(own: Iterable[Check]) -> bool:
 
 
 BUILT_IN = "built_in_response"
-"""Column of what the built-in checks did by themselves, where parts of one's own count in the column `response`."""
+"""Column of what the built-in checks did by themselves, where parts of one's own count in the
+column `response`.
+"""
 
 
 def apart(own: Iterable[Check], stops: bool) -> bool:
     """Whether what the built-in checks did by themselves has columns of its own.
 
-    It has beside checks of one's own that count, and beside a detector that may stop the robot (`stops`).
+    It has beside checks of one's own that count, and beside a detector that may stop the robot
+    (`stops`).
     """
     return stops or count(own)
 

@@ -1,4 +1,6 @@
-"""Detectors: observers that are scored and change nothing. How a score is made is in `ravenjax.stages.detectors`."""
+"""Detectors: observers that are scored and change nothing. How a score is made is in
+`ravenjax.stages.detectors`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ DetectorKind = BuiltInKind | Literal["own"]
 Fusion = Literal["all", "two", "any", "mpos", "mvel", "jpos"]
 
 MEANINGS: dict[DetectorKind, str] = {
-    "steps": "of motor position, motor velocity and joint position over their thresholds, model-based",
+    "steps": (
+        "of motor position, motor velocity and joint position over their thresholds, model-based"
+    ),
     "derivative_sum": "of link and motor derivatives",
     "tip_error": "distance from the nominal model, mm",
     "overdrive": "command over its clip limit",

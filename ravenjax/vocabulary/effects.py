@@ -1,7 +1,8 @@
 """What a fault does to a number, and when. Knows nothing of any robot.
 
-A fault is: at one channel of one site, while its window is open, apply one effect with one value. The window opens
-`start` after the trigger's clock begins, lasts `duration`, and with `every` > 0 opens again after each `every`.
+A fault is: at one channel of one site, while its window is open, apply one effect with one value.
+The window opens `start` after the trigger's clock begins, lasts `duration`, and with `every` > 0
+opens again after each `every`.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 Value = Literal["number", "change", "amount", "factor", "bit", "packets", ""]
-"""What the value of an effect is: a number as the channel holds it; a change of one, also as the channel holds it; an
-amount in the channel's unit, whole or not; a factor; the index of a bit; a number of packets; "": it takes none."""
+"""What the value of an effect is: a number as the channel holds it; a change of one, also as the
+channel holds it; an amount in the channel's unit, whole or not; a factor; the index of a bit; a
+number of packets; "": it takes none."""
 
 
 class OfNetwork(NamedTuple):
@@ -48,11 +50,19 @@ class Effect(NamedTuple):
 _ALL = (
     Effect("overwrite", "x becomes the value", "number"),
     Effect("offset", "x plus the value", "change"),
-    Effect("latch_offset", "the first number of the window plus the value, held for the whole window", "change"),
+    Effect(
+        "latch_offset",
+        "the first number of the window plus the value, held for the whole window",
+        "change",
+    ),
     Effect("scale", "x times the value", "factor"),
     Effect("drift", "x plus the value times the ticks in the window", "amount"),
     Effect("stuck", "x as it was in the last tick before the window", ""),
-    Effect("bit_flip", "the bit of that index (0 = lowest; of the int32 or float32 pattern) inverted", "bit"),
+    Effect(
+        "bit_flip",
+        "the bit of that index (0 = lowest; of the int32 or float32 pattern) inverted",
+        "bit",
+    ),
     Effect("periodic", "x plus value sin(2 pi n / period), n the ticks in the window", "amount"),
     Effect("random", "uniform in [-value, value], anew each tick", "amount"),
     Effect("toggle", "the value in even ticks of the window, 0 in odd ones", "number"),
@@ -74,7 +84,9 @@ _ALL = (
 EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL}
 EFFECT_CODES: dict[str, int] = {name: i for i, name in enumerate(EFFECTS)}
 
-NETWORK_EFFECTS: dict[str, OfNetwork] = {effect.name: effect.network for effect in _ALL if effect.network}
+NETWORK_EFFECTS: dict[str, OfNetwork] = {
+    effect.name: effect.network for effect in _ALL if effect.network
+}
 """What the effects of the network stand for."""
 
 WITHOUT_VALUE = tuple(effect.name for effect in _ALL if not effect.takes_value)
@@ -82,7 +94,10 @@ WITHOUT_VALUE = tuple(effect.name for effect in _ALL if not effect.takes_value)
 TRIGGERS: dict[str, str] = {
     "time": "milliseconds since the run began",
     "packet": "sequence numbers of the console's packets",
-    "pedal": "milliseconds since the first cycle after pedal-down was entered; closed while it is not in it",
+    "pedal": (
+        "milliseconds since the first cycle after pedal-down was entered; closed while it is not"
+        " in it"
+    ),
 }
 TRIGGER_CODES: dict[str, int] = {name: i for i, name in enumerate(TRIGGERS)}
 

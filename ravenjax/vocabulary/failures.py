@@ -1,8 +1,8 @@
 """Why a run has no valid outcome: the number that was first no longer finite.
 
-A run ends in the outcome class *failed* from the tick on in which a number of the virtual robot or of its observers is
-infinite or no number (NaN). Numbers of the control software are the robot's own, with which it goes on as its original
-does: they fail a run only where they reach one of these.
+A run ends in the outcome class *failed* from the tick on in which a number of the virtual robot or
+of its observers is infinite or no number (NaN). Numbers of the control software are the robot's
+own, with which it goes on as its original does: they fail a run only where they reach one of these.
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ from __future__ import annotations
 SIGNALS: dict[str, str] = {
     "tip": "the true tip of the robot",
     "model tip": "the tip of the nominal model",
-    "deviation": "a distance between tips, or a sum of such distances over the run; also where the golden run failed",
+    "deviation": (
+        "a distance between tips, or a sum of such distances over the run; also where the golden"
+        " run failed"
+    ),
     "joint": "a joint or motor of the robot, or the motion of one",
     "cable": "the tension of a cable",
     "hand": "the motion of the operator's hand",
@@ -22,7 +25,9 @@ SIGNALS: dict[str, str] = {
 CODES: dict[str, int] = {name: i for i, name in enumerate(SIGNALS)}
 
 CAUSES: tuple[str, ...] = ("", *(f"{name} not finite" for name in SIGNALS))
-"""Words of column `failed`, "" for a valid outcome; those of engines are numbered from 0 behind it."""
+"""Words of column `failed`, "" for a valid outcome; those of engines are numbered from 0 behind
+it.
+"""
 
 FORMER = ("nan",)
 """Words that tables of earlier versions have: "nan", the true tip was no number."""

@@ -1,7 +1,7 @@
 """Which values an effect takes at a channel.
 
-A value must fit the channel's number: what is stored is then what the file says. A DAC word has 16 bits, and a value
-beyond them is accepted only where the campaign says that it is meant.
+A value must fit the channel's number: what is stored is then what the file says. A DAC word has 16
+bits, and a value beyond them is accepted only where the campaign says that it is meant.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ class Legal(NamedTuple):
 
 
 def legal(channel: Channel, effect: str, beyond: bool = False) -> Legal:
-    """The values of `effect`, one that takes a value, at `channel`; `beyond`: a 16-bit word may be given more."""
+    """The values of `effect`, one that takes a value, at `channel`; `beyond`: a 16-bit word may
+    be given more.
+    """
     if effect == "bit_flip":
         return Legal(0, channel.bits - 1, whole=True, rounded=True)
     if effect == "delay":
@@ -53,7 +55,10 @@ def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: b
     low, high, _, _ = legal(channel, effect, beyond)
     if effect == "bit_flip":
         kind = channel.kind if channel.field is None else channel.field.noun
-        return f"bit_flip at {channel.name} ({kind}) takes the index of a bit, 0..{high}, got {value:g}"
+        return (
+            f"bit_flip at {channel.name} ({kind}) takes the index of a bit, 0..{high}, got"
+            f" {value:g}"
+        )
     if effect == "delay":
         return f"delay takes a whole number of packets from {low} to {high}, got {value:g}"
     if channel.kind == "bool":
@@ -61,18 +66,29 @@ def complaint(site: Site, channel: Channel, effect: str, value: float, beyond: b
     if value != math.floor(value) and EFFECTS[effect].of_its_type:
         return f"{channel.name} is a whole number ({channel.unit}): got {value:g}"
     if channel.kind == "int16" and not beyond:
-        refusal = f"{channel.name} is a 16-bit number: expected {WORD[0]}..{WORD[1]}, got {value:.10g}"
+        refusal = (
+            f"{channel.name} is a 16-bit number: expected {WORD[0]}..{WORD[1]}, got {value:.10g}"
+        )
         if abs(value) >= 2**31:
             return refusal
         way = site.beyond or "wraps = true here"
         stored = (math.trunc(value) - WORD[0]) % 2**16 + WORD[0]
         return f"{refusal}, which would wrap to {stored}; if that is meant, write {way}"
-    return f"{channel.name} is a {BITS[channel.kind]}-bit number: expected {low}..{high}, got {value:.10g}"
+    return (
+        f"{channel.name} is a {BITS[channel.kind]}-bit number: expected {low}..{high}, got"
+        f" {value:.10g}"
+    )
 
 
 def rounding(channel: Channel, effect: str, value: float) -> str | None:
-    """What to say of a whole number that single precision, in which values travel, would change; None if it is held."""
-    if channel.kind in ("float", "bool") or not EFFECTS[effect].of_its_type or not abs(value) < 2**31:
+    """What to say of a whole number that single precision, in which values travel, would change;
+    None if it is held.
+    """
+    if (
+        channel.kind in ("float", "bool")
+        or not EFFECTS[effect].of_its_type
+        or not abs(value) < 2**31
+    ):
         return None
     nearest_float = float(np.float32(value))
     if nearest_float == value:
@@ -83,6 +99,6 @@ def rounding(channel: Channel, effect: str, value: float) -> str | None:
         else int(np.nextafter(np.float32(nearest_float), np.float32(0)))
     )
     return (
-        f"values travel in single precision, which holds every whole number to 2^24 only: got {value:.10g}, write "
-        f"{nearest}"
+        "values travel in single precision, which holds every whole number to 2^24 only: got"
+        f" {value:.10g}, write {nearest}"
     )

@@ -1,7 +1,8 @@
-"""What a robot declares of itself, without JAX: what a campaign file may name, and what a result table calls it.
+"""What a robot declares of itself, without JAX: what a campaign file may name, and what a result
+table calls it.
 
-Everything else of a robot (its tick, its sections of a campaign file, its time series) is code, and is imported from
-its package only where it is needed.
+Everything else of a robot (its tick, its sections of a campaign file, its time series) is code, and
+is imported from its package only where it is needed.
 """
 
 from __future__ import annotations
@@ -39,12 +40,22 @@ class Robot:
     leading_joints: tuple[int, ...] = ()  # lengths of vectors that are of the first joints only
     noise: tuple[str, ...] = ()  # parameters: the sizes of what `[campaign] noise` draws
     packet_cycles: str = ""  # parameter: how many milliseconds a packet of the console lasts
-    dead_man: str = ""  # the switch that an operator holds down while the robot is to move; "": it has none
+    dead_man: str = (
+        ""  # the switch that an operator holds down while the robot is to move; "": it has none
+    )
     tissue: bool = False  # whether there is tissue that a tip can go into
-    phases: Mapping[str, str] = dataclasses.field(default_factory=dict)  # of an operation, and when each is
-    check_seams: Mapping[str, str] = dataclasses.field(default_factory=dict)  # where checks of one's own may stand
-    seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)  # where `explain` looks, in the tick's order
-    signals: tuple[Signal, ...] = ()  # what a check of one's own can be built on, in the tick's order
+    phases: Mapping[str, str] = dataclasses.field(
+        default_factory=dict
+    )  # of an operation, and when each is
+    check_seams: Mapping[str, str] = dataclasses.field(
+        default_factory=dict
+    )  # where checks of one's own may stand
+    seams: Mapping[str, Seam] = dataclasses.field(
+        default_factory=dict
+    )  # where `explain` looks, in the tick's order
+    signals: tuple[
+        Signal, ...
+    ] = ()  # what a check of one's own can be built on, in the tick's order
 
     @property
     def live_state(self) -> str:
@@ -56,11 +67,15 @@ class Robot:
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
     def with_checks(self, own: tuple[Check, ...]) -> Robot:
-        """The robot with checks of one's own before those that are built in: of two at once they are the cause."""
+        """The robot with checks of one's own before those that are built in: of two at once they
+        are the cause.
+        """
         return _with_checks(self, own) if own else self
 
     def layer(self, site: str) -> str:
-        """A site's layer in words: usb_out -> "USB out, motors"; "other" for a site that it does not declare."""
+        """A site's layer in words: usb_out -> "USB out, motors"; "other" for a site that it does
+        not declare.
+        """
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
 
     def run_level(self, level: int) -> str:
@@ -68,11 +83,19 @@ class Robot:
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:
-        """A part of its code: the module `name` of its package, or the package itself where that has none."""
+        """A part of its code: the module `name` of its package, or the package itself where that
+        has none.
+        """
         whole = importlib.import_module(self.package)
-        return importlib.import_module(f"{self.package}.{name}") if hasattr(whole, "__path__") else whole
+        return (
+            importlib.import_module(f"{self.package}.{name}")
+            if hasattr(whole, "__path__")
+            else whole
+        )
 
 
 @functools.lru_cache(maxsize=64)
 def _with_checks(robot: Robot, own: tuple[Check, ...]) -> Robot:
-    return dataclasses.replace(robot, checks={**{check.name: check for check in own}, **robot.checks})
+    return dataclasses.replace(
+        robot, checks={**{check.name: check for check in own}, **robot.checks}
+    )

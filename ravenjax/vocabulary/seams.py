@@ -1,7 +1,8 @@
-"""What crosses from one part of a robot's tick to the next: seams, and the numbers of each. Knows nothing of any robot.
+"""What crosses from one part of a robot's tick to the next: seams, and the numbers of each. Knows
+nothing of any robot.
 
-A fault site (`ravenjax.vocabulary.sites`) is where a fault can act; a seam is where its effect can be looked for. Most
-are both. A robot declares its seams in the order of its tick.
+A fault site (`ravenjax.vocabulary.sites`) is where a fault can act; a seam is where its effect can
+be looked for. Most are both. A robot declares its seams in the order of its tick.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ class SeamChannel(NamedTuple):
 
     name: str
     unit: str
-    site: str = ""  # fault site whose channel of this name has its normal range; "": nobody measured one
+    site: str = (
+        ""  # fault site whose channel of this name has its normal range; "": nobody measured one
+    )
 
 
 @dataclasses.dataclass(frozen=True)

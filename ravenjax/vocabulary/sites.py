@@ -1,7 +1,9 @@
-"""What a fault site is: a seam of a robot's tick, its channels, number types and units. Knows nothing of any robot.
+"""What a fault site is: a seam of a robot's tick, its channels, number types and units. Knows
+nothing of any robot.
 
-A robot declares its sites in its own order. The machinery of `ravenjax.faults` is given a site's signal and, from the
-declaration, the path of each channel inside it. `ARM` in a path stands for the arm's place in `setup.arms`.
+A robot declares its sites in its own order. The machinery of `ravenjax.faults` is given a site's
+signal and, from the declaration, the path of each channel inside it. `ARM` in a path stands for the
+arm's place in `setup.arms`.
 """
 
 from __future__ import annotations
@@ -11,7 +13,9 @@ from typing import Literal
 
 ARM = "ARM"
 Kind = Literal["int16", "int24", "int32", "float", "bool"]
-"""Type of a number; an int24, which an encoder's word is, travels as int32 and nothing makes it wrap."""
+"""Type of a number; an int24, which an encoder's word is, travels as int32 and nothing makes it
+wrap.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,11 +68,15 @@ class Site:
     per_arm: bool
     channels: tuple[Channel, ...]
     where: str  # when it acts, relative to the checks
-    beyond: str = ""  # what a file writes where values are meant that its words do not hold; "": the fault's `wraps`
+    # what a file writes where values are meant that its words do not hold; "": the fault's `wraps`
+    beyond: str = ""
 
     def channel(self, name: str) -> Channel:
         """The channel of that name; KeyError lists those there are."""
         for channel in self.channels:
             if channel.name == name:
                 return channel
-        raise KeyError(f"site {self.name} has no channel {name!r}; it has {', '.join(c.name for c in self.channels)}")
+        raise KeyError(
+            f"site {self.name} has no channel {name!r}; it has"
+            f" {', '.join(c.name for c in self.channels)}"
+        )

@@ -1,4 +1,6 @@
-"""Findings of benchmarks that never ran: numbers from which ratios, shares and sentences follow by heart."""
+"""Findings of benchmarks that never ran: numbers from which ratios, shares and sentences follow
+by heart.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from ravenjax.bench.start import ShellStart
 from ravenjax.bench.suite import BenchFindings, PartClock
 
 
-def point(count: int, kernel: tuple[float, ...], campaign: tuple[float, ...], shared: bool = False) -> ScalingPoint:
+def point(
+    count: int, kernel: tuple[float, ...], campaign: tuple[float, ...], shared: bool = False
+) -> ScalingPoint:
     """Rates in M ticks/s."""
     million = [Repeats(tuple(1e6 * value for value in values)) for values in (kernel, campaign)]
     return ScalingPoint(count, shared, *million, 1000 * count)
@@ -50,8 +54,14 @@ def whole() -> BenchFindings:
         machine=bench_work.MACHINE,
         load_before=0.5,
         load_after=1.5,
-        clocks=(PartClock("engine simd", 20.0, 12.0, 300.0, 0.1), PartClock("starts", 30.0, 27.0, 50.0, 0.0)),
-        absent={"devices": "no GPU", "engine xla": "left out: 3 s were left, it takes 14 s; more with --seconds"},
+        clocks=(
+            PartClock("engine simd", 20.0, 12.0, 300.0, 0.1),
+            PartClock("starts", 30.0, 27.0, 50.0, 0.0),
+        ),
+        absent={
+            "devices": "no GPU",
+            "engine xla": "left out: 3 s were left, it takes 14 s; more with --seconds",
+        },
         engines=(
             Speed("simd", "a CPU", 2, 3.0, 0.5, batches),
             Speed("mjx", "a CPU", 2, 9.0, 8.0, (Batch(10, 16, 100, one),)),
@@ -60,7 +70,12 @@ def whole() -> BenchFindings:
         peak={"simd": 3e9},
         peers=(Peer("mujoco.rollout", "CPU", 10, 200, 0.0, WorkTiming(0.01, 0.02, 3)),),
         published_model=Peer(
-            "published 3-joint Euler model", "CPU, 1 core", 1, 1000, 0.1, WorkTiming(0.0055, 0.006, 3)
+            "published 3-joint Euler model",
+            "CPU, 1 core",
+            1,
+            1000,
+            0.1,
+            WorkTiming(0.0055, 0.006, 3),
         ),
         campaigns=Campaigns("simd", 1000, 5.0, {100: 3.0, 1100: 4.0}),
         software=SoftwareSpeed(

@@ -1,4 +1,6 @@
-"""Work in a process of its own: its result comes back, and of whatever else happens there one line."""
+"""Work in a process of its own: its result comes back, and of whatever else happens there one
+line.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The benchmark measures what it says: every run distinct and computed, ratios and shares those of its numbers."""
+"""The benchmark measures what it says: every run distinct and computed, ratios and shares those
+of its numbers.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.bench import campaigns, clock, operations, peak, peers, software, speed, start, workload
+from ravenjax.bench import (
+    campaigns,
+    clock,
+    operations,
+    peak,
+    peers,
+    software,
+    speed,
+    start,
+    workload,
+)
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading
 from ravenjax.engines import traced
@@ -54,7 +66,9 @@ def test_the_control_software_is_timed_in_pedal_down():
 def test_no_two_runs_are_alike(work):
     runs = 3 * PATTERN_RUNS
     block = work.block(5, runs, runs, np.zeros((TICKS, 6), np.float32))
-    rows = np.stack([np.asarray(leaf, np.float64) for leaf in jax.tree.leaves(block.faults)], axis=1)
+    rows = np.stack(
+        [np.asarray(leaf, np.float64) for leaf in jax.tree.leaves(block.faults)], axis=1
+    )
     assert len(np.unique(rows, axis=0)) == runs
 
 
@@ -106,7 +120,9 @@ def test_operations_by_stage_add_up(work):
 
 
 def test_peak_is_that_of_real_multiply_adds():
-    """No CPU core does more than 4 vector instructions a cycle, at 8 GHz; none that runs this less than one in ten."""
+    """No CPU core does more than 4 vector instructions a cycle, at 8 GHz; none that runs this
+    less than one in ten.
+    """
     assert 1e8 < peak.cpu(1, repeats=1, rounds=200_000) < 4 * 16 * 8e9
 
 
@@ -162,8 +178,9 @@ def test_commands_are_timed_in_rounds_with_a_cache_of_their_own(monkeypatch):
     assert cold.what == "ravenjax run quick, nothing cached" and cold.seconds.values == (3.0, 8.0)
     assert (cold.cpu_s, cold.peak_mb) == (2.0, 99.0)
     assert [one.what for one in (again, others)] == [
-        "ravenjax run quick again", "ravenjax run quick with other values"
-    ]  # fmt: skip
+        "ravenjax run quick again",
+        "ravenjax run quick with other values",
+    ]
     assert (listing.what, helping.what) == ("ravenjax campaigns", "ravenjax --help")
     places = [place for place, _ in calls]
     assert len(set(places[:5])) == len(set(places[5:])) == 1 and places[0] != places[5]
@@ -175,13 +192,20 @@ def test_the_large_campaign_is_the_one_that_is_timed_elsewhere(tmp_path):
     file = tmp_path / "large.toml"
     file.write_text(start.LARGE.format(runs=7, duration_s=2.0, last_ms=1999))
     one, other = loading.load(str(file)), workload.campaign(7, 2000)
-    assert one.group == other.group and one.operator == other.operator and one.campaign.duration_s == 2.0
+    assert (
+        one.group == other.group
+        and one.operator == other.operator
+        and one.campaign.duration_s == 2.0
+    )
 
 
 @pytest.mark.slow
 def test_the_large_campaign_is_run_from_the_shell():
     cold, others = start.measure_large(0.0, 40, 0.5, "--engine", "simd")
-    assert cold.what == "ravenjax run of 40 runs of 0.5 s, nothing cached" and len(cold.seconds.values) == 1
+    assert (
+        cold.what == "ravenjax run of 40 runs of 0.5 s, nothing cached"
+        and len(cold.seconds.values) == 1
+    )
     assert others.what.endswith("with other values") and others.cpu_s > 0.0
 
 

@@ -17,18 +17,30 @@ def cpus(tmp_path):
         folder.mkdir(parents=True)
         (folder / "thread_siblings_list").write_text(f"{siblings}\n")
     for index, (level, kind, size, sharing) in enumerate(
-        [("1", "Data", "48K", "0,2"), ("1", "Instruction", "32K", "0,2"), ("3", "Unified", "32M", "0-3")]
+        [
+            ("1", "Data", "48K", "0,2"),
+            ("1", "Instruction", "32K", "0,2"),
+            ("3", "Unified", "32M", "0-3"),
+        ]
     ):
         folder = tmp_path / f"cpu0/cache/index{index}"
         folder.mkdir(parents=True)
-        for name, text in {"level": level, "type": kind, "size": size, "shared_cpu_list": sharing}.items():
+        for name, text in {
+            "level": level,
+            "type": kind,
+            "size": size,
+            "shared_cpu_list": sharing,
+        }.items():
             (folder / name).write_text(f"{text}\n")
     return tmp_path
 
 
 def test_real_cores_come_first(cpus):
     assert machine.spread([0, 1, 2, 3], cpus) == [(0, False), (1, False), (2, True), (3, True)]
-    assert machine.spread([2, 3], cpus) == [(2, False), (3, False)]  # nobody else uses their cores here
+    assert machine.spread([2, 3], cpus) == [
+        (2, False),
+        (3, False),
+    ]  # nobody else uses their cores here
     assert machine.spread([2, 0], cpus) == [(0, False), (2, True)]
     assert machine.spread([7, 5], cpus / "nothing") == [(5, False), (7, False)]
 

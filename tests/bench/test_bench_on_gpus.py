@@ -1,4 +1,5 @@
-"""What the benchmark asks of GPUs, asked of real ones; skipped, with one line, where there are none.
+"""What the benchmark asks of GPUs, asked of real ones; skipped, with one line, where there are
+none.
 
 The same functions are asked of a CPU in `test_scaling.py` and `test_fault_times.py`.
 """
@@ -43,7 +44,9 @@ def test_runs_cost_what_comes_after_their_fault(gpus, own_cache):
 
 def test_engine_and_peak_are_measured(gpus):
     assert peak.measure(0.5, "cuda") > 1e12
-    answer = apart.run(speed.of_engine, 1.0, "cuda", limit_s=300.0, environment={"RAVENJAX_CACHE": "off"})
+    answer = apart.run(
+        speed.of_engine, 1.0, "cuda", limit_s=300.0, environment={"RAVENJAX_CACHE": "off"}
+    )
     assert answer.why == "" and answer.value.best.ticks_per_s > 1e6 and answer.value.ready_s > 0.0
 
 

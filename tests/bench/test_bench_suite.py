@@ -1,4 +1,6 @@
-"""All parts in one run: what one of them breaks is a line, what does not fit is named, each can be asked for."""
+"""All parts in one run: what one of them breaks is a line, what does not fit is named, each can
+be asked for.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,10 @@ def test_a_part_that_breaks_spoils_no_other(some):
     assert found.absent == {"cores": "its process ended with code 9 and no answer"}
     assert [one.name for one in found.clocks] == ["cores", "campaigns", "peak simd"]
     assert all(one.seconds > 0.0 and one.measuring_s <= 1.0 for one in found.clocks)
-    assert not found.is_empty and suite.BenchFindings(None, 0.0, 0.0, found.clocks[:1], found.absent).is_empty
+    assert (
+        not found.is_empty
+        and suite.BenchFindings(None, 0.0, 0.0, found.clocks[:1], found.absent).is_empty
+    )
     assert math.isnan(found.clocks[0].peak_mb) and found.clocks[1].peak_mb > 5.0
 
 
@@ -64,7 +69,9 @@ def test_a_part_that_hangs_is_ended_in_time(some, monkeypatch):
 
 
 def test_what_does_not_fit_is_named_with_its_time(some):
-    found = some(10.0, BenchPart("cores", "cores", "", bench_work.crashes, PartCost(1000.0, 1.0, 1.0)))
+    found = some(
+        10.0, BenchPart("cores", "cores", "", bench_work.crashes, PartCost(1000.0, 1.0, 1.0))
+    )
     assert (
         found.clocks == ()
         and found.is_empty
@@ -80,9 +87,14 @@ def test_parts_that_need_a_gpu_are_not_tried_without(some):
 
 def test_a_machine_that_cannot_be_described_is_told(some, monkeypatch):
     monkeypatch.setattr(suite.machine, "describe", bench_work.no_machine)
-    found = some(60.0, BenchPart("devices", "devices", "", bench_work.crashes, NONE, needs_gpu=True))
+    found = some(
+        60.0, BenchPart("devices", "devices", "", bench_work.crashes, NONE, needs_gpu=True)
+    )
     assert found.machine is None
-    assert found.absent == {"machine": "RuntimeError: no CPU", "devices": "the machine is not known"}
+    assert found.absent == {
+        "machine": "RuntimeError: no CPU",
+        "devices": "the machine is not known",
+    }
 
 
 def test_devices_are_counted_by_processes_of_their_own(some, monkeypatch):
@@ -99,7 +111,12 @@ def test_devices_are_counted_by_processes_of_their_own(some, monkeypatch):
     (part,) = (part for part in parts.PARTS if part.name == parts.DEVICES)
     found = some(200.0, part)
     ((share, names, folder, limit_s),) = asked
-    assert names == ["5", "6", "7"] and share > 3.0 and folder not in ("", "off") and share < limit_s < 220.0
+    assert (
+        names == ["5", "6", "7"]
+        and share > 3.0
+        and folder not in ("", "off")
+        and share < limit_s < 220.0
+    )
     assert found.devices == made_up.whole().cores
 
 
@@ -127,20 +144,26 @@ def test_every_part_can_be_asked_for_and_travels():
     assert len({part.name for part in parts.PARTS}) == len(parts.PARTS)
     for part in parts.PARTS:
         assert pickle.loads(pickle.dumps(part.work)) is part.work
-    (one, two, eight) = (next(part.cost for part in parts.wanted(False, ("devices",), gpus)) for gpus in (1, 2, 8))
+    one, two, eight = (
+        next(part.cost for part in parts.wanted(False, ("devices",), gpus)) for gpus in (1, 2, 8)
+    )
     assert 0.0 < one.usual_s < two.usual_s < eight.usual_s
 
 
 def test_times_that_make_no_sense_are_refused(capsys):
     for seconds in ("1", "-5", "nan", "1e9"):
         assert main(["bench", "--seconds", seconds]) == 2
-        assert f"--seconds {float(seconds):g}: expected {effort.LEAST_S:g} to" in "".join(capsys.readouterr())
+        assert f"--seconds {float(seconds):g}: expected {effort.LEAST_S:g} to" in "".join(
+            capsys.readouterr()
+        )
     assert main(["bench", "--only", "everything"]) == 2
 
 
 @pytest.mark.slow
 def test_the_whole_in_little_time(capsys, tmp_path):
-    """Whatever fits is measured, whatever does not is named, and every value is there or has its reason."""
+    """Whatever fits is measured, whatever does not is named, and every value is there or has its
+    reason.
+    """
     page = tmp_path / "page.md"
     began = time.perf_counter()
     assert main(["bench", "--seconds", "60", "--json", "--markdown", str(page)]) == 0
@@ -154,7 +177,9 @@ def test_the_whole_in_little_time(capsys, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["cores", "fault_times", "campaigns", "shell", "software", "peers"])
+@pytest.mark.parametrize(
+    "name", ["cores", "fault_times", "campaigns", "shell", "software", "peers"]
+)
 def test_a_part_asked_for_alone(name, capsys):
     assert main(["bench", "--only", name, "--seconds", "400", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -16,7 +16,9 @@ from ravenjax.errors import UserError
 
 @pytest.fixture
 def other(tmp_path):
-    """Another checkout: commands end at once, and a campaign takes as long as it has runs of milliseconds."""
+    """Another checkout: commands end at once, and a campaign takes as long as it has runs of
+    milliseconds.
+    """
     package = tmp_path / "other/ravenjax"
     (package / "cli").mkdir(parents=True)
     (package / "__init__.py").write_text(
@@ -41,8 +43,11 @@ def test_both_are_measured_in_turn_as_themselves(other, few, tmp_path, monkeypat
     turns = []
     monkeypatch.chdir(start.ROOT)
     found = beside.measure(other, 60.0, turns.append, here=third)
-    assert turns == [f"round {n}, {root}" for n, roots in enumerate(
-        ((third, other), (other, third), (third, other)), 1) for root in roots]  # fmt: skip
+    assert turns == [
+        f"round {n}, {root}"
+        for n, roots in enumerate(((third, other), (other, third), (third, other)), 1)
+        for root in roots
+    ]
     names = [row.what for row in found.rows]
     assert names[:2] == ["ravenjax run quick, nothing cached", "ravenjax run quick again"]
     assert names[-1].startswith("a campaign of 20 runs of 3.00 s on ")
@@ -65,8 +70,12 @@ def test_a_checkout_that_fails_is_named(other, few):
     shutil.copytree(other, third)
     with pytest.raises(RuntimeError, match=r"(?s)run quick .*: exit code 1: .*torn"):
         beside.measure(other, 1.0, here=third)
-    (other / "ravenjax/__init__.py").write_text("def load_campaign(raw): return raw\ndef run(campaign): 1 / 0\n")
-    with pytest.raises(RuntimeError, match=r"ravenjax\.run in .*other: exit code 1: .*ZeroDivisionError"):
+    (other / "ravenjax/__init__.py").write_text(
+        "def load_campaign(raw): return raw\ndef run(campaign): 1 / 0\n"
+    )
+    with pytest.raises(
+        RuntimeError, match=r"ravenjax\.run in .*other: exit code 1: .*ZeroDivisionError"
+    ):
         beside._campaign_s(other, other, [0])
 
 
@@ -89,7 +98,10 @@ def test_a_package_that_is_measured_in_place_of_another_is_noticed(other, few):
 )
 def test_sentences_say_what_repeats_tell(here, there, words):
     found = Beside("/a", "/b", (BesideRow("x", Repeats(here), Repeats(there)),))
-    assert found.sentences() == [f"Here is /a, there /b; {len(here)} round{'s' * (len(here) > 1)}.", f"x: {words}"]
+    assert found.sentences() == [
+        f"Here is /a, there /b; {len(here)} round{'s' * (len(here) > 1)}.",
+        f"x: {words}",
+    ]
     _, columns, (row,) = found.table()
     assert len(row) == len(columns)
 
@@ -111,8 +123,12 @@ def test_what_fails_is_a_message(other, few, monkeypatch, capsys):
     (other / "ravenjax/cli/__main__.py").write_text("import sys\nsys.exit('no such\\ncommand')\n")
     real = beside.measure
     monkeypatch.setattr(
-        beside, "measure", lambda folder, total, tell: real(folder, total, tell, other.parent / "third")
+        beside,
+        "measure",
+        lambda folder, total, tell: real(folder, total, tell, other.parent / "third"),
     )
     shutil.copytree(other, other.parent / "third")
     assert main(["bench", "--beside", str(other)]) == 2
-    assert f"--beside {other}: ravenjax torn: exit code 1: command" in "".join(capsys.readouterr()).replace("\n", "")
+    assert f"--beside {other}: ravenjax torn: exit code 1: command" in "".join(
+        capsys.readouterr()
+    ).replace("\n", "")

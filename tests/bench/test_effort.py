@@ -11,7 +11,9 @@ SHORT, LONG = PartCost(2.0, 1.0, 5.0), PartCost(10.0, 1.0, 9.0)
 
 
 def spend(total, costs, slower):
-    """(seconds spent, shares) on a machine so many times slower than the one that costs are from."""
+    """(seconds spent, shares) on a machine so many times slower than the one that costs are
+    from.
+    """
     allotment, spent, shares = Allotment(total), 0.0, []
     for number, cost in enumerate(costs):
         share = allotment.share(cost, costs[number + 1 :])
@@ -62,4 +64,8 @@ def test_the_whole_stays_below_its_time(slower, quick):
 
 def test_the_full_benchmark_needs_less_than_three_minutes_of_two_quiet_cores():
     costs = [part.cost for part in parts.wanted(False, (), 0) if not part.needs_gpu]
-    assert sum(cost.usual_s + cost.least_s for cost in costs) + parts.MACHINE_COST.usual_s < FULL_S < 180.0
+    assert (
+        sum(cost.usual_s + cost.least_s for cost in costs) + parts.MACHINE_COST.usual_s
+        < FULL_S
+        < 180.0
+    )

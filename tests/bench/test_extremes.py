@@ -1,4 +1,6 @@
-"""Random extreme runs that are all legal: no engine crashes, no failure goes unsaid, and engines say the same."""
+"""Random extreme runs that are all legal: no engine crashes, no failure goes unsaid, and engines
+say the same.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,30 @@ def test_a_number_draws_one_legal_campaign():
 
 
 def test_rows_that_are_not_sound_are_told():
-    row = {"run_id": "a", "failed": "", "failed_first_ms": -1, "verdict": "silent/none/no cue", "loss_mm": 1.0}
-    failed = row | {"failed": "tip not finite", "failed_first_ms": 3, "verdict": "", "loss_mm": np.nan}
+    row = {
+        "run_id": "a",
+        "failed": "",
+        "failed_first_ms": -1,
+        "verdict": "silent/none/no cue",
+        "loss_mm": 1.0,
+    }
+    failed = row | {
+        "failed": "tip not finite",
+        "failed_first_ms": 3,
+        "verdict": "",
+        "loss_mm": np.nan,
+    }
     assert list(extremes.unsound(pd.DataFrame([row, failed]))) == []
-    for wrong in ({"loss_mm": np.nan}, {"loss_mm": np.inf}, {"failed": "tip not finite"}, {"failed_first_ms": 3}):
+    for wrong in (
+        {"loss_mm": np.nan},
+        {"loss_mm": np.inf},
+        {"failed": "tip not finite"},
+        {"failed_first_ms": 3},
+    ):
         assert len(list(extremes.unsound(pd.DataFrame([row, row | wrong])))) == 1, wrong
-    table = pd.DataFrame([row, row]).assign(group="g", activated=True, response="silent", hazard="none")
+    table = pd.DataFrame([row, row]).assign(
+        group="g", activated=True, response="silent", hazard="none"
+    )
     assert extremes.differences(table, table) == []
     (told,) = extremes.differences(table, table.assign(hazard=["none", "loss of motion"]))
     assert (told.column, told.first, told.second) == ("hazard", "none", "loss of motion")
@@ -40,7 +60,8 @@ def test_a_few_hundred_extreme_runs(number):
     assert len(simd) == 1 + GROUPS * extremes.RUNS
     for table in (simd, xla):
         assert list(extremes.unsound(table)) == []
-    # A last bit of a resting motor's position is 0.01 rad/s in raven2's velocity filter, on one engine alone: a fault
+    # A last bit of a resting motor's position is 0.01 rad/s in raven2's velocity filter, on one
+    # engine alone: a fault
     # that scales this velocity then changes something or nothing.
     apart = {one.run_id for one in extremes.differences(simd, xla) if one.column != "activated"}
     assert len(apart) <= (1 - SAME) * len(simd) + 1

@@ -34,8 +34,13 @@ def test_counts_of_cores(real, threads, usable, counts):
 
 def test_counts_of_devices():
     assert [devices.counts(n) for n in (1, 2, 3, 4, 6, 8)] == [
-        [1], [1, 2], [1, 2, 3], [1, 2, 4], [1, 2, 4, 6], [1, 2, 4, 8]
-    ]  # fmt: skip
+        [1],
+        [1, 2],
+        [1, 2, 3],
+        [1, 2, 4],
+        [1, 2, 4, 6],
+        [1, 2, 4, 8],
+    ]
 
 
 def test_a_limit_of_time_is_told():
@@ -74,8 +79,10 @@ def test_rounds_are_as_many_as_fit_and_one_at_least(monkeypatch):
 
 
 def test_shares_of_linear_are_those_of_the_first_point():
-    one, four = (scaling.ScalingPoint(n, False, Repeats(k), Repeats(c), n) for n, k, c in
-                 ((1, (8.0, 10.0), (5.0,)), (4, (36.0,), (10.0, 8.0))))  # fmt: skip
+    one, four = (
+        scaling.ScalingPoint(n, False, Repeats(k), Repeats(c), n)
+        for n, k, c in ((1, (8.0, 10.0), (5.0,)), (4, (36.0,), (10.0, 8.0)))
+    )
     found = scaling.Scaling("simd", (one, four), 10, 10, "")
     assert found.efficiency(one) == (1.0, 1.0) and found.efficiency(four) == (0.9, 0.5)
     assert Repeats((8.0, 10.0)).spread == pytest.approx(2.0 / 9.0) and Repeats((3.0,)).spread == 0.0
@@ -95,7 +102,11 @@ def test_the_bare_kernel_runs_every_tick_of_distinct_runs():
     watched = scaling.KernelBlocks(Watched(), bare.work, bare.blocks, bare.runs)  # type: ignore[arg-type]
     assert watched.ticks_per_s(2) > 0.0 and sum(done) == 96 * 20
     done.clear()
-    assert watched.first(2).runs == 64 and watched.first(2).ticks_per_s(1) > 0.0 and sum(done) == 64 * 20
+    assert (
+        watched.first(2).runs == 64
+        and watched.first(2).ticks_per_s(1) > 0.0
+        and sum(done) == 64 * 20
+    )
 
 
 @pytest.fixture
@@ -148,6 +159,8 @@ def test_without_a_single_device_there_is_no_scaling(monkeypatch):
 def test_gpus_are_asked_for_as_cpus_are(own_cache):
     """All that a process does for its devices, on a CPU."""
     point = devices.point(0.1, 2, SMALL, None)
-    assert point.count == 2 and point.runs == 2 * SMALL.least_runs * (point.runs // (2 * SMALL.least_runs))
+    assert point.count == 2 and point.runs == 2 * SMALL.least_runs * (
+        point.runs // (2 * SMALL.least_runs)
+    )
     again = devices.point(0.1, 2, SMALL, 48)
     assert again.runs == 96

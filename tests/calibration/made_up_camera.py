@@ -15,7 +15,9 @@ MOTIONS, ROWS = 40, 10
 
 
 def log(values: np.ndarray, noise_m: float = 0.0, seed: int = 0) -> CameraLog:
-    """Of an arm with kinematic errors [16] at `tip_error.PATHS`, by a camera that stands somewhere."""
+    """Of an arm with kinematic errors [16] at `tip_error.PATHS`, by a camera that stands
+    somewhere.
+    """
     rng = np.random.default_rng(seed)
     joints = rng.uniform(LOW, HIGH, (MOTIONS * ROWS, 7))
     reported, rotation = arrays.forward_kinematics(joints, ARM)

@@ -21,7 +21,9 @@ ROWS = 40
 def motion(phase: float) -> bags.Motion:
     """Joints every 4 ms, the measured behind the desired ones."""
     seconds = np.arange(ROWS) * 4e-3
-    joints = np.array([0.5, 1.5, 0.4, 0.1, 0.1, 0.7, 0.8]) + 0.2 * np.sin(phase + 9.0 * seconds[:, None])
+    joints = np.array([0.5, 1.5, 0.4, 0.1, 0.1, 0.7, 0.8]) + 0.2 * np.sin(
+        phase + 9.0 * seconds[:, None]
+    )
     return bags.Motion(seconds, joints, joints - 0.003 * np.cos(phase + 9.0 * seconds[:, None]))
 
 
@@ -43,7 +45,9 @@ def of_csv(folder: Path, one: bags.Motion) -> JointLog:
 def assert_same(one: JointLog, other: JointLog, tolerance: float) -> None:
     assert one.cycles.tolist() == other.cycles.tolist()
     for name in ("start", "desired", "measured"):
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=0.0, atol=tolerance)
+        np.testing.assert_allclose(
+            getattr(one, name), getattr(other, name), rtol=0.0, atol=tolerance
+        )
 
 
 @pytest.mark.parametrize(("arm", "one"), [("gold", GOLD), ("green", GREEN)])
@@ -112,7 +116,9 @@ def test_a_folder_without_a_bag_is_refused(tmp_path) -> None:
 
 def test_what_the_file_has_instead_is_said(tmp_path) -> None:
     path = bags.other_bag(tmp_path / "log.bag")
-    with pytest.raises(UserError, match=r"/arm1/setpoint_js and measured_js of CRTK; the file has\n  /joint_states"):
+    with pytest.raises(
+        UserError, match=r"/arm1/setpoint_js and measured_js of CRTK; the file has\n  /joint_states"
+    ):
         read(path)
 
 

@@ -17,19 +17,25 @@ from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.plant import robot
 
-FRICTION = tuple(Unknown("motor_friction", ("plant.actuators.coulomb",), j, 1.0, True) for j in (0, 1, 3))
+FRICTION = tuple(
+    Unknown("motor_friction", ("plant.actuators.coulomb",), j, 1.0, True) for j in (0, 1, 3)
+)
 PLANT = robot.params(virtual_log.SETUP, "gold")
 
 
 @pytest.mark.slow
 def test_hidden_friction_is_found_and_predicts_the_rest() -> None:
     hidden = np.array([0.5, -0.4, 0.3])
-    one = virtual_log.recorded(position_loop.params(PLANT), FRICTION, hidden, virtual_log.swept(6000))
+    one = virtual_log.recorded(
+        position_loop.params(PLANT), FRICTION, hidden, virtual_log.swept(6000)
+    )
     calibrated = one.calibrated(PLANT, FRICTION)
     np.testing.assert_allclose(calibrated.fit.steps, hidden, atol=0.05)
     np.testing.assert_allclose(calibrated.after, calibrated.before * np.exp(hidden), rtol=0.05)
     assert (calibrated.told < 0.1).all()
-    log, before, found, rotor = one.judged(one.halves[1], {"before": calibrated.base, "after": calibrated.robot})
+    log, before, found, rotor = one.judged(
+        one.halves[1], {"before": calibrated.base, "after": calibrated.robot}
+    )
     assert rotor.model == ROTOR
     assert (found.residual[[0, 1, 3]] < 0.2 * before.residual[[0, 1, 3]]).all()
     np.testing.assert_allclose(found.following, log.following, rtol=0.02)
@@ -57,11 +63,19 @@ def test_unknowns_move_what_they_name() -> None:
         Unknown("offset", ("plant.actuators.bias",), 0, 0.02, False),
     )
     moved = parameters.apply(base, wanted, np.array([2.0, -1.0])).plant
-    assert float(moved.link_coulomb[2]) == pytest.approx(float(PLANT.link_coulomb[2]) * np.e, rel=1e-6)
-    assert float(moved.actuators.bias[0]) == pytest.approx(float(PLANT.actuators.bias[0]) - 0.02, rel=1e-6)
-    assert float(moved.actuators.viscous[2]) == pytest.approx(float(PLANT.actuators.viscous[2]) * np.e, rel=1e-6)
+    assert float(moved.link_coulomb[2]) == pytest.approx(
+        float(PLANT.link_coulomb[2]) * np.e, rel=1e-6
+    )
+    assert float(moved.actuators.bias[0]) == pytest.approx(
+        float(PLANT.actuators.bias[0]) - 0.02, rel=1e-6
+    )
+    assert float(moved.actuators.viscous[2]) == pytest.approx(
+        float(PLANT.actuators.viscous[2]) * np.e, rel=1e-6
+    )
     assert moved.actuators.coulomb == PLANT.actuators.coulomb
-    np.testing.assert_allclose(parameters.before(base, wanted), [PLANT.link_coulomb[2], PLANT.actuators.bias[0]])
+    np.testing.assert_allclose(
+        parameters.before(base, wanted), [PLANT.link_coulomb[2], PLANT.actuators.bias[0]]
+    )
     assert wanted[0].path == "dry_friction.insertion"
 
 
@@ -77,13 +91,18 @@ def test_what_is_asked_can_be_chosen() -> None:
         "cable_damping.insertion",
     ]
     assert ",".join(parameters.ASKS) == calibration.EVERYTHING
-    with pytest.raises(UserError, match=r"got frictions, expected some of friction.*Did you mean 'friction'"):
+    with pytest.raises(
+        UserError, match=r"got frictions, expected some of friction.*Did you mean 'friction'"
+    ):
         parameters.unknowns((0,), ("frictions",))
 
 
 def test_a_delay_is_in_the_robot_only_where_it_is_asked_for() -> None:
     assert parameters.believed(PLANT, FRICTION).command_delay == 0.0
-    assert parameters.believed(PLANT, parameters.unknowns((0,))).command_delay == parameters.USUAL_DELAY_MS
+    assert (
+        parameters.believed(PLANT, parameters.unknowns((0,))).command_delay
+        == parameters.USUAL_DELAY_MS
+    )
 
 
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
@@ -97,7 +116,9 @@ def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
 def test_intervals_are_of_the_belief_after() -> None:
     calibrated = fitted(np.diag([0.01, 0.04, 1.0]), np.array([0.5, 0.0, 0.0]))
     low, high = calibrated.interval
-    np.testing.assert_allclose(low, [0.02, 0.08, 0.03] * np.exp([0.5 - 0.16449, -0.32898, -1.6449]), rtol=1e-5)
+    np.testing.assert_allclose(
+        low, [0.02, 0.08, 0.03] * np.exp([0.5 - 0.16449, -0.32898, -1.6449]), rtol=1e-5
+    )
     np.testing.assert_allclose(low * high, calibrated.after**2, rtol=1e-5)
     inside = (np.exp(calibrated.draws(20_000)) * calibrated.before > low) & (
         np.exp(calibrated.draws(20_000)) * calibrated.before < high

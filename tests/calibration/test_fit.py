@@ -12,7 +12,9 @@ TIME = np.linspace(0.0, 1.0, ROWS)
 
 
 def predictor(steps: np.ndarray) -> np.ndarray:
-    """Two unknowns: the rate of a decay at joint 0, and an offset at joint 1; five joints do not move."""
+    """Two unknowns: the rate of a decay at joint 0, and an offset at joint 1; five joints do not
+    move.
+    """
     joints = np.zeros((len(steps), ROWS, 7))
     joints[:, :, 0] = np.exp(-np.exp(steps[:, :1]) * TIME)
     joints[:, :, 1] = steps[:, 1:2]
@@ -39,7 +41,9 @@ def test_what_a_log_tells_is_found_as_surely_as_least_squares_say() -> None:
 
 def test_what_a_log_does_not_tell_stays_as_it_was_believed() -> None:
     best = fitting.fit(
-        lambda steps: predictor(steps)[:, :, [0, 2, 2, 3, 4, 5, 6]], measured(np.array([0.7, 0.0]), 0.01), 2
+        lambda steps: predictor(steps)[:, :, [0, 2, 2, 3, 4, 5, 6]],
+        measured(np.array([0.7, 0.0]), 0.01),
+        2,
     )
     assert best.steps[1] == 0.0 and best.covariance[1, 1] == pytest.approx(1.0)
 
@@ -60,7 +64,9 @@ def test_a_joint_that_sticks_is_left_by_a_longer_step(truth) -> None:
         joints[:, :, 0] = free * TIME
         return joints
 
-    measured = sticking(np.array([[truth]]))[0] + np.random.default_rng(2).normal(0.0, 0.002, (ROWS, 7))
+    measured = sticking(np.array([[truth]]))[0] + np.random.default_rng(2).normal(
+        0.0, 0.002, (ROWS, 7)
+    )
     measured[:, 1:] = np.nan
     best = fitting.fit(sticking, measured, 1)
     assert best.steps[0] == pytest.approx(truth, abs=0.01)

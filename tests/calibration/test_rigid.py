@@ -21,7 +21,9 @@ def test_a_rigid_motion_is_found_again_for_each_of_many_sets() -> None:
 
 def test_a_mirror_image_is_met_by_a_rotation() -> None:
     points = np.random.default_rng(1).normal(size=(50, 3))
-    assert np.linalg.det(rigid.fit(points, points * (1.0, 1.0, -1.0)).rotation) == pytest.approx(1.0)
+    assert np.linalg.det(rigid.fit(points, points * (1.0, 1.0, -1.0)).rotation) == pytest.approx(
+        1.0
+    )
 
 
 def test_bad_frames_hardly_move_it() -> None:

@@ -31,7 +31,9 @@ def measured() -> np.ndarray:
 def results(measured) -> tuple[int, dict[str, sampling.Search]]:
     counter = sampling.Counter(predictor)
     best = fitting.fit(counter, measured, UNKNOWNS)
-    return counter.replays, {one.name: one for one in sampling.searches(predictor, measured, best, BUDGET)}
+    return counter.replays, {
+        one.name: one for one in sampling.searches(predictor, measured, best, BUDGET)
+    }
 
 
 def test_slopes_need_fewer_replays_than_any_sampling(results) -> None:

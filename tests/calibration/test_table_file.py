@@ -48,7 +48,10 @@ def test_joints_are_put_on_the_clock_of_the_control_cycle(tmp_path, name) -> Non
 def test_motors_in_degrees_become_joints(tmp_path) -> None:
     values = joints()
     motors = np.array(
-        [[float(m) for m in transmission.motor_from_joint(ARM, TOOL, Vec(q), None, SOFTWARE)] for q in values]
+        [
+            [float(m) for m in transmission.motor_from_joint(ARM, TOOL, Vec(q), None, SOFTWARE)]
+            for q in values
+        ]
     )
     columns = {f"mpos_{word}_deg": np.degrees(motors[:, j]) for j, word in enumerate(JOINTS)}
     columns |= {f"mpos_d_{word}_deg": np.degrees(motors[:, j]) for j, word in enumerate(JOINTS)}
@@ -67,7 +70,10 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
         columns[f"dac_{word}"] = -torque * float(transmission.COUNTS_PER_NM[j])
     log = read(write(tmp_path, **columns), period_ms=1.0)
     asked = np.array(
-        [[float(m) for m in transmission.motor_from_joint(ARM, TOOL, Vec(q), None, SOFTWARE)] for q in log.desired]
+        [
+            [float(m) for m in transmission.motor_from_joint(ARM, TOOL, Vec(q), None, SOFTWARE)]
+            for q in log.desired
+        ]
     )
     np.testing.assert_allclose(asked[:, :3], 100.5, rtol=1e-9)
     assert np.isnan(log.measured[:, 3:]).all() and log.joints == [0, 1, 2]
@@ -77,12 +83,24 @@ def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
     ("name", "columns", "period", "message"),
     [
         ("log.csv", {"jpos_shoulder": [0.0, 0.1]}, 1.0, "neither jpos_d and jpos"),
-        ("log.csv", {"jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]}, None, "--period-ms"),
-        ("log.csv", {"time_s": [0.0, 0.0], "jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]}, None, "row 1"),
+        (
+            "log.csv",
+            {"jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]},
+            None,
+            "--period-ms",
+        ),
+        (
+            "log.csv",
+            {"time_s": [0.0, 0.0], "jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]},
+            None,
+            "row 1",
+        ),
         ("log.csv", {"jpos_shoulder": [0.0]}, 1.0, "1 rows"),
     ],
 )
-def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(tmp_path, name, columns, period, message) -> None:
+def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
+    tmp_path, name, columns, period, message
+) -> None:
     with pytest.raises(UserError, match=message):
         read(write(tmp_path, name, **columns), period)
 
@@ -91,7 +109,9 @@ def test_other_files_are_refused(tmp_path) -> None:
     with pytest.raises(UserError, match="no log at"):
         read(tmp_path / "absent.csv")
     (tmp_path / "log.txt").write_text("")
-    with pytest.raises(UserError, match=r"a log is \.csv, \.parquet, \.bag, \.mcap, \.db3 or a folder"):
+    with pytest.raises(
+        UserError, match=r"a log is \.csv, \.parquet, \.bag, \.mcap, \.db3 or a folder"
+    ):
         read(tmp_path / "log.txt")
 
 
@@ -116,7 +136,10 @@ def test_what_is_no_table_is_refused(tmp_path, name, content) -> None:
     ("change", "words"),
     [
         ({"jpos_elbow": ["a"] * 5}, "column jpos_elbow holds other things than numbers"),
-        ({"jpos_elbow": [0.1, np.inf, 0.1, 0.1, 0.1]}, "row 1, column jpos_elbow: got inf, expected a finite number"),
+        (
+            {"jpos_elbow": [0.1, np.inf, 0.1, 0.1, 0.1]},
+            "row 1, column jpos_elbow: got inf, expected a finite number",
+        ),
         ({"time_s": ["a"] * 5}, "column time_s holds other things than numbers"),
         ({"time_s": np.arange(5) * 1e9}, "lasts 4e[+]09 s, expected seconds of motion"),
         ({"time_s": np.arange(5) * 1e-9}, "lasts 4e-09 s, expected seconds of motion"),
@@ -125,9 +148,15 @@ def test_what_is_no_table_is_refused(tmp_path, name, content) -> None:
 )
 def test_columns_that_hold_no_numbers_or_no_times_are_refused(tmp_path, change, words) -> None:
     values = joints()
-    columns = {f"{name}_{word}": values[:, j] for name in ("jpos", "jpos_d") for j, word in enumerate(JOINTS)}
+    columns = {
+        f"{name}_{word}": values[:, j]
+        for name in ("jpos", "jpos_d")
+        for j, word in enumerate(JOINTS)
+    }
     with pytest.raises(UserError, match=words):
-        read(write(tmp_path, **({"time_s": np.arange(5) * 1e-3} | columns | change)), period_ms=None)
+        read(
+            write(tmp_path, **({"time_s": np.arange(5) * 1e-3} | columns | change)), period_ms=None
+        )
 
 
 @pytest.mark.parametrize("period_ms", [0.0, -1.0, np.nan, np.inf])

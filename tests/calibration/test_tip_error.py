@@ -23,7 +23,9 @@ def test_every_value_stands_at_its_path() -> None:
         errors = tip_error.with_values(jax.numpy.asarray(values))
     leaves = dict(paths.leaves(errors, RavenSetup()))
     assert [float(leaves[path]) for path in tip_error.PATHS] == values.tolist()
-    others = [float(value) for path, value in leaves.items() if path not in (*tip_error.PATHS, "scale")]
+    others = [
+        float(value) for path, value in leaves.items() if path not in (*tip_error.PATHS, "scale")
+    ]
     assert not any(others) and float(leaves["scale"]) == 1.0
 
 
@@ -43,7 +45,9 @@ def test_a_drawn_robot_predicts_the_errors_that_a_camera_sees_of_it() -> None:
 
 
 def test_the_factor_is_that_of_the_middle_robot() -> None:
-    """A log of the drawn robot in the middle asks for about the distribution that it was drawn from, twice it for 2."""
+    """A log of the drawn robot in the middle asks for about the distribution that it was drawn
+    from, twice it for 2.
+    """
     robots = tip_error.draw(41, seed=1)
     log = made_up_camera.log(NONE)
     middle = np.argsort(np.median(tip_error.predicted(log, robots)[0], axis=1))[20]
@@ -63,7 +67,9 @@ def test_an_arm_s_own_errors_are_told_from_noise_where_nothing_was_fitted() -> N
     values = NONE.copy()
     values[ELBOW] = 0.15
     log = made_up_camera.log(values, noise_m=5e-4)
-    none, right, wrong = (arm_errors.fit(log, parts) for parts in ((), ("joint_offset",), ("ratio_error",)))
+    none, right, wrong = (
+        arm_errors.fit(log, parts) for parts in ((), ("joint_offset",), ("ratio_error",))
+    )
     medians = [float(np.median(one.left[1])) for one in (none, right, wrong)]
     assert medians[1] < 0.85e-3, "noise alone has a median of 0.77 mm"
     assert min(medians[0], medians[2]) > 1.1 * medians[1]
@@ -75,7 +81,9 @@ def test_an_arm_s_own_errors_are_told_from_noise_where_nothing_was_fitted() -> N
 def test_the_distribution_that_campaigns_draw_is_the_one_fitted() -> None:
     assert tuple(kinematic_errors.MEASURED) == tip_error.PATHS
     draws = tip_error.draw(4000)
-    np.testing.assert_allclose(draws.std(axis=0), list(kinematic_errors.MEASURED.values()), rtol=0.05)
+    np.testing.assert_allclose(
+        draws.std(axis=0), list(kinematic_errors.MEASURED.values()), rtol=0.05
+    )
 
 
 @pytest.mark.slow

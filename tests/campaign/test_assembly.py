@@ -51,10 +51,24 @@ def test_a_part_is_there_as_soon_as_its_rows_are():
 
     for part in assembly.parts([range(0, 4), range(4, 5), range(5, 12)], blocks()):
         told.append(f"part to {part.rows.stop}")
-    assert told == ["block 0", "block 1", "part to 4", "part to 5", "block 2", "block 3", "part to 12"]
+    assert told == [
+        "block 0",
+        "block 1",
+        "part to 4",
+        "part to 5",
+        "block 2",
+        "block 3",
+        "part to 12",
+    ]
 
 
-@given(st.lists(st.tuples(st.integers(1, 5), st.sampled_from([1.0, 2.0, np.nan, None])), min_size=1, max_size=6))
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 5), st.sampled_from([1.0, 2.0, np.nan, None])),
+        min_size=1,
+        max_size=6,
+    )
+)
 def test_columns_of_one_value_stay_one_number_until_another_comes(blocks):
     """None: a block of different values."""
     rows = sum(size for size, _ in blocks)

@@ -1,4 +1,6 @@
-"""Runs that go on from their golden run end as whole ones do, to the bit; and runs that end early as shorter ones."""
+"""Runs that go on from their golden run end as whole ones do, to the bit; and runs that end
+early as shorter ones.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def every_fault():
 @given(st.integers(0, 2**32))
 def test_runs_of_any_fault_are_whole_runs_to_the_bit(every_fault, seed):
     ready = drawn(every_fault, seed)
-    assert Branching(ready, 1).branches.any() and (ready.acts > 0).any() and (ready.acts < TICKS).any()
+    assert (
+        Branching(ready, 1).branches.any() and (ready.acts > 0).any() and (ready.acts < TICKS).any()
+    )
     whole = tables(ready, SimdEngine(), whole=True)
     require_same(tables(ready, SimdEngine()), whole)
     require_within(ready, whole[0])
@@ -61,10 +65,14 @@ def test_runs_that_end_early_are_shorter_runs_to_the_bit(every_fault, seed):
     for end in np.unique(ready.ends)[:3]:
         rows = np.flatnonzero(ready.ends == end)
         shorter = observed(ready, 2 * FOREVER_TICKS)
-        shorter = dataclasses.replace(shorter, program=dataclasses.replace(ready.program, ticks=int(end), ends=False))
+        shorter = dataclasses.replace(
+            shorter, program=dataclasses.replace(ready.program, ticks=int(end), ends=False)
+        )
         for one, other in zip(found, tables(shorter, SimdEngine(), whole=True), strict=True):
             for name, values in other.items():
-                np.testing.assert_array_equal(one[name][rows], values[rows], err_msg=f"{name} at {end}")
+                np.testing.assert_array_equal(
+                    one[name][rows], values[rows], err_msg=f"{name} at {end}"
+                )
 
 
 OPERATION = {
@@ -116,6 +124,10 @@ def test_what_is_not_observed_changes_no_identity():
 def test_a_note_tells_of_golden_runs_that_stand_still(watchdog_ticks, still):
     parameters = {"plc.watchdog_ticks": watchdog_ticks}
     told = []
-    run_campaign(rj.load_campaign({**OPERATION, "parameters": parameters}), engine="simd", on_progress=told.append)
+    run_campaign(
+        rj.load_campaign({**OPERATION, "parameters": parameters}),
+        engine="simd",
+        on_progress=told.append,
+    )
     notes = told[-1].notes
     assert any("1 of 1 golden runs stand still for up to" in note for note in notes) == still

@@ -1,4 +1,6 @@
-"""What cables carry, as an outcome of a campaign: columns, both choices of what an overloaded one does, engines."""
+"""What cables carry, as an outcome of a campaign: columns, both choices of what an overloaded
+one does, engines.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,12 @@ FAULT = {
 
 def tables(duration_s: float = 0.65, **campaign) -> dict:
     return {
-        "campaign": {"name": "x", "duration_s": duration_s, "parameter_set": "power_consistent", **campaign},
+        "campaign": {
+            "name": "x",
+            "duration_s": duration_s,
+            "parameter_set": "power_consistent",
+            **campaign,
+        },
         "operator": {"motion": "reach"},
         "group": [{"name": "free"}, {"name": "a", "fault": [FAULT]}],
     }
@@ -50,19 +57,25 @@ def test_columns_agree_with_each_other(holding):
     assert ((holding["cable_overload"].astype(str) != "") == over).all()
     own = "gold " + holding["fault0_channel"].astype(str)
     assert (holding["cable_overload"].astype(str)[over] == own[over]).all()
-    assert (holding["golden_cable_load"] < 0.2).all() and (holding["golden_cable_overload_first_ms"] == -1).all()
+    assert (holding["golden_cable_load"] < 0.2).all() and (
+        holding["golden_cable_overload_first_ms"] == -1
+    ).all()
 
 
 def test_a_cable_parts_when_the_one_that_holds_is_overloaded(holding, breaking):
     for name in COLUMNS[1:]:
         assert (holding[name].astype(str) == breaking[name].astype(str)).all(), name
     over = (holding["cable_overload_first_ms"] >= 0).to_numpy()
-    np.testing.assert_allclose(breaking["cable_load"][~over], holding["cable_load"][~over], rtol=1e-4)
+    np.testing.assert_allclose(
+        breaking["cable_load"][~over], holding["cable_load"][~over], rtol=1e-4
+    )
     assert (breaking["cable_load"][over] <= holding["cable_load"][over]).all()
     same = holding.columns.difference(["run_id", *COLUMNS])
     for name in same:
         if holding[name].dtype.kind == "f":
-            np.testing.assert_allclose(breaking[name][~over], holding[name][~over], rtol=1e-3, atol=1e-3, err_msg=name)
+            np.testing.assert_allclose(
+                breaking[name][~over], holding[name][~over], rtol=1e-3, atol=1e-3, err_msg=name
+            )
         else:
             assert breaking[name][~over].equals(holding[name][~over]), name
 
@@ -71,15 +84,21 @@ def test_the_event_is_beyond_the_golden_run():
     weak = tables() | {"parameters": {"plant.cable_strength": [2.0, 1200.0]}}
     frame = rj.run(loading.from_dict(weak), engine="simd")
     names = events.columns(["cable_overload"], Rules())
-    _, cases = events.happened(pa.Table.from_pandas(frame[names], preserve_index=False), ["cable_overload"], Rules())
-    golden, own = (frame[f"{prefix}cable_overload_first_ms"].to_numpy() for prefix in ("golden_", ""))
+    _, cases = events.happened(
+        pa.Table.from_pandas(frame[names], preserve_index=False), ["cable_overload"], Rules()
+    )
+    golden, own = (
+        frame[f"{prefix}cable_overload_first_ms"].to_numpy() for prefix in ("golden_", "")
+    )
     assert (golden >= 0).any() and (golden < 0).any() and cases.any()
     assert not cases[golden >= 0].any(), "the golden run is overloaded from its beginning on"
     assert cases.tolist() == ((own >= 0) & ~((golden >= 0) & (golden <= own))).tolist()
 
 
 def test_the_authors_law_has_no_such_columns():
-    frame = rj.run(loading.from_dict(tables(0.05, parameter_set="traj3") | {"group": [{"name": "free"}]}))
+    frame = rj.run(
+        loading.from_dict(tables(0.05, parameter_set="traj3") | {"group": [{"name": "free"}]})
+    )
     assert not [name for name in frame if "cable" in name]
 
 
@@ -107,12 +126,21 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
             "motors pull at the cables of parameter_set 'traj3' twelve times as hard",
         ),
         ({"cables": "brake"}, "campaign.cables"),
-        ({"parameters": {"plant.cable_strength": 900.0}}, 'take parameter_set = "power_consistent"'),
-        ({"stop": {"half_width": 0.1, "rates": ["cable_overload"]}}, "tensions of this robot's cables are not known"),
+        (
+            {"parameters": {"plant.cable_strength": 900.0}},
+            'take parameter_set = "power_consistent"',
+        ),
+        (
+            {"stop": {"half_width": 0.1, "rates": ["cable_overload"]}},
+            "tensions of this robot's cables are not known",
+        ),
     ],
 )
 def test_what_the_authors_law_cannot_tell_is_refused(changes, words):
-    raw = tables(parameter_set="traj3", **{name: value for name, value in changes.items() if name == "cables"})
+    raw = tables(
+        parameter_set="traj3",
+        **{name: value for name, value in changes.items() if name == "cables"},
+    )
     raw |= {name: value for name, value in changes.items() if name != "cables"}
     with pytest.raises(UserError) as error:
         loading.from_dict(raw)
@@ -120,6 +148,11 @@ def test_what_the_authors_law_cannot_tell_is_refused(changes, words):
 
 
 def test_ids_of_runs_tell_whether_cables_part():
-    ids = [plan.make(loading.from_dict(tables(**how))).table["run_id"] for how in ({}, {"cables": "unbreakable"})]
+    ids = [
+        plan.make(loading.from_dict(tables(**how))).table["run_id"]
+        for how in ({}, {"cables": "unbreakable"})
+    ]
     assert (ids[0] == ids[1]).all()
-    assert not plan.make(loading.from_dict(tables(cables="break"))).table["run_id"].isin(ids[0]).any()
+    assert (
+        not plan.make(loading.from_dict(tables(cables="break"))).table["run_id"].isin(ids[0]).any()
+    )

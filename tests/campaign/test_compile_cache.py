@@ -1,4 +1,6 @@
-"""What is kept between processes comes back whole or not at all, and never grows beyond its size."""
+"""What is kept between processes comes back whole or not at all, and never grows beyond its
+size.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,16 @@ def test_what_was_put_in_comes_out(tmp_path_factory, content):
 
 @pytest.mark.parametrize(
     "damage",
-    [lambda whole: whole[:-1], lambda whole: whole[:10], lambda whole: b"", lambda whole: whole + b"\0",
-     lambda whole: whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], lambda whole: bytes([whole[0] ^ 1]) + whole[1:]],
+    [
+        lambda whole: whole[:-1],
+        lambda whole: whole[:10],
+        lambda whole: b"",
+        lambda whole: whole + b"\0",
+        lambda whole: whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:],
+        lambda whole: bytes([whole[0] ^ 1]) + whole[1:],
+    ],
     ids=["cut", "cut in the hash", "empty", "longer", "a bit of the content", "a bit of the hash"],
-)  # fmt: skip
+)
 def test_a_damaged_file_counts_as_absent_and_is_made_anew(tmp_path, damage):
     kept = Objects(tmp_path, WHOLE)
     kept["one"], kept["two"] = b"first content", b"second content"
@@ -73,11 +81,10 @@ def test_threads_may_write_and_read_the_same_at_once(tmp_path):
 
 def test_two_processes_may_write_and_read_at_once(tmp_path):
     code = (
-        "import sys; from pathlib import Path; from ravenjax.campaign.compile_cache import Objects\n"
-        "kept = Objects(Path(sys.argv[1]), 60_000)\n"
-        "for number in range(200):\n"
-        "    key = str(number % 7); kept[key] = key.encode() * 9000\n"
-        "    assert kept.get(key) in (None, key.encode() * 9000)\n"
+        "import sys; from pathlib import Path; from ravenjax.campaign.compile_cache import"
+        " Objects\nkept = Objects(Path(sys.argv[1]), 60_000)\nfor number in range(200):\n    key ="
+        " str(number % 7); kept[key] = key.encode() * 9000\n    assert kept.get(key) in (None,"
+        " key.encode() * 9000)\n"
     )
     started = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path)]) for _ in range(2)]
     assert [process.wait() for process in started] == [0, 0]

@@ -1,4 +1,6 @@
-"""Contact as an outcome of a campaign: columns only where it is on, the same bits from simd and from C++ as CUDA."""
+"""Contact as an outcome of a campaign: columns only where it is on, the same bits from simd and
+from C++ as CUDA.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ FAULT = {
 def config(contact: bool, arms=("gold",)):
     campaign = {"name": "x", "duration_s": 0.5, "arms": list(arms), "contact": contact}
     groups = [{"name": "free"}, {"name": "a", "fault": [FAULT]}]
-    return loading.from_dict({"campaign": campaign, "operator": {"motion": "reach"}, "group": groups})
+    return loading.from_dict(
+        {"campaign": campaign, "operator": {"motion": "reach"}, "group": groups}
+    )
 
 
 def test_what_a_fault_presses_is_counted_where_contact_is_on_and_nowhere_else() -> None:
@@ -31,7 +35,9 @@ def test_what_a_fault_presses_is_counted_where_contact_is_on_and_nowhere_else() 
     assert not [name for name in plain if "contact" in name]
     assert pressed["contact_peak_n"].max() > 0.01 and pressed["contact_impulse_n_s"].max() > 0.0
     assert (pressed["contact_vessel_peak_n"] <= pressed["contact_peak_n"] + 1e-6).all()
-    assert (pressed["golden_contact_peak_n"] == 0.0).all() and (pressed["failed"].astype(str) == "").all()
+    assert (pressed["golden_contact_peak_n"] == 0.0).all() and (
+        pressed["failed"].astype(str) == ""
+    ).all()
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""Keys that nothing would read, or that would only make copies of one run: each is refused with what to write."""
+"""Keys that nothing would read, or that would only make copies of one run: each is refused with
+what to write.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,10 @@ def dac(**words: str) -> str:
 
 
 def network(keys: str) -> str:
-    return f"{HEAD}[[group]]\nname = 'net'\n[[group.fault]]\nsite = 'network'\nstart_ms = 500\n{keys}\n"
+    return (
+        f"{HEAD}[[group]]\nname = 'net'\n[[group.fault]]\nsite = 'network'\nstart_ms ="
+        f" 500\n{keys}\n"
+    )
 
 
 def load(text: str) -> Any:
@@ -69,27 +74,44 @@ def refusal(text: str) -> str:
         (  # one draw where many were meant
             dac(value="{ uniform = [-100, 100] }"),
             [
-                "group[0].fault[0].value: uniform = [-100, 100] is drawn from once, for the group makes one run",
+                (
+                    "group[0].fault[0].value: uniform = [-100, 100] is drawn from once, for the"
+                    " group makes one run"
+                ),
                 'write design = "random" (or "lhs", "sobol") and runs = 100 in the group',
             ],
         ),
-        (dac(start="{ choice = [10, 20] }", value="5"), ["fault[0].start_ms: choice = [10, 20] is drawn from once"]),
         (
-            HEAD + "[[group]]\nname = 'robot'\nparameters.plant.friction_scale = { uniform = [0.5, 2] }",
+            dac(start="{ choice = [10, 20] }", value="5"),
+            ["fault[0].start_ms: choice = [10, 20] is drawn from once"],
+        ),
+        (
+            HEAD
+            + "[[group]]\nname = 'robot'\nparameters.plant.friction_scale = { uniform = [0.5, 2] }",
             ["group[0].parameters.plant.friction_scale: uniform = [0.5, 2] is drawn from once"],
         ),
         (
-            HEAD + "[parameters]\nplant.friction_scale = { uniform = [0.5, 2] }\n[[group]]\nname = 'robot'",
-            ["parameters.plant.friction_scale: uniform = [0.5, 2] is drawn from once, for the campaign makes one run"],
+            HEAD + "[parameters]\nplant.friction_scale = { uniform = [0.5, 2] }\n[[group]]\nname ="
+            " 'robot'",
+            [
+                "parameters.plant.friction_scale: uniform = [0.5, 2] is drawn from once, for the"
+                " campaign makes one run"
+            ],
         ),
         (  # values of an effect that takes none
             network("effect = 'drop'\nvalue = [1, 2, 3]"),
             ["group[0].fault[0].value: effect 'drop' takes no value: remove the key"],
         ),
-        (dac(effect='"stuck"', value="3"), ["fault[0].value: effect 'stuck' takes no value: remove the key"]),
+        (
+            dac(effect='"stuck"', value="3"),
+            ["fault[0].value: effect 'stuck' takes no value: remove the key"],
+        ),
         (
             dac(effect='["stuck", "overwrite"]'),
-            ["fault[0].effect: effect 'stuck' takes no value, and a grid would run it once for each value, all alike"],
+            [
+                "fault[0].effect: effect 'stuck' takes no value, and a grid would run it once for"
+                " each value, all alike"
+            ],
         ),
         (
             network("effect = 'drop'\nchannel = ['lag', 'delay']"),
@@ -97,12 +119,21 @@ def refusal(text: str) -> str:
         ),
         (
             network("effect = ['drop', 'overwrite']\nchannel = ['lag', 'delay']\nvalue = 1"),
-            ["fault[0].effect: effect 'drop' acts on 'lost' by itself, and a grid would run it once for each channel"],
+            [
+                "fault[0].effect: effect 'drop' acts on 'lost' by itself, and a grid would run it"
+                " once for each channel"
+            ],
         ),
-        (dac(more="period_ms = 5"), ["fault[0].period_ms: effect 'overwrite' has no period: remove the key"]),
+        (
+            dac(more="period_ms = 5"),
+            ["fault[0].period_ms: effect 'overwrite' has no period: remove the key"],
+        ),
         (  # the same twice
             dac(channel='["shoulder", "elbow", "shoulder"]'),
-            ["fault[0].channel: got 'shoulder' twice: its runs would be identical. Write each value once"],
+            [
+                "fault[0].channel: got 'shoulder' twice: its runs would be identical. Write each"
+                " value once"
+            ],
         ),
         (dac(value="[1, 2, 1.0, 1]"), ["fault[0].value: got 1 3 times", "write { choice = [..] }"]),
         (
@@ -114,7 +145,9 @@ def refusal(text: str) -> str:
             ["haptics: two of the haptic sets are the same"],
         ),
         (
-            HEAD + "[[detector]]\nname = 'd'\nkind = 'tip_error'\nthreshold = [1, 1]\n[[group]]\nname = 'a'",
+            HEAD
+            + "[[detector]]\nname = 'd'\nkind = 'tip_error'\nthreshold = [1, 1]\n[[group]]\nname"
+            " = 'a'",
             ["detector[0].threshold: got 1.0 2 times, expected each value once"],
         ),
         (
@@ -127,13 +160,22 @@ def refusal(text: str) -> str:
             ["group[0].runs: the 64 runs would be identical: nothing in the group is drawn"],
         ),
         (  # one number by two names
-            HEAD + "[parameters]\nplant.friction_scale = 2\n[[group]]\nname = 'a'\n[[group]]\nname = 'b'\n"
+            HEAD
+            + "[parameters]\nplant.friction_scale = 2\n[[group]]\nname = 'a'\n[[group]]\nname ="
+            " 'b'\n"
             "parameters.plant.gold.friction_scale = 0.7",
-            ["group[1].parameters.plant.gold.friction_scale: names numbers that plant.friction_scale names, too"],
+            [
+                "group[1].parameters.plant.gold.friction_scale: names numbers that"
+                " plant.friction_scale names, too"
+            ],
         ),
         (
-            HEAD + "[parameters]\nplant.mass_scale = 2\n[cross]\nplant.mass_scale = [1, 2]\n[[group]]\nname = 'a'",
-            ["cross.plant.mass_scale: stands in parameters, too, where cross would replace it: remove one of the two"],
+            HEAD + "[parameters]\nplant.mass_scale = 2\n[cross]\nplant.mass_scale = [1,"
+            " 2]\n[[group]]\nname = 'a'",
+            [
+                "cross.plant.mass_scale: stands in parameters, too, where cross would replace it:"
+                " remove one of the two"
+            ],
         ),
         (  # onsets after the end
             dac(design='design = "random"\nruns = 9', start="{ uniform = [500, 5000] }"),
@@ -141,15 +183,23 @@ def refusal(text: str) -> str:
         ),
         (  # what nothing reads
             HEAD + "[parameters]\noperator.start_grasp = 500\n[[group]]\nname = 'a'",
-            ['operator.start_grasp: nothing reads it but with console = "absolute": remove it, or set that'],
+            [
+                'operator.start_grasp: nothing reads it but with console = "absolute": remove it,'
+                " or set that"
+            ],
         ),
         (
-            HEAD + "software = 'fork2015'\n[cross]\ncontrol.overdrive.policy = [0, 1]\n[[group]]\nname = 'a'",
+            HEAD
+            + "software = 'fork2015'\n[cross]\ncontrol.overdrive.policy = [0, 1]\n[[group]]\nname"
+            " = 'a'",
             ["cross.control.overdrive.policy: nothing reads it: the 2015 fork has no policy"],
         ),
         (
             HEAD + "software = 'fork2015'\npolicy = 'hard_regulation'\n[[group]]\nname = 'a'",
-            ["campaign.policy: got 'hard_regulation', but the 2015 fork has no policy: remove the key"],
+            [
+                "campaign.policy: got 'hard_regulation', but the 2015 fork has no policy: remove"
+                " the key"
+            ],
         ),
         (
             HEAD + "[[group]]\nname = 'a'\nparameters.control.overdrive.dac_max.grasp2 = 5",
@@ -170,17 +220,30 @@ def test_what_is_refused_and_what_to_write(text: str, parts: list[str]) -> None:
 @pytest.mark.parametrize(
     ("text", "runs"),
     [
-        (dac(design='design = "random"\nruns = 1', value="{ uniform = [-100, 100] }"), 1),  # one run, said so
+        (
+            dac(design='design = "random"\nruns = 1', value="{ uniform = [-100, 100] }"),
+            1,
+        ),  # one run, said so
         (dac(design="repeats = 5", value="{ uniform = [-100, 100] }"), 5),
         (dac(channel='"*"', value="{ uniform = [-100, 100] }"), 7),
         (dac(start="[500, 600]", value="{ uniform = [-100, 100] }"), 2),  # a draw for each onset
-        (dac(value="{ choice = [1, 1, 2] }", design='design = "lhs"\nruns = 6'), 6),  # a choice may weigh
-        (dac(design='design = "zip"', value="[1, 1]", start="[500, 600]"), 2),  # side by side, values come again
+        (
+            dac(value="{ choice = [1, 1, 2] }", design='design = "lhs"\nruns = 6'),
+            6,
+        ),  # a choice may weigh
+        (
+            dac(design='design = "zip"', value="[1, 1]", start="[500, 600]"),
+            2,
+        ),  # side by side, values come again
         (dac(design='design = "lhs"\nruns = 6', effect='["stuck", "overwrite"]'), 6),
         (network("effect = ['drop', 'duplicate']"), 2),
         (network("effect = 'drop'\nchannel = 'lost'"), 1),
         (dac(effect='["periodic", "overwrite"]', more="period_ms = 5"), 4),
-        (HEAD + "[parameters]\nplant.mass_scale = { uniform = [1, 2] }\n[[group]]\nname = 'a'\nrepeats = 3", 3),
+        (
+            HEAD + "[parameters]\nplant.mass_scale = { uniform = [1, 2] }\n[[group]]\nname ="
+            " 'a'\nrepeats = 3",
+            3,
+        ),
         (
             HEAD + "[parameters]\nplant.mass_scale = { uniform = [1, 2] }\n[[group]]\nname = 'a'\n"
             "[[group]]\nname = 'lib'\nhazards = 'B18'\nstart_ms = 500",
@@ -224,8 +287,13 @@ def test_paths_that_share_a_number(one: str, other: str, both: bool) -> None:
 
 
 def test_notices_are_no_errors() -> None:
-    config = load(HEAD + "[parameters]\nplant.encoder_noise = 2\n[[group]]\nname = 'lib'\nhazards = 'B26'\n")
-    assert [(key[-1], message.partition(";")[0].partition(",")[0]) for key, message in copies.notices(config)] == [
+    config = load(
+        HEAD + "[parameters]\nplant.encoder_noise = 2\n[[group]]\nname = 'lib'\nhazards = 'B26'\n"
+    )
+    assert [
+        (key[-1], message.partition(";")[0].partition(",")[0])
+        for key, message in copies.notices(config)
+    ] == [
         ("plant.encoder_noise", "nothing reads it while campaign.noise is off"),
         ("start_ms", "got uniform = [250"),
     ]

@@ -1,4 +1,6 @@
-"""Golden runs from stretch to stretch: computed once, dropped once no run needs them, joined in order."""
+"""Golden runs from stretch to stretch: computed once, dropped once no run needs them, joined in
+order.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from ravenjax.campaign.golden_runs import Computed, GoldenRuns
 def computed(numbers):
     """Golden runs whose series and outcomes are ten times their number."""
     numbers = np.asarray(numbers)
-    return Computed(numbers, np.broadcast_to(10 * numbers, (4, 6, len(numbers))), {"count": 10 * numbers})
+    return Computed(
+        numbers, np.broadcast_to(10 * numbers, (4, 6, len(numbers))), {"count": 10 * numbers}
+    )
 
 
 class Engine:

@@ -1,4 +1,6 @@
-"""A hand that the cue's force moves, in campaigns: which way, who follows, and that nothing changes without it."""
+"""A hand that the cue's force moves, in campaigns: which way, who follows, and that nothing
+changes without it.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,23 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.trainer import scenario
 
-DRIFT = {"site": "packet", "channel": "delx", "effect": "offset", "value": 40, "start_ms": 300, "duration_ms": 200}
+DRIFT = {
+    "site": "packet",
+    "channel": "delx",
+    "effect": "offset",
+    "value": 40,
+    "start_ms": 300,
+    "duration_ms": 200,
+}
 STEP = {**DRIFT, "value": 8000, "duration_ms": "end"}  # of a console of positions
 STRONG = 66.0
 TICKS = 900
 
 
 def tables(hand: dict | None = None, **more) -> dict:
-    """A drift that parts robot and model by 8 mm, after which they stay apart; a robot with little dry friction."""
+    """A drift that parts robot and model by 8 mm, after which they stay apart; a robot with
+    little dry friction.
+    """
     raw = {
         "campaign": {"name": "x", "duration_s": TICKS / 1e3, "parameter_set": "traj3"},
         "operator": {"motion": "still"},
@@ -50,17 +61,23 @@ def stack(vector) -> np.ndarray:
 
 
 def yielded(signals) -> np.ndarray:
-    """Where a hand at half a grip is at the end, frame 0, m: the equation of motion under the cue that was recorded."""
+    """Where a hand at half a grip is at the end, frame 0, m: the equation of motion under the
+    cue that was recorded.
+    """
     stiffness, damping, mass = 3.0 * 135.0, np.sqrt(3.0) * 6.45, 0.554
     place, speed = np.zeros((2, 3))
-    for pull in stack(signals.haptics[0].direction) * np.asarray(signals.haptics[0].force[0])[:, None]:
+    for pull in (
+        stack(signals.haptics[0].direction) * np.asarray(signals.haptics[0].force[0])[:, None]
+    ):
         speed = speed + 1e-3 * (pull * STRONG - damping * speed - stiffness * place) / mass
         place = place + 1e-3 * speed
     return place
 
 
 def asked(signals, arm: str, console: str) -> np.ndarray:
-    """Where the console's packets have the tip at the end, frame 0, m; increments from where it began."""
+    """Where the console's packets have the tip at the end, frame 0, m; increments from where it
+    began.
+    """
     delta = stack(signals.packet.delta[0]) * 1e-6
     if console == "absolute":
         return delta[-1]
@@ -77,7 +94,9 @@ def true_tip(signals) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def table():
-    """Without a hand, with one that no force reaches, and with one that the strongest device moves."""
+    """Without a hand, with one that no force reaches, and with one that the strongest device
+    moves.
+    """
     return {
         "none": rj.run(tables(), engine="simd"),
         "unmoved": rj.run(tables({"newtons_per_unit": 0.0}), engine="simd"),
@@ -101,26 +120,41 @@ def test_without_a_hand_none_is_in_the_tick():
 
 @pytest.mark.slow
 def test_the_golden_run_has_a_hand_too_and_no_cue_moves_it(table):
-    assert (table["moved"]["golden_hand_mm"] == 0.0).all() and table["moved"]["hand_mm"].tolist()[0] == 0.0
+    assert (table["moved"]["golden_hand_mm"] == 0.0).all() and table["moved"]["hand_mm"].tolist()[
+        0
+    ] == 0.0
     assert table["moved"]["hand_mm"].tolist()[1] > 10.0
 
 
 def test_a_hand_has_ids_of_its_own():
-    ids = [plan.make(rj.load_campaign(raw)).table["run_id"][1] for raw in (tables(), tables({}), tables({"grip": 1.0}))]
+    ids = [
+        plan.make(rj.load_campaign(raw)).table["run_id"][1]
+        for raw in (tables(), tables({}), tables({"grip": 1.0}))
+    ]
     assert len(set(ids)) == 3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("arm", "console"), [("gold", "increments"), ("green", "increments"), ("gold", "absolute")])
+@pytest.mark.parametrize(
+    ("arm", "console"), [("gold", "increments"), ("green", "increments"), ("gold", "absolute")]
+)
 def test_robot_and_model_follow_the_hand_along_the_cue(arm, console):
-    """Both move by scale times the hand's displacement, towards where the model was; what parts them stays."""
+    """Both move by scale times the hand's displacement, towards where the model was; what parts
+    them stays.
+    """
     own = {"arms": [arm], "console": console, "duration_s": TICKS / 1e3, "name": "x"}
-    fault = {"group": [{"name": "free"}, {"name": "step", "fault": [STEP]}]} if console == "absolute" else {}
+    fault = (
+        {"group": [{"name": "free"}, {"name": "step", "fault": [STEP]}]}
+        if console == "absolute"
+        else {}
+    )
     off, _ = signals_of(tables(campaign=own) | fault)
     on, ready = signals_of(tables({"newtons_per_unit": STRONG, "grip": 0.5}, campaign=own) | fault)
     expected = float(ready.program.params.operator.scale) * yielded(on)
     assert np.linalg.norm(expected) > 0.3e-3
-    np.testing.assert_allclose(asked(on, arm, console) - asked(off, arm, console), expected, atol=3e-6)
+    np.testing.assert_allclose(
+        asked(on, arm, console) - asked(off, arm, console), expected, atol=3e-6
+    )
     model, robot = ((part(on) - part(off))[-1] for part in (model_tip, true_tip))
     for moved in (model, robot):  # as far as friction lets them
         assert moved @ expected / np.linalg.norm(moved) / np.linalg.norm(expected) > 0.9

@@ -1,7 +1,8 @@
-"""Packets that the network delivers late or again, where each lasts a number of cycles that is drawn.
+"""Packets that the network delivers late or again, where each lasts a number of cycles that is
+drawn.
 
-What reaches the robot is compared with the packets of the golden run, which draws the same lengths: the n-th packet,
-k packets late, must be the (n - k)-th one with all its numbers.
+What reaches the robot is compared with the packets of the golden run, which draws the same lengths:
+the n-th packet, k packets late, must be the (n - k)-th one with all its numbers.
 """
 
 from __future__ import annotations
@@ -53,7 +54,9 @@ def packet(tracer, ready: plan.Plan, row: int, struck: bool):
     """The packet as it reaches the robot in each tick of a run, or of its golden run."""
     varied, harmless = ready.lanes([row], 1, harmless=True)
     _, faults = ready.lanes([row], 1, harmless=not struck)
-    return tracer.run(Block(varied, harmless, None), Block(varied, faults, None), ready.columns)[2].packet
+    return tracer.run(Block(varied, harmless, None), Block(varied, faults, None), ready.columns)[
+        2
+    ].packet
 
 
 class Packets:
@@ -62,7 +65,9 @@ class Packets:
     def __init__(self, ready: plan.Plan, tracer, row: int) -> None:
         self.sent, self.got = (packet(tracer, ready, row, struck) for struck in (False, True))
         self.ticks = np.flatnonzero(self.sent.received)  # of packet 0, 1, ..
-        self.struck = np.flatnonzero(self.ticks >= START)  # packets that are sent while the fault lasts
+        self.struck = np.flatnonzero(
+            self.ticks >= START
+        )  # packets that are sent while the fault lasts
 
     def numbers(self, of, ticks) -> np.ndarray:
         """What packets say, [ticks, numbers]."""
@@ -73,11 +78,15 @@ class Packets:
 @pytest.fixture(scope="module")
 def packets_of():
     """Packets by group, distribution and place in the group."""
-    ready = plan.make(loading.from_dict(tables(*FAULTS) | {"cross": {"network.packets": [MEASURED, BURSTS]}}))
+    ready = plan.make(
+        loading.from_dict(tables(*FAULTS) | {"cross": {"network.packets": [MEASURED, BURSTS]}})
+    )
     tracer = SimdEngine().tracer(ready.program, 1)
 
     def of(name: str, choice: int, place: int = 0) -> Packets:
-        rows = np.flatnonzero((ready.table["group"] == name) & (ready.varied["network.packets"] == choice))
+        rows = np.flatnonzero(
+            (ready.table["group"] == name) & (ready.varied["network.packets"] == choice)
+        )
         return Packets(ready, tracer, rows[place])
 
     return of
@@ -89,7 +98,9 @@ def test_a_delay_of_k_packets_delivers_the_packet_of_k_before(packets_of, choice
     packets, late = packets_of("late", choice, place), LATE[place]
     n = packets.struck
     arrived = packets.got.received[packets.ticks[n]] != 0
-    np.testing.assert_array_equal(arrived, n - late >= n[0])  # what was there before does not come again
+    np.testing.assert_array_equal(
+        arrived, n - late >= n[0]
+    )  # what was there before does not come again
     n = n[arrived]
     assert len(n) > 20
     old = packets.numbers(packets.sent, packets.ticks[n - late])
@@ -112,7 +123,9 @@ def test_a_packet_that_is_sent_again_is_the_same_packet(packets_of, choice, plac
 def test_a_packet_that_arrives_late_is_the_newest_that_is_old_enough(packets_of, choice):
     packets = packets_of("jitter", choice)
     newest, arrivals = packets.struck[0] - 1, 0
-    delays = np.asarray(jax.vmap(lambda n: channel.delay_ms(np.float32(SEED), n))(packets.struck.astype(np.int32)))
+    delays = np.asarray(
+        jax.vmap(lambda n: channel.delay_ms(np.float32(SEED), n))(packets.struck.astype(np.int32))
+    )
     for n, delay in zip(packets.struck, delays, strict=True):
         now = packets.ticks[n]
         old_enough = np.flatnonzero(packets.ticks <= now - delay)
@@ -143,19 +156,33 @@ def test_engine_xla_delivers_the_same_packets():
     for row in range(ready.runs):
         ours, theirs = (jax.tree.leaves(packet(tracer, ready, row, True)) for tracer in tracers)
         for a, b in zip(ours, theirs, strict=True):
-            np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)  # rotations are products, which xla may fuse
+            np.testing.assert_allclose(
+                a, b, rtol=0, atol=1e-6
+            )  # rotations are products, which xla may fuse
 
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
-    late = {"site": "network", "channel": "delay", "effect": "overwrite", "value": 5, "start_ms": 20}
-    check_engines(planned({"name": "late", "fault": [late]}, packets="measured", duration_s=0.06), 1)
+    late = {
+        "site": "network",
+        "channel": "delay",
+        "effect": "overwrite",
+        "value": 5,
+        "start_ms": 20,
+    }
+    check_engines(
+        planned({"name": "late", "fault": [late]}, packets="measured", duration_s=0.06), 1
+    )
 
 
 def test_what_sends_no_older_packet_has_no_history():
     lost = group("lost", effect="drop", duration_ms=20)
-    for ready in (planned(lost, packets="measured"), planned(*FAULTS), planned({"name": "free"}, packets="measured")):
+    for ready in (
+        planned(lost, packets="measured"),
+        planned(*FAULTS),
+        planned({"name": "free"}, packets="measured"),
+    ):
         assert ready.program.setup.packet_history == 0
         assert run.init(ready.program.setup, ready.program.params).history is None
 
@@ -179,7 +206,9 @@ def age_ms(*faults: dict, **more) -> float:
     ],
 )
 def test_the_oldest_packet_of_a_fault(fault, packets):
-    """As many packets as it may be late, and two: the one before, and the newest, which may have come long ago."""
+    """As many packets as it may be late, and two: the one before, and the newest, which may have
+    come long ago.
+    """
     assert age_ms(fault) == (packets + 2) * 4
 
 
@@ -190,7 +219,11 @@ def test_faults_of_one_run_add_up_and_runs_do_not():
     assert age_ms(delay, {"effect": "overwrite", "channel": "jitter", "value": 0.5}) == 5 * 4 + 110
     drawn = {"effect": "overwrite", "channel": "lag", "value": {"uniform": [2, 30]}}
     assert age_ms(drawn, design="random", runs=3) == 32 * 4
-    assert age_ms({"effect": "drop"}) == age_ms({"effect": "overwrite", "channel": "bursts", "value": 0.5}) == 0
+    assert (
+        age_ms({"effect": "drop"})
+        == age_ms({"effect": "overwrite", "channel": "bursts", "value": 0.5})
+        == 0
+    )
 
 
 def test_a_history_that_is_too_long_is_refused():

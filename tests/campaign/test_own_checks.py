@@ -1,4 +1,6 @@
-"""Checks with a file of one's own: bits of built-in ones, what they do at each seam, columns, identity, and errors."""
+"""Checks with a file of one's own: bits of built-in ones, what they do at each seam, columns,
+identity, and errors.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store import schema
 from ravenjax.vocabulary import checks
 
-HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, as_int, jnp, record, to_int32\n"
+HEAD = (
+    "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, as_int, jnp, record, to_int32\n"
+)
 LARGEST = """
 def step(params, state, view):
     score = 0
@@ -53,19 +57,38 @@ def step(params, state, view):
     return state, score{more}
 """
 ALWAYS = "def step(params, state, view):\n    return state, as_int(view.tick >= 600){more}\n"
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [200, 14000], "start_ms": 700}
-EARLY = {"site": "current_cmd", "channel": "elbow", "effect": "offset", "value": [6000, 22000], "start_ms": 700}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "overwrite",
+    "value": [200, 14000],
+    "start_ms": 700,
+}
+EARLY = {
+    "site": "current_cmd",
+    "channel": "elbow",
+    "effect": "offset",
+    "value": [6000, 22000],
+    "start_ms": 700,
+}
 
 
-def tables(folder: Path, text: str, fault: dict = FAULT, campaign: dict | None = None, **check) -> dict:
-    """A fault-free run and two that are struck, with a check of one's own, if it says where it stands."""
+def tables(
+    folder: Path, text: str, fault: dict = FAULT, campaign: dict | None = None, **check
+) -> dict:
+    """A fault-free run and two that are struck, with a check of one's own, if it says where it
+    stands.
+    """
     path = folder / "mine.py"
     path.write_text(HEAD + text)
     own = {"name": "mine", "file": str(path), **check}
     return {
         "campaign": {"name": "x", "duration_s": 1.0, **(campaign or {})},
         **({"check": [own]} if "at" in check else {}),
-        "group": [{"name": "free"}, {"name": "hit", "fault": [{**copy.deepcopy(fault), "duration_ms": 64}]}],
+        "group": [
+            {"name": "free"},
+            {"name": "hit", "fault": [{**copy.deepcopy(fault), "duration_ms": 64}]},
+        ],
     }
 
 
@@ -94,25 +117,45 @@ def test_the_text_of_a_built_in_check_gives_its_history(tmp_path, engine):
 def test_the_text_of_the_built_in_clip_gives_its_motion_to_the_bit(tmp_path, engine):
     text, own = CLIP.format(limits=limits()), {"at": "current_cmd", "acts": "limit"}
     clipped = rj.run(tables(tmp_path, text, EARLY), engine=engine)
-    limited = rj.run(tables(tmp_path, text, EARLY, {"policy": "no_regulation"}, **own), engine=engine)
+    limited = rj.run(
+        tables(tmp_path, text, EARLY, {"policy": "no_regulation"}, **own), engine=engine
+    )
     free = rj.run(tables(tmp_path, text, EARLY, {"policy": "no_regulation"}), engine=engine)
     assert clipped["check_overdrive_clip_count"].max() > 0
     assert (free["peak_model_deviation_mm"] != clipped["peak_model_deviation_mm"]).any()
     names = ("run_id", "response", "verdict", "told_ms", "built_in", "check_overdrive", "peak_dac")
     same = [name for name in clipped.columns if not name.startswith(names)]
-    require_equal(limited.iloc[:2], clipped.iloc[:2], same)  # the third run goes beyond the instant limit
-    np.testing.assert_array_equal(limited["check_own_mine_count"][:2], clipped["check_overdrive_clip_count"][:2])
+    require_equal(
+        limited.iloc[:2], clipped.iloc[:2], same
+    )  # the third run goes beyond the instant limit
+    np.testing.assert_array_equal(
+        limited["check_own_mine_count"][:2], clipped["check_overdrive_clip_count"][:2]
+    )
     np.testing.assert_array_equal(limited["response"][:2], clipped["response"][:2])
 
 
 @pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_a_stop_in_the_software_raises_its_e_stop_as_the_overdrive_check_does(tmp_path, engine):
-    """In the same millisecond, from where the watchdog's wave and the PLC stop the robot at the same ticks."""
+    """In the same millisecond, from where the watchdog's wave and the PLC stop the robot at the
+    same ticks.
+    """
     built_in = rj.run(tables(tmp_path, "", EARLY), engine=engine).iloc[2]
-    raw = tables(tmp_path, LARGEST.format(name="current_cmd"), EARLY, at="current_cmd", acts="stop", threshold=20000)
-    own = rj.run(raw | {"parameters": {"control.overdrive.max_inst_dac": 32768}}, engine=engine).iloc[2]
+    raw = tables(
+        tmp_path,
+        LARGEST.format(name="current_cmd"),
+        EARLY,
+        at="current_cmd",
+        acts="stop",
+        threshold=20000,
+    )
+    own = rj.run(
+        raw | {"parameters": {"control.overdrive.max_inst_dac": 32768}}, engine=engine
+    ).iloc[2]
     assert built_in["response_cause"] == "overdrive" and own["response_cause"] == "own_mine"
-    assert own["check_overdrive_instant_count"] == 0 and own["built_in_response"] in ("limited", "silent")
+    assert own["check_overdrive_instant_count"] == 0 and own["built_in_response"] in (
+        "limited",
+        "silent",
+    )
     names = ["response", "response_ms", "told_ms", "end_runlevel", "pedal_down_ms"]
     names += [f"check_{one}_first_ms" for one in ("soft_estop", "plc_watchdog", "estop")]
     assert own[names].to_dict() == built_in[names].to_dict() and own["check_estop_first_ms"] > 0
@@ -120,27 +163,45 @@ def test_a_stop_in_the_software_raises_its_e_stop_as_the_overdrive_check_does(tm
 
 @pytest.mark.parametrize("seam", [seam for seam in ROBOT.check_seams if seam != "usb_out"])
 def test_a_stop_at_each_seam_of_the_software_acts_in_the_same_millisecond(tmp_path, seam):
-    table = rj.run(tables(tmp_path, ALWAYS.format(more=""), at=seam, acts="stop", threshold=0.5), engine="simd")
-    assert (table["check_own_mine_first_ms"] == 600).all() and (table["check_soft_estop_first_ms"] == 600).all()
+    table = rj.run(
+        tables(tmp_path, ALWAYS.format(more=""), at=seam, acts="stop", threshold=0.5), engine="simd"
+    )
+    assert (table["check_own_mine_first_ms"] == 600).all() and (
+        table["check_soft_estop_first_ms"] == 600
+    ).all()
     assert (table["check_plc_watchdog_count"] == 1).all()
     assert (table["pedal_down_ms"] < 600).all()
 
 
 @pytest.mark.parametrize("engine", ["simd", pytest.param("xla", marks=pytest.mark.slow)])
 def test_a_board_that_refuses_holds_zero_and_lets_the_plc_stop_the_robot(tmp_path, engine):
-    table = rj.run(tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts="stop"), engine=engine)
+    table = rj.run(
+        tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts="stop"), engine=engine
+    )
     free, mild, hard = (table.iloc[row] for row in range(3))
     assert free["response"] == "silent" and free["check_own_mine_first_ms"] == -1
     assert mild["check_own_mine_count"] == 0 and mild["check_own_mine_margin"] > 0
     assert hard["check_own_mine_first_ms"] == 700 and hard["check_own_mine_margin"] < 0
-    assert (hard["response"], hard["response_cause"], hard["built_in_response"]) == ("stopped", "own_mine", "silent")
+    assert (hard["response"], hard["response_cause"], hard["built_in_response"]) == (
+        "stopped",
+        "own_mine",
+        "silent",
+    )
     assert hard["check_soft_estop_count"] == 0  # the software knows nothing of it
-    assert 700 + 75 - 26 <= hard["check_plc_watchdog_first_ms"] <= 700 + 76  # since the last edge of the wave
-    assert hard["check_plc_watchdog_first_ms"] < hard["check_estop_first_ms"] <= hard["check_plc_watchdog_first_ms"] + 4
+    assert (
+        700 + 75 - 26 <= hard["check_plc_watchdog_first_ms"] <= 700 + 76
+    )  # since the last edge of the wave
+    assert (
+        hard["check_plc_watchdog_first_ms"]
+        < hard["check_estop_first_ms"]
+        <= hard["check_plc_watchdog_first_ms"] + 4
+    )
 
 
 def test_a_stop_that_comes_sooner_than_the_golden_runs_is_the_faults(tmp_path):
-    """The check stops the robot at 900 ms in any case; the fault makes it do so at 700 ms, as often."""
+    """The check stops the robot at 900 ms in any case; the fault makes it do so at 700 ms, as
+    often.
+    """
     text = """
 def step(params, state, view):
     late = (view.tick == 900) & (view.runlevel == 3)
@@ -154,15 +215,27 @@ def step(params, state, view):
     table = rj.run(raw | {"parameters": {"control.overdrive.max_inst_dac": 32768}}, engine="simd")
     free, mild, hard = (table.iloc[row] for row in range(3))
     names = ["check_own_mine_count", "check_own_mine_first_ms"]
-    for row, first, response in ((free, 900, "silent"), (mild, 900, "limited"), (hard, 700, "stopped")):
-        assert row[names].tolist() == [1, first] and row[[f"golden_{name}" for name in names]].tolist() == [1, 900]
+    for row, first, response in (
+        (free, 900, "silent"),
+        (mild, 900, "limited"),
+        (hard, 700, "stopped"),
+    ):
+        assert row[names].tolist() == [1, first] and row[
+            [f"golden_{name}" for name in names]
+        ].tolist() == [1, 900]
         assert row["response"] == response
     assert (hard["response_cause"], hard["response_ms"], hard["told_ms"]) == ("own_mine", 700, 700)
     assert hard["built_in_response"] in ("limited", "silent")
 
 
 def test_boards_refuse_one_by_one(tmp_path):
-    raw = tables(tmp_path, BOARDS.format(more=""), {**FAULT, "arm": "green"}, {"arms": ["gold", "green"]}, at="usb_out")
+    raw = tables(
+        tmp_path,
+        BOARDS.format(more=""),
+        {**FAULT, "arm": "green"},
+        {"arms": ["gold", "green"]},
+        at="usb_out",
+    )
     raw["check"][0]["acts"] = "stop"
     hard = rj.run(raw, engine="simd").iloc[2]
     assert hard["response_cause"] == "own_mine" and hard["check_plc_watchdog_count"] == 1
@@ -183,14 +256,22 @@ def test_a_board_that_limits_holds_what_it_held(tmp_path, engine):
 
 @pytest.mark.parametrize("seam", ["current_cmd", "checked_cmd", "usb_out"])
 def test_no_limit_passes_an_e_stop_or_16_bits(tmp_path, seam):
-    """An E-stop leaves no command, and a check that limits makes none of it; nor any that a board cannot hold."""
+    """An E-stop leaves no command, and a check that limits makes none of it; nor any that a
+    board cannot hold.
+    """
     text = ALWAYS.format(more=", Vec.full(7, 1000000)")
     raw = tables(tmp_path, text, at=seam, acts="limit", threshold=0.5)
     (tmp_path / "stop.py").write_text(
         HEAD + "def step(params, state, view):\n    return state, as_int(view.tick >= 620)\n"
     )
     raw["check"].append(
-        {"name": "stop", "file": str(tmp_path / "stop.py"), "at": "packet", "acts": "stop", "threshold": 0.5}
+        {
+            "name": "stop",
+            "file": str(tmp_path / "stop.py"),
+            "at": "packet",
+            "acts": "stop",
+            "threshold": 0.5,
+        }
     )
     trace = rj.simulate(loading.from_dict(raw), 0)
     commands, held = (trace[name].sel(arm="gold").values for name in ("dac_cnt", "boards_cnt"))
@@ -220,7 +301,10 @@ def test_built_in_ones_count_until_the_first_of_ones_own_acts():
     outcomes = {"first_active_ms": np.array([500, 500, 500])}
     firsts = [600, 600, -1], [900, 900, 900], [700, 550, 700]
     for name, first in zip(names, map(np.array, firsts), strict=True):
-        outcomes |= {f"check_{name}_first_ms": first, f"check_{name}_count": (first >= 0).astype(int)}
+        outcomes |= {
+            f"check_{name}_first_ms": first,
+            f"check_{name}_count": (first >= 0).astype(int),
+        }
     golden = {f"check_{name}_count": np.zeros(3, int) for name in names}
     golden |= {f"check_{name}_first_ms": np.full(3, -1) for name in names}
     responses = verdict.built_in_responses(outcomes, golden, robot).response
@@ -245,7 +329,13 @@ def test_names_are_part_of_what_a_run_is(tmp_path):
         raw = tables(tmp_path, "")
         pairs = zip((first, second), ("a.py", "b.py"), strict=True)
         raw["check"] = [
-            {"name": name, "file": str(tmp_path / file), "at": "jpos", "acts": "flag", "threshold": 0.5}
+            {
+                "name": name,
+                "file": str(tmp_path / file),
+                "at": "jpos",
+                "acts": "flag",
+                "threshold": 0.5,
+            }
             for name, file in pairs
         ]
         raw["cross"] = {"checks.threshold.a": [0.4, 2]}
@@ -261,7 +351,12 @@ def test_a_limited_packet_is_dropped(tmp_path):
     raw = tables(tmp_path, ALWAYS.format(more=""), at="packet", acts="limit", threshold=0.5)
     table, dropped = rj.run(raw, engine="simd"), rj.run(plain, engine="simd").iloc[1]
     assert (table["check_own_mine_count"] == 400).all()
-    names = ["peak_model_deviation_mm", "rms_model_deviation_mm", "peak_dac_gold_shoulder", "peak_dac_gold_elbow"]
+    names = [
+        "peak_model_deviation_mm",
+        "rms_model_deviation_mm",
+        "peak_dac_gold_shoulder",
+        "peak_dac_gold_elbow",
+    ]
     assert table.iloc[0][names].to_dict() == dropped[names].to_dict()
 
 
@@ -270,7 +365,9 @@ def test_one_that_watches_or_flags_changes_no_motion(tmp_path, acts):
     raw = tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts=acts)
     watched, plain = rj.run(raw, engine="simd"), rj.run(tables(tmp_path, ""), engine="simd")
     counted = ("run_id", "response", "told_ms", "verdict") if acts == "flag" else ()
-    require_equal(watched, plain, [name for name in plain.columns if not name.startswith(counted or "none")])
+    require_equal(
+        watched, plain, [name for name in plain.columns if not name.startswith(counted or "none")]
+    )
     assert (plain["told_ms"][2], watched["told_ms"][2]) == (733, 700 if acts == "flag" else 733)
     assert ("built_in_response" in watched) == (acts == "flag")
 
@@ -293,11 +390,16 @@ def test_rates_with_and_without_own_checks_have_names(tmp_path):
 
 def test_thresholds_and_parameters_are_swept(tmp_path):
     raw = tables(tmp_path, BOARDS.format(more=""), at="usb_out")
-    raw["group"][1]["cross"] = {"checks.own.mine.counts": [3000, 30000], "checks.threshold.mine": [0.4, 2]}
+    raw["group"][1]["cross"] = {
+        "checks.own.mine.counts": [3000, 30000],
+        "checks.threshold.mine": [0.4, 2],
+    }
     table = rj.run(raw, engine="simd")
     hit = table[(table["group"] == "hit") & (table["fault0_value"] == 14000)]
     trips = {
-        (row["param:checks.own.mine.counts"], row["param:checks.threshold.mine"]): row["check_own_mine_first_ms"]
+        (row["param:checks.own.mine.counts"], row["param:checks.threshold.mine"]): row[
+            "check_own_mine_first_ms"
+        ]
         for _, row in hit.iterrows()
     }
     assert trips == {(3000, 0.4): 700, (3000, 2): 700, (30000, 0.4): 700, (30000, 2): -1}
@@ -309,7 +411,9 @@ def test_consecutive_milliseconds_in_a_row(tmp_path):
 
 
 def test_the_columns_of_a_table_are_those_announced(tmp_path):
-    ready = plan.make(loading.from_dict(tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts="stop")))
+    ready = plan.make(
+        loading.from_dict(tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts="stop"))
+    )
     from ravenjax.campaign import runner
 
     names = [column.name for column in schema.columns(runner.shape_of(ready))]
@@ -319,7 +423,9 @@ def test_the_columns_of_a_table_are_those_announced(tmp_path):
 
 def test_only_one_that_acts_changes_run_ids(tmp_path):
     plain, watch, flag, stop = (
-        plan.make(loading.from_dict(tables(tmp_path, BOARDS.format(more=""), **own))).table["run_id"].tolist()
+        plan.make(loading.from_dict(tables(tmp_path, BOARDS.format(more=""), **own)))
+        .table["run_id"]
+        .tolist()
         for own in ({}, *({"at": "usb_out", "acts": acts} for acts in ("watch", "flag", "stop")))
     )
     assert plain == watch and len({*plain, *flag, *stop}) == 3 * len(plain)
@@ -329,15 +435,22 @@ def test_a_campaign_with_one_is_resumed_verified_and_explained(tmp_path):
     campaign = tmp_path / "x.toml"
     (tmp_path / "mine.py").write_text(HEAD + BOARDS.format(more=""))
     campaign.write_text(
-        '[campaign]\nname = "x"\nduration_s = 0.9\n[[check]]\nname = "mine"\nfile = "mine.py"\nat = "usb_out"\n'
-        'acts = "stop"\n[[group]]\nname = "a"\n[[group.fault]]\nsite = "usb_out"\nchannel = "elbow"\n'
-        'effect = "overwrite"\nvalue = [200, 14000]\nstart_ms = 700\nduration_ms = 64\n'
+        '[campaign]\nname = "x"\nduration_s = 0.9\n[[check]]\nname = "mine"\nfile = "mine.py"\nat ='
+        ' "usb_out"\nacts = "stop"\n[[group]]\nname = "a"\n[[group.fault]]\nsite ='
+        ' "usb_out"\nchannel = "elbow"\neffect = "overwrite"\nvalue = [200, 14000]\nstart_ms ='
+        " 700\nduration_ms = 64\n"
     )
     table = rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
     assert verification.verify(tmp_path / "out", 1).fine
     explained = rj.explain(tmp_path / "out")
     assert len(explained)
-    processes = rj.run(loading.load(campaign), out=tmp_path / "other", engine="simd", executor="processes", workers=1)
+    processes = rj.run(
+        loading.load(campaign),
+        out=tmp_path / "other",
+        engine="simd",
+        executor="processes",
+        workers=1,
+    )
     require_equal(processes, table, ["check_own_mine_first_ms", "response", "unintended_mm"])
 
 
@@ -358,7 +471,11 @@ WRONG = {
         STEP + "state, 1.0",
         r"step\(params, state, view\) gives .* expected three things: \(state, score, values\)",
     ),
-    "three": ({"at": "tau_d"}, STEP + "state, 1.0, view.tau_d", r"expected two things: \(state, score\)"),
+    "three": (
+        {"at": "tau_d"},
+        STEP + "state, 1.0, view.tau_d",
+        r"expected two things: \(state, score\)",
+    ),
     "too few": (
         {"at": "tau_d", "acts": "limit"},
         STEP + "state, 1.0, Vec(view.tau_d[:3])",
@@ -374,10 +491,22 @@ WRONG = {
         STEP + "state, 1.0, Vec(jnp.ones(2) for c in view.boards_cmd)",
         r"gives an array of shape \(2,\) for values\[0\], expected a single number",
     ),
-    "seam": ({"at": "usb"}, STEP + "state, 1.0", r"unknown seam 'usb', expected one of packet, .*usb_out"),
-    "name": ({"at": "jpos", "name": "my-check"}, STEP + "state, 1.0", r"expected letters, digits and _"),
+    "seam": (
+        {"at": "usb"},
+        STEP + "state, 1.0",
+        r"unknown seam 'usb', expected one of packet, .*usb_out",
+    ),
+    "name": (
+        {"at": "jpos", "name": "my-check"},
+        STEP + "state, 1.0",
+        r"expected letters, digits and _",
+    ),
     "arm": ({"at": "jpos", "name": "gold"}, STEP + "state, 1.0", r"got 'gold', which is an arm"),
-    "file": ({"at": "jpos", "file": "none.py"}, STEP + "state, 1.0", r"file of check 'mine' cannot be read"),
+    "file": (
+        {"at": "jpos", "file": "none.py"},
+        STEP + "state, 1.0",
+        r"file of check 'mine' cannot be read",
+    ),
     "changed": ({"at": "jpos", "sha256": "0" * 64}, STEP + "state, 1.0", r"has changed since"),
 }
 

@@ -1,4 +1,6 @@
-"""Stages of the control software that are files of one's own: bits of the built-in law, identity, sweeps, errors."""
+"""Stages of the control software that are files of one's own: bits of the built-in law,
+identity, sweeps, errors.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ def step(params, state, view):
     return state, Vec(
         to_int32(t * amps * counts) for t, amps, counts in zip(view.tau_d, view.amps_per_torque, view.counts_per_amp)
     )
-"""
+"""  # noqa: E501
 WEAK = """
 @record
 class Share:
@@ -47,8 +49,14 @@ def step(params, state, view):
     return state, Vec(
         to_int32(params.share * t * a * c) for t, a, c in zip(view.tau_d, view.amps_per_torque, view.counts_per_amp)
     )
-"""
-FAULT = {"site": "tau_d", "channel": "elbow", "effect": "offset", "value": [0.05, 0.4], "start_ms": 500}
+"""  # noqa: E501
+FAULT = {
+    "site": "tau_d",
+    "channel": "elbow",
+    "effect": "offset",
+    "value": [0.05, 0.4],
+    "start_ms": 500,
+}
 
 
 def tables(folder: Path, arms: tuple[str, ...] = ("gold", "green"), **stages: str) -> dict:
@@ -60,17 +68,23 @@ def tables(folder: Path, arms: tuple[str, ...] = ("gold", "green"), **stages: st
     return {
         "campaign": {"name": "x", "duration_s": 0.7, "arms": list(arms)},
         **({"controller": files} if files else {}),
-        "group": [{"name": "free"}, {"name": "hit", "fault": [{**FAULT, "arm": arms[-1], "duration_ms": 64}]}],
+        "group": [
+            {"name": "free"},
+            {"name": "hit", "fault": [{**FAULT, "arm": arms[-1], "duration_ms": 64}]},
+        ],
     }
 
 
 @pytest.mark.parametrize(
-    "engine, arms", [("simd", ("gold", "green")), pytest.param("xla", ("gold",), marks=pytest.mark.slow)]
+    "engine, arms",
+    [("simd", ("gold", "green")), pytest.param("xla", ("gold",), marks=pytest.mark.slow)],
 )
 def test_the_text_of_the_built_in_laws_gives_their_bits(tmp_path, engine, arms):
     own = rj.run(tables(tmp_path, arms, motor_control=PID, dac=DAC), engine=engine)
     built_in = rj.run(tables(tmp_path, arms), engine=engine)
-    assert list(own.columns) == list(built_in.columns) and not set(own["run_id"]) & set(built_in["run_id"])
+    assert list(own.columns) == list(built_in.columns) and not set(own["run_id"]) & set(
+        built_in["run_id"]
+    )
     for name in own.columns:
         if name != "run_id":
             np.testing.assert_array_equal(own[name], built_in[name], err_msg=name)
@@ -86,8 +100,13 @@ def test_its_parameters_are_swept_and_matter(tmp_path):
 
 
 def test_it_may_begin_with_what_varies(tmp_path):
-    last = "@record\nclass Last:\n    share: Scalar\n\ndef init(params):\n    return Last(params.share)\n\n"
-    begins = WEAK.replace("def step", f"{last}def step").replace("params.share * t", "state.share * t")
+    last = (
+        "@record\nclass Last:\n    share: Scalar\n\ndef init(params):\n    return"
+        " Last(params.share)\n\n"
+    )
+    begins = WEAK.replace("def step", f"{last}def step").replace(
+        "params.share * t", "state.share * t"
+    )
     paths = []
     for text in (WEAK, begins):
         raw = tables(tmp_path, dac=text)
@@ -99,20 +118,31 @@ def test_it_may_begin_with_what_varies(tmp_path):
 def test_no_file_makes_an_e_stop_pass_a_command(tmp_path):
     constant = "def step(params, state, view):\n    return state, Vec.full(7, 1000000)\n"
     table = rj.run(tables(tmp_path, dac=constant), engine="simd")
-    assert (table["peak_dac_gold_shoulder"] <= 32767).all() and (table["check_overdrive_instant_first_ms"] >= 0).all()
+    assert (table["peak_dac_gold_shoulder"] <= 32767).all() and (
+        table["check_overdrive_instant_first_ms"] >= 0
+    ).all()
     assert (table["check_estop_first_ms"] > 0).all()
 
 
 STEP = "def step(params, state, view):\n    return "
 WRONG = {
     "syntax": ("def step(params:\n", r"dac\.py:2: is no Python"),
-    "import": ("import no_such_one\n" + STEP + "state, view.tau_d", r"dac\.py:2: .*No module named 'no_such_one'"),
+    "import": (
+        "import no_such_one\n" + STEP + "state, view.tau_d",
+        r"dac\.py:2: .*No module named 'no_such_one'",
+    ),
     "array": (STEP + "state, jnp.ones(7)", r"gives .* for current_cmd, expected 7 numbers"),
     "branch": (
-        "def step(params, state, view):\n    if view.tau_d[0] > 0:\n        return state, view.tau_d\n",
+        (
+            "def step(params, state, view):\n    if view.tau_d[0] > 0:\n        return state,"
+            " view.tau_d\n"
+        ),
         r"dac\.py:3: .* write jnp\.where",
     ),
-    "kind": (STEP + "state, view.tau_d", r"gives a float for current_cmd\[0\], expected int: take to_int32"),
+    "kind": (
+        STEP + "state, view.tau_d",
+        r"gives a float for current_cmd\[0\], expected int: take to_int32",
+    ),
     "state": (
         "def init(params):\n    return (0,)\n" + STEP + "(view.tau_d[0],), Vec.full(7, 0)",
         r"makes the state's 0 a float, it began as int",
@@ -133,7 +163,10 @@ def test_what_is_wrong_is_told_by_one_error(tmp_path, case):
         ({}, "replaces nothing: write motor_control or dac"),
         ({"dac": "none.py"}, "file of stage 'dac' cannot be read"),
         ({"overdrive": "none.py"}, "overdrive"),
-        ({"dac": "none.py", "sha256": {"motor_control": "0"}}, "sha256 has 'motor_control', which is not replaced"),
+        (
+            {"dac": "none.py", "sha256": {"motor_control": "0"}},
+            "sha256 has 'motor_control', which is not replaced",
+        ),
     ],
 )
 def test_sections_that_do_not_fit_are_refused(tmp_path, section, said):

@@ -1,4 +1,6 @@
-"""Detectors with a file of their own: bits of a built-in one, parameters, identity, and one that stops the robot."""
+"""Detectors with a file of their own: bits of a built-in one, parameters, identity, and one that
+stops the robot.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ def step(params, state, view):
     for share in shares[1:]:
         score = jnp.maximum(score, share)
     return state, score
-"""
+"""  # noqa: E501
 ERROR = "def step(params, state, view):\n    return state, view.tip_error * 1e3\n"
 BOARDS = """
 from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record
@@ -56,18 +58,29 @@ def step(params, state, view):
         score = jnp.maximum(score, jnp.float32(jnp.abs(now - before)) / params.counts)
     return Last(Vec(view.boards_cmd[:3])), score
 """
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [200, 14000], "start_ms": 700}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "overwrite",
+    "value": [200, 14000],
+    "start_ms": 700,
+}
 
 
 def tables(folder: Path, text: str, *detectors: dict, **campaign) -> dict:
-    """Two overwritten commands behind every check and a fault-free run, under a detector of one's own and others."""
+    """Two overwritten commands behind every check and a fault-free run, under a detector of
+    one's own and others.
+    """
     path = folder / "mine.py"
     path.write_text(text)
     own = {"name": "mine", "file": str(path), "threshold": [0.5, 1.0]}
     return {
         "campaign": {"name": "x", "duration_s": 1.0, **campaign},
         "detector": [own, *detectors],
-        "group": [{"name": "free"}, {"name": "hit", "fault": [{**copy.deepcopy(FAULT), "duration_ms": 64}]}],
+        "group": [
+            {"name": "free"},
+            {"name": "hit", "fault": [{**copy.deepcopy(FAULT), "duration_ms": 64}]},
+        ],
     }
 
 
@@ -85,7 +98,9 @@ def test_the_text_of_a_built_in_detector_gives_its_bits(tmp_path, kind, engine):
     names = [name for name in table.columns if name.startswith("detector0_")]
     assert table["detector0_score"].max() > 0.5 and len(names) == 5
     for name in names:
-        np.testing.assert_array_equal(table[name], table[name.replace("detector0", "detector1")], err_msg=name)
+        np.testing.assert_array_equal(
+            table[name], table[name.replace("detector0", "detector1")], err_msg=name
+        )
 
 
 @pytest.mark.slow
@@ -121,7 +136,11 @@ def test_its_parameters_are_listed_beside_a_file_without_any(tmp_path):
     raw = tables(tmp_path, BOARDS, {"name": "error", "file": str(tmp_path / "error.py")})
     rows = catalogue.parameter_rows(rj.load_campaign(copy.deepcopy(raw)))
     ((path, value, limits, meaning),) = [row for row in rows if row[0].startswith("detectors.own.")]
-    assert (path, value, meaning) == ("detectors.own.mine.counts", "6000", "command at which the score is 1")
+    assert (path, value, meaning) == (
+        "detectors.own.mine.counts",
+        "6000",
+        "command at which the score is 1",
+    )
     assert limits == "1..65535 DAC counts"
     program = plan.make(rj.load_campaign(raw)).program
     own = paths.assign(program.params, program.setup, path, 3000.0).detectors.own
@@ -155,7 +174,9 @@ def test_a_parameter_out_of_its_range_or_unknown_is_refused(tmp_path, path, valu
 )
 def test_sections_that_do_not_fit_are_refused(tmp_path, wrong, said):
     raw = tables(tmp_path, BOARDS)
-    raw["detector"][0] = {key: value for key, value in (raw["detector"][0] | wrong).items() if value is not None}
+    raw["detector"][0] = {
+        key: value for key, value in (raw["detector"][0] | wrong).items() if value is not None
+    }
     with pytest.raises(UserError, match=said):
         rj.load_campaign(raw)
 
@@ -177,7 +198,13 @@ def test_its_code_is_part_of_what_a_folder_holds(tmp_path):
 def test_one_that_stops_presses_the_button_a_millisecond_later(tmp_path, engine):
     raw = tables(tmp_path, BOARDS)
     raw["detector"][0] |= {"acts": "stop", "threshold": [1.0]}
-    button = {"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1, "duration_ms": "end"}
+    button = {
+        "site": "buttons",
+        "channel": "estop",
+        "effect": "overwrite",
+        "value": 1,
+        "duration_ms": "end",
+    }
     raw["group"].append({"name": "pressed", "fault": [button | {"start_ms": 701}]})
     table = rj.run(raw, engine=engine)
     free, mild, hard, pressed = (table.iloc[row] for row in range(4))
@@ -188,15 +215,24 @@ def test_one_that_stops_presses_the_button_a_millisecond_later(tmp_path, engine)
 
 
 def test_what_its_stop_makes_the_robot_do_is_no_response_of_the_built_in_checks(tmp_path):
-    """Where its stop came late, what evades the built-in checks is what does so without the detector."""
+    """Where its stop came late, what evades the built-in checks is what does so without the
+    detector.
+    """
     raw = tables(tmp_path, ERROR)
     raw["group"][1]["fault"][0]["value"] = [200, 9000]
     raw["detector"][0] |= {"acts": "stop", "threshold": [4.0]}
     config = loading.from_dict(copy.deepcopy(raw))
-    stopping, plain = rj.run(config, engine="simd"), rj.run(_watching_and_stopping(raw)[0], engine="simd")
+    stopping, plain = (
+        rj.run(config, engine="simd"),
+        rj.run(_watching_and_stopping(raw)[0], engine="simd"),
+    )
     hit, alone = stopping.iloc[2], plain.iloc[2]
-    assert hit["response"] == "stopped" and hit["told_ms"] > hit["detector0_threshold0_first_ms"] > 700
-    assert alone["told_ms"] > hit["detector0_threshold0_first_ms"] and "built_in_response" not in plain
+    assert (
+        hit["response"] == "stopped" and hit["told_ms"] > hit["detector0_threshold0_first_ms"] > 700
+    )
+    assert (
+        alone["told_ms"] > hit["detector0_threshold0_first_ms"] and "built_in_response" not in plain
+    )
     assert hit["built_in_response"] in ("limited", "silent") and hit["built_in_told_ms"] == -1
     assert config.rules.built_in == "built_in_response"
     import pyarrow as pa
@@ -215,7 +251,9 @@ def test_the_frame_of_one_is_a_hundredth_of_the_tick_at_most(tmp_path):
     counts = []
     for detectors in ([], raw["detector"]):
         work = Workload(1000)
-        work.__dict__["plan"] = plan.make(rj.load_campaign(raw | {"detector": detectors}))  # the cached property
+        work.__dict__["plan"] = plan.make(
+            rj.load_campaign(raw | {"detector": detectors})
+        )  # the cached property
         counts.append(operations.count(work).per_lane)
     assert 0 < counts[1] - counts[0] < 0.01 * counts[0]
 
@@ -230,7 +268,10 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
 
 def test_one_that_stops_changes_run_ids_and_one_that_watches_does_not(tmp_path):
     raw = tables(tmp_path, BOARDS)
-    ids = [plan.make(rj.load_campaign(one)).table["run_id"].tolist() for one in _watching_and_stopping(raw)]
+    ids = [
+        plan.make(rj.load_campaign(one)).table["run_id"].tolist()
+        for one in _watching_and_stopping(raw)
+    ]
     assert ids[0] == ids[1] and not set(ids[1]) & set(ids[2])
 
 

@@ -1,4 +1,6 @@
-"""Operators that are files of one's own: bits of the plan and of the built-in reaction, motion, identity, errors."""
+"""Operators that are files of one's own: bits of the plan and of the built-in reaction, motion,
+identity, errors.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +83,7 @@ def step(params, state, view):
         "pace": jnp.where(acts & (params.action == 2), 0.25, 1.0),
         "pedal": ~(acts & (params.action == 1)),
     }
-"""
+"""  # noqa: E501
 TREMOR = """
 @record
 class Size:
@@ -110,7 +112,14 @@ TIRED = """
 def step(params, state, view):
     return state, {"pedal": (view.tick < 620) | (view.tick >= 660)}
 """
-FAULT = {"site": "packet", "channel": "delx", "effect": "offset", "value": [20, 40], "start_ms": 550, "arm": "gold"}
+FAULT = {
+    "site": "packet",
+    "channel": "delx",
+    "effect": "offset",
+    "value": [20, 40],
+    "start_ms": 550,
+    "arm": "gold",
+}
 
 
 def tables(folder: Path, text: str = "", **more) -> dict:
@@ -143,7 +152,13 @@ def packets_of(raw: dict):
     packet = SimdEngine().tracer(ready.program, 1).run(*blocks, ready.columns)[2].packet
     arrived = np.flatnonzero(np.asarray(packet.received))
     delta = np.stack([np.asarray(x) for x in packet.delta[0]], axis=-1)[arrived]
-    return arrived, delta, np.asarray(packet.grasp[0])[arrived], np.asarray(packet.surgeon_mode)[arrived], ready.motion
+    return (
+        arrived,
+        delta,
+        np.asarray(packet.grasp[0])[arrived],
+        np.asarray(packet.surgeon_mode)[arrived],
+        ready.motion,
+    )
 
 
 SETTINGS = {
@@ -159,8 +174,13 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in [*SETTINGS][1:]]
 
 @pytest.mark.parametrize("case", ["both arms", *SLOW])
 def test_the_plan_given_back_has_the_bits_of_the_built_in_operator(tmp_path, case):
-    own, built_in = (rj.run(tables(tmp_path, text, **SETTINGS[case]), engine="simd") for text in (AS_COMPUTED, ""))
-    assert list(own.columns) == list(built_in.columns) and not set(own["run_id"]) & set(built_in["run_id"])
+    own, built_in = (
+        rj.run(tables(tmp_path, text, **SETTINGS[case]), engine="simd")
+        for text in (AS_COMPUTED, "")
+    )
+    assert list(own.columns) == list(built_in.columns) and not set(own["run_id"]) & set(
+        built_in["run_id"]
+    )
     require_equal(own, built_in)
 
 
@@ -168,10 +188,16 @@ def test_a_file_may_react_as_the_built_in_operator_does(tmp_path):
     """Its three actions, written as a file: lifting the pedal and slowing down to the bit."""
     hit = {"group": tables(tmp_path)["group"][1:]}
     own = tables(tmp_path, REACTING, **hit, cross={"operator.own.hands.action": [1, 2, 3]})
-    built_in = tables(tmp_path, reaction={"delay_ms": 150.0}, **hit, cross={"reaction.action": [1, 2, 3]})
+    built_in = tables(
+        tmp_path, reaction={"delay_ms": 150.0}, **hit, cross={"reaction.action": [1, 2, 3]}
+    )
     own, built_in = (rj.run(raw, engine="simd") for raw in (own, built_in))
     assert (built_in["reaction_ms"] > 0).all() and built_in["pedal_down_ms"].nunique() > 2
-    names = [name for name in built_in.columns if name in own.columns and not name.startswith(("param:", "run_id"))]
+    names = [
+        name
+        for name in built_in.columns
+        if name in own.columns and not name.startswith(("param:", "run_id"))
+    ]
     exact = built_in["param:reaction.action"] < 3
     require_equal(own[exact], built_in.loc[exact, names], ("pair",))
     for name in ("peak_model_deviation_mm", "peak_golden_deviation_mm", "rms_model_deviation_mm"):
@@ -185,7 +211,12 @@ def test_a_tremor_is_what_the_console_sends(tmp_path, packets):
     place = 0.1 * 200.0 * np.sin(2 * np.pi * 8e-3 * ticks)
     begins = int(np.flatnonzero(pedal)[0]) - 1
     sent = delta.cumsum(axis=0)
-    assert abs(sent[begins + 1 :, 0] - (place[begins + 1 :] - (place[begins] if begins >= 0 else 0.0))).max() < 2.0
+    assert (
+        abs(
+            sent[begins + 1 :, 0] - (place[begins + 1 :] - (place[begins] if begins >= 0 else 0.0))
+        ).max()
+        < 2.0
+    )
     assert np.ptp(sent[:, 0]) > 36 and not sent[:, 1:].any()
 
 
@@ -207,15 +238,26 @@ def test_a_lifted_pedal_may_be_back(tmp_path):
     _, _, _, pedal, motion = packets_of(tables(tmp_path, TIRED))
     planned = motion.surgeon_mode > 0
     assert planned[600:700].all() and not pedal[620:660].any()
-    np.testing.assert_array_equal(np.delete(pedal, np.s_[620:660]) > 0, np.delete(planned, np.s_[620:660]))
+    np.testing.assert_array_equal(
+        np.delete(pedal, np.s_[620:660]) > 0, np.delete(planned, np.s_[620:660])
+    )
 
 
 def test_runs_go_on_from_golden_runs_whose_operator_lifts_the_pedal(tmp_path):
-    """Faults that count time in pedal-down, which nobody knows before: to the bit as if nothing were shared."""
-    fault = {**copy.deepcopy(FAULT), "trigger": "pedal", "start_ms": [20, 60, 120, 200], "duration_ms": 30}
+    """Faults that count time in pedal-down, which nobody knows before: to the bit as if nothing
+    were shared.
+    """
+    fault = {
+        **copy.deepcopy(FAULT),
+        "trigger": "pedal",
+        "start_ms": [20, 60, 120, 200],
+        "duration_ms": 30,
+    }
     timed = {**copy.deepcopy(FAULT), "start_ms": [700, 800], "duration_ms": 30}
     group = [{"name": "pedal", "fault": [fault]}, {"name": "timed", "fault": [timed]}]
-    text = TREMOR.replace("view.arms)}", 'view.arms), "pedal": (view.tick < 620) | (view.tick >= 660)}')
+    text = TREMOR.replace(
+        "view.arms)}", 'view.arms), "pedal": (view.tick < 620) | (view.tick >= 660)}'
+    )
     ready = plan.make(rj.load_campaign(tables(tmp_path, text, group=group)))
     assert Branching(ready, 1).branches.any() and (ready.acts > 0).all()
     branched, whole = computed(ready, SimdEngine()), computed(ready, SimdEngine(), whole=True)
@@ -225,11 +267,18 @@ def test_runs_go_on_from_golden_runs_whose_operator_lifts_the_pedal(tmp_path):
 
 
 def test_its_parameters_are_swept_and_decide_with_its_text(tmp_path):
-    raw = tables(tmp_path, TREMOR, cross={"operator.own.hands.um": [0, 500, 2000]}, operator={"motion": "still"})
+    raw = tables(
+        tmp_path,
+        TREMOR,
+        cross={"operator.own.hands.um": [0, 500, 2000]},
+        operator={"motion": "still"},
+    )
     table = rj.run(raw, engine="simd")
     paths = table.groupby("param:operator.own.hands.um")["golden_tip_path_mm"].max()
     way = 4 * 0.2 * 8 * 0.6  # mm in 0.6 s of pedal-down
-    assert paths[0] < paths[500] < paths[2000] and 0.2 * way < paths[2000] < 1.2 * way  # dry friction holds small ones
+    assert (
+        paths[0] < paths[500] < paths[2000] and 0.2 * way < paths[2000] < 1.2 * way
+    )  # dry friction holds small ones
     (tmp_path / "mine.py").write_text(HEAD + TREMOR.replace("200.0", "201.0"))
     assert not set(plan.make(rj.load_campaign(raw)).table["run_id"]) & set(table["run_id"])
 
@@ -238,14 +287,16 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
     (tmp_path / "mine.py").write_text(HEAD + REACTING)
     campaign = tmp_path / "x.toml"
     campaign.write_text(
-        '[campaign]\nname = "x"\nduration_s = 0.9\n[operator]\nmotion = "suture"\nfile = "mine.py"\n[[group]]\n'
-        'name = "a"\n[[group.fault]]\nsite = "packet"\nchannel = "delx"\narm = "gold"\neffect = "offset"\n'
-        "value = [20, 40]\nstart_ms = 550\nduration_ms = 150\n"
+        '[campaign]\nname = "x"\nduration_s = 0.9\n[operator]\nmotion = "suture"\nfile ='
+        ' "mine.py"\n[[group]]\nname = "a"\n[[group.fault]]\nsite = "packet"\nchannel = "delx"\narm'
+        ' = "gold"\neffect = "offset"\nvalue = [20, 40]\nstart_ms = 550\nduration_ms = 150\n'
     )
     table = rj.run(loading.load(campaign), out=tmp_path / "out", engine="simd")
     assert verification.verify(tmp_path / "out", 1).fine
     config = loading.load(campaign)
-    assert re.match(r"suture, generated; .*mine\.py has the hands; scale 0\.1", dict(config.lines())["operator"])
+    assert re.match(
+        r"suture, generated; .*mine\.py has the hands; scale 0\.1", dict(config.lines())["operator"]
+    )
     declared = rj.Campaign(
         name="x",
         duration_s=0.9,
@@ -255,7 +306,9 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
     (tmp_path / "again.toml").write_text(declared.to_toml())
     for again in (declared.config, loading.load(tmp_path / "again.toml")):
         assert again.model_dump() == config.model_dump()
-    processes = rj.run(config, out=tmp_path / "other", engine="simd", executor="processes", workers=1)
+    processes = rj.run(
+        config, out=tmp_path / "other", engine="simd", executor="processes", workers=1
+    )
     require_equal(processes, table, ())
     (tmp_path / "mine.py").write_text(HEAD + TIRED)
     assert not verification.verify(tmp_path / "out", 1).fine
@@ -264,29 +317,49 @@ def test_a_campaign_with_one_is_verified_and_alike_in_python(tmp_path):
 STEP = "def step(params, state, view):\n    return "
 WRONG = {
     "syntax": ("def step(params:\n", r"mine\.py:2: is no Python"),
-    "import": ("import no_such_one\n" + STEP + "state, {}", r"mine\.py:2: .*No module named 'no_such_one'"),
-    "no dict": (STEP + "state, view.arms[0].delta", r"mine\.py:2: .* for the hands, expected a dict with some of the"),
+    "import": (
+        "import no_such_one\n" + STEP + "state, {}",
+        r"mine\.py:2: .*No module named 'no_such_one'",
+    ),
+    "no dict": (
+        STEP + "state, view.arms[0].delta",
+        r"mine\.py:2: .* for the hands, expected a dict with some of the",
+    ),
     "key": (
         STEP + "state, {'dleta': ()}",
-        r"mine\.py:2: .*gives the key 'dleta' in the hands, expected some of delta, grasp, pedal, pace\. Did .*'delta'",
+        (
+            r"mine\.py:2: .*gives the key 'dleta' in the hands, expected some of delta, grasp,"
+            r" pedal, pace\. Did .*'delta'"
+        ),
     ),
     "one hand": (
         STEP + "state, {'delta': view.arms[0].delta}",
-        r"mine\.py:2: .* for delta, expected a tuple of 1, one for each arm: a Vec of 3 numbers, um",
+        (
+            r"mine\.py:2: .* for delta, expected a tuple of 1, one for each arm: a Vec of 3"
+            r" numbers, um"
+        ),
     ),
-    "array": (STEP + "state, {'pace': jnp.ones(2)}", r"mine\.py:2: .*an array of shape \(2,\) for pace, expected a s"),
+    "array": (
+        STEP + "state, {'pace': jnp.ones(2)}",
+        r"mine\.py:2: .*an array of shape \(2,\) for pace, expected a s",
+    ),
     "kind": (STEP + "state, {'pedal': 1}", r"mine\.py:2: .*gives a int for pedal, expected bool"),
     "one thing": (STEP + "{}", r"mine\.py:2: .* expected two things: \(state, the hands\)"),
     "branch": (
-        "def step(params, state, view):\n    if view.arms[0].force > 0:\n        return state, {'pedal': view.pedal}\n"
-        "    return state, {'pedal': view.pedal}\n",
+        (
+            "def step(params, state, view):\n    if view.arms[0].force > 0:\n        return state,"
+            " {'pedal': view.pedal}\n    return state, {'pedal': view.pedal}\n"
+        ),
         r"mine\.py:3: .* write jnp\.where",
     ),
     "state": (
         "def init(params):\n    return (0,)\n" + STEP + "(view.scale,), {}",
         r"mine\.py:4: .*makes the state's 0 a float, it began as int",
     ),
-    "attribute": (STEP + "state, {'pedal': view.pedal_down}", r"mine\.py:3: .*has no attribute 'pedal_down'"),
+    "attribute": (
+        STEP + "state, {'pedal': view.pedal_down}",
+        r"mine\.py:3: .*has no attribute 'pedal_down'",
+    ),
 }
 
 
@@ -305,7 +378,10 @@ NETWORK = {"site": "network", "start_ms": 600, "duration_ms": 50}
     "more, said",
     [
         ({"operator": {"hands": "none.py"}}, "file of operator 'hands' cannot be read"),
-        ({"operator": {"hands": "mine.csv"}}, "expected the path of a .py file; a recorded motion is `file`"),
+        (
+            {"operator": {"hands": "mine.csv"}},
+            "expected the path of a .py file; a recorded motion is `file`",
+        ),
         ({"operator": {"hands_sha256": "0" * 64}}, "has changed since"),
         ({"operator": {"file": "other.py"}}, "file and hands are both Python"),
         ({"reaction": {}}, "let the file react"),
@@ -313,7 +389,10 @@ NETWORK = {"site": "network", "start_ms": 600, "duration_ms": 50}
             {"group": [{"name": "a", "fault": [{**NETWORK, "effect": "delay", "value": 5}]}]},
             "may send packets of before",
         ),
-        ({"group": [{"name": "a", "fault": [{**NETWORK, "effect": "duplicate"}]}]}, "let the faults lose packets"),
+        (
+            {"group": [{"name": "a", "fault": [{**NETWORK, "effect": "duplicate"}]}]},
+            "let the faults lose packets",
+        ),
         ({"parameters": {"operator.own.hands.mm": 1}}, re.escape("operator.own.hands.um")),
         ({"parameters": {"operator.own.hands.um": 9000}}, "0..5000 um"),
     ],
@@ -327,13 +406,17 @@ def test_what_does_not_go_with_one_is_refused(tmp_path, more, said):
 def test_lost_packets_go_with_one(tmp_path):
     """What the hands did meanwhile is lost with them."""
     lost = {"group": [{"name": "a", "fault": [{**NETWORK, "effect": "drop"}]}]}
-    own, built_in = (rj.run(tables(tmp_path, text, **lost), engine="simd") for text in (AS_COMPUTED, ""))
+    own, built_in = (
+        rj.run(tables(tmp_path, text, **lost), engine="simd") for text in (AS_COMPUTED, "")
+    )
     require_equal(own, built_in)
 
 
 @pytest.mark.slow
 def test_the_plan_given_back_has_the_outcomes_of_the_built_in_operator_on_engine_xla(tmp_path):
-    """Whole numbers alike; of others the last digits differ, as rotations are products that xla may fuse otherwise."""
+    """Whole numbers alike; of others the last digits differ, as rotations are products that xla
+    may fuse otherwise.
+    """
     zero, built_in = (rj.run(tables(tmp_path, text), engine="xla") for text in (AS_COMPUTED, ""))
     floats = [name for name in built_in.columns if built_in[name].dtype.kind == "f"]
     require_equal(zero, built_in, ("run_id", *floats))

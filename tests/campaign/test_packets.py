@@ -1,4 +1,6 @@
-"""Packets whose length is drawn: what a campaign file may say of them, and what runs make of them."""
+"""Packets whose length is drawn: what a campaign file may say of them, and what runs make of
+them.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,13 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.program import PACKET_KEY
 from ravenjax.vocabulary import packets
 
-FAULT = {"site": "usb_out", "channel": "shoulder", "effect": "offset", "value": [2000, 14000], "start_ms": 250}
+FAULT = {
+    "site": "usb_out",
+    "channel": "shoulder",
+    "effect": "offset",
+    "value": [2000, 14000],
+    "start_ms": 250,
+}
 TICKS = 400
 
 
@@ -47,7 +55,11 @@ def bursts():
 
 def test_by_default_nothing_is_drawn():
     ready = planned()
-    assert ready.program.setup.packets == () and ready.keys == {} and ready.golden.tolist() == [0, 0, 0]
+    assert (
+        ready.program.setup.packets == ()
+        and ready.keys == {}
+        and ready.golden.tolist() == [0, 0, 0]
+    )
 
 
 def test_every_run_draws_its_own_packets_and_shares_them_with_its_golden_run(bursts):
@@ -77,7 +89,9 @@ def test_no_motion_is_lost_or_doubled(console):
     assert np.diff(fresh).max() > 6 and len(fresh) < 600
     assert packet.sequence[fresh].tolist() == list(range(1, len(fresh) + 1))
     scale = float(ready.program.params.operator.scale)
-    place = np.stack([ready.columns[i] for i in range(3)], axis=1)[np.minimum(fresh, len(ready.columns[0]) - 1)]
+    place = np.stack([ready.columns[i] for i in range(3)], axis=1)[
+        np.minimum(fresh, len(ready.columns[0]) - 1)
+    ]
     sent = np.stack([packet.delta[0][i][fresh] for i in range(3)], axis=1)
     if console == "increments":
         down = packet.surgeon_mode[fresh] != 0
@@ -93,7 +107,9 @@ def test_no_motion_is_lost_or_doubled(console):
 
 
 def test_where_every_packet_lasts_one_cycle_the_bits_are_those_without_a_clock():
-    results = [rj.run(rj.load_campaign(tables(packets=value))) for value in ("every_cycle", [1.0, 0.0])]
+    results = [
+        rj.run(rj.load_campaign(tables(packets=value))) for value in ("every_cycle", [1.0, 0.0])
+    ]
     for name in results[0].columns.drop("run_id"):
         assert results[0][name].equals(results[1][name]), name
 
@@ -107,12 +123,16 @@ def test_pairs_have_the_same_packets_but_for_their_distribution():
     for choice in range(3):
         row = int(np.flatnonzero(ready.varied["network.packets"] == choice)[0])
         shares[choice] = traced(ready, row).packet.received.mean()
-    assert shares[0] == 1.0 and shares[1] == pytest.approx(0.49, abs=0.03) and 0.2 < shares[2] < 0.45
+    assert (
+        shares[0] == 1.0 and shares[1] == pytest.approx(0.49, abs=0.03) and 0.2 < shares[2] < 0.45
+    )
 
 
 @pytest.mark.slow
 def test_engine_xla_has_the_same_packets(bursts):
-    ours, theirs = (traced(bursts, 2, engine).packet for engine in (SimdEngine(), ScanEngine("xla")))
+    ours, theirs = (
+        traced(bursts, 2, engine).packet for engine in (SimdEngine(), ScanEngine("xla"))
+    )
     for name in ("received", "sequence", "surgeon_mode"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
     for i in range(3):
@@ -130,7 +150,13 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        ("measurd", "got 'measurd', expected one of 'every_cycle', 'measured', 'bursts'. Did you mean 'measured'"),
+        (
+            "measurd",
+            (
+                "got 'measurd', expected one of 'every_cycle', 'measured', 'bursts'. Did you mean"
+                " 'measured'"
+            ),
+        ),
         ([0.5, 0.4], "whose sum is 0.9, expected shares of packets that last 1, 2, 3, .. cycles"),
         ([1.5, -0.5], "none negative and 1 in all, such as [0.1, 0.8, 0.1]"),
         ([], "got 0 shares, expected 1 to 32"),
@@ -148,8 +174,14 @@ def test_what_is_no_distribution_is_refused(value, words):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"parameters": {"network.cycles_per_packet": 2}}, "nothing reads it where packets are drawn: remove it"),
-        ({"parameters": {"network.packets": 3}}, "which is the shares in campaign.packets, but there are none"),
+        (
+            {"parameters": {"network.cycles_per_packet": 2}},
+            "nothing reads it where packets are drawn: remove it",
+        ),
+        (
+            {"parameters": {"network.packets": 3}},
+            "which is the shares in campaign.packets, but there are none",
+        ),
         ({"parameters": {"network.packet_key": 3}}, "cannot be set"),
     ],
 )
@@ -161,7 +193,9 @@ def test_what_does_not_go_with_drawn_packets_is_refused(changes, words):
 
 def test_a_fault_that_drops_packets_goes_with_them():
     raw = tables(packets="measured")
-    raw["group"][1]["fault"] = [{"site": "network", "effect": "drop", "start_ms": 250, "duration_ms": 20}]
+    raw["group"][1]["fault"] = [
+        {"site": "network", "effect": "drop", "start_ms": 250, "duration_ms": 20}
+    ]
     received = traced(plan.make(loading.from_dict(raw)), 1).packet.received
     assert received[250:270].sum() == 0 < received[:250].sum()
 

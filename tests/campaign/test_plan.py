@@ -14,17 +14,30 @@ from ravenjax.campaign import loading, plan
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.program import NOISE_KEY
 
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [1, 2, 3], "start_ms": 5}
-CAMPAIGN = {"campaign": {"name": "x", "duration_s": 0.02}, "group": [{"name": "a", "fault": [FAULT]}]}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "overwrite",
+    "value": [1, 2, 3],
+    "start_ms": 5,
+}
+CAMPAIGN = {
+    "campaign": {"name": "x", "duration_s": 0.02},
+    "group": [{"name": "a", "fault": [FAULT]}],
+}
 
 columns = st.integers(1, 4).flatmap(
-    lambda n: st.lists(st.tuples(*[st.sampled_from([0.0, 0.5, 1.0, -2.0])] * n), min_size=1, max_size=30)
+    lambda n: st.lists(
+        st.tuples(*[st.sampled_from([0.0, 0.5, 1.0, -2.0])] * n), min_size=1, max_size=30
+    )
 )
 
 
 @given(columns)
 def test_runs_share_a_golden_run_exactly_where_all_parameters_agree(rows):
-    varied = {str(k): np.array(column, np.float32) for k, column in enumerate(zip(*rows, strict=True))}
+    varied = {
+        str(k): np.array(column, np.float32) for k, column in enumerate(zip(*rows, strict=True))
+    }
     golden = plan._golden_runs(varied, len(rows))
     first = {row: i for i, row in reversed(list(enumerate(rows)))}
     numbered = sorted(set(first.values()))
@@ -54,7 +67,9 @@ def test_with_noise_every_run_draws_its_own_and_has_a_golden_run_that_draws_the_
 def test_a_generated_motion_may_begin_elsewhere():
     raw = {"campaign": {"name": "x"}, "group": [{"name": "g"}]}
     home = plan.make(loading.from_dict(raw)).motion
-    drawn_back = plan.make(loading.from_dict(raw, overrides=["operator.start.insertion_m=0.3"])).motion
+    drawn_back = plan.make(
+        loading.from_dict(raw, overrides=["operator.start.insertion_m=0.3"])
+    ).motion
     assert home.start_jpos[0][2] != 0.3
     assert drawn_back.start_jpos == ((*home.start_jpos[0][:2], 0.3, *home.start_jpos[0][3:]),)
     assert (drawn_back.position_um == home.position_um).all()
@@ -62,7 +77,10 @@ def test_a_generated_motion_may_begin_elsewhere():
 
 @pytest.mark.parametrize(
     ("key", "told"),
-    [("operator.start.insertion_m=0.9", r"0\.23\.\.0\.562"), ("operator.start.elbow_deg=10", r"45\.\.137\.5")],
+    [
+        ("operator.start.insertion_m=0.9", r"0\.23\.\.0\.562"),
+        ("operator.start.elbow_deg=10", r"45\.\.137\.5"),
+    ],
 )
 def test_a_start_beyond_the_hard_stops_is_refused(key, told):
     with pytest.raises(UserError, match=told):
@@ -95,7 +113,10 @@ def test_a_group_that_leaves_a_vector_alone_keeps_the_robots_own():
 
 
 KP = [199.4, 104.5, 195.2, 0.0046, 0.0044, 3924.6, 3924.7]
-PER_JOINT = "nominal.gold.kp.shoulder = 199.4, nominal.gold.kp.elbow = 104.5, nominal.gold.kp.insertion = 195.2"
+PER_JOINT = (
+    "nominal.gold.kp.shoulder = 199.4, nominal.gold.kp.elbow = 104.5, nominal.gold.kp.insertion ="
+    " 195.2"
+)
 
 
 @pytest.mark.parametrize(
@@ -106,10 +127,16 @@ PER_JOINT = "nominal.gold.kp.shoulder = 199.4, nominal.gold.kp.elbow = 104.5, no
             "nominal.gold.kp",
             KP,
             [
-                "parameters.nominal.gold.kp: got a list of 7 for a vector of 7 numbers (shoulder, elbow, insertion, ",
+                (
+                    "parameters.nominal.gold.kp: got a list of 7 for a vector of 7 numbers"
+                    " (shoulder, elbow, insertion, "
+                ),
                 "wrist, grasp1, grasp2), which may be meant in two ways",
                 f"One number each: write {PER_JOINT}",
-                "7 levels, each for all of them: write { list = [199.4, 104.5, 195.2, 0.0046, 0.0044, 3924.6, 3924.7]",
+                (
+                    "7 levels, each for all of them: write { list = [199.4, 104.5, 195.2, 0.0046,"
+                    " 0.0044, 3924.6, 3924.7]"
+                ),
             ],
         ),
         ("parameters", "nominal.kp", KP, ["One number each: write nominal.kp.shoulder = 199.4"]),
@@ -119,9 +146,24 @@ PER_JOINT = "nominal.gold.kp.shoulder = 199.4, nominal.gold.kp.elbow = 104.5, no
             [0, 1, -9],
             ["plant.gravity.x = 0, plant.gravity.y = 1, plant.gravity.z = -9"],
         ),
-        ("parameters", "plant.gravity", [0, 0, -9.81], ["write one path each, such as plant.gravity.x"]),
-        ("parameters", "reaction.delay_ms", 200, ["unknown parameter: there is none without a section [reaction]"]),
-        ("parameters", "detectors.armed_after", 9, ["there is none without a section [[detector]]; write one"]),
+        (
+            "parameters",
+            "plant.gravity",
+            [0, 0, -9.81],
+            ["write one path each, such as plant.gravity.x"],
+        ),
+        (
+            "parameters",
+            "reaction.delay_ms",
+            200,
+            ["unknown parameter: there is none without a section [reaction]"],
+        ),
+        (
+            "parameters",
+            "detectors.armed_after",
+            9,
+            ["there is none without a section [[detector]]; write one"],
+        ),
     ],
 )
 def test_what_a_list_for_a_vector_may_mean_is_asked(table, path, values, parts):

@@ -1,4 +1,6 @@
-"""Robots whose kinematic errors are drawn: by one key, for each run anew, the same for a run and its golden run."""
+"""Robots whose kinematic errors are drawn: by one key, for each run anew, the same for a run and
+its golden run.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +15,29 @@ from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
 
-FAULT = {"site": "usb_out", "channel": "shoulder", "effect": "offset", "value": [2000, 14000], "start_ms": 150}
+FAULT = {
+    "site": "usb_out",
+    "channel": "shoulder",
+    "effect": "offset",
+    "value": [2000, 14000],
+    "start_ms": 150,
+}
 PREFIX = "plant.gold.kinematic_errors."
 TICKS = 250
 
 
 def tables(groups=None, **campaign) -> dict:
-    clean, faulty = {"name": "free", "repeats": 2}, {"name": "a", "fault": [{**FAULT, "duration_ms": 32}]}
+    clean, faulty = (
+        {"name": "free", "repeats": 2},
+        {"name": "a", "fault": [{**FAULT, "duration_ms": 32}]},
+    )
     return {
-        "campaign": {"name": "x", "duration_s": TICKS / 1e3, "kinematic_errors": "measured", **campaign},
+        "campaign": {
+            "name": "x",
+            "duration_s": TICKS / 1e3,
+            "kinematic_errors": "measured",
+            **campaign,
+        },
         "operator": {"motion": "reach"},
         "group": groups or [clean, faulty],
     }
@@ -40,7 +56,9 @@ def traced(ready: plan.Plan, row: int):
 
 
 def test_by_default_nothing_is_drawn_and_nothing_is_registered() -> None:
-    ready = planned([{"name": "a", "fault": [{**FAULT, "duration_ms": 32}]}], kinematic_errors="none")
+    ready = planned(
+        [{"name": "a", "fault": [{**FAULT, "duration_ms": 32}]}], kinematic_errors="none"
+    )
     assert not ready.varied and ready.golden.tolist() == [0, 0]
     assert int(ready.program.params.plant[0].kinematic_errors.registered) == 0
 
@@ -49,7 +67,12 @@ def test_every_run_draws_its_robot_and_shares_it_with_its_golden_run() -> None:
     ready = planned()
     assert set(ready.varied) == {PREFIX + path for path in MEASURED}
     assert all(len(set(values.tolist())) == 4 for values in ready.varied.values())
-    assert ready.golden.tolist() == [0, 1, 2, 3], "runs of different robots have different golden runs"
+    assert ready.golden.tolist() == [
+        0,
+        1,
+        2,
+        3,
+    ], "runs of different robots have different golden runs"
     assert int(ready.program.params.plant[0].kinematic_errors.registered) == 1
 
 
@@ -63,16 +86,22 @@ def test_before_its_fault_a_run_is_its_golden_run_and_both_are_off_the_report() 
 
 
 def test_the_draw_follows_the_campaign_s_seed_and_the_file_s_own_parameters_come_first() -> None:
-    one, same, other = (planned(seed=seed).varied[PREFIX + "joint_offset.elbow"] for seed in (1, 1, 2))
+    one, same, other = (
+        planned(seed=seed).varied[PREFIX + "joint_offset.elbow"] for seed in (1, 1, 2)
+    )
     assert np.array_equal(one, same) and not np.array_equal(one, other)
     raw = tables()
     raw["parameters"] = {PREFIX + "joint_offset.elbow": 0.05}
-    assert set(plan.make(rj.load_campaign(raw)).varied[PREFIX + "joint_offset.elbow"].tolist()) == {np.float32(0.05)}
+    assert set(plan.make(rj.load_campaign(raw)).varied[PREFIX + "joint_offset.elbow"].tolist()) == {
+        np.float32(0.05)
+    }
 
 
 def test_both_arms_have_errors_of_their_own() -> None:
     ready = planned([{"name": "free", "repeats": 3}], arms=["gold", "green"])
-    gold, green = (ready.varied[f"plant.{arm}.kinematic_errors.ratio_error.wrist"] for arm in ("gold", "green"))
+    gold, green = (
+        ready.varied[f"plant.{arm}.kinematic_errors.ratio_error.wrist"] for arm in ("gold", "green")
+    )
     assert not np.array_equal(gold, green)
 
 
@@ -88,7 +117,9 @@ def test_a_crossed_scale_gives_every_fault_the_same_robot_at_each_size() -> None
 
 def test_a_manifest_gives_the_same_campaign_again() -> None:
     config = rj.load_campaign(tables())
-    again = type(config).model_validate(config.model_dump(mode="json", exclude={"operator": {"file"}}))
+    again = type(config).model_validate(
+        config.model_dump(mode="json", exclude={"operator": {"file"}})
+    )
     assert again.parameters == config.parameters
 
 

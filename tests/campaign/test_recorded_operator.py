@@ -1,4 +1,6 @@
-"""A recorded operator in a campaign: its keys, what the robot then does, and that all of it is said."""
+"""A recorded operator in a campaign: its keys, what the robot then does, and that all of it is
+said.
+"""
 
 import numpy as np
 import pandas as pd
@@ -21,11 +23,13 @@ def hands(tmp_path):
     """Three seconds along a circle of 8 mm about the home tip, 100 rows a second."""
     time_s = np.arange(300) / 100.0
     phase = 2.0 * np.pi * time_s / 3.0
-    place = HOME_MM + np.stack([4.0 * (1.0 - np.cos(phase)), 4.0 * np.sin(phase), 0.0 * phase], axis=1)
-    path = tmp_path / "hands.csv"
-    pd.DataFrame({"t_ms": time_s * 1e3} | {f"gold_{a}_mm": place[:, i] for i, a in enumerate("xyz")}).to_csv(
-        path, index=False
+    place = HOME_MM + np.stack(
+        [4.0 * (1.0 - np.cos(phase)), 4.0 * np.sin(phase), 0.0 * phase], axis=1
     )
+    path = tmp_path / "hands.csv"
+    pd.DataFrame(
+        {"t_ms": time_s * 1e3} | {f"gold_{a}_mm": place[:, i] for i, a in enumerate("xyz")}
+    ).to_csv(path, index=False)
     return path
 
 
@@ -49,7 +53,10 @@ def tables(file, **more):
         ({"motion": "reach", "spikes": "remove"}, "spikes belongs to a recorded motion"),
         ({"motion": "reach", "at_end": "hold"}, "at_end belongs to a recorded motion"),
         ({"motion": "reach", "window_s": [0, 1]}, "window_s belongs to a recorded motion"),
-        ({"file": "a.csv", "seed": 3}, "seed belongs to a generated motion, a recorded one has none: remove it"),
+        (
+            {"file": "a.csv", "seed": 3},
+            "seed belongs to a generated motion, a recorded one has none: remove it",
+        ),
         ({"file": "a.csv", "spikes": "drop"}, "expected 'refuse', 'remove' or 'replay'"),
         ({"file": "a.csv", "at_end": "loop"}, "expected 'refuse', 'hold' or 'reverse'"),
         ({"file": "a.csv", "rate_hz": 0}, "operator.rate_hz: got 0"),
@@ -89,7 +96,8 @@ def test_limits_are_those_of_the_campaign(hands):
     bounds = operator_bounds(config)
     assert (bounds.lower[2], bounds.upper[2]) == (0.3, 0.402)
     with pytest.raises(
-        UserError, match=r"insertion of gold would be at 40\d.* soft limits 300.0 to 402.0 mm less 2 mm"
+        UserError,
+        match=r"insertion of gold would be at 40\d.* soft limits 300.0 to 402.0 mm less 2 mm",
     ):
         plan.make(config)
     fork = loading.from_dict(tables(hands), overrides=["campaign.software=fork2015"])
@@ -97,7 +105,9 @@ def test_limits_are_those_of_the_campaign(hands):
 
 
 def test_a_scale_that_is_varied_is_said_and_checked(hands):
-    config = loading.from_dict(tables(hands), overrides=["parameters.operator.scale=[0.05, 0.1, 0.2]"])
+    config = loading.from_dict(
+        tables(hands), overrides=["parameters.operator.scale=[0.05, 0.1, 0.2]"]
+    )
     summary = plan.make(config).operator
     assert summary.scales == (0.05, 0.2)
     assert "the tip moves 0.5 to 2 times as far" in dict(words.rows(summary))["scale"]
@@ -117,7 +127,10 @@ def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     assert summary.window_s == (0.0, 1.25) and summary.rate_hz == pytest.approx(100.0)
     assert summary.arms[0].removed_rms_mm < 0.05
     rows = dict(words.rows(summary))
-    assert "column t_ms: 100 rows a second (every 10 ms), 2.990 s in all; interpolated by time" in rows["time"]
+    assert (
+        "column t_ms: 100 rows a second (every 10 ms), 2.990 s in all; interpolated by time"
+        in rows["time"]
+    )
     assert "0.000 to 1.250 s of the recording" in rows["replayed"]
     rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")  # done: the same again
     assert manifest.read(tmp_path / "out").operator == summary
@@ -134,11 +147,16 @@ def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path)
     assert records[0].config["operator"]["file"] != records[1].config["operator"]["file"]
     assert records[0].config_hash == records[1].config_hash != records[2].config_hash
     assert records[0].differences(records[1]) == []
-    assert any(line.startswith("config.operator.file: ") for line in records[0].differences(records[2]))
+    assert any(
+        line.startswith("config.operator.file: ") for line in records[0].differences(records[2])
+    )
 
 
 def test_a_generated_operator_has_no_summary():
-    assert plan.make(loading.from_dict({"campaign": {"name": "x"}, "group": [{"name": "g"}]})).operator is None
+    assert (
+        plan.make(loading.from_dict({"campaign": {"name": "x"}, "group": [{"name": "g"}]})).operator
+        is None
+    )
 
 
 def test_a_file_that_changes_is_read_again(hands):

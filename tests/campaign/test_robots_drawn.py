@@ -42,7 +42,11 @@ def test_numbers_of_one_robot_stay_together(tmp_path, kind) -> None:
     raw["group"][0]["design"] = kind
     rows = design.expand(loading.from_dict(raw, source=tmp_path / "campaign.toml"))
     drawn = rows[[f"param:{COULOMB}", f"param:{OFFSET}"]].drop_duplicates()
-    assert sorted(drawn.itertuples(index=False, name=None)) == [(0.02, 0.2), (0.03, 0.3), (0.04, 0.4)]
+    assert sorted(drawn.itertuples(index=False, name=None)) == [
+        (0.02, 0.2),
+        (0.03, 0.3),
+        (0.04, 0.4),
+    ]
     shares = rows[f"param:{COULOMB}"].value_counts(normalize=True)
     assert (shares > 0.2).all()
 
@@ -55,7 +59,10 @@ def test_the_file_chooses_the_mechanics_its_numbers_hold_for(tmp_path) -> None:
 
 def test_what_the_campaign_says_goes_before_the_file(tmp_path) -> None:
     config = loaded(tmp_path, parameters={COULOMB: 0.05})
-    assert config.parameters[COULOMB].values == (0.05,) and config.parameters[OFFSET].kind == "together"
+    assert (
+        config.parameters[COULOMB].values == (0.05,)
+        and config.parameters[OFFSET].kind == "together"
+    )
 
 
 def test_a_resolved_campaign_needs_the_file_no_more(tmp_path) -> None:
@@ -101,4 +108,11 @@ def test_campaigns_without_such_robots_draw_as_before() -> None:
     axes = {(-1, name): Axis(kind="uniform", values=(0.0, 1.0)) for name in "abc"}
     assert list(sampling._dimensions(axes).values()) == [0, 1, 2]
     shared = {(-1, name): Axis(kind="together", values=(1.0, 2.0)) for name in "xy"}
-    assert list(sampling._dimensions({(0, "v"): axes[-1, "a"], **shared, **axes}).values()) == [0, 1, 1, 2, 3, 4]
+    assert list(sampling._dimensions({(0, "v"): axes[-1, "a"], **shared, **axes}).values()) == [
+        0,
+        1,
+        1,
+        2,
+        3,
+        4,
+    ]

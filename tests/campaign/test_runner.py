@@ -56,7 +56,7 @@ CAMPAIGN = {
             ],
         },
     ],
-}  # fmt: skip
+}
 
 
 def config(**campaign):
@@ -75,7 +75,9 @@ def same(a: pd.DataFrame, b: pd.DataFrame) -> None:
     for name in a.columns:
         left, right = a[name].to_numpy(), b[name].to_numpy()
         if left.dtype.kind == "f":
-            np.testing.assert_array_equal(left.astype(np.float32), right.astype(np.float32), err_msg=name)
+            np.testing.assert_array_equal(
+                left.astype(np.float32), right.astype(np.float32), err_msg=name
+            )
         else:
             np.testing.assert_array_equal(left.astype(str), right.astype(str), err_msg=name)
 
@@ -100,7 +102,9 @@ def test_an_interrupted_campaign_resumes_where_it_stopped(whole, tmp_path, monke
     parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").iterdir()}
     assert len(parts) == 2
     same(whole, rj.run(config(chunk=9), out=tmp_path))
-    assert all(path.stat().st_mtime_ns == time for path, time in parts.items()), "finished parts are left alone"
+    assert all(path.stat().st_mtime_ns == time for path, time in parts.items()), (
+        "finished parts are left alone"
+    )
 
 
 def test_a_finished_campaign_computes_nothing_again(whole, tmp_path, monkeypatch):
@@ -113,7 +117,9 @@ def test_no_chunk_is_a_chunk_that_suits_the_campaign(whole, tmp_path):
     free = config()
     free = free.model_copy(update={"campaign": free.campaign.model_copy(update={"chunk": None})})
     same(whole, rj.run(free, out=tmp_path))
-    assert [path.name for path in (tmp_path / "parts").iterdir()] == ["part-000000000-000000026.parquet"]
+    assert [path.name for path in (tmp_path / "parts").iterdir()] == [
+        "part-000000000-000000026.parquet"
+    ]
 
 
 def test_rows_do_not_depend_on_the_size_of_blocks(whole, monkeypatch):
@@ -138,7 +144,9 @@ def blocks(monkeypatch):
 
 
 def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
-    """Three golden runs in a block that is no larger than they need, and a last block that is not filled up."""
+    """Three golden runs in a block that is no larger than they need, and a last block that is
+    not filled up.
+    """
     rj.run(config(), engine="simd")
     width = simd.jit.host().width
     assert [lanes for lanes, golden_runs in blocks if golden_runs] == [-(-3 // width) * width]
@@ -147,7 +155,9 @@ def test_a_block_is_as_large_as_its_rows_ask_for(blocks):
 
 @pytest.mark.slow
 def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
-    """While the first parts cannot be written, no more blocks are computed than may be under way."""
+    """While the first parts cannot be written, no more blocks are computed than may be under
+    way.
+    """
     monkeypatch.setattr(simd, "MAX_LANES", 16)
     monkeypatch.setattr(computation, "SORTED_ROWS", 1)
     threads = len(os.sched_getaffinity(0))
@@ -168,7 +178,9 @@ def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
     many = {**CAMPAIGN["group"][1], "runs": runs}
     wanted = {"name": "many", "duration_s": 0.02, "chunk": 16}
     many["fault"] = [{**many["fault"][0], "start_ms": 5}]
-    table = rj.run(rj.load_campaign({**CAMPAIGN, "campaign": wanted, "group": [many]}), tmp_path, engine="simd")
+    table = rj.run(
+        rj.load_campaign({**CAMPAIGN, "campaign": wanted, "group": [many]}), tmp_path, engine="simd"
+    )
     assert stuck[0] <= a_golden + under_way + written
     assert len(table) == runs
 
@@ -177,10 +189,16 @@ def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
 def test_simd_prints_each_form_of_its_kernel_once(monkeypatch):
     printed = []
     traced.forget()
-    monkeypatch.setattr(simd, "VectorCode", lambda *given: printed.append(given) or VectorCode(*given))
+    monkeypatch.setattr(
+        simd, "VectorCode", lambda *given: printed.append(given) or VectorCode(*given)
+    )
     assert len(rj.run(config(), engine="simd")) == 27
     grouped = [given[2] for given in printed]
-    assert sorted(grouped) in ([False], [True], [False, True]), "with and without groups of shared parameters"
+    assert sorted(grouped) in (
+        [False],
+        [True],
+        [False, True],
+    ), "with and without groups of shared parameters"
 
 
 @pytest.mark.slow
@@ -211,9 +229,12 @@ def test_another_campaign_is_refused_and_nothing_is_lost(tmp_path):
 def test_runs_with_their_own_parameters_have_their_own_golden_runs(whole):
     weak = whole[whole["group"] == "weak cable"]
     assert (weak["peak_golden_deviation_mm"] > 0).all()
-    by_stiffness = weak.groupby("param:plant.cable_stiffness_scale")["peak_model_deviation_mm"].min()
+    by_stiffness = weak.groupby("param:plant.cable_stiffness_scale")[
+        "peak_model_deviation_mm"
+    ].min()
     assert by_stiffness.nunique() == 2
-    # 0.5 rad of the insertion motor moves the tip by a fraction of a millimetre, seen against the right golden run.
+    # 0.5 rad of the insertion motor moves the tip by a fraction of a millimetre, seen against the
+    # right golden run.
     assert weak.loc[weak["fault0_value"] == 0.5, "peak_golden_deviation_mm"].max() < 1.0
 
 
@@ -241,9 +262,18 @@ def replayer():
 def test_a_replay_is_the_run(whole, replayer, index):
     row = whole.iloc[index]
     again = replayer.replay(row["run_id"])
-    for name in ("first_active_ms", "active_ticks", "response", "response_ms", "verdict", "cue0_first_ms"):
+    for name in (
+        "first_active_ms",
+        "active_ticks",
+        "response",
+        "response_ms",
+        "verdict",
+        "cue0_first_ms",
+    ):
         assert again.row[name] == row[name], name
-    assert again.row["peak_model_deviation_mm"] == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
+    assert again.row["peak_model_deviation_mm"] == pytest.approx(
+        row["peak_model_deviation_mm"], rel=1e-3
+    )
     series = again.series
     assert all(len(values) == 700 for values in series.values())
     apart = np.linalg.norm(series["gold/tip"] - series["gold/model_position"], axis=1) * 1e3
@@ -255,7 +285,11 @@ def test_a_replay_is_the_run(whole, replayer, index):
 def test_a_replay_responds_as_the_run_did_where_the_golden_run_trips_too():
     strict = config(level="beginner", duration_s=1.2, limit=9)
     strict = rj.load_campaign(
-        {**CAMPAIGN, "campaign": strict.campaign.model_dump(), "operator": {"motion": "reach", "scale": 0.3}}
+        {
+            **CAMPAIGN,
+            "campaign": strict.campaign.model_dump(),
+            "operator": {"motion": "reach", "scale": 0.3},
+        }
     )
     table = rj.run(strict)
     assert (table["check_overdrive_clip_count"] > 0).all(), "the fault-free run is clipped as well"

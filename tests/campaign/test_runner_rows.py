@@ -1,4 +1,6 @@
-"""What a start computes and what it tells: rows that grow, shards, one writer, progress for whoever watches."""
+"""What a start computes and what it tells: rows that grow, shards, one writer, progress for
+whoever watches.
+"""
 
 from __future__ import annotations
 
@@ -22,18 +24,31 @@ from ravenjax.store.folder import read_all
 def whole(tmp_path_factory):
     out = tmp_path_factory.mktemp("whole")
     told: list[Status] = []
-    runner.run_campaign(tiny.config(), out, "simd", on_progress=told.append, command=["ravenjax", "run", "tiny.toml"])
+    runner.run_campaign(
+        tiny.config(),
+        out,
+        "simd",
+        on_progress=told.append,
+        command=["ravenjax", "run", "tiny.toml"],
+    )
     return out, told
 
 
 @pytest.mark.slow
 def test_rows_may_grow_and_no_part_is_made_twice(whole, tmp_path):
-    steps = ([range(30, 50), range(100, 101)], [range(0, 30), range(30, 50)], [range(200, 300)], None)
+    steps = (
+        [range(30, 50), range(100, 101)],
+        [range(0, 30), range(30, 50)],
+        [range(200, 300)],
+        None,
+    )
     expected = (21, 51, 151, 300)
     for rows, count in zip(steps, expected, strict=True):
         before = {path: path.stat().st_mtime_ns for path in parts.files(tmp_path / "parts")}
         told: list[Status] = []
-        table = runner.run_campaign(tiny.config(), tmp_path, "simd", rows=rows, on_progress=told.append).frame()
+        table = runner.run_campaign(
+            tiny.config(), tmp_path, "simd", rows=rows, on_progress=told.append
+        ).frame()
         assert len(table) == count == manifest.read(tmp_path).done
         assert manifest.read(tmp_path).finished is not None
         assert (told[-1].phase, told[-1].done, told[-1].total) == ("done", count, count)
@@ -43,7 +58,9 @@ def test_rows_may_grow_and_no_part_is_made_twice(whole, tmp_path):
 
 def limited(limit):
     config = tiny.config()
-    return config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": limit})})
+    return config.model_copy(
+        update={"campaign": config.campaign.model_copy(update={"limit": limit})}
+    )
 
 
 @pytest.mark.slow
@@ -52,10 +69,16 @@ def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     table = runner.run_campaign(limited(64), tmp_path, "simd").frame()
     first = manifest.read(tmp_path)
     assert table["index"].tolist() == list(range(64)) and first.finished is not None
-    assert (first.runs, first.due, first.rows) == (300, 64, ((0, 63),)) and "limit" not in first.config["campaign"]
+    assert (first.runs, first.due, first.rows) == (
+        300,
+        64,
+        ((0, 63),),
+    ) and "limit" not in first.config["campaign"]
     before = {path: path.stat().st_mtime_ns for path in parts.files(tmp_path / "parts")}
     assert len(runner.run_campaign(limited(100), tmp_path, "simd").frame()) == 100
-    assert len(runner.run_campaign(limited(5), tmp_path, "simd").frame()) == 100, "fewer ask for nothing"
+    assert len(runner.run_campaign(limited(5), tmp_path, "simd").frame()) == 100, (
+        "fewer ask for nothing"
+    )
     runner.run_campaign(tiny.config(), tmp_path, "simd")
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert tiny.digest(tmp_path) == tiny.digest(whole[0])
@@ -79,12 +102,16 @@ def test_a_limit_beyond_the_end_is_none(tmp_path):
 def test_limits_in_memory_and_of_shards(whole, tmp_path):
     expected = read_all(whole[0])["run_id"].tolist()
     assert runner.run_campaign(limited(7), None, "simd").frame()["run_id"].tolist() == expected[:7]
-    shares = [runner.run_campaign(limited(70), None, "simd", shard=Shard(n, 2)).frame() for n in (1, 2)]
+    shares = [
+        runner.run_campaign(limited(70), None, "simd", shard=Shard(n, 2)).frame() for n in (1, 2)
+    ]
     assert sorted(index for share in shares for index in share["index"]) == list(range(70))
 
 
 def test_rows_in_memory(whole):
-    table = runner.run_campaign(tiny.config(), None, "simd", rows=[range(95, 105), range(0, 2)]).frame()
+    table = runner.run_campaign(
+        tiny.config(), None, "simd", rows=[range(95, 105), range(0, 2)]
+    ).frame()
     expected = read_all(whole[0])
     assert table["run_id"].tolist() == expected["run_id"].iloc[[0, 1, *range(95, 105)]].tolist()
 
@@ -103,15 +130,23 @@ def test_a_shard_has_its_rows_and_says_so(whole, tmp_path):
         rows = [row for row in range(300) if row // 20 % 2 == number - 1]
         assert read_all(out)["run_id"].tolist() == expected["run_id"].iloc[rows].tolist()
         record = manifest.read(out)
-        assert record.shard == f"{number}/2" and [row for some in record.wanted for row in some] == rows
+        assert (
+            record.shard == f"{number}/2"
+            and [row for some in record.wanted for row in some] == rows
+        )
         for path in parts.files(out / "parts"):
-            assert path.read_bytes() == (whole[0] / "parts" / path.name).read_bytes(), "the very parts of the whole"
+            assert path.read_bytes() == (whole[0] / "parts" / path.name).read_bytes(), (
+                "the very parts of the whole"
+            )
     with pytest.raises(StoreError, match='shard: "2/2" here, null asked for'):
         runner.run_campaign(tiny.config(), tmp_path / "2", "simd")
 
 
 def test_a_folder_that_is_being_written_to_is_left_alone(tmp_path):
-    with lock.held(tmp_path), pytest.raises(StoreError, match=f"being written by process {os.getpid()}"):
+    with (
+        lock.held(tmp_path),
+        pytest.raises(StoreError, match=f"being written by process {os.getpid()}"),
+    ):
         runner.run_campaign(tiny.config(), tmp_path, "simd")
     assert sorted(path.name for path in tmp_path.iterdir()) == [".lock"]
 
@@ -134,12 +169,29 @@ def test_progress_counts_up_to_the_whole(whole):
 def test_the_progress_file_tells_what_the_watcher_was_told(whole):
     out, told = whole
     found = json.loads((out / "progress.json").read_text())
-    assert {"phase", "done", "total", "runs_per_s", "eta_s", "failed", "workers", "started", "updated"} <= found.keys()
-    assert (found["phase"], found["done"], found["total"], found["eta_s"]) == ("done", 300, 300, 0.0)
+    assert {
+        "phase",
+        "done",
+        "total",
+        "runs_per_s",
+        "eta_s",
+        "failed",
+        "workers",
+        "started",
+        "updated",
+    } <= found.keys()
+    assert (found["phase"], found["done"], found["total"], found["eta_s"]) == (
+        "done",
+        300,
+        300,
+        0.0,
+    )
     assert found["pid"] == os.getpid() and found["parts"] == told[-1].parts
 
 
-def test_the_progress_file_is_written_at_most_once_a_second_but_for_a_new_phase(tmp_path, monkeypatch):
+def test_the_progress_file_is_written_at_most_once_a_second_but_for_a_new_phase(
+    tmp_path, monkeypatch
+):
     now, written = [0.0], []
     monkeypatch.setattr(file.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(file.files, "replace", lambda path, text: written.append(json.loads(text)))
@@ -171,5 +223,11 @@ def test_failures_of_earlier_starts_are_counted_too():
     progress.lost({"worker killed by SIGKILL": 7})
     progress.tell("run")
     status = told[-1]
-    assert (status.done, status.failed, status.compile_s) == (80, 3, 0.5), "the first that is ready starts the clock"
-    assert status.failures == {"nan": 3, "worker killed by SIGKILL": 7} and status.notes == ("one part was set aside",)
+    assert (status.done, status.failed, status.compile_s) == (
+        80,
+        3,
+        0.5,
+    ), "the first that is ready starts the clock"
+    assert status.failures == {"nan": 3, "worker killed by SIGKILL": 7} and status.notes == (
+        "one part was set aside",
+    )

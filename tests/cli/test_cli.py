@@ -32,8 +32,9 @@ def run(capsys, monkeypatch):
 
 def test_help_and_version_import_nothing_slow():
     code = (
-        "import sys; from ravenjax.cli import main; main(['--help']); main(['--version']);"
-        "slow = {'jax', 'mujoco', 'pandas', 'scipy', 'plotly', 'pydantic'} & set(sys.modules); sys.exit(len(slow))"
+        "import sys; from ravenjax.cli import main; main(['--help']); main(['--version']);slow ="
+        " {'jax', 'mujoco', 'pandas', 'scipy', 'plotly', 'pydantic'} & set(sys.modules);"
+        " sys.exit(len(slow))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -67,7 +68,9 @@ def test_faults_lists_every_word(run):
 
 
 def tables(out):
-    """The rows of each table that was printed, by its title; cells of one line, so on a wide terminal."""
+    """The rows of each table that was printed, by its title; cells of one line, so on a wide
+    terminal.
+    """
     rows, title = {}, ""
     for line in out.splitlines():
         if "│" in line:
@@ -88,19 +91,33 @@ def test_faults_of_a_layer_lists_its_sites_and_hazards(run):
 def test_faults_of_a_site_lists_channels_effects_and_hazards(run):
     code, out, _ = run("faults", "usb_out")
     about, channels, effects, hazards = tables(out).values()
-    assert code == 0 and about[0] == ["layer", "L7: USB write, motors and brakes: after every software check"]
-    assert channels[0][:3] == ["shoulder", "int16", "cnt"] and channels[0][3].startswith("gold -1871..2099, green ")
+    assert code == 0 and about[0] == [
+        "layer",
+        "L7: USB write, motors and brakes: after every software check",
+    ]
+    assert channels[0][:3] == ["shoulder", "int16", "cnt"] and channels[0][3].startswith(
+        "gold -1871..2099, green "
+    )
     values = {row[0]: row[2] for row in effects}
     assert set(values) == set(EFFECTS) - {"drop", "duplicate", "delay"}
-    assert values["overwrite"] == "-32768..32767 cnt, whole, beyond with wraps = true or campaign.dac_words"
-    assert (values["stuck"], values["bit_flip"], values["scale"]) == ("takes none", "bit 0..15", "any factor")
+    assert (
+        values["overwrite"]
+        == "-32768..32767 cnt, whole, beyond with wraps = true or campaign.dac_words"
+    )
+    assert (values["stuck"], values["bit_flip"], values["scale"]) == (
+        "takes none",
+        "bit 0..15",
+        "any factor",
+    )
     assert [row[0] for row in hazards] == ["B11", "B24", "B25", "B26", "B27"]
 
 
 def test_faults_of_an_effect_says_what_its_value_may_be(run):
     _, out, _ = run("faults", "delay")
     about, values = tables(out).values()
-    assert about == [["meaning", EFFECTS["delay"].meaning]] and values == [["network", "1..100000 packets, whole"]]
+    assert about == [["meaning", EFFECTS["delay"].meaning]] and values == [
+        ["network", "1..100000 packets, whole"]
+    ]
 
 
 def test_layers_and_classes_are_defined_where_they_are_printed(run):
@@ -116,11 +133,22 @@ def test_layers_and_classes_are_defined_where_they_are_printed(run):
 
 
 @pytest.mark.parametrize(
-    "word, near", [("usb_ou", "usb_out"), ("c09", "C09"), ("L17", "L7"), ("drft", "drift"), ("hazard", "hazards")]
+    "word, near",
+    [
+        ("usb_ou", "usb_out"),
+        ("c09", "C09"),
+        ("L17", "L7"),
+        ("drft", "drift"),
+        ("hazard", "hazards"),
+    ],
 )
 def test_an_unknown_word_gets_the_nearest(run, word, near):
     code, _, err = run("faults", word)
-    assert code == 2 and f"unknown word {word!r}, expected a layer" in err and f"Did you mean {near!r}?" in err
+    assert (
+        code == 2
+        and f"unknown word {word!r}, expected a layer" in err
+        and f"Did you mean {near!r}?" in err
+    )
 
 
 def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
@@ -137,10 +165,19 @@ def test_campaigns_lists_the_bundled_ones_with_their_runs(run):
         (["run", "."], [".: is a folder, expected a campaign file"]),
         (["run", "quick", "--set", "campaign.sed=1"], ["campaign.sed: unknown key"]),
         (["parameters", "--set", "parameters.plant.mass_scale=0"], ["got 0, expected 0.01..100"]),
-        (["bench", "--markdown", "nowhere/at/all.md"], ["--markdown nowhere/at/all.md", "folder does not exist"]),
-        (["run", "quick.toml", "--set", "campaign.sed=1"], ["--set: campaign.sed: unknown key", "Did you mean 'seed'"]),
+        (
+            ["bench", "--markdown", "nowhere/at/all.md"],
+            ["--markdown nowhere/at/all.md", "folder does not exist"],
+        ),
+        (
+            ["run", "quick.toml", "--set", "campaign.sed=1"],
+            ["--set: campaign.sed: unknown key", "Did you mean 'seed'"],
+        ),
         (["run", "quick.toml", "--chunk", "0"], ['Invalid value "0" for --chunk']),
-        (["fault-free", "nowhere", "7.4"], ["nowhere: is not a result folder, it holds no manifest.json"]),
+        (
+            ["fault-free", "nowhere", "7.4"],
+            ["nowhere: is not a result folder, it holds no manifest.json"],
+        ),
         (["fault-free", "nowhere", "many"], ["HOURS", "many"]),
         (["train", "first_steps", "--no-page"], ["nobody drives: without the page give --script"]),
         (["train", "first_steps", "--seed", "-1"], ['Invalid value "-1" for --seed']),
@@ -157,7 +194,13 @@ def test_user_errors_are_messages_with_code_2(run, tokens, parts):
 
 
 def test_parameters_are_listed_with_their_ranges(run):
-    code, out, _ = run("parameters", "--set", 'campaign.arms=["gold", "green"]', "--set", "campaign.software=fork2015")
+    code, out, _ = run(
+        "parameters",
+        "--set",
+        'campaign.arms=["gold", "green"]',
+        "--set",
+        "campaign.software=fork2015",
+    )
     assert code == 0
     lines = {line.split("│")[0].strip(): line for line in out.splitlines() if "│" in line}
     assert (
@@ -178,7 +221,10 @@ def test_parameters_say_what_they_are_and_name_the_numbers_of_a_vector(run):
     assert meaning == "stiffness with which the nominal model follows its target"
     assert all(meaning for _, _, meaning in rows.values())
     code, _, err = run("parameters", "--path", "plant.gold.friction_scal3")
-    assert code == 2 and "no parameter's path holds it. Did you mean 'plant.gold.friction_scale'?" in err
+    assert (
+        code == 2
+        and "no parameter's path holds it. Did you mean 'plant.gold.friction_scale'?" in err
+    )
 
 
 def test_names_stay_whole_on_a_narrow_terminal(capsys, monkeypatch):
@@ -224,7 +270,11 @@ def test_what_came_out_is_told_at_the_end_of_a_run(capsys, monkeypatch, tmp_path
     running._summary(tmp_path, Results(manifest.shape, tmp_path))
     lines = [re.split(r" *[│┃] *", line.strip()) for line in capsys.readouterr().out.splitlines()]
     valid = frame[(frame["fault0_site"] != "") & (frame["failed"] == "")]
-    shares = {row[0]: row[1:] for row in lines if "/" in row[0] and row[0].count("/") == 2 and len(row) == 3}
+    shares = {
+        row[0]: row[1:]
+        for row in lines
+        if "/" in row[0] and row[0].count("/") == 2 and len(row) == 3
+    }
     counts = valid["verdict"].value_counts()
     assert shares.pop("response / hazard / cue") == ["runs", "share"]
     assert shares == {word: [str(n), f"{100 * n / len(valid):.1f} %"] for word, n in counts.items()}
@@ -261,7 +311,9 @@ def test_faults_as_json(run):
     _, told = as_json(run, "faults", "C09")
     assert told["hazard"][0] == {"what": "id", "is": "C09"}
     _, told = as_json(run, "faults", "brake")
-    assert told["channels"] == [{"channel": "engaged", "number": "bool", "unit": "1", "without_a_fault": "0..1"}]
+    assert told["channels"] == [
+        {"channel": "engaged", "number": "bool", "unit": "1", "without_a_fault": "0..1"}
+    ]
 
 
 def test_parameters_as_json(run):
@@ -274,7 +326,9 @@ def test_studies_as_json(run):
     from ravenjax.studies import catalogue as studies
 
     _, told = as_json(run, "reproduce")
-    assert [one["name"] for one in told["studies"]] == list(studies.NAMES) and told["targets"][0]["target"] == "A1"
+    assert [one["name"] for one in told["studies"]] == list(studies.NAMES) and told["targets"][0][
+        "target"
+    ] == "A1"
 
 
 def test_doctor_as_json(run):

@@ -24,18 +24,24 @@ FRICTION, OFFSET = "plant.gold.actuators.coulomb.shoulder", "plant.gold.actuator
 
 
 def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
-    """Joints 1-3 of a virtual robot whose unknowns are moved by `hidden` spreads, every 4 ms; returns all joints."""
+    """Joints 1-3 of a virtual robot whose unknowns are moved by `hidden` spreads, every 4 ms;
+    returns all joints.
+    """
     setup = RavenSetup(software="raven2", arms=("gold",))
     seconds = np.arange(cycles)[:, None] * 1e-3
     middle = np.array([0.53, 1.57, 0.40, 0.0, 0.0, 0.78, 0.78])
     sweep = np.array([0.12, 0.12, 0.01, 0.0, 0.0, 0.0, 0.0])
-    desired = middle + sweep * np.sin(2.0 * np.pi * np.array([0.41, 0.53, 0.47, 0.0, 0.0, 0.0, 0.0]) * seconds)
+    desired = middle + sweep * np.sin(
+        2.0 * np.pi * np.array([0.41, 0.53, 0.47, 0.0, 0.0, 0.0, 0.0]) * seconds
+    )
     wanted = parameters.unknowns(range(3), ("friction", "offsets"))
     steps = np.array([hidden.get(one.path, 0.0) for one in wanted])
     base = position_loop.params(robot.params(setup, "gold", "power_consistent"))
     run = replay.replay(setup, "gold", position_loop.RAVEN2)
     arrays = (jnp.asarray(x, "float32") for x in (steps, desired[0], desired))
-    joints = np.asarray(jax.jit(lambda s, f, d: run(parameters.apply(base, wanted, s).plant, f, d))(*arrays))
+    joints = np.asarray(
+        jax.jit(lambda s, f, d: run(parameters.apply(base, wanted, s).plant, f, d))(*arrays)
+    )
     before = np.vstack([desired[:1], joints[:-1]])  # a row is read before its cycle's command
     table = {"time_s": seconds[::4, 0]}
     for j, word in enumerate(JOINTS[:3]):
@@ -46,10 +52,15 @@ def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
 
 def assert_same_log(table: Path, bag: Path) -> None:
     """Joints 1-3 of both."""
-    one, other = (table_file.read(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2) for path in (table, bag))
+    one, other = (
+        table_file.read(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2)
+        for path in (table, bag)
+    )
     assert one.cycles.tolist() == other.cycles.tolist()
     for name in ("desired", "measured"):
-        np.testing.assert_allclose(getattr(one, name)[:, :3], getattr(other, name)[:, :3], rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(
+            getattr(one, name)[:, :3], getattr(other, name)[:, :3], rtol=0.0, atol=1e-6
+        )
 
 
 @pytest.mark.slow
@@ -67,9 +78,15 @@ def test_a_log_becomes_robots_that_a_campaign_draws(tmp_path, capsys) -> None:
     base = robot.params(RavenSetup(software="raven2", arms=("gold",)), "gold", "power_consistent")
     friction, offset = (rows[f"param:{path}"] for path in (FRICTION, OFFSET))
     assert friction.nunique() > 30
-    for path in ("usb.command_delay", "plant.gold.cable_stiffness.elbow", "plant.gold.actuators.gain.insertion"):
+    for path in (
+        "usb.command_delay",
+        "plant.gold.cable_stiffness.elbow",
+        "plant.gold.actuators.gain.insertion",
+    ):
         assert rows[f"param:{path}"].notna().all()
-    assert friction.median() == pytest.approx(float(base.actuators.coulomb[0]) * np.exp(0.6 * 0.5), rel=0.05)
+    assert friction.median() == pytest.approx(
+        float(base.actuators.coulomb[0]) * np.exp(0.6 * 0.5), rel=0.05
+    )
     assert offset.median() == pytest.approx(float(base.actuators.bias[0]) - 0.6 * 0.02, abs=0.002)
 
 
@@ -77,6 +94,9 @@ def test_a_log_that_is_too_short_is_refused(tmp_path, capsys) -> None:
     table = {"time_s": np.arange(100) * 1e-3}
     table |= {f"{name}_shoulder": np.full(100, 0.5) for name in ("jpos", "jpos_d")}
     pd.DataFrame(table).to_csv(tmp_path / "log.csv", index=False)
-    assert cli.main(["calibrate", str(tmp_path / "log.csv"), "--out", str(tmp_path / "robot.toml")]) == 2
+    assert (
+        cli.main(["calibrate", str(tmp_path / "log.csv"), "--out", str(tmp_path / "robot.toml")])
+        == 2
+    )
     assert "the log lasts 0.1 s, expected at least 4 s" in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "robot.toml").exists()

@@ -1,4 +1,6 @@
-"""`ravenjax explain`: what it prints and writes, and one clear error for each thing that cannot be explained."""
+"""`ravenjax explain`: what it prints and writes, and one clear error for each thing that cannot
+be explained.
+"""
 
 from __future__ import annotations
 
@@ -85,12 +87,21 @@ def test_a_group_in_a_terminal(said, folder):
         (("nowhere",), "nowhere: is not a result folder, it holds no manifest.json"),
         (("FOLDER", "ffff0000"), "run 'ffff0000': no run has this id"),
         (("FOLDER", "40"), "run 40: the campaign has runs 0..39"),
-        (("FOLDER", "--group", "dak"), "--group 'dak': unknown, expected dac, free; did you mean dac?"),
+        (
+            ("FOLDER", "--group", "dak"),
+            "--group 'dak': unknown, expected dac, free; did you mean dac?",
+        ),
         (("FOLDER", "--group", "free"), "group 'free' of FOLDER: no valid run with a fault"),
         (("FOLDER", "--worst", "0"), "--worst 0: expected a number of runs, 1 or more"),
         (("FOLDER", "--worst", "2", "--by", "harm"), "--by harm: unknown"),
-        (("FOLDER", "7", "--worst", "2"), "which runs? Give run ids or indices, or --worst N, or --group NAME"),
-        (("FOLDER", "7", "--engine", "mjx"), "engine 'mjx' cannot explain runs: expected auto or simd, xla, cuda"),
+        (
+            ("FOLDER", "7", "--worst", "2"),
+            "which runs? Give run ids or indices, or --worst N, or --group NAME",
+        ),
+        (
+            ("FOLDER", "7", "--engine", "mjx"),
+            "engine 'mjx' cannot explain runs: expected auto or simd, xla, cuda",
+        ),
     ],
 )
 def test_what_cannot_be_explained_is_one_error(said, folder, words, told):

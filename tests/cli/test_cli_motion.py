@@ -26,7 +26,9 @@ def run(capsys, monkeypatch):
 def frame(hz=30.0, seconds=3.0):
     time_s = np.arange(round(seconds * hz)) / hz
     place = HOME_MM + 5.0 * np.sin(2.0 * np.pi * time_s / 3.0)[:, None] * [[0.0, 1.0, 0.0]]
-    return pd.DataFrame({"t_ms": time_s * 1e3} | {f"gold_{a}_mm": place[:, i] for i, a in enumerate("xyz")})
+    return pd.DataFrame(
+        {"t_ms": time_s * 1e3} | {f"gold_{a}_mm": place[:, i] for i, a in enumerate("xyz")}
+    )
 
 
 @pytest.fixture
@@ -38,11 +40,16 @@ def hands(tmp_path):
 
 @pytest.mark.slow
 def test_a_table_and_a_picture(run, hands, tmp_path):
-    code, out, err = run("motion", hands, "--out", tmp_path / "pictures", "--set", "operator.cutoff_hz=3")
+    code, out, err = run(
+        "motion", hands, "--out", tmp_path / "pictures", "--set", "operator.cutoff_hz=3"
+    )
     assert code == 0, err
     for words in (
         "90 rows, sha256",
-        "column t_ms: 30 rows a second (every 33.33 ms), 2.967 s in all; interpolated by time to 1,000 a second",
+        (
+            "column t_ms: 30 rows a second (every 33.33 ms), 2.967 s in all; interpolated by time"
+            " to 1,000 a second"
+        ),
         "3 Hz without phase (operator.cutoff_hz); it removed",
         "not read: note",
         "the whole recording is inside",
@@ -53,7 +60,9 @@ def test_a_table_and_a_picture(run, hands, tmp_path):
     svg, png = (tmp_path / "pictures" / f"hands.{kind}" for kind in ("svg", "png"))
     assert png.read_bytes()[:4] == b"\x89PNG"
     drawn = svg.read_text()
-    assert drawn.count(">recorded<") == 1 and "replayed, gold" in drawn and "tip speed, mm/s" in drawn
+    assert (
+        drawn.count(">recorded<") == 1 and "replayed, gold" in drawn and "tip speed, mm/s" in drawn
+    )
     first = svg.read_bytes()
     run("motion", hands, "--out", tmp_path / "pictures", "--set", "operator.cutoff_hz=3")
     assert svg.read_bytes() == first
@@ -64,7 +73,16 @@ def test_for_a_campaign_with_its_duration_and_limits(run, hands, tmp_path):
     code, out, _ = run("motion", hands, "--campaign", "quick", "--out", tmp_path)
     assert code == 0 and "0.000 to 2.250 s of the recording" in out and "3.000 s in all" in out
     code, _, err = run(
-        *("motion", hands, "--campaign", "quick", "--out", tmp_path, "--set", "limits.insertion_m=[0.3,0.401]")
+        *(
+            "motion",
+            hands,
+            "--campaign",
+            "quick",
+            "--out",
+            tmp_path,
+            "--set",
+            "limits.insertion_m=[0.3,0.401]",
+        )
     )
     assert code == USER_ERROR and "insertion of gold would be at 4" in err
 
@@ -75,7 +93,9 @@ def test_what_cannot_be_replayed_is_drawn_and_refused(run, tmp_path):
     spiked.loc[45, "gold_z_mm"] += 60.0
     spiked.to_csv(path, index=False)
     code, out, err = run("motion", path, "--out", tmp_path)
-    assert code == USER_ERROR and "row 45 (1.500 s, gold): 60 mm" in err and err.count("error:") == 1
+    assert (
+        code == USER_ERROR and "row 45 (1.500 s, gold): 60 mm" in err and err.count("error:") == 1
+    )
     assert (tmp_path / "spiked.png").is_file() and "wrote" in out
     assert ">jump<" in (tmp_path / "spiked.svg").read_text()
 
@@ -84,7 +104,11 @@ def test_what_cannot_be_read_is_refused_once(run, tmp_path):
     path = tmp_path / "hands.csv"
     frame().rename(columns={"t_ms": "t"}).to_csv(path, index=False)
     code, _, err = run("motion", path, "--out", tmp_path / "pictures")
-    assert code == USER_ERROR and "rename it time_ms (30 rows a second)" in err and err.count("error:") == 1
+    assert (
+        code == USER_ERROR
+        and "rename it time_ms (30 rows a second)" in err
+        and err.count("error:") == 1
+    )
     assert not (tmp_path / "pictures").exists()
     code, _, err = run("motion", tmp_path / "none.csv")
     assert code == USER_ERROR and "no such file" in err
@@ -99,11 +123,15 @@ def test_arms_are_those_of_the_file(run, hands, tmp_path):
 def test_a_run_says_what_it_does_with_the_hands(run, hands, tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(
-        '[campaign]\nname = "small"\nduration_s = 1.2\n[operator]\nfile = "hands.csv"\n[[group]]\nname = "free"\n'
+        '[campaign]\nname = "small"\nduration_s = 1.2\n[operator]\nfile ='
+        ' "hands.csv"\n[[group]]\nname = "free"\n'
     )
     code, out, err = run("run", path, "--out", tmp_path / "out", "--engine", "simd")
     assert code == 0, err
-    assert "column t_ms: 30 rows a second" in out and "none: tremor and noise are replayed as recorded" in out
+    assert (
+        "column t_ms: 30 rows a second" in out
+        and "none: tremor and noise are replayed as recorded" in out
+    )
     assert out.index("Recorded operator") < out.index("engine:")
     page = (tmp_path / "out" / "report.html").read_text()
     assert 'id="operator"' in page and "What the file holds, and what became of it" in page

@@ -1,4 +1,6 @@
-"""Completion: what bash itself completes, what the scripts name, where an installation puts them."""
+"""Completion: what bash itself completes, what the scripts name, where an installation puts
+them.
+"""
 
 import os
 import shutil
@@ -10,9 +12,24 @@ import pytest
 from ravenjax.cli import app, main
 
 COMMANDS = (
-    "run", "report", "trace", "verify", "merge", "search", "reproduce", "train", "robot", "study", "log", "campaigns",
-    "faults", "parameters", "bench", "doctor", "completion",
-)  # fmt: skip
+    "run",
+    "report",
+    "trace",
+    "verify",
+    "merge",
+    "search",
+    "reproduce",
+    "train",
+    "robot",
+    "study",
+    "log",
+    "campaigns",
+    "faults",
+    "parameters",
+    "bench",
+    "doctor",
+    "completion",
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +56,10 @@ def test_the_command_prints_the_script(capsys):
     [
         (["tra"], {"trace", "train"}),
         (["trace", "DIR", "--w"], {"--worst"}),
-        (["verify", "DIR", "--"], {"--sample", "--engine", "--seed", "--json", "--help", "--version", "--folder"}),
+        (
+            ["verify", "DIR", "--"],
+            {"--sample", "--engine", "--seed", "--json", "--help", "--version", "--folder"},
+        ),
         (["study", "ass"], {"assign"}),
         (["run", "camp"], {"campaign.toml"}),
         (["completion", ""], {"bash", "zsh", "fish"}),
@@ -48,9 +68,16 @@ def test_the_command_prints_the_script(capsys):
 def test_what_bash_offers(script, tmp_path, typed, offered):
     (tmp_path / "campaign.toml").touch()
     words = " ".join(f"'{word}'" for word in ["ravenjax", *typed])
-    ask = f'COMP_WORDS=({words}); COMP_CWORD={len(typed)}; _ravenjax; printf "%s\\n" "${{COMPREPLY[@]}}"'
+    ask = (
+        f'COMP_WORDS=({words}); COMP_CWORD={len(typed)}; _ravenjax; printf "%s\\n"'
+        ' "${COMPREPLY[@]}"'
+    )
     done = subprocess.run(
-        ["bash", "-c", f"{script['bash']}\n{ask}"], capture_output=True, text=True, check=True, cwd=tmp_path
+        ["bash", "-c", f"{script['bash']}\n{ask}"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
     )
     assert set(done.stdout.split()) == offered and done.stderr == ""
 
@@ -59,8 +86,14 @@ def test_an_installation_stays_in_the_home_folder(tmp_path):
     environment = os.environ | {"HOME": str(tmp_path), "SHELL": "/bin/bash"}
     environment.pop("XDG_DATA_HOME", None)
     done = subprocess.run(
-        [sys.executable, "-m", "ravenjax.cli", "--install-completion"], capture_output=True, text=True, env=environment
+        [sys.executable, "-m", "ravenjax.cli", "--install-completion"],
+        capture_output=True,
+        text=True,
+        env=environment,
     )
     assert done.returncode == 0, done.stderr
     (installed,) = tmp_path.rglob("completions/ravenjax")
-    assert "_ravenjax" in installed.read_text() and str(installed) in (tmp_path / ".bashrc").read_text()
+    assert (
+        "_ravenjax" in installed.read_text()
+        and str(installed) in (tmp_path / ".bashrc").read_text()
+    )

@@ -12,22 +12,36 @@ from ravenjax.campaign.progress.counts import Status
 from ravenjax.cli import terminal
 
 STATUS = Status(
-    phase="run", done=150, total=400, compile_s=2.0, run_s=10.0, progress=0.25, failed=3, engine="simd on a CPU",
-    earlier=100, parts=5, workers=4, failures={"worker killed by SIGKILL": 20, "nan": 3},
-)  # fmt: skip
+    phase="run",
+    done=150,
+    total=400,
+    compile_s=2.0,
+    run_s=10.0,
+    progress=0.25,
+    failed=3,
+    engine="simd on a CPU",
+    earlier=100,
+    parts=5,
+    workers=4,
+    failures={"worker killed by SIGKILL": 20, "nan": 3},
+)
 
 
 def test_one_line_says_how_far_it_is():
-    assert terminal.words(STATUS) == (
-        "150 of 400 runs, 8 runs/s, 30 s left, 5 parts, 4 workers, compiled in 2.0 s, 3 failed, nan 3, "
-        "worker killed by SIGKILL 20"
+    assert (
+        terminal.words(STATUS)
+        == "150 of 400 runs, 8 runs/s, 30 s left, 5 parts, 4 workers, compiled in 2.0 s, 3 failed,"
+        " nan 3, worker killed by SIGKILL 20"
     )
-    quiet = dataclasses.replace(STATUS, run_s=0.0, compile_s=0.0, failed=0, failures={}, parts=0, workers=1)
+    quiet = dataclasses.replace(
+        STATUS, run_s=0.0, compile_s=0.0, failed=0, failures={}, parts=0, workers=1
+    )
     assert terminal.words(quiet) == "150 of 400 runs, 0 s left"
 
 
 @pytest.mark.parametrize(
-    ("seconds", "said"), [(0.4, "0 s"), (119.0, "119 s"), (180.0, "3 min"), (7000.0, "117 min"), (7300.0, "2 h 02 min")]
+    ("seconds", "said"),
+    [(0.4, "0 s"), (119.0, "119 s"), (180.0, "3 min"), (7000.0, "117 min"), (7300.0, "2 h 02 min")],
 )
 def test_times_in_words(seconds, said):
     assert terminal.duration(seconds) == said
@@ -41,8 +55,11 @@ def test_where_there_is_no_terminal_lines_come_now_and_then_and_each_note_once()
             watch(dataclasses.replace(STATUS, notes=("part [x] was set aside", "a worker died")))
         watch(dataclasses.replace(STATUS, phase="done"))
     lines = out.getvalue().splitlines()
-    assert lines[:3] == ["engine: simd on a CPU", "note: part [x] was set aside", "compile: " + terminal.words(
-        dataclasses.replace(STATUS, phase="compile"))]  # fmt: skip
+    assert lines[:3] == [
+        "engine: simd on a CPU",
+        "note: part [x] was set aside",
+        "compile: " + terminal.words(dataclasses.replace(STATUS, phase="compile")),
+    ]
     assert sum("a worker died" in line for line in lines) == 1
     assert sum(line.startswith("run:") for line in lines) == 1 and lines[-1].startswith("done:")
 
@@ -55,7 +72,12 @@ def test_a_terminal_shows_a_bar():
 
 
 def test_outcomes_are_shares_of_valid_runs():
-    counted = {"silent/none/no cue": 6, "": 5, "limited/unintended motion/cue": 1, "flagged/none/cue": 1}
+    counted = {
+        "silent/none/no cue": 6,
+        "": 5,
+        "limited/unintended motion/cue": 1,
+        "flagged/none/cue": 1,
+    }
     assert terminal.outcome_rows(counted) == [
         ("silent/none/no cue", "6", "75.0 %"),
         ("flagged/none/cue", "1", "12.5 %"),
@@ -65,14 +87,25 @@ def test_outcomes_are_shares_of_valid_runs():
 
 
 def test_what_evades_is_told_in_a_sentence():
-    counted = {"silent/none/no cue": 6, "": 5, "limited/unintended motion/cue": 2, "silent/unintended motion/no cue": 1,
-               "flagged/unintended motion/cue": 4, "silent/loss of motion/cue": 1}  # fmt: skip
-    assert terminal.evading(counted, 2.5) == (
-        "3 of 14 runs with a fault evade the checks: no check tells anyone, and the instrument moves more than 2.5 mm "
-        "by itself. The cue comes in 2 of these."
+    counted = {
+        "silent/none/no cue": 6,
+        "": 5,
+        "limited/unintended motion/cue": 2,
+        "silent/unintended motion/no cue": 1,
+        "flagged/unintended motion/cue": 4,
+        "silent/loss of motion/cue": 1,
+    }
+    assert (
+        terminal.evading(counted, 2.5)
+        == "3 of 14 runs with a fault evade the checks: no check tells anyone, and the instrument"
+        " moves more than 2.5 mm by itself. The cue comes in 2 of these."
     )
-    assert "1 of 1 runs with a fault evades the checks" in terminal.evading({"silent/unintended motion/no cue": 1}, 3.0)
-    assert terminal.evading({"silent/none/cue": 2}, 3.0).startswith("None of 2 runs with a fault evades the checks")
+    assert "1 of 1 runs with a fault evades the checks" in terminal.evading(
+        {"silent/unintended motion/no cue": 1}, 3.0
+    )
+    assert terminal.evading({"silent/none/cue": 2}, 3.0).startswith(
+        "None of 2 runs with a fault evades the checks"
+    )
 
 
 def test_failures_by_cause():

@@ -21,7 +21,14 @@ matplotlib.use("agg")
 TIME = ChartAxis("time, ms", 1.0, 1000.0, log=True, unit="ms")
 SHARE = ChartAxis("share of faults", 0.0, 0.8, share=True)
 CURVE = Curve.of(
-    steps([0, 1, 10, 100], [0, 0.25, 0.5, 0.75], [0, 0.2, 0.4, 0.7], [0, 0.3, 0.6, 0.8], start=1, end=1000),
+    steps(
+        [0, 1, 10, 100],
+        [0, 0.25, 0.5, 0.75],
+        [0, 0.2, 0.4, 0.7],
+        [0, 0.3, 0.6, 0.8],
+        start=1,
+        end=1000,
+    ),
     "cue",
     "cue",
 )
@@ -30,7 +37,9 @@ CHART = Chart("How soon", TIME, SHARE, (CURVE,), height=200)
 
 def drawn(chart, kind="wide"):
     """Left and top of the area, its size, and the root of the drawing."""
-    text = next(one for one in str(svg.drawings(chart, "n")).split("\n") if f'class="{kind}"' in one)
+    text = next(
+        one for one in str(svg.drawings(chart, "n")).split("\n") if f'class="{kind}"' in one
+    )
     root = ET.fromstring(text)
     area = next(part for part in root.iter("svg") if part.get("class") == "area")
     return root, area, {name: float(area.get(name)) for name in ("x", "y", "width", "height")}
@@ -62,7 +71,9 @@ def test_the_page_draws_the_values(kind):
     assert (x[0], y[0]) == pytest.approx((1, 0.25), rel=0.01)
     assert (x[-1], y[-1]) == pytest.approx((1000, 0.75), rel=0.01)
     rise = [b for a, b in itertools.pairwise(points) if a[0] == b[0]]
-    assert [0.8 * (1 - at / box["height"]) for _, at in rise] == pytest.approx([0.5, 0.75], rel=0.01)
+    assert [0.8 * (1 - at / box["height"]) for _, at in rise] == pytest.approx(
+        [0.5, 0.75], rel=0.01
+    )
 
 
 def test_the_band_goes_along_the_upper_edge_and_back_along_the_lower():
@@ -83,13 +94,19 @@ def test_print_draws_the_same_points():
     (line,) = axis.lines
     np.testing.assert_array_equal(line.get_xdata(), CURVE.x)
     np.testing.assert_array_equal(line.get_ydata(), CURVE.y)
-    assert axis.get_xlim() == (1, 1000) and axis.get_ylim() == (0, 0.8) and axis.get_xscale() == "log"
-    assert [text.get_text() for text in axis.get_yticklabels()] == SHARE.labels(SHARE.ticks(axes.TICKS))
+    assert (
+        axis.get_xlim() == (1, 1000) and axis.get_ylim() == (0, 0.8) and axis.get_xscale() == "log"
+    )
+    assert [text.get_text() for text in axis.get_yticklabels()] == SHARE.labels(
+        SHARE.ticks(axes.TICKS)
+    )
 
 
 def test_a_reader_of_values_gets_the_curves():
     told = json.loads(svg.values(CHART))
-    assert told["curves"] == [{"name": "cue", "step": True, "x": CURVE.x.tolist(), "y": CURVE.y.tolist()}]
+    assert told["curves"] == [
+        {"name": "cue", "step": True, "x": CURVE.x.tolist(), "y": CURVE.y.tolist()}
+    ]
     assert told["x"]["log"] and told["y"]["share"]
 
 
@@ -103,8 +120,18 @@ def test_its_numbers_as_a_table():
 
 
 def test_marks_and_bars_in_numbers():
-    dots = Dots("sets", "cue", np.array([0.0]), np.array([0.05]), np.array([0.0]), np.array([396.0]), tips=("2 mm",))
-    bars = Bars("first", "cue", np.array([-50.0]), np.array([0.0]), np.array([3.0]), np.array([10.0]))
+    dots = Dots(
+        "sets",
+        "cue",
+        np.array([0.0]),
+        np.array([0.05]),
+        np.array([0.0]),
+        np.array([396.0]),
+        tips=("2 mm",),
+    )
+    bars = Bars(
+        "first", "cue", np.array([-50.0]), np.array([0.0]), np.array([3.0]), np.array([10.0])
+    )
     hourly, lead, runs = (
         ChartAxis("per hour", 0, 400),
         ChartAxis("lead, ms", -50, 50, unit="ms"),
@@ -145,8 +172,14 @@ def test_what_is_hidden_at_first_is_drawn_but_not_shown_and_not_printed():
     hidden = Curve("other", "series1", CURVE.x, CURVE.y / 2, step=True, visible=False)
     chart = Chart("Two", TIME, SHARE, (CURVE, hidden))
     root, _, _ = drawn(chart)
-    groups = {part.get("data-series"): part.get("class") for part in root.iter("g") if part.get("data-series")}
-    assert groups == {"0": "mark", "1": "mark off"} and [visible for *_, visible in chart.legend()] == [True, False]
+    groups = {
+        part.get("data-series"): part.get("class")
+        for part in root.iter("g")
+        if part.get("data-series")
+    }
+    assert groups == {"0": "mark", "1": "mark off"} and [
+        visible for *_, visible in chart.legend()
+    ] == [True, False]
     axis = Figure().subplots()
     axes.draw(chart, axis)
     assert len(axis.lines) == 1

@@ -1,4 +1,6 @@
-"""Tables of a page in a real browser: they fold, search and sort, by themselves, and print what is shown."""
+"""Tables of a page in a real browser: they fold, search and sort, by themselves, and print what
+is shown.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +10,30 @@ import pytest
 
 from ravenjax.document import html
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
+)
 
 NUMBERS = ["12", "−3.5 mm", "1,200", "–", *(f"{n}.5 (1 to 9)" for n in range(20, 36))]
 LONG = "# Long\n\n## Numbers\n\n| name | number | a | b | c |\n|---|---|---|---|---|\n" + "".join(
     f"| row {n} | {text} | 1 | 2 | 3 |\n" for n, text in enumerate(NUMBERS)
 )
-PARTS = "<table><thead><tr><th>detector, level</th><th>caught</th></tr></thead><tbody>" + "".join(
-    f'<tr class="{"first" if level == 0 else ""}"><th>{f"detector {d} " if level == 0 else ""}level {level}</th>'
-    f"<td>{d * level}</td></tr>"
-    for d in range(6)
-    for level in range(4)
-) + "</tbody></table>"  # fmt: skip
+PARTS = (
+    "<table><thead><tr><th>detector, level</th><th>caught</th></tr></thead><tbody>"
+    + "".join(
+        f'<tr class="{"first" if level == 0 else ""}"><th>{f"detector {d} " if level == 0 else ""}level'  # noqa: E501
+        f" {level}</th><td>{d * level}</td></tr>"
+        for d in range(6)
+        for level in range(4)
+    )
+    + "</tbody></table>"
+)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +76,9 @@ def test_numbers_sort_as_numbers_and_what_is_none_comes_last(page):
     button = page.locator("th button.sort").nth(1)
     button.click()
     order = names(page, 0, visible=False)
-    assert order[0] == "row 2" and order[-1] == "row 3" and order[-2] == "row 1"  # 1,200 first; −3.5; a dash
+    assert (
+        order[0] == "row 2" and order[-1] == "row 3" and order[-2] == "row 1"
+    )  # 1,200 first; −3.5; a dash
     button.click()
     order = names(page, 0, visible=False)
     assert order[0] == "row 1" and order[-1] == "row 3"
@@ -88,6 +102,9 @@ def test_rows_that_belong_together_fold_and_are_found_together(page):
 def test_paper_shows_what_the_screen_shows(page):
     page.emulate_media(media="print")
     assert names(page, 0) == [f"row {n}" for n in range(10)]
-    assert page.locator(".said").first.is_visible() and not page.locator(".tools input").first.is_visible()
+    assert (
+        page.locator(".said").first.is_visible()
+        and not page.locator(".tools input").first.is_visible()
+    )
     assert page.locator("th").nth(1).inner_text() == "number"
     page.emulate_media(media="screen")

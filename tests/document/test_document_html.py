@@ -24,8 +24,10 @@ Question?
 
 <script>alert(1)</script>
 """
-DRAWING = '<?xml version="1.0"?>\n<!DOCTYPE svg>\n<svg width="10pt" viewBox="0 0 1 1"><metadata>x</metadata>' + (
-    '<defs><path id="a"/></defs><use xlink:href="#a"/><g clip-path="url(#a)"/></svg>'
+DRAWING = (
+    '<?xml version="1.0"?>\n<!DOCTYPE svg>\n<svg width="10pt" viewBox="0 0 1'
+    ' 1"><metadata>x</metadata>'
+    + '<defs><path id="a"/></defs><use xlink:href="#a"/><g clip-path="url(#a)"/></svg>'
 )
 
 
@@ -42,6 +44,10 @@ def test_one_page():
 
 def test_drawings_stand_in_the_page_and_keep_their_own_ids():
     page = html.from_markdown(MARKDOWN, {"one.svg": DRAWING})
-    assert 'aria-label="A caption &amp; more"' in page and "<!DOCTYPE svg>" not in page and "<metadata>" not in page
+    assert (
+        'aria-label="A caption &amp; more"' in page
+        and "<!DOCTYPE svg>" not in page
+        and "<metadata>" not in page
+    )
     assert 'id="one-a"' in page and 'xlink:href="#one-a"' in page and "url(#one-a)" in page
     assert "<p>Not there</p>" in page and "two.svg" not in page

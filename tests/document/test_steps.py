@@ -16,7 +16,9 @@ def value_at(x, values, at):
 def with_mass_at_zero(points, share=0.306):
     """Shares of an incidence [points]: `share` at 0 ms, then rising to 0.56; and its band."""
     time = np.concatenate([[0.0, 0.0], np.arange(1.0, points - 1)])
-    line = np.concatenate([[0.0, share], share + (0.56 - share) * np.linspace(0, 1, points - 2) ** 0.5])
+    line = np.concatenate(
+        [[0.0, share], share + (0.56 - share) * np.linspace(0, 1, points - 2) ** 0.5]
+    )
     return time, line, np.maximum(0, line - 0.02), np.minimum(1, line + 0.03)
 
 
@@ -25,7 +27,9 @@ def test_a_curve_with_mass_at_zero_begins_with_it(points):
     time, *values = with_mass_at_zero(points)
     drawn = steps(time, *values, start=1.0, end=3e4)
     assert drawn.x[0] == 1.0 and drawn.x[-1] == 3e4
-    assert [part[0] for part in drawn[1:]] == pytest.approx([value_at(time, part, 1.0) for part in values])
+    assert [part[0] for part in drawn[1:]] == pytest.approx(
+        [value_at(time, part, 1.0) for part in values]
+    )
     assert drawn.y[0] >= 0.306
     plain = steps(time, *values)
     assert plain.x[:2].tolist() == [0, 0] and plain.y[:2].tolist() == pytest.approx([0, 0.306])
@@ -51,7 +55,11 @@ def test_the_band_holds_the_line_at_every_x():
     time = np.sort(random.integers(0, 3000, 4000)).astype(float)
     line = np.sort(random.random(4000))
     drawn = steps(time, line, line * 0.9, np.minimum(1, line * 1.1 + 0.01), start=1.0, end=5000)
-    assert (drawn.low <= drawn.y).all() and (drawn.y <= drawn.high).all() and (np.diff(drawn.x) >= 0).all()
+    assert (
+        (drawn.low <= drawn.y).all()
+        and (drawn.y <= drawn.high).all()
+        and (np.diff(drawn.x) >= 0).all()
+    )
 
 
 def test_a_falling_curve_and_one_point():

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from ravenjax.document import ticks
 
-spans = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-9, 1e6)).filter(lambda pair: pair[1] > 1e-6 * abs(pair[0]))
+spans = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-9, 1e6)).filter(
+    lambda pair: pair[1] > 1e-6 * abs(pair[0])
+)
 
 
 @given(spans, st.integers(2, 9))
@@ -18,7 +20,9 @@ def test_linear_ticks_lie_within_and_have_labels_of_their_own(span, most):
     values = ticks.linear(low, high, most)
     slack = 1e-6 * (high - low)
     assert len(values) <= most + 1 and all(low - slack <= value <= high + slack for value in values)
-    assert len(set(ticks.labels(values))) == len(values) == len(set(ticks.labels(values, share=True)))
+    assert (
+        len(set(ticks.labels(values))) == len(values) == len(set(ticks.labels(values, share=True)))
+    )
 
 
 @pytest.mark.parametrize("most", [0.4, 0.05, 0.02, 0.004, 3e-5])
@@ -52,4 +56,6 @@ def test_the_end_of_an_axis_is_a_tick_above_the_value(value):
     end = ticks.above(value)
     assert value <= end * (1 + 1e-9) and end <= 2 * value + 1e-12
     values = ticks.linear(0, end, 5)
-    assert values[0] == 0 and values[-1] == pytest.approx(end) and np.ptp(np.diff(values)) < 1e-9 * end
+    assert (
+        values[0] == 0 and values[-1] == pytest.approx(end) and np.ptp(np.diff(values)) < 1e-9 * end
+    )

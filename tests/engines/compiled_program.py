@@ -14,12 +14,67 @@ from ravenjax.ir import lowering
 from ravenjax.ir.program import Program
 
 HARD_FLOATS = np.array(
-    [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 1.5, 2.5, -2.5, 3.0, 1e-40, -1e-40, 1e-38, 3e38, -3e38, np.inf, -np.inf, np.nan]
-    + [2.0**31, -(2.0**31), 2147483520.0, 2.0**32, 1e10, -1e10, 1e6, 0.49999997, 8388609.0, 7e-46, np.pi, 1e-3, -7.25],
+    [
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        0.5,
+        -0.5,
+        1.5,
+        2.5,
+        -2.5,
+        3.0,
+        1e-40,
+        -1e-40,
+        1e-38,
+        3e38,
+        -3e38,
+        np.inf,
+        -np.inf,
+        np.nan,
+    ]
+    + [
+        2.0**31,
+        -(2.0**31),
+        2147483520.0,
+        2.0**32,
+        1e10,
+        -1e10,
+        1e6,
+        0.49999997,
+        8388609.0,
+        7e-46,
+        np.pi,
+        1e-3,
+        -7.25,
+    ],
     np.float32,
 )
 HARD_INTEGERS = np.array(
-    [0, 1, -1, 2, -2, 3, -3, 7, 31, 32, 33, -32, 255, 32767, 32768, -32768, -32769, 65535, 65536, 123456789, -987654321]
+    [
+        0,
+        1,
+        -1,
+        2,
+        -2,
+        3,
+        -3,
+        7,
+        31,
+        32,
+        33,
+        -32,
+        255,
+        32767,
+        32768,
+        -32768,
+        -32769,
+        65535,
+        65536,
+        123456789,
+        -987654321,
+    ]
     + [2**30, -(2**30), 2**31 - 1, -(2**31), -(2**31) + 1],
     np.int32,
 )
@@ -33,24 +88,34 @@ def pairs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def lowered(function, *columns: np.ndarray) -> Program:
     """`function` of single numbers of these types."""
-    return lowering.lower(jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct((), c.dtype) for c in columns)))
+    return lowering.lower(
+        jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct((), c.dtype) for c in columns))
+    )
 
 
 def printed(program: Program, width: int, features) -> tuple[str, BufferLayout]:
-    """LLVM code of a function `f` of addresses of inputs, results and tables, and where its results lie."""
+    """LLVM code of a function `f` of addresses of inputs, results and tables, and where its
+    results lie.
+    """
     inputs = BufferLayout(program.inputs, width)
     outputs = BufferLayout(tuple(program.operations[i].dtype for i in program.outputs), width)
     printer = LlvmPrinter(width, features)
     places = inputs.places("%in")
-    sources = {i: places[op.detail] for i, op in enumerate(program.operations) if op.name == "input"}
+    sources = {
+        i: places[op.detail] for i, op in enumerate(program.operations) if op.name == "input"
+    }
     results = list(zip(program.outputs, outputs.places("%out"), strict=True))
     printer.run(program, program.needed(), sources, results, "%tables")
     body = "\n".join(printer.lines)
-    text = f"define void @f(ptr %in, ptr %out, ptr %tables) {{\n{body}\nret void\n}}\n" + "\n".join(printer.declared)
+    text = f"define void @f(ptr %in, ptr %out, ptr %tables) {{\n{body}\nret void\n}}\n" + "\n".join(
+        printer.declared
+    )
     return text, outputs
 
 
-def compiled(program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None):
+def compiled(
+    program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None
+):
     """Results of a program by compiled code, `width` inputs at a time."""
     text, outputs = printed(program, width, jit.host().features)
     module = jit.compile(text, ["f"])
@@ -59,12 +124,16 @@ def compiled(program: Program, width: int, columns: tuple[np.ndarray, ...], tabl
     found = [[] for _ in program.outputs]
     for start in range(0, length, width):
         rows = np.minimum(np.arange(start, start + width), length - 1)
-        given = b"".join(c[rows].astype(np.int32 if c.dtype == bool else c.dtype).tobytes() for c in columns)
+        given = b"".join(
+            c[rows].astype(np.int32 if c.dtype == bool else c.dtype).tobytes() for c in columns
+        )
         taken = np.zeros(outputs.bytes, np.uint8)
         function(given, taken.ctypes.data, None if tables is None else tables.ctypes.data)
         for k, (dtype, offset) in enumerate(zip(outputs.types, outputs.offsets, strict=True)):
             stored = np.dtype(np.int32 if dtype == "bool" else dtype)
-            found[k].append(taken[offset : offset + width * stored.itemsize].view(stored).astype(dtype))
+            found[k].append(
+                taken[offset : offset + width * stored.itemsize].view(stored).astype(dtype)
+            )
     return [np.concatenate(parts)[:length] for parts in found]
 
 
@@ -74,6 +143,7 @@ def same_bits(got: np.ndarray, expected: np.ndarray) -> None:
     if got.dtype.kind == "f":
         assert np.array_equal(np.isnan(got), np.isnan(expected))
         got, expected = (
-            np.where(np.isnan(x), 0.0, x).astype(got.dtype).view(f"u{got.itemsize}") for x in (got, expected)
+            np.where(np.isnan(x), 0.0, x).astype(got.dtype).view(f"u{got.itemsize}")
+            for x in (got, expected)
         )
     np.testing.assert_array_equal(got, expected)

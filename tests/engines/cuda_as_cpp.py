@@ -1,4 +1,6 @@
-"""Printed CUDA C compiled as C++, one thread after the other: what can be checked of it without a GPU."""
+"""Printed CUDA C compiled as C++, one thread after the other: what can be checked of it without
+a GPU.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ static void place(unsigned block, unsigned thread, unsigned threads) {
   blockIdx.x = block; threadIdx.x = thread; blockDim.x = threads;
 }
 extern "C" void set_place(unsigned block, unsigned thread, unsigned threads) { place(block, thread, threads); }
-"""
+"""  # noqa: E501
 
 
 class Library:
@@ -60,14 +62,22 @@ class Library:
         (folder / "kernel.cpp").write_text(SHIM + text)
         options = ["-std=c++17", "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-w"]
         subprocess.run(
-            [compiler, *options, "-o", folder / "kernel.so", folder / "kernel.cpp"], check=True, capture_output=True
+            [compiler, *options, "-o", folder / "kernel.so", folder / "kernel.cpp"],
+            check=True,
+            capture_output=True,
         )
         self._library = ctypes.CDLL(str(folder / "kernel.so"))
 
-    def launch(self, name: str, blocks: int, threads: int, *arguments: np.ndarray | int | None) -> None:
+    def launch(
+        self, name: str, blocks: int, threads: int, *arguments: np.ndarray | int | None
+    ) -> None:
         """Run every thread of a kernel; arrays go by address."""
         given = [
-            ctypes.c_int(a) if isinstance(a, int) else ctypes.c_void_p(None if a is None else a.ctypes.data)
+            (
+                ctypes.c_int(a)
+                if isinstance(a, int)
+                else ctypes.c_void_p(None if a is None else a.ctypes.data)
+            )
             for a in arguments
         ]
         function = getattr(self._library, name)
@@ -121,7 +131,9 @@ class _Session:
     def read(self, words: np.ndarray, place: np.ndarray, stream: None) -> None:
         words.reshape(-1)[:] = place[: words.size]
 
-    def launch(self, function: _Function, blocks: int, threads: int, stream: None, *arguments: Any) -> None:
+    def launch(
+        self, function: _Function, blocks: int, threads: int, stream: None, *arguments: Any
+    ) -> None:
         function.library.launch(function.name, blocks, threads, *arguments)
 
     def mark(self, stream: None) -> None: ...

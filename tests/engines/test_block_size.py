@@ -1,4 +1,6 @@
-"""Blocks of any size: as many lanes as a kernel asks for, each with its golden run, give the bits of one full block."""
+"""Blocks of any size: as many lanes as a kernel asks for, each with its golden run, give the
+bits of one full block.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
 
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 3, "duration_ms": 9}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "overwrite",
+    "start_ms": 3,
+    "duration_ms": 9,
+}
 CAMPAIGN = {
     "campaign": {"name": "sizes", "duration_s": 0.02},
     "group": [
@@ -24,7 +32,11 @@ CAMPAIGN = {
         }
     ],
 }
-ENGINES = ["simd", pytest.param("cuda", marks=pytest.mark.slow), pytest.param("xla", marks=pytest.mark.slow)]
+ENGINES = [
+    "simd",
+    pytest.param("cuda", marks=pytest.mark.slow),
+    pytest.param("xla", marks=pytest.mark.slow),
+]
 
 
 @pytest.fixture(scope="module")
@@ -43,14 +55,18 @@ def engine(request, monkeypatch, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES, indirect=True)
 def test_small_blocks_give_the_bits_of_a_large_one(engine, ready):
-    """Runs of three golden runs: at once with a series a lane, and a few at a time with a series a golden run."""
+    """Runs of three golden runs: at once with a series a lane, and a few at a time with a series
+    a golden run.
+    """
     kernel, rows = engine.compile(ready.program, ready.runs), np.arange(ready.runs)
     lanes = kernel.size(len(rows))
     own = kernel.run(Block(*ready.lanes(rows, lanes, harmless=True), None), ready.columns)
     whole = kernel.run(Block(*ready.lanes(rows, lanes), own.reference), ready.columns)
 
     golden_runs = kernel.size(3)
-    of_three = kernel.run(Block(*ready.lanes(rows[:3], golden_runs, harmless=True), None), ready.columns)
+    of_three = kernel.run(
+        Block(*ready.lanes(rows[:3], golden_runs, harmless=True), None), ready.columns
+    )
     np.testing.assert_array_equal(of_three.reference[:, :, :3], own.reference[:, :, :3])
     for some in (rows[:1], rows[1:6], rows[6:]):
         lanes = kernel.size(len(some))
@@ -58,7 +74,9 @@ def test_small_blocks_give_the_bits_of_a_large_one(engine, ready):
         block = Block(*ready.lanes(some, lanes), of_three.reference[:, :, :3], golden)
         found = kernel.run(block, ready.columns)
         for name, values in whole.outcomes.items():
-            np.testing.assert_array_equal(found.outcomes[name][: len(some)], values[some], err_msg=name)
+            np.testing.assert_array_equal(
+                found.outcomes[name][: len(some)], values[some], err_msg=name
+            )
 
 
 def test_sizes(ready):

@@ -30,9 +30,20 @@ def arguments(campaign):
 
 @pytest.fixture(scope="module")
 def small():
-    fault = {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": [0, 4000], "start_ms": 20}
-    return arguments({"campaign": {"name": "direct", "duration_s": 0.1}, "operator": {"motion": "reach"},
-                      "group": [{"name": "dac", "fault": [fault]}]})  # fmt: skip
+    fault = {
+        "site": "usb_out",
+        "channel": "elbow",
+        "effect": "offset",
+        "value": [0, 4000],
+        "start_ms": 20,
+    }
+    return arguments(
+        {
+            "campaign": {"name": "direct", "duration_s": 0.1},
+            "operator": {"motion": "reach"},
+            "group": [{"name": "dac", "fault": [fault]}],
+        }
+    )
 
 
 def same(program, block, motion):
@@ -87,7 +98,9 @@ def test_wide_numbers_are_traced_by_jax(small, ways):
     setup = dataclasses.replace(program.setup, precision=ORIGINAL)
     with pytest.raises(direct.Untraceable, match="64 bits"):
         direct.trace(dataclasses.replace(program, setup=setup), block, motion)
-    with pytest.raises(UnknownPrimitive, match="float64"):  # nor do printed programs know sines of them
+    with pytest.raises(
+        UnknownPrimitive, match="float64"
+    ):  # nor do printed programs know sines of them
         traced.trace(dataclasses.replace(program, setup=setup), block, motion)
     assert ways == ["JAX"]
 
@@ -102,7 +115,9 @@ def test_a_function_that_is_not_known_is_traced_by_jax(small, ways, monkeypatch)
         traced.trace(other, block, motion)
     assert ways == ["JAX"]
     ways.clear()
-    own.outcomes = lambda *some: program.loop.outcomes(*some) | {"own": jnp.clip(jnp.float32(5.0), 1.0, 2.0)}
+    own.outcomes = lambda *some: (
+        program.loop.outcomes(*some) | {"own": jnp.clip(jnp.float32(5.0), 1.0, 2.0)}
+    )
     result = traced.trace(other, block, motion)
     assert ways == ["JAX"] and "own" in result.outcomes
 

@@ -1,4 +1,6 @@
-"""Lanes that end at ticks of their own leave what a run of so many ticks leaves, on every engine."""
+"""Lanes that end at ticks of their own leave what a run of so many ticks leaves, on every
+engine.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ def outcomes(engine, ready, ticks, ends):
     own = None if ends is None else ends[np.minimum(np.arange(lanes), len(rows) - 1)]
     alone = Block(*ready.lanes(rows, lanes, harmless=True), None, ends=own)
     golden = kernel.run(alone, ready.columns)
-    last = None if own is None else np.full(lanes, own.max())  # a series that is shared goes on to the last end
+    last = (
+        None if own is None else np.full(lanes, own.max())
+    )  # a series that is shared goes on to the last end
     series = kernel.run(dataclasses.replace(alone, ends=last), ready.columns).reference
     block = Block(*ready.lanes(rows, lanes), series, ends=own)
     return [golden.outcomes, kernel.run(block, ready.columns).outcomes]
@@ -59,5 +63,9 @@ def test_a_lane_that_ends_is_a_shorter_run(engine, ready):
         rows = np.flatnonzero(ends == end)
         for one, shorter in zip(found, outcomes(engine, ready, end, None), strict=True):
             for name, values in shorter.items():
-                if not (one is found[0] and "golden" in name):  # a golden run has nothing to be far from
-                    np.testing.assert_array_equal(one[name][rows], values[rows], err_msg=f"{name} at {end}")
+                if not (
+                    one is found[0] and "golden" in name
+                ):  # a golden run has nothing to be far from
+                    np.testing.assert_array_equal(
+                        one[name][rows], values[rows], err_msg=f"{name} at {end}"
+                    )

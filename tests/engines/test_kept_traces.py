@@ -18,12 +18,23 @@ from ravenjax.engines.interface import Block
 from ravenjax.ir.time_loop import split
 from ravenjax.numbers import tree
 
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": [0, 4000], "start_ms": 20}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "offset",
+    "value": [0, 4000],
+    "start_ms": 20,
+}
 
 
 def ready(**changes):
-    table = {"campaign": {"name": "kept", "duration_s": 0.1}, "operator": {"motion": "reach"},
-             "group": [{"name": "dac", "fault": [FAULT], "parameters": {"plant.mass_scale": [1.0, 1.1]}}]}  # fmt: skip
+    table = {
+        "campaign": {"name": "kept", "duration_s": 0.1},
+        "operator": {"motion": "reach"},
+        "group": [
+            {"name": "dac", "fault": [FAULT], "parameters": {"plant.mass_scale": [1.0, 1.1]}}
+        ],
+    }
     made = plan.make(rj.load_campaign(table | changes))
     return dataclasses.replace(made, program=traced.printable(made.program))
 
@@ -62,7 +73,10 @@ def test_a_trace_comes_back_from_its_bytes(fresh):
     again = traced_tick.from_bytes(fresh.to_bytes())
     assert again == fresh and type(again.signals) is type(fresh.signals)
     columns = np.arange(2 * (fresh.series + len(tree.leaves(fresh.signals)))).reshape(2, -1, 1)
-    one, other = (trace.signals_of(columns, lambda column, dtype: column.astype(dtype)) for trace in (fresh, again))
+    one, other = (
+        trace.signals_of(columns, lambda column, dtype: column.astype(dtype))
+        for trace in (fresh, again)
+    )
     for first, second in zip(tree.leaves(one), tree.leaves(other), strict=True):
         np.testing.assert_array_equal(first, second)
 
@@ -70,8 +84,13 @@ def test_a_trace_comes_back_from_its_bytes(fresh):
 def test_the_next_process_does_not_trace_again_whatever_the_varied_values_are(made, fresh, counted):
     objects = {}
     forms(made, objects)
-    other = [{"name": "dac", "fault": [FAULT | {"value": [7, 8, 9], "start_ms": 30}],
-              "parameters": {"plant.mass_scale": [0.9, 1.3]}}]  # fmt: skip
+    other = [
+        {
+            "name": "dac",
+            "fault": [FAULT | {"value": [7, 8, 9], "start_ms": 30}],
+            "parameters": {"plant.mass_scale": [0.9, 1.3]},
+        }
+    ]
     found = forms(ready(group=other), objects)
     assert len(counted) == 1 and found.traced == fresh
 
@@ -109,7 +128,9 @@ def test_other_code_or_versions_are_traced(made, counted, monkeypatch):
     assert len(counted) == 3
 
 
-def test_code_that_changed_since_it_was_imported_keeps_and_finds_nothing(made, counted, monkeypatch):
+def test_code_that_changed_since_it_was_imported_keeps_and_finds_nothing(
+    made, counted, monkeypatch
+):
     objects = {}
     forms(made, objects)
     number = len(objects)
@@ -123,7 +144,12 @@ def test_a_robot_of_another_package_is_not_kept(made, counted, monkeypatch):
     monkeypatch.setitem(sys.modules, "my_lab_loop", types.SimpleNamespace(**vars(loop)))
     objects = {}
     for _ in range(2):
-        forms(dataclasses.replace(made, program=dataclasses.replace(made.program, module="my_lab_loop")), objects)
+        forms(
+            dataclasses.replace(
+                made, program=dataclasses.replace(made.program, module="my_lab_loop")
+            ),
+            objects,
+        )
     assert len(counted) == 2 and not objects
 
 
@@ -140,18 +166,45 @@ def test_what_is_no_trace_is_traced_anew(made, fresh, counted, content):
 @pytest.mark.parametrize("kind", [VectorKernel, KernelSource])
 def test_printed_code_comes_back(made, fresh, counted, kind):
     parts = split(fresh.without_signals(), range(1), range(len(fresh.loop.step.inputs)))
-    printed = print_kernel(parts, 8, frozenset()) if kind is VectorKernel else print_loop(parts, Form(), True)
+    printed = (
+        print_kernel(parts, 8, frozenset())
+        if kind is VectorKernel
+        else print_loop(parts, Form(), True)
+    )
     objects, calls = {}, []
     for _ in range(2):
-        assert forms(made, objects).printed(kind, ("key", 8), lambda: calls.append(1) or printed) == printed
+        assert (
+            forms(made, objects).printed(kind, ("key", 8), lambda: calls.append(1) or printed)
+            == printed
+        )
     assert len(calls) == 1
     forms(made, objects).printed(kind, ("key", 4), lambda: calls.append(1) or printed)
     assert len(calls) == 2
 
 
 def test_numbers_of_unlike_types_have_unlike_keys():
-    values = [1, 1.0, True, "1", b"1", None, (1,), [1], {1: 1}, np.float32(1), np.float64(1), np.int32(1), np.ones(1),
-              np.ones((1, 1)), -0.0, 0.0, np.float32(-0.0), np.float32(0.0), float("nan"), (1, (2,)),
-              (1, 2)]  # fmt: skip
+    values = [
+        1,
+        1.0,
+        True,
+        "1",
+        b"1",
+        None,
+        (1,),
+        [1],
+        {1: 1},
+        np.float32(1),
+        np.float64(1),
+        np.int32(1),
+        np.ones(1),
+        np.ones((1, 1)),
+        -0.0,
+        0.0,
+        np.float32(-0.0),
+        np.float32(0.0),
+        float("nan"),
+        (1, (2,)),
+        (1, 2),
+    ]
     assert len({trace_key.of(value) for value in values}) == len(values)
     assert trace_key.of("ab", "c") != trace_key.of("a", "bc")

@@ -16,7 +16,13 @@ from ravenjax.engines import traced
 from ravenjax.engines.interface import Block
 from ravenjax.engines.traced import Forms
 
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": [0, 4000], "start_ms": 20}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "offset",
+    "value": [0, 4000],
+    "start_ms": 20,
+}
 
 
 @pytest.fixture
@@ -30,8 +36,12 @@ def counted(monkeypatch):
 
 
 def ready(duration_s=0.1, **changes):
-    table = {"campaign": {"name": "traced", "duration_s": duration_s}, "operator": {"motion": "reach"},
-             "parameters": {"plant.mass_scale": 1.1}, "group": [{"name": "dac", "fault": [FAULT]}]}  # fmt: skip
+    table = {
+        "campaign": {"name": "traced", "duration_s": duration_s},
+        "operator": {"motion": "reach"},
+        "parameters": {"plant.mass_scale": 1.1},
+        "group": [{"name": "dac", "fault": [FAULT]}],
+    }
     return plan.make(rj.load_campaign(table | changes))
 
 
@@ -65,7 +75,9 @@ def test_each_number_of_the_parameters_counts(counted):
     assert len(leaves) > 100
     forms(made)
     for k, leaf in enumerate(leaves):
-        params = jax.tree.unflatten(structure, [*leaves[:k], leaf + type(leaf)(1), *leaves[k + 1 :]])
+        params = jax.tree.unflatten(
+            structure, [*leaves[:k], leaf + type(leaf)(1), *leaves[k + 1 :]]
+        )
         forms(dataclasses.replace(made, program=dataclasses.replace(made.program, params=params)))
     assert len(counted) == 1 + len(leaves)
 

@@ -10,7 +10,9 @@ from ravenjax.engines.wasm import code
 from ravenjax.ir.program import Program
 
 
-def wasm_results(program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None):
+def wasm_results(
+    program: Program, width: int, columns: tuple[np.ndarray, ...], tables: np.ndarray | None = None
+):
     """Results of a program by WebAssembly, `width` inputs at a time."""
     text, outputs = printed(program, width, code.FEATURES)
     engine = wasmtime.Engine()
@@ -24,11 +26,15 @@ def wasm_results(program: Program, width: int, columns: tuple[np.ndarray, ...], 
     parts: list[list[np.ndarray]] = [[] for _ in program.outputs]
     for start in range(0, length, width):
         rows = np.minimum(np.arange(start, start + width), length - 1)
-        words = b"".join(c[rows].astype(np.int32 if c.dtype == bool else c.dtype).tobytes() for c in columns)
+        words = b"".join(
+            c[rows].astype(np.int32 if c.dtype == bool else c.dtype).tobytes() for c in columns
+        )
         memory.write(store, words, at_in)
         function(store, at_in, at_out, at_tables)
         row = np.frombuffer(memory.read(store, at_out, at_out + outputs.bytes), np.uint8)
         for k, (dtype, offset) in enumerate(zip(outputs.types, outputs.offsets, strict=True)):
             stored = np.dtype(np.int32 if dtype == "bool" else dtype)
-            parts[k].append(row[offset : offset + width * stored.itemsize].view(stored).astype(dtype))
+            parts[k].append(
+                row[offset : offset + width * stored.itemsize].view(stored).astype(dtype)
+            )
     return [np.concatenate(part)[:length] for part in parts]

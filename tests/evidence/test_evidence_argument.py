@@ -1,4 +1,6 @@
-"""The argument: its nodes, YAML and drawing, and that what no longer holds turns red, with all that rests on it."""
+"""The argument: its nodes, YAML and drawing, and that what no longer holds turns red, with all
+that rests on it.
+"""
 
 from __future__ import annotations
 
@@ -63,14 +65,20 @@ def statuses(place):
     """Node -> its status, as YAML and as SVG have it: they agree."""
     nodes = {name: node["status"] for name, node in argument(place)["nodes"].items()}
     tree = ET.parse(place / "evidence" / writing.SVG)
-    drawn = {one.get("id"): one.get("class", "").split()[1] for one in tree.iter() if one.get("class")}
+    drawn = {
+        one.get("id"): one.get("class", "").split()[1] for one in tree.iter() if one.get("class")
+    }
     assert drawn == nodes
     return nodes
 
 
 def node_of(place, file):
     """The solution that is this file."""
-    (name,) = (name for name, node in argument(place)["nodes"].items() if node.get("file", "").endswith(file))
+    (name,) = (
+        name
+        for name, node in argument(place)["nodes"].items()
+        if node.get("file", "").endswith(file)
+    )
     return name
 
 
@@ -80,9 +88,13 @@ def test_every_solution_is_a_file_with_its_checksum(kept):
     files = [node["file"] for node in solutions if node["sha256_of"] == "file"]
     for node in solutions:
         path = kept / "evidence" / node["file"]
-        assert path.is_file() and (node["sha256_of"] == "campaign" or sha256(path) == node["sha256"])
+        assert path.is_file() and (
+            node["sha256_of"] == "campaign" or sha256(path) == node["sha256"]
+        )
     parts = [part.file for part in manifests.read(kept / "result").parts]
-    assert sorted(files) == sorted([*writing.GOALS, *(f"../result/{PARTS}/{name}" for name in parts)])
+    assert sorted(files) == sorted(
+        [*writing.GOALS, *(f"../result/{PARTS}/{name}" for name in parts)]
+    )
     assert len(parts) == 3 and len(solutions) == len(files) + 1
 
 
@@ -130,7 +142,9 @@ def test_a_damaged_part_turns_red_with_what_rests_on_it(kept, said):
     assert code == 1 and part in err and "1 broken" in out and red[name] == "broken"
     nodes = argument(kept)["nodes"]
     assert nodes[name]["reason"].endswith(f"expected {nodes[name]['sha256'][:16]}..")
-    assert [one for one, node in nodes.items() if node["kind"] == "solution" and red[one] == "broken"] == [name]
+    assert [
+        one for one, node in nodes.items() if node["kind"] == "solution" and red[one] == "broken"
+    ] == [name]
     goals = {one for one, node in nodes.items() if node["kind"] in ("goal", "strategy")}
     assert {one for one in goals if red[one] == "broken"} == goals  # tables rest on the parts, too
     assert {red[one] for one, node in nodes.items() if node["kind"] == "context"} == {"holds"}
@@ -148,7 +162,11 @@ def test_a_changed_table_turns_red(kept, said):
     assert said("--check", kept / "evidence")[0] == 1
     red = {name for name, status in statuses(kept).items() if status == "broken"}
     nodes = argument(kept)["nodes"]
-    (goal,) = (n for n, one in nodes.items() if node_of(kept, "failure_modes.csv") in one.get("supported_by", []))
+    (goal,) = (
+        n
+        for n, one in nodes.items()
+        if node_of(kept, "failure_modes.csv") in one.get("supported_by", [])
+    )
     (strategy,) = (n for n, one in nodes.items() if goal in one.get("supported_by", []))
     assert red == {"G1", strategy, goal, node_of(kept, "failure_modes.csv")}
 
@@ -157,7 +175,11 @@ def test_a_part_that_is_gone(kept, said):
     part = manifests.read(kept / "result").parts[0].file
     (kept / "result" / PARTS / part).unlink()
     code, _, err = said("--check", kept / "evidence")
-    assert code == 1 and f"{part}: is missing" in err and statuses(kept)[node_of(kept, part)] == "broken"
+    assert (
+        code == 1
+        and f"{part}: is missing" in err
+        and statuses(kept)[node_of(kept, part)] == "broken"
+    )
 
 
 def test_a_campaign_that_is_another_now(kept, said):
@@ -175,9 +197,18 @@ def test_runs_that_are_missing_leave_a_goal_open(tmp_path, said):
     results = ResultFolder.open(tmp_path / "half", synthetic.manifest(RUNS))
     results.add(FRAME.iloc[:100])
     code, out, err = said(tmp_path / "half")
-    assert code == 0 and "100 of the 300 declared runs are there" in out and "200 runs are missing" in err
-    whole = yaml.safe_load((tmp_path / "half" / writing.FOLDER / writing.YAML).read_text(encoding="utf-8"))
-    assert whole["status"] == "open" and [one["status"] for one in whole["nodes"].values()].count("open") == 1
+    assert (
+        code == 0
+        and "100 of the 300 declared runs are there" in out
+        and "200 runs are missing" in err
+    )
+    whole = yaml.safe_load(
+        (tmp_path / "half" / writing.FOLDER / writing.YAML).read_text(encoding="utf-8")
+    )
+    assert (
+        whole["status"] == "open"
+        and [one["status"] for one in whole["nodes"].values()].count("open") == 1
+    )
 
 
 def test_several_results_stand_side_by_side(kept, said, tmp_path):
@@ -197,7 +228,11 @@ def test_several_results_stand_side_by_side(kept, said, tmp_path):
 def test_json_of_a_check(kept, said):
     code, out, _ = said("--check", kept / "evidence", "--json")
     plain = json.loads(out)
-    assert code == 0 and plain["notice"] == NOTICE and {node["status"] for node in plain["nodes"]} == {"holds"}
+    assert (
+        code == 0
+        and plain["notice"] == NOTICE
+        and {node["status"] for node in plain["nodes"]} == {"holds"}
+    )
 
 
 @pytest.mark.parametrize(
@@ -234,7 +269,9 @@ def test_evidence_of_a_damaged_result_is_refused(kept, said):
 )
 def test_a_record_that_is_none(kept, change, complaint):
     path = kept / "evidence" / record.FILE
-    path.write_text(json.dumps(change(json.loads(path.read_text(encoding="utf-8")))), encoding="utf-8")
+    path.write_text(
+        json.dumps(change(json.loads(path.read_text(encoding="utf-8")))), encoding="utf-8"
+    )
     with pytest.raises(StoreError, match=complaint):
         record.read(kept / "evidence")
 
@@ -244,11 +281,17 @@ def node(name, kind, *below, **fields):
 
 
 def test_of_many_parts_the_broken_ones_are_drawn_first():
-    parts = [node(f"Sn{k}", "solution", item=Item(file=f"p{k}", sha256="0" * 64)) for k in range(50)]
+    parts = [
+        node(f"Sn{k}", "solution", item=Item(file=f"p{k}", sha256="0" * 64)) for k in range(50)
+    ]
     nodes = (node("G1", "goal", *(one.name for one in parts)), *parts)
     judged = checking.judged(nodes, {"Sn40": "is missing"})
     svg = drawing.svg(EvidenceRecord(written="now", sentences=(), nodes=judged))
-    drawn = [one.get("id") for one in ET.fromstring(svg).iter() if one.get("class", "").startswith("solution")]
+    drawn = [
+        one.get("id")
+        for one in ET.fromstring(svg).iter()
+        if one.get("class", "").startswith("solution")
+    ]
     assert drawn[0] == "Sn40" and len(drawn) == drawing.MOST and "43 more files" in svg
 
 
@@ -265,7 +308,9 @@ def test_nodes_do_not_lie_on_each_other(kept):
 
 
 def test_words_are_escaped():
-    whole = EvidenceRecord(written="now", sentences=(), nodes=(Node(name="G1", kind="goal", text="a < b & c"),))
+    whole = EvidenceRecord(
+        written="now", sentences=(), nodes=(Node(name="G1", kind="goal", text="a < b & c"),)
+    )
     assert "".join(ET.fromstring(drawing.svg(whole)).itertext()).count("a < b & c") == 1
 
 

@@ -1,4 +1,6 @@
-"""The report on the simulator's credibility: eight categories, each statement with files that are what they were."""
+"""The report on the simulator's credibility: eight categories, each statement with files that
+are what they were.
+"""
 
 from __future__ import annotations
 
@@ -30,12 +32,17 @@ def folder(tmp_path):
 
 
 def node_of(place, file):
-    (node,) = [one for one in record.read(place).nodes if one.item is not None and one.item.file == file]
+    (node,) = [
+        one for one in record.read(place).nodes if one.item is not None and one.item.file == file
+    ]
     return node
 
 
 def test_each_statement_of_the_model_stands_in_its_category_with_files_that_are_there(folder):
-    assert cli.main(["evidence", str(folder), "--credibility", str(ROOT / "results" / "reference")]) == 0
+    assert (
+        cli.main(["evidence", str(folder), "--credibility", str(ROOT / "results" / "reference")])
+        == 0
+    )
     place = folder / writing.FOLDER
     text = (place / credibility.FILE).read_text(encoding="utf-8")
     assert NOTICE in text and "part of no submission" in text
@@ -45,13 +52,21 @@ def test_each_statement_of_the_model_stands_in_its_category_with_files_that_are_
     rows = claims.of_model().values()
     for category in claims.CATEGORIES:
         names = re.findall(r"^### (.*)$", sections[category], flags=re.M)
-        assert [one.lower() for one in names] == [one.name.lower() for one in rows if one.category == category]
+        assert [one.lower() for one in names] == [
+            one.name.lower() for one in rows if one.category == category
+        ]
         assert ("No evidence." in sections[category]) == (not names)
     linked = re.findall(r"^- \[(.*)\]\((.*)\), sha256 `(\w+)`$", text, flags=re.M)
-    assert len(linked) > 20 and "not in this installation" not in text and "not in these findings" not in text
+    assert (
+        len(linked) > 20
+        and "not in this installation" not in text
+        and "not in these findings" not in text
+    )
     for name, target, digest in linked:
         assert (place / target).resolve() == ROOT / name and sha256(ROOT / name) == digest
-    assert {item.file for item in node_of(place, credibility.FILE).item.links} == {target for _, target, _ in linked}
+    assert {item.file for item in node_of(place, credibility.FILE).item.links} == {
+        target for _, target, _ in linked
+    }
 
 
 def of_one(root):

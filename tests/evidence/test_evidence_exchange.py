@@ -1,4 +1,6 @@
-"""The exchange file is valid ReqIF, and what another reader finds in it is what the argument and the table say."""
+"""The exchange file is valid ReqIF, and what another reader finds in it is what the argument and
+the table say.
+"""
 
 from __future__ import annotations
 
@@ -67,9 +69,15 @@ def test_nodes_modes_and_relations_are_there(place):
     assert rows and objects(parsed, "failure mode") == rows
     names = {thing.identifier: thing.long_name for thing in parsed.spec_objects}
     supports = [(names[one.source], names[one.target]) for one in parsed.spec_relations]
-    expected = [(n.name, other) for n in evidence.nodes for other in (*n.supported_by, *n.in_context_of)]
-    assert [pair for pair in supports if not pair[0].isdigit()] == sorted(expected, key=supports.index)
-    (table,) = [node.name for node in evidence.nodes if node.item and node.item.file == exchange.MODES]
+    expected = [
+        (n.name, other) for n in evidence.nodes for other in (*n.supported_by, *n.in_context_of)
+    ]
+    assert [pair for pair in supports if not pair[0].isdigit()] == sorted(
+        expected, key=supports.index
+    )
+    (table,) = [
+        node.name for node in evidence.nodes if node.item and node.item.file == exchange.MODES
+    ]
     assert sum(pair[1] == table and pair[0].isdigit() for pair in supports) == len(rows)
     assert [len(one.children) for one in parsed.specifications] == [len(nodes), len(rows)]
 
@@ -90,7 +98,9 @@ def test_any_text_comes_back(tmp_path):
 
 def test_the_same_evidence_is_the_same_file(place):
     evidence = record.read(place)
-    assert exchange.text(evidence, place / exchange.MODES) == exchange.text(evidence, place / exchange.MODES)
+    assert exchange.text(evidence, place / exchange.MODES) == exchange.text(
+        evidence, place / exchange.MODES
+    )
 
 
 def test_a_damaged_part_is_broken_there_too(place):
@@ -99,7 +109,9 @@ def test_a_damaged_part_is_broken_there_too(place):
     data[len(data) // 2] ^= 1
     part.write_bytes(bytes(data))
     assert cli.main(["evidence", "--check", str(place)]) == 1
-    states = {one["name"]: one["status"] for one in objects(content(place / exchange.FILE), "argument")}
+    states = {
+        one["name"]: one["status"] for one in objects(content(place / exchange.FILE), "argument")
+    }
     assert states["G1"] == "broken" and "holds" in states.values()
 
 

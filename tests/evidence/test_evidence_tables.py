@@ -35,7 +35,9 @@ def of(frame, **changes):
 
 
 def folder_of(place, frame, record):
-    """A result folder of these rows, in parts of which one begins with a run that ended in a hazard."""
+    """A result folder of these rows, in parts of which one begins with a run that ended in a
+    hazard.
+    """
     results = ResultFolder.open(place, record)
     for rows in results.missing(BEGINS):
         results.add(frame.iloc[rows.start : rows.stop])
@@ -50,19 +52,27 @@ def source():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return folder_of(tmp_path_factory.mktemp("evidence") / "made up", FRAME, synthetic.manifest(RUNS))
+    return folder_of(
+        tmp_path_factory.mktemp("evidence") / "made up", FRAME, synthetic.manifest(RUNS)
+    )
 
 
 def test_failure_modes_are_counted_by_hand(source):
     rows = failure_modes.rows(source)
-    by_hand = SAMPLE.groupby(["group", "fault0_site", "fault0_effect", "response", "hazard"]).size().to_dict()
+    by_hand = (
+        SAMPLE.groupby(["group", "fault0_site", "fault0_effect", "response", "hazard"])
+        .size()
+        .to_dict()
+    )
     counted = collections.Counter()
     for row in rows:
         counted[row.group, row.site, row.effect, row.response, row.hazard] += row.rate.k
     assert dict(counted) == by_hand
     for key, part in SAMPLE.groupby(["group", "fault0_site", "fault0_effect"]):
         mine = [row for row in rows if (row.group, row.site, row.effect) == key]
-        assert {row.rate.n for row in mine} == {len(part)} and sum(row.rate.k for row in mine) == len(part)
+        assert {row.rate.n for row in mine} == {len(part)} and sum(
+            row.rate.k for row in mine
+        ) == len(part)
     assert (FRAME["failed"] != "").any()  # those are in no line
 
 
@@ -83,33 +93,55 @@ def test_an_example_is_a_run_of_its_line(source):
     for row in failure_modes.rows(source):
         some = ids.loc[row.example_runs.split()]
         assert 1 <= len(some) == min(3, row.rate.k)
-        for name, value in (("group", row.group), ("response", row.response), ("hazard", row.hazard)):
+        for name, value in (
+            ("group", row.group),
+            ("response", row.response),
+            ("hazard", row.hazard),
+        ):
             assert set(some[name]) == {value}
         assert some["index"].is_monotonic_increasing
 
 
 def test_delays_are_medians_after_the_first_effect(source):
-    lines = [row for row in failure_modes.rows(source) if row.response == "stopped" and row.hazard != "none"]
+    lines = [
+        row
+        for row in failure_modes.rows(source)
+        if row.response == "stopped" and row.hazard != "none"
+    ]
     assert lines
     for row in lines:
         cause = row.detected_by.removeprefix("check ").split(" (")[0]
-        own = (SAMPLE["group"] == row.group) & (SAMPLE["response_cause"] == cause) & (SAMPLE["hazard"] == row.hazard)
+        own = (
+            (SAMPLE["group"] == row.group)
+            & (SAMPLE["response_cause"] == cause)
+            & (SAMPLE["hazard"] == row.hazard)
+        )
         cue = SAMPLE["cue0_first_ms"] >= 0  # golden runs have none
-        mine = SAMPLE[own & (SAMPLE["response"] == "stopped") & (cue == ("haptic cue" in row.detected_by))]
+        mine = SAMPLE[
+            own & (SAMPLE["response"] == "stopped") & (cue == ("haptic cue" in row.detected_by))
+        ]
         delays = (mine["told_ms"] - mine["first_active_ms"])[mine["activated"]]
-        assert len(mine) == row.rate.k and row.told_after_ms == pytest.approx(delays.median(), nan_ok=True)
+        assert len(mine) == row.rate.k and row.told_after_ms == pytest.approx(
+            delays.median(), nan_ok=True
+        )
 
 
 def test_who_noticed(source):
     for row in failure_modes.rows(source):
-        assert (row.detected_by == failure_modes.NOBODY) == (row.response == "silent" and "cue" not in row.detected_by)
+        assert (row.detected_by == failure_modes.NOBODY) == (
+            row.response == "silent" and "cue" not in row.detected_by
+        )
         assert ("stopped the robot" in row.detected_by) == (row.response == "stopped")
         assert ("told nobody" in row.detected_by) == (row.response == "limited")
 
 
 def test_an_interval_only_where_faults_were_drawn():
     drawn = {"name": "encoder", "design": "random", "fault": [{"value": {"uniform": [0, 1]}}]}
-    others = [{"name": name, "design": "grid", "fault": []} for name in synthetic.BLOCKS if name != "encoder"]
+    others = [
+        {"name": name, "design": "grid", "fault": []}
+        for name in synthetic.BLOCKS
+        if name != "encoder"
+    ]
     mixed = of(FRAME, config={**synthetic.manifest().config, "group": [drawn, *others]})
     rows = failure_modes.rows(mixed)
     for row in rows:
@@ -125,13 +157,20 @@ def test_unsafe_control_actions_hold_every_hazard_once(source):
     for hazard in trace.TRACED:
         mine = [row for row in rows if row.hazard == hazard]
         assert sum(row.rate.k for row in mine) == (SAMPLE["hazard"] == hazard).sum() > 0
-    assert sum(row.evaded for row in rows) == tables.headline(source.runs, source.record)["evaded"].k
-    assert {row.rate.n for row in rows if row.site == "plc"} == {(SAMPLE["fault0_site"] == "plc").sum()}
+    assert (
+        sum(row.evaded for row in rows) == tables.headline(source.runs, source.record)["evaded"].k
+    )
+    assert {row.rate.n for row in rows if row.site == "plc"} == {
+        (SAMPLE["fault0_site"] == "plc").sum()
+    }
 
 
 def test_each_kind_of_control_action_by_its_rule():
     frame = FRAME.copy()
-    frame.loc[frame["group"] == "packet_position", ["fault0_site", "fault0_channel"]] = "network", "delay"
+    frame.loc[frame["group"] == "packet_position", ["fault0_site", "fault0_channel"]] = (
+        "network",
+        "delay",
+    )
     frame.loc[frame["group"] == "encoder", "fault0_effect"] = "stuck"
     kinds = {(row.site, row.hazard): set() for row in control_actions.rows(of(frame))}
     for row in control_actions.rows(of(frame)):
@@ -143,14 +182,19 @@ def test_each_kind_of_control_action_by_its_rule():
     assert kinds["plc", "loss of motion"] <= {"not provided", "stopped too soon"}
     assert "not provided" in kinds["usb_out", "loss of motion"]
     every = {name for names in kinds.values() for name in names}
-    assert every <= {kind.name for kind in control_actions.KINDS} - {"none"} and "stopped too soon" in every
+    assert (
+        every <= {kind.name for kind in control_actions.KINDS} - {"none"}
+        and "stopped too soon" in every
+    )
 
 
 def test_repeats_and_reactions_count_no_fault_twice():
     frame = reacting.frame(200)
     source = Source("R1", None, reacting.manifest(200), Runs.of(frame, reacting.manifest(200)))  # type: ignore[arg-type]
     head = tables.headline(source.runs, source.record)
-    assert sum(row.rate.k for row in failure_modes.rows(source)) == head["evaded"].n < len(frame) / 2
+    assert (
+        sum(row.rate.k for row in failure_modes.rows(source)) == head["evaded"].n < len(frame) / 2
+    )
 
 
 def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
@@ -165,7 +209,10 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     assert len(parts) == 3 and {row["part"] for row in rows} == set(parts)
     assert str(BEGINS) in {row["index"] for row in rows}
     for row in rows:
-        assert int(row["index"]) in parts[row["part"]].rows and row["part_sha256"] == parts[row["part"]].sha256
+        assert (
+            int(row["index"]) in parts[row["part"]].rows
+            and row["part_sha256"] == parts[row["part"]].sha256
+        )
         assert FRAME["run_id"][int(row["index"])] == row["run_id"]
         assert FRAME["hazard"][int(row["index"])] == row["hazard"]
     for line in matrix:
@@ -183,10 +230,17 @@ def test_the_sentence_is_the_report_s(folder):
         head, complete = tables.headline(source.runs, source.record), sentences.complete(source)
     assert "95 % interval" in sentence and sentence in text.replace(" ,", ",").replace(" .", ".")
     k, others = head["evaded"].k, head["unintended_told"]
-    assert f"Unintended motion: {k + others} of {head['evaded'].n} distinct faults" in hazards["unintended motion"]
+    assert (
+        f"Unintended motion: {k + others} of {head['evaded'].n} distinct faults"
+        in hazards["unintended motion"]
+    )
     assert hazards["unintended motion"].endswith(f"nobody was told in {k}.")
     assert hazards["loss of motion"].endswith(f"nobody was told in {head['loss'].k}.")
-    assert complete == f"600 of the 600 declared runs are there, {head['failed']} of them without a valid outcome."
+    assert (
+        complete
+        == f"600 of the 600 declared runs are there, {head['failed']} of them without a valid"
+        " outcome."
+    )
 
 
 def test_without_faults_there_is_nothing_to_count():
@@ -197,13 +251,18 @@ def test_without_faults_there_is_nothing_to_count():
 
 
 def test_a_folder_named_twice(folder):
-    with pytest.raises(UserError, match="is named twice"), opened([folder, folder / ".." / folder.name]):
+    with (
+        pytest.raises(UserError, match="is named twice"),
+        opened([folder, folder / ".." / folder.name]),
+    ):
         pass
 
 
 def test_identity_is_of_what_decides_outcomes():
     record = synthetic.manifest()
-    same = record.model_copy(update={"starts": 4, "command": ("ravenjax",), "run_s": 3.0, "finished": "2026"})
+    same = record.model_copy(
+        update={"starts": 4, "command": ("ravenjax",), "run_s": 3.0, "finished": "2026"}
+    )
     assert identity(same) == identity(record)
     for change in ({"limit_mm": 2.0}, {"seed": 8}, {"code_hash": "0" * 64}, {"config": {}}):
         assert identity(record.model_copy(update=change)) != identity(record)

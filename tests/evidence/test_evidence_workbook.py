@@ -30,10 +30,17 @@ def folder(tmp_path_factory):
 
 
 def sheets(path):
-    """Sheet -> rows of cells: (column letters, float) or (column letters, text); no formulas are in it."""
+    """Sheet -> rows of cells: (column letters, float) or (column letters, text); no formulas are
+    in it.
+    """
     with zipfile.ZipFile(path) as file:
-        names = [sheet.get("name") for sheet in ET.fromstring(file.read("xl/workbook.xml")).iter(f"{SPACE}sheet")]
-        trees = [ET.fromstring(file.read(f"xl/worksheets/sheet{k + 1}.xml")) for k in range(len(names))]
+        names = [
+            sheet.get("name")
+            for sheet in ET.fromstring(file.read("xl/workbook.xml")).iter(f"{SPACE}sheet")
+        ]
+        trees = [
+            ET.fromstring(file.read(f"xl/worksheets/sheet{k + 1}.xml")) for k in range(len(names))
+        ]
     assert not [one for tree in trees for one in tree.iter(f"{SPACE}f")]
     return {
         name: [[_cell(cell) for cell in row.iter(f"{SPACE}c")] for row in tree.iter(f"{SPACE}row")]
@@ -84,7 +91,9 @@ def test_cells_are_those_of_the_tables(folder, tmp_path):
 
 def test_what_looks_like_a_formula_or_a_number_is_text(tmp_path):
     pytest.importorskip("xlsxwriter")
-    (tmp_path / "some.csv").write_text("group,run_id,rate_k\n=1+1,1234567890123456,3\nhttp://a,1e10,\n")
+    (tmp_path / "some.csv").write_text(
+        "group,run_id,rate_k\n=1+1,1234567890123456,3\nhttp://a,1e10,\n"
+    )
     workbook.write(tmp_path / "some.xlsx", [tmp_path / "some.csv"])
     assert sheets(tmp_path / "some.xlsx")["some"][1:] == [
         [("A", "=1+1"), ("B", "1234567890123456"), ("C", 3.0)],

@@ -1,4 +1,6 @@
-"""The page in a real browser, from a file: what a new user does with it, and the native run that must say the same."""
+"""The page in a real browser, from a file: what a new user does with it, and the native run that
+must say the same.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,16 @@ from ravenjax.explorer import page
 from ravenjax.store import manifest
 from ravenjax.store.access.results import Results
 
-pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
 pytestmark = [pytest.mark.slow, NEEDED]
 CLIPBOARD = """Object.defineProperty(navigator, "clipboard", {
   value: { writeText: async (text) => (window.copied = text) },
 });"""
 CELLS = """() => Object.fromEntries(
   [...document.querySelectorAll("#numbers-of-run tr")].map((row) => [...row.cells].map((cell) => cell.textContent)),
-)"""
+)"""  # noqa: E501
 SAID = """() => {
   const said = document.getElementById("said").textContent;
   return said.includes("moves the tip") && said;
@@ -33,7 +37,7 @@ DRAGGED = """() => {
   const from = Number(new URLSearchParams(location.hash.slice(1)).get("from"));
   return from > 880 && from;
 }"""
-VIEW = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=700&for=64&map=value~start_ms&ms=800"
+VIEW = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=700&for=64&map=value~start_ms&ms=800"  # noqa: E501
 FILE = """
 [campaign]
 name = "small"
@@ -66,7 +70,9 @@ def place(tmp_path_factory):
 
 @pytest.fixture
 def window(browser, place):
-    """The page in a window; at the end it fails where the page asked a network for anything, or told of an error."""
+    """The page in a window; at the end it fails where the page asked a network for anything, or
+    told of an error.
+    """
     context = browser.new_context(viewport={"width": 1366, "height": 900})
     asked, told = [], []
 
@@ -91,7 +97,9 @@ def window(browser, place):
 
 
 def filled(shown):
-    """Wait until the map of the present question is complete; a question that changes makes it incomplete at once."""
+    """Wait until the map of the present question is complete; a question that changes makes it
+    incomplete at once.
+    """
     shown.wait_for_function("document.body.dataset.filled === '1'")
 
 
@@ -116,16 +124,22 @@ def test_a_new_user_asks_moves_a_control_opens_a_run_and_gets_the_same_natively(
     window.click("[data-copy=command]")
     command = _when(window, "window.copied")
     path = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
-    subprocess.run(["bash", "-ec", command], cwd=tmp_path, env=os.environ | {"PATH": path}, check=True)
+    subprocess.run(
+        ["bash", "-ec", command], cwd=tmp_path, env=os.environ | {"PATH": path}, check=True
+    )
     folder = tmp_path / "explored"
     native = Results(manifest.read(folder).shape, folder).frame().iloc[0]
     assert native["verdict"] == verdict
     shown = window.evaluate(CELLS)
-    assert float(shown["unintended_mm"]) == pytest.approx(native["unintended_mm"], rel=1e-3, abs=1e-3)
+    assert float(shown["unintended_mm"]) == pytest.approx(
+        native["unintended_mm"], rel=1e-3, abs=1e-3
+    )
     assert int(shown["first_active_ms"]) == native["first_active_ms"]
 
 
-def test_an_address_brings_the_same_view_and_the_smallest_harmful_size_is_that_natively(window, place, tmp_path):
+def test_an_address_brings_the_same_view_and_the_smallest_harmful_size_is_that_natively(
+    window, place, tmp_path
+):
     window.goto(place.as_uri() + VIEW)
     window.reload()
     window.wait_for_selector("#run:not([hidden])")
@@ -192,7 +206,9 @@ def test_the_fault_dragged_in_time_begins_elsewhere_and_a_kept_run_stays_beside(
     assert window.locator("#signals .kept").count() > 0
 
 
-def test_another_threshold_of_the_cue_has_another_answer_and_says_where_the_cue_comes_anyway(window, tmp_path):
+def test_another_threshold_of_the_cue_has_another_answer_and_says_where_the_cue_comes_anyway(
+    window, tmp_path
+):
     filled(window)
     evading = window.inner_text("#answer strong")
     assert "the surgeon feels a cue in" in window.inner_text("#answer")
@@ -230,7 +246,9 @@ def test_another_motion_of_the_hands_has_another_answer_that_is_the_native_one(w
     native = Results(manifest.read(tmp_path / "native").shape, tmp_path / "native").frame().iloc[0]
     assert window.evaluate("document.body.dataset.verdict") == native["verdict"]
     shown = window.evaluate(CELLS)
-    assert float(shown["unintended_mm"]) == pytest.approx(native["unintended_mm"], rel=1e-3, abs=1e-3)
+    assert float(shown["unintended_mm"]) == pytest.approx(
+        native["unintended_mm"], rel=1e-3, abs=1e-3
+    )
 
 
 def test_what_happened_stands_in_words_beside_the_lanes(window, place):

@@ -1,4 +1,6 @@
-"""The page's own kinematics against MuJoCo's, in node; and the shapes it draws against the model's."""
+"""The page's own kinematics against MuJoCo's, in node; and the shapes it draws against the
+model's.
+"""
 
 from __future__ import annotations
 
@@ -72,5 +74,7 @@ def test_corners_of_shapes_are_the_models_to_20_um(description):
             np.testing.assert_allclose(corners.max(axis=0), whole.vertices.max(axis=0), atol=2e-5)
             faces = np.frombuffer(base64.b64decode(mesh["faces"]), "<u2").reshape(-1, 3)
             assert faces.max() < len(corners)
-            area = np.linalg.norm(np.cross(*(corners[faces[:, k]] - corners[faces[:, 0]] for k in (1, 2))), axis=1)
+            area = np.linalg.norm(
+                np.cross(*(corners[faces[:, k]] - corners[faces[:, 0]] for k in (1, 2))), axis=1
+            )
             assert area.sum() / 2 == pytest.approx(whole.area, rel=1e-3)

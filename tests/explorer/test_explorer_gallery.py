@@ -1,4 +1,6 @@
-"""A gallery in a real browser, from a file: its index opens, and each of its links computes a map."""
+"""A gallery in a real browser, from a file: its index opens, and each of its links computes a
+map.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ import pytest
 from ravenjax.errors import UserError
 from ravenjax.explorer import gallery
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 PATIENCE_MS = 120_000
 FILE = """
 [campaign]
@@ -53,7 +57,9 @@ def test_a_campaign_without_a_fault_has_no_page_and_says_so(tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)")
 def test_the_index_opens_from_a_file_and_each_link_computes(tmp_path):
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+    sync_api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+    )
     names = ["elbow", "shoulder"]
     cards = gallery.build(tmp_path, [*(written(tmp_path, name) for name in names), "seed_burst"])
     assert [card.file for card in cards] == ["elbow.html", "shoulder.html", ""]

@@ -13,10 +13,12 @@ from PIL import Image
 
 from ravenjax.explorer import page
 
-pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
 pytestmark = [pytest.mark.slow, NEEDED]
 SVG = "{http://www.w3.org/2000/svg}"
-RUN = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=400&for=64&map=value~duration_ms&ms=430"
+RUN = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=400&for=64&map=value~duration_ms&ms=430"  # noqa: E501
 FILE = """
 [campaign]
 name = "small"
@@ -116,7 +118,9 @@ def test_signals_and_the_robot_are_saved(opened):
     _, content = saved(shown, "signals-csv")
     rows = list(csv.DictReader(io.StringIO(content.decode())))
     assert [int(row["ms"]) for row in rows] == list(range(800))
-    assert float(rows[420]["gold/dac_cnt[0]"]) == 20000 != float(rows[420]["golden/gold/dac_cnt[0]"])
+    assert (
+        float(rows[420]["gold/dac_cnt[0]"]) == 20000 != float(rows[420]["golden/gold/dac_cnt[0]"])
+    )
     name, content = saved(shown, "figure")
     size, pixels = picture(content)
     assert name == "small_usb_out_overwrite_430ms.png"
@@ -197,7 +201,9 @@ def test_fingers_open_a_run_scrub_and_turn_without_scrolling_away(opened):
     assert int(shown.input_value("#time")) == pytest.approx(0.6 * 800, abs=40)
     before = saved(shown, "figure")[1]
     turned = _after(shown, lambda x, y: [[(x, y + 20 * k)] for k in range(5)])
-    nearer = _after(shown, lambda x, y: [[(x - 20 - 8 * k, y), (x + 20 + 8 * k, y)] for k in range(5)])
+    nearer = _after(
+        shown, lambda x, y: [[(x - 20 - 8 * k, y), (x + 20 + 8 * k, y)] for k in range(5)]
+    )
     assert len({before, turned, nearer}) == 3
     assert shown.evaluate("visualViewport.scale") == 1
 
@@ -221,6 +227,9 @@ def _dragged(shown, steps):
     client = shown.context.new_cdp_session(shown)
     for k, fingers in enumerate(steps):
         points = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(fingers)]
-        client.send("Input.dispatchTouchEvent", {"type": "touchMove" if k else "touchStart", "touchPoints": points})
+        client.send(
+            "Input.dispatchTouchEvent",
+            {"type": "touchMove" if k else "touchStart", "touchPoints": points},
+        )
     client.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     client.detach()

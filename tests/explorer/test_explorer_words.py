@@ -1,4 +1,6 @@
-"""What a page says of a campaign, and whether the file that it begins with is the campaign's own."""
+"""What a page says of a campaign, and whether the file that it begins with is the campaign's
+own.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +78,12 @@ def test_a_motion_may_be_exchanged_where_hands_are_neither_recorded_nor_own(tmp_
 
 
 def test_a_long_operation_leaves_other_motions_out_of_its_page(monkeypatch):
-    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [{"name": "own", "fault": [STUCK]}]})
+    config = validated(
+        {
+            "campaign": {"name": "some", "duration_s": 0.1},
+            "group": [{"name": "own", "fault": [STUCK]}],
+        }
+    )
     ready = program.question_plan(config)
     assert {"suture", "circle", "still"} <= set(program.motions(ready)["motions"])
     monkeypatch.setattr(program, "MOTION_BYTES", 100)
@@ -96,7 +103,9 @@ def test_files_are_named_as_they_lie_beside_the_campaign(tmp_path):
 
 
 def test_modules_import_each_other_by_names_of_the_map():
-    imports = json.loads(bundle.import_map(resources.files("ravenjax.explorer") / "static"))["imports"]
+    imports = json.loads(bundle.import_map(resources.files("ravenjax.explorer") / "static"))[
+        "imports"
+    ]
     assert "page/main.js" in imports
     for name, address in imports.items():
         text = base64.b64decode(address.partition("base64,")[2]).decode()
@@ -128,7 +137,11 @@ def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
 def test_faults_that_were_drawn_have_an_interval(tmp_path):
     drawn = STUCK | {"start_ms": {"uniform": [20, 60]}}
     group = {"name": "drawn", "design": "random", "runs": 6, "fault": [drawn]}
-    adaptive.run(validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [group]}), tmp_path, "simd")
+    adaptive.run(
+        validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [group]}),
+        tmp_path,
+        "simd",
+    )
     told = rows.table(tmp_path, manifest.read(tmp_path))["evading"]
     assert told["n"] == 6
     assert 0 <= told["low"] <= told["value"] < told["high"] < 1
@@ -143,4 +156,6 @@ def test_a_page_counts_time_whatever_its_campaign_counts():
 
 def test_a_campaign_without_faults_is_refused():
     with pytest.raises(UserError, match=r"'some' has no fault that a page could ask about"):
-        program.question_plan(validated({"campaign": {"name": "some"}, "group": [{"name": "free"}]}))
+        program.question_plan(
+            validated({"campaign": {"name": "some"}, "group": [{"name": "free"}]})
+        )

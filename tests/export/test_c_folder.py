@@ -1,4 +1,6 @@
-"""The C library: compiled and run, with the bits of Python's; what it leans on; what happens without a compiler."""
+"""The C library: compiled and run, with the bits of Python's; what it leans on; what happens
+without a compiler.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,20 @@ from ravenjax.errors import UserError
 from ravenjax.export import c_folder
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-MATHEMATICS = {"acos", "atan2", "cos", "floorf", "rint", "sin", "sqrt", "sqrtf", "trunc", "floor", "cosf", "sinf"}
+MATHEMATICS = {
+    "acos",
+    "atan2",
+    "cos",
+    "floorf",
+    "rint",
+    "sin",
+    "sqrt",
+    "sqrtf",
+    "trunc",
+    "floor",
+    "cosf",
+    "sinf",
+}
 
 
 @pytest.fixture(scope="module")
@@ -27,15 +42,31 @@ def written(tmp_path_factory):
 def lines(written, *flags):
     """What the example prints."""
     folder = written.example.parent
-    words = ["cc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-O2", "example.c", *flags, "-lm", "-o", "example"]
+    words = [
+        "cc",
+        "-std=c11",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-O2",
+        "example.c",
+        *flags,
+        "-lm",
+        "-o",
+        "example",
+    ]
     subprocess.run(words, cwd=folder, check=True)
-    return subprocess.run(["./example"], cwd=folder, check=True, capture_output=True, text=True).stdout.splitlines()
+    return subprocess.run(
+        ["./example"], cwd=folder, check=True, capture_output=True, text=True
+    ).stdout.splitlines()
 
 
 def expected(cycles=3000, **software):
     """The same of Python's."""
     own = rj.ControlSoftware(**software)
-    for ms, (output, reading) in enumerate(drive(own, rj.VirtualRobot(own.setup.arms, own.setup.tools), cycles)):
+    for ms, (output, reading) in enumerate(
+        drive(own, rj.VirtualRobot(own.setup.arms, own.setup.tools), cycles)
+    ):
         pairs = zip(np.ravel(output.dac).tolist(), reading.encoders.ravel().tolist(), strict=True)
         numbers = [ms, int(reading.signals.runlevel), *(n for pair in pairs for n in pair)]
         yield " ".join([*map(str, numbers), *(f"{x:.9g}" for x in reading.signals.tip[0])])
@@ -53,7 +84,9 @@ def test_the_example_has_pythons_bits(written):
 def test_native_code_of_one_arm_linked_as_an_object(tmp_path):
     own = rj.ControlSoftware(arms=["green"], policy="hard_regulation")
     written = c_folder.write(tmp_path, own, cpu="native")
-    assert lines(written, "ravenjax_raven2.o") == list(expected(arms=["green"], policy="hard_regulation"))
+    assert lines(written, "ravenjax_raven2.o") == list(
+        expected(arms=["green"], policy="hard_regulation")
+    )
 
 
 @needs_cc
@@ -71,13 +104,25 @@ def test_both_go_on_from_where_they_stand(tmp_path):
 @needs_cc
 def test_it_leans_on_mathematics_alone(written):
     """So nothing can be allocated, locked or printed in a call."""
-    table = subprocess.run(["nm", "-u", written.object], check=True, capture_output=True, text=True).stdout
+    table = subprocess.run(
+        ["nm", "-u", written.object], check=True, capture_output=True, text=True
+    ).stdout
     assert {line.split()[-1] for line in table.splitlines() if line.strip()} <= MATHEMATICS
 
 
 @needs_cc
 def test_cpp_reads_the_header(written):
-    words = ["c++", "-std=c++11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", written.header]
+    words = [
+        "c++",
+        "-std=c++11",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fsyntax-only",
+        "-x",
+        "c++",
+        written.header,
+    ]
     subprocess.run(words, check=True)
 
 
@@ -86,7 +131,11 @@ def test_without_a_compiler_there_is_the_object(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(c_folder.shutil, "which", lambda name: None)
     assert main(["export", str(tmp_path)]) == 0
     told = capsys.readouterr()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["example.c", "ravenjax_raven2.h", "ravenjax_raven2.o"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "example.c",
+        "ravenjax_raven2.h",
+        "ravenjax_raven2.o",
+    ]
     assert "no C compiler" in told.err and "ravenjax_raven2.o" in told.err
 
 

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from ravenjax.faults.clocks import NEVER, Opening, PedalPhases
 
 MOST = 40
-WINDOW = st.tuples(st.integers(0, MOST + 5), st.sampled_from([1, 2, 9, 2**30]), st.sampled_from([0, 0, 7, 12]))
+WINDOW = st.tuples(
+    st.integers(0, MOST + 5), st.sampled_from([1, 2, 9, 2**30]), st.sampled_from([0, 0, 7, 12])
+)
 
 
 def is_open(window, reading):
@@ -37,7 +39,9 @@ def test_ticks_in_which_windows_of_the_pedal_are_open(window, lengths, later, da
     late = [data.draw(st.integers(0, later)) for _ in bounds]  # of each turn of the pedal
     turns = [int(bound) + delay for bound, delay in zip(bounds, late, strict=True)]
     phases = [(turns[i], turns[i + 1]) for i in range(0, len(turns) - 1, 2)]
-    active = [tick for begin, end in phases for tick in range(begin, end) if is_open(window, tick - begin)]
+    active = [
+        tick for begin, end in phases for tick in range(begin, end) if is_open(window, tick - begin)
+    ]
     known = PedalPhases(begins.astype(np.int64), ends.astype(np.int64), later)
     first, end = known.first(opening(window))[0], known.end(opening(window), ticks)[0]
     if later == 0:

@@ -1,4 +1,6 @@
-"""Injection against a naive model of each effect, on a signal that has nothing to do with the Raven."""
+"""Injection against a naive model of each effect, on a signal that has nothing to do with the
+Raven.
+"""
 
 from __future__ import annotations
 
@@ -54,12 +56,27 @@ def clean(tick: int) -> tuple[float, float, int, int, bool]:
     return (math.sin(0.3 * tick), 2.0 + 0.5 * tick, 100 * tick - 700, 570_000 + tick, tick % 3 == 0)
 
 
-def make(code: int, effect: str, value: float, trigger: str, start: int, duration: int, every: int, period: int = 7):
+def make(
+    code: int,
+    effect: str,
+    value: float,
+    trigger: str,
+    start: int,
+    duration: int,
+    every: int,
+    period: int = 7,
+):
     return fault.FaultSlot(
-        jnp.int32(code), jnp.int32(effects.EFFECT_CODES[effect]), jnp.float32(value),
-        jnp.int32(effects.TRIGGER_CODES[trigger]), jnp.int32(start), jnp.int32(duration), jnp.int32(every),
-        jnp.int32(period), jnp.uint32(12345),
-    )  # fmt: skip
+        jnp.int32(code),
+        jnp.int32(effects.EFFECT_CODES[effect]),
+        jnp.float32(value),
+        jnp.int32(effects.TRIGGER_CODES[trigger]),
+        jnp.int32(start),
+        jnp.int32(duration),
+        jnp.int32(every),
+        jnp.int32(period),
+        jnp.uint32(12345),
+    )
 
 
 def _tick(faults, state, signal, clock):
@@ -77,7 +94,10 @@ def run(*faults, pedal=lambda tick: -1):
     for tick in range(TICKS):
         left, right, command, count, flag = clean(tick)
         signal = Signal(
-            Vec((jnp.float32(left), jnp.float32(right))), jnp.int32(command), jnp.int32(count), jnp.bool_(flag)
+            Vec((jnp.float32(left), jnp.float32(right))),
+            jnp.int32(command),
+            jnp.int32(count),
+            jnp.bool_(flag),
         )
         clock = window.TriggerClocks(jnp.int32(tick), jnp.int32(tick + 1), jnp.int32(pedal(tick)))
         state, out = _TICK(fault.Faults(slots), state, signal, clock)
@@ -85,7 +105,16 @@ def run(*faults, pedal=lambda tick: -1):
     return rows, state.slots[0]
 
 
-def naive(effect: str, x: float, value: float, n: int, latch: float, before: float, period: int, whole: bool) -> float:
+def naive(
+    effect: str,
+    x: float,
+    value: float,
+    n: int,
+    latch: float,
+    before: float,
+    period: int,
+    whole: bool,
+) -> float:
     """The effect as its definition says, in tick `n` of the window."""
     f32 = np.float32
     if effect == "bit_flip":
@@ -116,7 +145,9 @@ def stored(y: float, kind: str) -> float:
 
 
 @pytest.mark.parametrize("effect", [name for name in EFFECTS if name != "random"])
-@pytest.mark.parametrize(("code", "value"), [(1, 3.0), (2, -0.25), (3, 5.0), (3, 40000.0), (4, 2.0), (5, 1.0)])
+@pytest.mark.parametrize(
+    ("code", "value"), [(1, 3.0), (2, -0.25), (3, 5.0), (3, 40000.0), (4, 2.0), (5, 1.0)]
+)
 @pytest.mark.parametrize("every", [0, 13])
 def test_an_effect_does_what_its_definition_says(effect, code, value, every):
     kind = list(PATHS.values())[code - 1][1]
@@ -141,7 +172,9 @@ def test_an_effect_does_what_its_definition_says(effect, code, value, every):
         else:
             before = x
         opened = is_open
-        np.testing.assert_allclose(np.array(row, float), np.array(expected, float), rtol=3e-7, atol=1e-6)
+        np.testing.assert_allclose(
+            np.array(row, float), np.array(expected, float), rtol=3e-7, atol=1e-6
+        )
     assert int(slot.changed_ticks) == changed
 
 
@@ -154,7 +187,9 @@ def test_random_stays_in_its_range_and_changes_every_tick():
 
 
 def test_pedal_windows_follow_each_pedal_down_and_close_with_it():
-    pedal = lambda tick: -1 if tick < 10 or 20 <= tick < 25 else (tick - 10 if tick < 20 else tick - 25)  # noqa: E731
+    def pedal(tick):
+        return -1 if tick < 10 or 20 <= tick < 25 else (tick - 10 if tick < 20 else tick - 25)
+
     rows, slot = run(make(1, "overwrite", 9.0, "pedal", 2, 30, 0), pedal=pedal)
     hit = [tick for tick, row in enumerate(rows) if row[0] == 9.0]
     assert hit == [*range(12, 20), *range(27, TICKS)]
@@ -200,18 +235,35 @@ def test_any_bit_of_a_float_that_flips_is_a_change(bit):
     """Of 0 they make numbers that XLA takes for 0."""
     slot = make(1, "bit_flip", float(bit), "time", 5, 6, 0)
     faults, state = fault.Faults((slot, no_fault())), fault.init(SETUP)
-    still = Signal(Vec((jnp.float32(0.0), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False))
+    still = Signal(
+        Vec((jnp.float32(0.0), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False)
+    )
     for tick in range(TICKS):
-        state, _ = _TICK(faults, state, still, window.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)))
+        state, _ = _TICK(
+            faults,
+            state,
+            still,
+            window.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)),
+        )
     assert (int(state.slots[0].first_tick), int(state.slots[0].changed_ticks)) == (5, 6)
 
 
 def test_a_number_that_is_none_is_no_change():
     """Of a run that failed before its fault."""
-    faults, state = fault.Faults((make(1, "offset", 1.0, "time", 5, 6, 0), no_fault())), fault.init(SETUP)
-    none = Signal(Vec((jnp.float32(math.nan), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False))
+    faults, state = (
+        fault.Faults((make(1, "offset", 1.0, "time", 5, 6, 0), no_fault())),
+        fault.init(SETUP),
+    )
+    none = Signal(
+        Vec((jnp.float32(math.nan), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False)
+    )
     for tick in range(5):
-        state, _ = _TICK(faults, state, none, window.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)))
+        state, _ = _TICK(
+            faults,
+            state,
+            none,
+            window.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)),
+        )
     assert int(state.slots[0].changed_ticks) == 0
 
 
@@ -221,8 +273,12 @@ def test_where_nothing_is_there_nothing_is_struck(present):
     slots = fault.Faults((make(3, "offset", 5.0, "time", 0, TICKS, 0), no_fault()))
     clock = window.TriggerClocks(jnp.int32(0), jnp.int32(1), jnp.int32(-1))
     state = window.open_windows(SETUP, slots, fault.init(SETUP), clock)
-    clean_signal = Signal(Vec((jnp.float32(0), jnp.float32(0))), jnp.int32(7), jnp.int32(0), jnp.bool_(False))
-    state, out = injection.inject(SETUP, PATHS, slots, state, clock, "pump", clean_signal, jnp.bool_(present))
+    clean_signal = Signal(
+        Vec((jnp.float32(0), jnp.float32(0))), jnp.int32(7), jnp.int32(0), jnp.bool_(False)
+    )
+    state, out = injection.inject(
+        SETUP, PATHS, slots, state, clock, "pump", clean_signal, jnp.bool_(present)
+    )
     assert (int(out.command), int(state.slots[0].changed_ticks)) == ((12, 1) if present else (7, 0))
 
 
@@ -244,6 +300,8 @@ def test_a_window_is_open_exactly_when_it_says(start, duration, every, value):
 
 def test_a_site_the_campaign_does_not_name_costs_nothing():
     jaxpr = jax.make_jaxpr(
-        lambda signal: injection.inject(SETUP, PATHS, no_faults(SETUP), fault.init(SETUP), None, "valve", signal)[1]
+        lambda signal: injection.inject(
+            SETUP, PATHS, no_faults(SETUP), fault.init(SETUP), None, "valve", signal
+        )[1]
     )(jnp.float32(1.0))
     assert not jaxpr.eqns

@@ -1,4 +1,6 @@
-"""A small fixed campaign gives the results that are kept in results.csv, and the comparison can fail."""
+"""A small fixed campaign gives the results that are kept in results.csv, and the comparison can
+fail.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from ravenjax.numbers.setup import CAMPAIGN
 
 @pytest.fixture(scope="module")
 def both():
-    """The results by this code, of the golden campaign and of one with 2 % more friction in every motor and joint.
+    """The results by this code, of the golden campaign and of one with 2 % more friction in every
+    motor and joint.
 
     One campaign, so one compile; a run's result does not depend on the others in it.
     """
@@ -65,7 +68,9 @@ def test_each_kind_of_difference_is_noticed(golden, column, value):
 
 
 def test_a_column_more_or_less_is_noticed(golden):
-    assert bless.differences(golden.drop(columns="verdict"), golden) == ["columns that only one has: ['verdict']"]
+    assert bless.differences(golden.drop(columns="verdict"), golden) == [
+        "columns that only one has: ['verdict']"
+    ]
 
 
 def test_a_last_bit_is_not_noticed(golden):

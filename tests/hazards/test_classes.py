@@ -27,8 +27,19 @@ KNOWN = [
     ({"pedal_down_ms": 2800 - classes.HALT_MS}, {"none"}),  # too short for the brakes
     ({"pedal_down_ms": 2799 - classes.HALT_MS}, {"stop"}),
     ({"unintended_mm": 5.0, "peak_golden_deviation_mm": 5.0}, {"displaced"}),
-    ({"unintended_mm": 5.0, "peak_golden_deviation_mm": 5.0, "response": "stopped"}, {"displaced", "stop"}),
-    ({"jump_tip": True, "largest_step_mm": 0.5, "unintended_mm": 30.0, "peak_golden_deviation_mm": 30.0}, {"jump"}),
+    (
+        {"unintended_mm": 5.0, "peak_golden_deviation_mm": 5.0, "response": "stopped"},
+        {"displaced", "stop"},
+    ),
+    (
+        {
+            "jump_tip": True,
+            "largest_step_mm": 0.5,
+            "unintended_mm": 30.0,
+            "peak_golden_deviation_mm": 30.0,
+        },
+        {"jump"},
+    ),
     ({"jump_text": True, "largest_step_mm": 0.9}, {"jump"}),
     ({"jump_tip": True, "largest_step_mm": 0.5, "response": "stopped"}, {"jump", "stop"}),
     ({"failed": "nan", "jump_text": True, "response": "stopped"}, set()),
@@ -70,7 +81,9 @@ def test_the_limit_of_a_stray_can_be_chosen() -> None:
 
 
 def test_the_index_is_kept_and_none_excludes_others() -> None:
-    table = result_rows.frame(*(row for row, _ in KNOWN)).set_index([[10 + k for k in range(len(KNOWN))]])
+    table = result_rows.frame(*(row for row, _ in KNOWN)).set_index(
+        [[10 + k for k in range(len(KNOWN))]]
+    )
     found = classes.classify(table)
     assert (found.index == table.index).all()
     assert not found.loc[found["none"]].drop(columns="none").any(axis=None)

@@ -30,7 +30,9 @@ def test_a_campaign_accepts_each_runnable_hazard(hazard: str) -> None:
 
 
 def test_a_campaign_of_both_arms_accepts_all_of_them_with_an_arm() -> None:
-    config = campaign(expand({"name": "g", "hazards": "all", "arm": "green"}), arms=["gold", "green"])
+    config = campaign(
+        expand({"name": "g", "hazards": "all", "arm": "green"}), arms=["gold", "green"]
+    )
     arms = set(design.expand(config)["fault0_arm"].astype(str))
     assert arms == {"", "green"}
 
@@ -41,14 +43,18 @@ BOTH = ("gold", "green")
 def both_arms(hazards: Any, **keys: Any) -> CampaignConfig:
     """A campaign of both arms that names hazards as a file does."""
     campaign = {"name": "x", "duration_s": 7.0, "arms": list(BOTH)}
-    return loading.from_dict({"campaign": campaign, "group": [{"name": "g", "hazards": hazards, **keys}]})
+    return loading.from_dict(
+        {"campaign": campaign, "group": [{"name": "g", "hazards": hazards, **keys}]}
+    )
 
 
 def struck(config: CampaignConfig) -> dict[str, list[tuple[str, ...]]]:
     """Group -> the arms of the slots of its runs, each combination once."""
     table = design.expand(config)
     columns = [name for name in table if name.endswith("_arm")]
-    rows = table[["group", *columns]].astype(str).drop_duplicates().itertuples(index=False, name=None)
+    rows = (
+        table[["group", *columns]].astype(str).drop_duplicates().itertuples(index=False, name=None)
+    )
     arms: dict[str, list[tuple[str, ...]]] = {}
     for group, *slots in rows:
         arms.setdefault(group, []).append(tuple(arm for arm in slots if arm))
@@ -56,7 +62,9 @@ def struck(config: CampaignConfig) -> dict[str, list[tuple[str, ...]]]:
 
 
 def test_with_both_arms_each_hazard_strikes_the_arm_of_its_source() -> None:
-    """Gold or green that one, both in one run, any other each in turn, and what belongs to no arm once."""
+    """Gold or green that one, both in one run, any other each in turn, and what belongs to no
+    arm once.
+    """
     assert struck(both_arms(["C09", "K06", "K01", "B18", "C14"])) == {
         "g/C14-sag-gold": [("gold",)],
         "g/C14-sag-green": [("green",)],
@@ -90,30 +98,44 @@ def test_a_hazard_of_both_arms_strikes_the_same_of_both() -> None:
     assert [fault["arm"] for fault in group["fault"]] == list(BOTH) and group["design"] == "zip"
     again = expand({"name": "g", "hazards": "K06", "start_ms": [1, 2]}, BOTH)
     assert [fault["start_ms"] for fault in again[0]["fault"]] == [[1, 2] * 3] * 2
-    with pytest.raises(WrongGroup, match=r"^start_ms: K06 strikes both arms at once, expected numbers"):
+    with pytest.raises(
+        WrongGroup, match=r"^start_ms: K06 strikes both arms at once, expected numbers"
+    ):
         expand({"name": "g", "hazards": "K06", "start_ms": {"uniform": [1, 2]}}, BOTH)
 
 
 @pytest.mark.parametrize("hazard", ["C09", "K06", "K01", "C01", "B30", "C07"])
 def test_a_list_of_arms_is_struck_in_turn(hazard: str) -> None:
-    per_arm = any(slot.site not in ("pins_out", "brake") for case in library.find(hazard).case for slot in case.fault)
+    per_arm = any(
+        slot.site not in ("pins_out", "brake")
+        for case in library.find(hazard).case
+        for slot in case.fault
+    )
     for group, of in struck(both_arms(hazard, arm=list(BOTH))).items():
         assert [set(slots) for slots in of] == [{group.rpartition("-")[2]} if per_arm else set()]
 
 
 def test_mistakes_in_the_librarys_faults_name_the_hazard_and_the_key_to_write() -> None:
     with pytest.raises(UserError) as error:
-        loading.from_dict({"campaign": {"name": "x", "duration_s": 1.0}, "group": [{"name": "g", "hazards": ["B07"]}]})
-    assert str(error.value) == (
-        "group[0].hazards: B07, fault[0].start_ms: got 1500, expected less than the run's 1000 ms: it would never "
-        "strike. Write an earlier start_ms, or a longer campaign.duration_s"
+        loading.from_dict(
+            {
+                "campaign": {"name": "x", "duration_s": 1.0},
+                "group": [{"name": "g", "hazards": ["B07"]}],
+            }
+        )
+    assert (
+        str(error.value)
+        == "group[0].hazards: B07, fault[0].start_ms: got 1500, expected less than the run's 1000"
+        " ms: it would never strike. Write an earlier start_ms, or a longer campaign.duration_s"
     )
 
 
 def test_the_librarys_own_values_may_wrap_and_others_not() -> None:
     config = campaign([{"name": "g", "hazards": "B24"}])
     assert design.expand(config)["fault0_value"].max() == 800_000
-    with pytest.raises(UserError, match=r"group\[0\].value: shoulder is a 16-bit number.*got 99999"):
+    with pytest.raises(
+        UserError, match=r"group\[0\].value: shoulder is a 16-bit number.*got 99999"
+    ):
         campaign([{"name": "g", "hazards": "B24", "value": 99999}])
 
 
@@ -129,7 +151,13 @@ def test_a_plain_group_stays_as_it_is() -> None:
 
 
 def test_overrides_replace_the_librarys_own() -> None:
-    group = {"name": "g", "hazards": "B25", "start_ms": 900, "duration_ms": [3, 5], "value": {"uniform": [1, 2]}}
+    group = {
+        "name": "g",
+        "hazards": "B25",
+        "start_ms": 900,
+        "duration_ms": [3, 5],
+        "value": {"uniform": [1, 2]},
+    }
     (fault,) = expand(group | {"arm": "gold"})[0]["fault"]
     assert fault["start_ms"] == 900
     assert fault["duration_ms"] == [3, 5]
@@ -140,7 +168,10 @@ def test_overrides_replace_the_librarys_own() -> None:
 
 def test_repeats_and_parameters_pass() -> None:
     group = {"name": "g", "hazards": ["B29"], "repeats": 3, "parameters": {"operator.scale": 0.2}}
-    assert all(one["repeats"] == 3 and one["parameters"] == {"operator.scale": 0.2} for one in expand(group))
+    assert all(
+        one["repeats"] == 3 and one["parameters"] == {"operator.scale": 0.2}
+        for one in expand(group)
+    )
 
 
 def test_scenario_a_strikes_three_axes_together() -> None:
@@ -157,16 +188,34 @@ def test_scenario_a_strikes_three_axes_together() -> None:
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        ({"hazards": "C9"}, r"^hazards: unknown hazard 'C9', expected an id, a layer or 'all'. Did you mean 'C\d9'"),
-        ({"hazards": ["M04"]}, r"^hazards: M04 \(piece of an instrument lost\) cannot be run: instruments that break"),
+        (
+            {"hazards": "C9"},
+            r"^hazards: unknown hazard 'C9', expected an id, a layer or 'all'. Did you mean 'C\d9'",
+        ),
+        (
+            {"hazards": ["M04"]},
+            r"^hazards: M04 \(piece of an instrument lost\) cannot be run: instruments that break",
+        ),
         ({"hazards": []}, r"^hazards: got \[\], expected ids and layers"),
         ({"hazards": 7}, r"^hazards: got 7, expected ids and layers"),
-        ({"hazards": "C09", "fault": []}, r"^fault: unknown key in a group that names hazards, expected one of name"),
+        (
+            {"hazards": "C09", "fault": []},
+            r"^fault: unknown key in a group that names hazards, expected one of name",
+        ),
         ({"hazards": "C09", "start": 1}, r"^start: unknown key .* Did you mean 'start_ms'"),
         ({"hazards": "C19", "value": 1}, r"^value: C19 has effect 'drop', which takes none"),
-        ({"hazards": "B30", "value": 1}, r"^value: B30 strikes 2 channels, each with a value of its own"),
-        ({"hazards": "B16", "start_ms": [1, 2]}, r"^start_ms: B16 strikes several channels at once, expected one"),
-        ({"hazards": "C09", "start_ms": {"uniform": [1, 2]}}, r"^start_ms: C09 strikes several .* got \{'uniform'"),
+        (
+            {"hazards": "B30", "value": 1},
+            r"^value: B30 strikes 2 channels, each with a value of its own",
+        ),
+        (
+            {"hazards": "B16", "start_ms": [1, 2]},
+            r"^start_ms: B16 strikes several channels at once, expected one",
+        ),
+        (
+            {"hazards": "C09", "start_ms": {"uniform": [1, 2]}},
+            r"^start_ms: C09 strikes several .* got \{'uniform'",
+        ),
     ],
 )
 def test_what_is_wrong_is_told_with_its_key(group: dict[str, Any], message: str) -> None:
@@ -180,7 +229,10 @@ def test_a_group_needs_a_name() -> None:
 
 
 def test_a_campaigns_groups_know_where_they_were_written() -> None:
-    raw = {"campaign": {"name": "x"}, "group": [{"name": "fault_free"}, {"name": "g", "hazards": ["C08", "B18"]}]}
+    raw = {
+        "campaign": {"name": "x"},
+        "group": [{"name": "fault_free"}, {"name": "g", "hazards": ["C08", "B18"]}],
+    }
     found, written = expansion.plain(raw)
     assert [group["name"] for group in found["group"]] == [
         "fault_free",
@@ -223,8 +275,12 @@ start_ms = START
 """
     file.write_text(text.replace("START", "900"))
     found = loading.load(file)
-    assert found.group[0].name == "free" and {g.name.partition("/")[0] for g in found.group[1:]} == {"some"}
-    assert all(set(fault.start_ms.values) == {900} for group in found.group[1:] for fault in group.fault)
+    assert found.group[0].name == "free" and {
+        g.name.partition("/")[0] for g in found.group[1:]
+    } == {"some"}
+    assert all(
+        set(fault.start_ms.values) == {900} for group in found.group[1:] for fault in group.fault
+    )
     file.write_text(text.replace("START", "-900"))
     with pytest.raises(UserError, match=rf"{file}:1\d: group.1..*start_ms"):
         loading.load(file)

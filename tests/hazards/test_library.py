@@ -10,8 +10,10 @@ from ravenjax.errors import UserError
 from ravenjax.hazards import library
 from ravenjax.robots.raven2.sites import SITES
 
-# Counted by hand in the published lists, 3.2.1 to 3.2.5 of the fault specification: console and operator C01 to C19,
-# network N01 to N07, control and state K01 to K23 (K15 to K18 are one line), USB, actuators and PLC B01 to B32 (B16 to
+# Counted by hand in the published lists, 3.2.1 to 3.2.5 of the fault specification: console and
+# operator C01 to C19,
+# network N01 to N07, control and state K01 to K23 (K15 to K18 are one line), USB, actuators and PLC
+# B01 to B32 (B16 to
 # B19 and B20, B21 are one line each), mechanics and instruments M01 to M08.
 PUBLISHED = {"C": 19, "N": 7, "K": 23, "B": 32, "M": 8}
 
@@ -46,11 +48,15 @@ impact = "none"
 source = "none"
 [[hazard.case]]
 fault = [{ site = "usb_out", channel = "elbow", effect = "overwrite", value = 1, unit = "cnt", start_ms = 1 }]
-"""
+"""  # noqa: E501
 
 
 def test_every_published_row_is_there_once() -> None:
-    expected = [f"{letter}{number:02}" for letter, count in PUBLISHED.items() for number in range(1, count + 1)]
+    expected = [
+        f"{letter}{number:02}"
+        for letter, count in PUBLISHED.items()
+        for number in range(1, count + 1)
+    ]
     assert len(expected) == 89
     assert sorted(row.id for row in library.rows()) == sorted(expected)
 
@@ -94,21 +100,47 @@ def test_every_site_is_struck_by_some_hazard() -> None:
 
 def test_find_suggests_an_id() -> None:
     assert library.find("B27").source == "SEED"
-    with pytest.raises(UserError, match=r"unknown hazard 'C9', expected an id .* Did you mean 'C\d9'"):
+    with pytest.raises(
+        UserError, match=r"unknown hazard 'C9', expected an id .* Did you mean 'C\d9'"
+    ):
         library.find("C9")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('site = "usb_out"', 'site = "usb_uot"', r"L7.toml: hazard X01: case.0.fault.0: unknown site .* 'usb_out'"),
-        ('channel = "elbow"', 'channel = "elbo"', r"unknown channel of site usb_out 'elbo'.*Did you mean 'elbow'"),
-        ('effect = "overwrite"', 'effect = "overrite"', r"unknown effect 'overrite'.*Did you mean 'overwrite'"),
-        ('effect = "overwrite", value = 1, unit = "cnt"', 'effect = "drop"', r"'drop' belongs to site 'network'"),
+        (
+            'site = "usb_out"',
+            'site = "usb_uot"',
+            r"L7.toml: hazard X01: case.0.fault.0: unknown site .* 'usb_out'",
+        ),
+        (
+            'channel = "elbow"',
+            'channel = "elbo"',
+            r"unknown channel of site usb_out 'elbo'.*Did you mean 'elbow'",
+        ),
+        (
+            'effect = "overwrite"',
+            'effect = "overrite"',
+            r"unknown effect 'overrite'.*Did you mean 'overwrite'",
+        ),
+        (
+            'effect = "overwrite", value = 1, unit = "cnt"',
+            'effect = "drop"',
+            r"'drop' belongs to site 'network'",
+        ),
         ("value = 1, ", "", r"effect 'overwrite' takes a value, got None"),
         ('unit = "cnt"', 'unit = "rad"', r"unit: got 'rad', expected 'cnt'"),
-        ("start_ms = 1", 'start_ms = 1, trigger = "pedl"', r"unknown trigger 'pedl'.*Did you mean 'pedal'"),
-        ("start_ms = 1", "start_ms = 1, begin = 2", r"fault.0.begin: Extra inputs are not permitted"),
+        (
+            "start_ms = 1",
+            'start_ms = 1, trigger = "pedl"',
+            r"unknown trigger 'pedl'.*Did you mean 'pedal'",
+        ),
+        (
+            "start_ms = 1",
+            "start_ms = 1, begin = 2",
+            r"fault.0.begin: Extra inputs are not permitted",
+        ),
         ("value = 1,", "value = { unifrm = [0, 1] },", r"unknown distribution 'unifrm'"),
         (
             "start_ms = 1",
@@ -116,9 +148,17 @@ def test_find_suggests_an_id() -> None:
             r"period_ms belongs to effect 'periodic', got .*'overwrite'",
         ),
         ('hazards = ["H2"]', 'hazards = ["H9"]', r"unknown hazards 'H9', expected one of H1-1"),
-        ('expected_class = ["jump"]', 'expected_class = ["leap"]', r"unknown expected_class 'leap'"),
+        (
+            'expected_class = ["jump"]',
+            'expected_class = ["leap"]',
+            r"unknown expected_class 'leap'",
+        ),
         ('source = "none"', 'source = ""', r"hazard X01: source: String should have at least 1"),
-        ('source = "none"', 'source = "x"\ndocumented_only = "why"', r"either cases, or documented_only"),
+        (
+            'source = "none"',
+            'source = "x"\ndocumented_only = "why"',
+            r"either cases, or documented_only",
+        ),
         ("[[hazard.case]]", "[[hazard.case]]\nruns = 3", r"design 'grid' with runs 3"),
     ],
 )

@@ -39,7 +39,9 @@ def test_ranges_hold_what_is_known_of_fault_free_motion() -> None:
     assert ranges.normal("plc", "runlevel").low == 2  # no run stops
     assert ranges.normal("packet_header", "size").low == 124  # bytes of a datagram of increments
     shoulder = ranges.normal("jpos", "shoulder", "gold")
-    assert 0.0 < shoulder.low < math.radians(30.0) < shoulder.high < math.pi / 2  # home and soft limits
+    assert (
+        0.0 < shoulder.low < math.radians(30.0) < shoulder.high < math.pi / 2
+    )  # home and soft limits
 
 
 @pytest.mark.parametrize(
@@ -101,5 +103,7 @@ def test_channels_struck_together_take_their_shares() -> None:
 
 
 def test_an_unknown_channel_is_told() -> None:
-    with pytest.raises(UserError, match=r"no normal range of channel 'nose' at site 'mpos', arm 'gold'"):
+    with pytest.raises(
+        UserError, match=r"no normal range of channel 'nose' at site 'mpos', arm 'gold'"
+    ):
         ranges.normal("mpos", "nose")

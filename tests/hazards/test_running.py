@@ -1,4 +1,6 @@
-"""One run of each case of each runnable hazard: it executes, and it changes at least one bit of a signal."""
+"""One run of each case of each runnable hazard: it executes, and it changes at least one bit of
+a signal.
+"""
 
 from __future__ import annotations
 

@@ -27,7 +27,10 @@ STRAYS = {"unintended_mm": 5.0}
         ({**STRAYS, "response": "flagged"}, 4),
         ({**STRAYS, "response": "limited"}, 5),  # nobody is told of a clip
         ({**STRAYS, "cue0_first_ms": 700}, 4),
-        ({**STRAYS, "cue0_first_ms": 700, "golden_cue0_first_ms": 600}, 5),  # a cue of the motion, not of the fault
+        (
+            {**STRAYS, "cue0_first_ms": 700, "golden_cue0_first_ms": 600},
+            5,
+        ),  # a cue of the motion, not of the fault
         (STRAYS, 5),
         ({"jump_tip": True, **ENDLESS}, 5),
         ({"jump_tip": True, "response": "stopped", **ENDLESS}, 4),
@@ -45,7 +48,9 @@ def test_without_a_cue_what_only_it_told_is_silent() -> None:
 
 
 def test_how_far_is_unintended_is_the_campaigns() -> None:
-    table = result_rows.frame({"unintended_mm": 4.0}, {"unintended_off_mm": 4.0}, {"unintended_mm": 4.5})
+    table = result_rows.frame(
+        {"unintended_mm": 4.0}, {"unintended_off_mm": 4.0}, {"unintended_mm": 4.5}
+    )
     assert severity.severity(table).tolist() == [5, 5, 5]
     assert severity.severity(table, limit_mm=4.25).tolist() == [0, 0, 5]
     assert severity.injury_capable(table).all()
@@ -58,8 +63,15 @@ def test_a_failed_run_has_none() -> None:
 
 
 def test_any_slot_may_last() -> None:
-    second = {"fault1_site": "brake", "fault1_duration_ms": severity.UNTIL_END, "fault1_every_ms": 0}
-    table = pd.concat([result_rows.frame(second), result_rows.frame({**second, "fault1_site": ""})], ignore_index=True)
+    second = {
+        "fault1_site": "brake",
+        "fault1_duration_ms": severity.UNTIL_END,
+        "fault1_every_ms": 0,
+    }
+    table = pd.concat(
+        [result_rows.frame(second), result_rows.frame({**second, "fault1_site": ""})],
+        ignore_index=True,
+    )
     assert severity.lasting(table).tolist() == [True, False]
 
 

@@ -2,10 +2,10 @@
 
     python killing_driver.py FILE OUT SEED KILLS
 
-Starts are forked from this process, which has imported everything and computed nothing, so that a start costs only
-what it does itself. A third of the moments is drawn by the clock, the others a random number of parts after its runs
-begin, so that a busy machine does not shift them all to the beginning; the last line printed tells how many parts each
-start left behind.
+Starts are forked from this process, which has imported everything and computed nothing, so that a
+start costs only what it does itself. A third of the moments is drawn by the clock, the others a
+random number of parts after its runs begin, so that a busy machine does not shift them all to the
+beginning; the last line printed tells how many parts each start left behind.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from pathlib import Path
 from ravenjax.cli import main
 
 STARTS_S, PARTS, THEN_S = 2.0, 8, 0.05
-"""How late, at most, a start is killed: after its beginning, or after so many parts and then some time."""
+"""How late, at most, a start is killed: after its beginning, or after so many parts and then
+some time.
+"""
 
 
 def start(file: str, out: Path) -> int:
@@ -37,7 +39,9 @@ def start(file: str, out: Path) -> int:
 
 def until(condition: Callable[[], bool], child: int) -> None:
     """Wait for a condition while a start lives."""
-    while os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None and not condition():
+    while (
+        os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None and not condition()
+    ):
         time.sleep(0.005)
 
 
@@ -70,11 +74,18 @@ def killed_at_random(file: str, out: Path, seed: int, kills: int) -> list[int]:
         os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
         if not os.WIFSIGNALED(status):
-            raise SystemExit(f"start {number} ended by itself, code {os.waitstatus_to_exitcode(status)}, after {left}")
+            raise SystemExit(
+                f"start {number} ended by itself, code {os.waitstatus_to_exitcode(status)}, after"
+                f" {left}"
+            )
         left.append(parts(out))
     return left
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", RuntimeWarning)
-    print(json.dumps(killed_at_random(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))))
+    print(
+        json.dumps(
+            killed_at_random(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
+        )
+    )

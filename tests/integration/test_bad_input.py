@@ -1,4 +1,6 @@
-"""Bad input through the command line: one error that names file, value and what was expected; code 2; nothing lost."""
+"""Bad input through the command line: one error that names file, value and what was expected;
+code 2; nothing lost.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,13 @@ start_ms = 220
 duration_ms = {duration}
 {more}
 """
-PLAIN = {"operator": 'motion = "reach"', "site": "usb_out", "value": "[4000, 8000]", "duration": "20", "more": ""}
+PLAIN = {
+    "operator": 'motion = "reach"',
+    "site": "usb_out",
+    "value": "[4000, 8000]",
+    "duration": "20",
+    "more": "",
+}
 
 
 @pytest.fixture
@@ -90,14 +98,21 @@ def line_of(path: Path, text: str) -> int:
     return next(n for n, line in enumerate(path.read_text().splitlines(), 1) if text in line)
 
 
-# --- the campaign file ------------------------------------------------------------------------------------------------
+# --- the campaign file
+# ------------------------------------------------------------------------------------------------
 
 
 def test_an_unknown_fault_site(campaign, refused, tmp_path):
     path = campaign(site="usb_output")
     out = tmp_path / "out"
     where = f"{path}:{line_of(path, 'usb_output')}: group[1].fault[0].site"
-    refused(["run", path, "--out", out], where, "'usb_output'", "expected one of hand, console, network", "'usb_out'")
+    refused(
+        ["run", path, "--out", out],
+        where,
+        "'usb_output'",
+        "expected one of hand, console, network",
+        "'usb_out'",
+    )
     assert not out.exists()
 
 
@@ -112,7 +127,12 @@ def test_an_unknown_fault_site(campaign, refused, tmp_path):
 def test_a_joint_limit_outside_its_range(campaign, refused, tmp_path, key, pair, expected):
     path = campaign(more=f"[limits]\n{key} = {pair}")
     got = [float(x) for x in pair.strip("[]").split(",")]
-    refused(["run", path, "--out", tmp_path / "out"], f"{path}:{line_of(path, key)}: limits.{key}", expected, f"{got}")
+    refused(
+        ["run", path, "--out", tmp_path / "out"],
+        f"{path}:{line_of(path, key)}: limits.{key}",
+        expected,
+        f"{got}",
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -120,7 +140,12 @@ def test_a_joint_limit_outside_its_range(campaign, refused, tmp_path, key, pair,
 def test_a_number_of_the_campaign_that_is_none(campaign, refused, tmp_path, number):
     path = campaign(value=f"[4000, {number}]")
     where = f"{path}:{line_of(path, 'value = ')}: group[1].fault[0].value"
-    refused(["run", path, "--out", tmp_path / "out"], where, f"got {number}", "expected a number that is finite")
+    refused(
+        ["run", path, "--out", tmp_path / "out"],
+        where,
+        f"got {number}",
+        "expected a number that is finite",
+    )
     path = campaign(more=f"[parameters]\nplant.friction_scale = {number}")
     refused(["run", path], f"{path}:", "plant.friction_scale", f"got {number}", "finite")
     path = campaign(operator=f'motion = "reach"\nscale = {number}')
@@ -128,7 +153,8 @@ def test_a_number_of_the_campaign_that_is_none(campaign, refused, tmp_path, numb
 
 
 @pytest.mark.parametrize(
-    ("path", "value"), [("plant.friction_scale", "-1"), ("plant.mass_scale", "0"), ("network.cycles_per_packet", "0")]
+    ("path", "value"),
+    [("plant.friction_scale", "-1"), ("plant.mass_scale", "0"), ("network.cycles_per_packet", "0")],
 )
 def test_a_parameter_out_of_its_range(campaign, refused, tmp_path, path, value):
     file = campaign(more=f"[parameters]\n{path} = {value}")
@@ -138,16 +164,24 @@ def test_a_parameter_out_of_its_range(campaign, refused, tmp_path, path, value):
 
 
 def test_several_mistakes_are_told_at_once(campaign, refused):
-    path = campaign(site="usb_output", more="[limits]\nshoulder_deg = [-10, 80]\n\n[outcome]\ncue = 0")
+    path = campaign(
+        site="usb_output", more="[limits]\nshoulder_deg = [-10, 80]\n\n[outcome]\ncue = 0"
+    )
     err = refused(["run", path], "limits.shoulder_deg", "outcome: unknown key", "'outcomes'")
     assert len(err.splitlines()) >= 2
 
 
 def test_an_unknown_engine(campaign, refused, tmp_path):
-    refused(["run", campaign(), "--out", tmp_path / "out", "--engine", "xlb"], "'xlb'", "expected auto", "'xla'")
+    refused(
+        ["run", campaign(), "--out", tmp_path / "out", "--engine", "xlb"],
+        "'xlb'",
+        "expected auto",
+        "'xla'",
+    )
 
 
-# --- the operator's file ----------------------------------------------------------------------------------------------
+# --- the operator's file
+# ----------------------------------------------------------------------------------------------
 
 ROWS = 2000
 
@@ -158,7 +192,8 @@ def recording() -> pd.DataFrame:
     x, y, z = -77.947, -25.266, 13.226  # mm
     columns = (x + 3.0 * (1.0 - np.cos(phase)), y + 5.0 * np.sin(phase), np.full(ROWS, z))
     return pd.DataFrame(
-        {"time_s": np.arange(ROWS) * 1e-3} | {f"gold_{n}_mm": c for n, c in zip("xyz", columns, strict=True)}
+        {"time_s": np.arange(ROWS) * 1e-3}
+        | {f"gold_{n}_mm": c for n, c in zip("xyz", columns, strict=True)}
     )
 
 
@@ -209,7 +244,9 @@ def out_of_reach(frame):
     """Through the remote centre and back, near the end."""
     away = np.clip(1.0 - np.abs(np.arange(ROWS) - 1400) / 200.0, 0.0, 1.0)
     away = away * away * (3.0 - 2.0 * away)
-    return frame.assign(**{name: frame[name] * (1.0 - 0.9 * away) for name in frame if name.endswith("_mm")})
+    return frame.assign(
+        **{name: frame[name] * (1.0 - 0.9 * away) for name in frame if name.endswith("_mm")}
+    )
 
 
 @pytest.mark.slow
@@ -218,16 +255,35 @@ def out_of_reach(frame):
     ("damage", "words"),
     [
         (holes, ("1200", "gold_y_mm")),
-        (gaps, ("gap of 0.401 s after row 699", "expected at most 0.1 s", "operator.max_gap_s = 0.41")),
+        (
+            gaps,
+            ("gap of 0.401 s after row 699", "expected at most 0.1 s", "operator.max_gap_s = 0.41"),
+        ),
         (backwards, ("row 500", "time goes back by 0.199 s")),
         (without_an_axis, ("gold_z_mm",)),
-        (without_times, ("nothing says when its 2000 rows were sampled", "operator.rate_hz = 1000")),
-        (in_a_unit_nobody_says, ("column 't' looks like time", "rename it time_ms (1000 rows a second)")),
+        (
+            without_times,
+            ("nothing says when its 2000 rows were sampled", "operator.rate_hz = 1000"),
+        ),
+        (
+            in_a_unit_nobody_says,
+            ("column 't' looks like time", "rename it time_ms (1000 rows a second)"),
+        ),
         (spiked, ("row 900 (0.900 s, gold): 50 mm", 'operator.spikes = "remove"')),
-        (in_metres_called_millimetres, ("from the remote centre", "If the numbers are m, name the columns gold_x_m")),
+        (
+            in_metres_called_millimetres,
+            ("from the remote centre", "If the numbers are m, name the columns gold_x_m"),
+        ),
         (at_rest, ("nothing moves from 0.000 to", 'operator.motion = "still"')),
         (short, ("ends after 1.749 s", "campaign.duration_s = 1.749", 'operator.at_end = "hold"')),
-        (out_of_reach, ("cannot reach the pose", "Reachable stretches, longest first: [0.", "operator.window_s")),
+        (
+            out_of_reach,
+            (
+                "cannot reach the pose",
+                "Reachable stretches, longest first: [0.",
+                "operator.window_s",
+            ),
+        ),
     ],
 )
 def test_a_damaged_operator_file(campaign, refused, tmp_path, kind, damage, words):
@@ -236,7 +292,9 @@ def test_a_damaged_operator_file(campaign, refused, tmp_path, kind, damage, word
     frame.to_parquet(file) if kind == "parquet" else frame.to_csv(file, index=False)
     before = file.read_bytes()
     path = campaign(operator=f'file = "{file.name}"')
-    refused(["run", path, "--out", tmp_path / "out", "--set", "campaign.duration_s=2.5"], file, *words)
+    refused(
+        ["run", path, "--out", tmp_path / "out", "--set", "campaign.duration_s=2.5"], file, *words
+    )
     assert file.read_bytes() == before
     assert not (tmp_path / "out").exists()
 
@@ -253,7 +311,8 @@ def test_a_missing_operator_file(campaign, refused, tmp_path):
     refused(["run", campaign(operator='file = "hands.parquet"')], tmp_path / "hands.parquet")
 
 
-# --- the result folder ------------------------------------------------------------------------------------------------
+# --- the result folder
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -262,7 +321,10 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished")
     path = folder / "small.toml"
     path.write_text(CAMPAIGN.format(**PLAIN))
-    assert main(["run", str(path), "--out", str(folder / "out"), "--engine", "simd", "--no-report"]) == 0
+    assert (
+        main(["run", str(path), "--out", str(folder / "out"), "--engine", "simd", "--no-report"])
+        == 0
+    )
     return path, folder / "out"
 
 
@@ -286,7 +348,11 @@ def test_a_truncated_part(copied, refused, run):
     parts[1].write_bytes(whole[: len(whole) // 2])
     before = contents(out)
     err = refused(
-        ["report", out], parts[1], f"{len(whole) // 2} bytes", f"recorded {len(whole)}", "start the same command again"
+        ["report", out],
+        parts[1],
+        f"{len(whole) // 2} bytes",
+        f"recorded {len(whole)}",
+        "start the same command again",
     )
     assert str(parts[0]) not in err
     assert contents(out) == before, "nothing is written over what is there"
@@ -296,7 +362,9 @@ def test_a_truncated_part(copied, refused, run):
     assert {p.name for p in (out / "parts").iterdir()} == {p.name for p in parts}
     assert parts[0].read_bytes() == before[parts[0]] and parts[2].read_bytes() == before[parts[2]]
     assert parts[1].read_bytes() == whole, "computed again to the byte"
-    assert (out / "set-aside" / parts[1].name).read_bytes() == before[parts[1]], "and what was there is kept"
+    assert (out / "set-aside" / parts[1].name).read_bytes() == before[parts[1]], (
+        "and what was there is kept"
+    )
 
 
 @pytest.mark.slow
@@ -332,7 +400,9 @@ def test_a_trace_needs_no_part(copied, run):
         part.unlink()
     code, printed, err = run("trace", out, "1", "--engine", "simd")
     assert code == 0, err
-    log, _, plot = (Path(line.split("wrote    ")[1]) for line in printed.splitlines() if "wrote" in line)
+    log, _, plot = (
+        Path(line.split("wrote    ")[1]) for line in printed.splitlines() if "wrote" in line
+    )
     assert log.suffix == ".mcap" and log.stat().st_size > 10_000
     text = plot.read_text()
     assert "burst: usb_out gold shoulder, overwrite 4,000 counts" in text and "gold, true" in text
@@ -366,7 +436,9 @@ def unwritable_folders(tmp_path):
 def test_an_output_folder_that_takes_no_files(campaign, refused, tmp_path):
     path = campaign()
     for out in unwritable_folders(tmp_path):
-        refused(["run", path, "--out", out], out, "cannot be written to", "--out", "No run was started")
+        refused(
+            ["run", path, "--out", out], out, "cannot be written to", "--out", "No run was started"
+        )
     assert (tmp_path / "file").read_text() == "a regular file"
 
 
@@ -380,7 +452,11 @@ def test_a_read_only_output_folder(campaign, refused, tmp_path):
 def test_a_trace_that_cannot_be_written(copied, refused, tmp_path):
     _, out = copied
     (tmp_path / "file").write_text("a regular file")
-    refused(["trace", out, "1", "--out", tmp_path / "file" / "traces"], tmp_path / "file", "cannot be written")
+    refused(
+        ["trace", out, "1", "--out", tmp_path / "file" / "traces"],
+        tmp_path / "file",
+        "cannot be written",
+    )
 
 
 def test_a_report_that_cannot_be_written(copied, refused):

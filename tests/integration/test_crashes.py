@@ -1,5 +1,5 @@
-"""Campaigns that are killed, run out of disk, are started twice or told to stop: what is finished is kept, the same
-command goes on, and the table is that of a campaign that nobody disturbed."""
+"""Campaigns that are killed, run out of disk, are started twice or told to stop: what is finished
+is kept, the same command goes on, and the table is that of a campaign that nobody disturbed."""
 
 from __future__ import annotations
 
@@ -27,15 +27,28 @@ SMALL = {"runs": 3_000, "chunk": 50, "duration_s": 0.3}
 
 
 def command(file: Path, out: Path, *more: object) -> list[str]:
-    return [sys.executable, "-m", "ravenjax.cli", "run", str(file), "--out", str(out), "--engine", "simd",
-            "--no-report", *map(str, more)]  # fmt: skip
+    return [
+        sys.executable,
+        "-m",
+        "ravenjax.cli",
+        "run",
+        str(file),
+        "--out",
+        str(out),
+        "--engine",
+        "simd",
+        "--no-report",
+        *map(str, more),
+    ]
 
 
 HEARING = (
-    "import os, signal, sys; [signal.signal(n, signal.SIG_DFL) for n in (signal.SIGINT, signal.SIGHUP)];"
-    "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    "import os, signal, sys; [signal.signal(n, signal.SIG_DFL) for n in (signal.SIGINT,"
+    " signal.SIGHUP)];os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
 )
-"""Signals are as at a terminal, also where the tests run in the background or under nohup, which ignore some."""
+"""Signals are as at a terminal, also where the tests run in the background or under nohup, which
+ignore some.
+"""
 
 
 def started(file: Path, out: Path, *more: object) -> subprocess.Popen[str]:
@@ -56,7 +69,11 @@ def stored(out: Path) -> list[Path]:
 def finish(file: Path, out: Path, *more: object) -> str:
     """What the same command prints that computes the rest."""
     done = subprocess.run(
-        command(file, out, *more), capture_output=True, text=True, check=False, timeout=waiting.DEADLINE_S
+        command(file, out, *more),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=waiting.DEADLINE_S,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -78,17 +95,27 @@ def small(tmp_path_factory):
 def test_fifty_kills_lose_nothing_and_do_nothing_twice(tmp_path):
     file, out = tiny.file(tmp_path, **SIZE), tmp_path / "out"
     told = subprocess.run(
-        [sys.executable, str(DRIVER), str(file), str(out), "2016", "50"], capture_output=True, text=True, check=False
+        [sys.executable, str(DRIVER), str(file), str(out), "2016", "50"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert told.returncode == 0, told.stdout + told.stderr
     left = json.loads(told.stdout.splitlines()[-1])
-    assert len(left) == 50 and left == sorted(left) and len(set(left)) > 20, "most kills hit it while it stored parts"
+    assert len(left) == 50 and left == sorted(left) and len(set(left)) > 20, (
+        "most kills hit it while it stored parts"
+    )
     before = {path: path.stat().st_mtime_ns for path in stored(out)}
     assert len(before) == left[-1] < SIZE["runs"] // SIZE["chunk"]
     finish(file, out)
-    assert {path: path.stat().st_mtime_ns for path in before} == before, "finished parts are left alone"
+    assert {path: path.stat().st_mtime_ns for path in before} == before, (
+        "finished parts are left alone"
+    )
     record = manifest.read(out)
-    assert record.done == SIZE["runs"] == sum(len(part.rows) for part in record.parts) and record.finished is not None
+    assert (
+        record.done == SIZE["runs"] == sum(len(part.rows) for part in record.parts)
+        and record.finished is not None
+    )
     assert not (out / "set-aside").exists(), "no kill left half a part"
     assert not list(out.rglob(".*.tmp"))
     assert tiny.digest(out) == undisturbed(tmp_path / "whole", **SIZE)
@@ -108,7 +135,9 @@ def test_a_second_process_is_refused_and_the_first_not_disturbed(small, tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT], ids=lambda one: one.name
+)
 @pytest.mark.parametrize("more", [(), ("--workers", 2)], ids=["local", "processes"])
 def test_a_signal_ends_it_cleanly(small, tmp_path, number, more):
     file, whole = small
@@ -117,10 +146,15 @@ def test_a_signal_ends_it_cleanly(small, tmp_path, number, more):
     process.send_signal(number)
     out, err = process.communicate(timeout=waiting.DEADLINE_S)
     assert process.returncode == 128 + number, out + err
-    assert "finished parts are kept, and the same command goes on" in err.replace("\n", " ") and "Traceback" not in err
+    assert (
+        "finished parts are kept, and the same command goes on" in err.replace("\n", " ")
+        and "Traceback" not in err
+    )
     there = len(stored(tmp_path))
     record, told = manifest.read(tmp_path), json.loads((tmp_path / "progress.json").read_text())
-    assert 2 < there == len(record.parts) < SMALL["runs"] // SMALL["chunk"] and record.finished is None
+    assert (
+        2 < there == len(record.parts) < SMALL["runs"] // SMALL["chunk"] and record.finished is None
+    )
     assert told["phase"] == "stopped" and told["done"] == record.done
     finish(file, tmp_path)
     assert tiny.digest(tmp_path) == whole
@@ -162,8 +196,18 @@ def test_a_limit_on_the_size_of_files_is_a_full_disk(small, tmp_path):
     """Every part is too large; the manifest is not."""
     file, whole = small
     line = f"ulimit -f 24; exec {' '.join(command(file, tmp_path))}"
-    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, timeout=waiting.DEADLINE_S)
-    assert done.returncode == USER_ERROR and "File too large" in done.stderr and "Traceback" not in done.stderr
+    done = subprocess.run(
+        ["bash", "-c", line],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=waiting.DEADLINE_S,
+    )
+    assert (
+        done.returncode == USER_ERROR
+        and "File too large" in done.stderr
+        and "Traceback" not in done.stderr
+    )
     assert not stored(tmp_path) and not list(tmp_path.rglob(".*.tmp"))
     finish(file, tmp_path)
     assert tiny.digest(tmp_path) == whole
@@ -178,7 +222,9 @@ def test_a_folder_that_goes_away_ends_it_cleanly(small, tmp_path):
     until(lambda: len(stored(out)) > 2, process)
     out.rename(away)
     printed, err = process.communicate(timeout=waiting.DEADLINE_S)
-    assert process.returncode == USER_ERROR and "cannot be written" in err and "Traceback" not in err, printed + err
+    assert (
+        process.returncode == USER_ERROR and "cannot be written" in err and "Traceback" not in err
+    ), printed + err
     assert not out.exists(), "nothing is made where the mount was"
     away.rename(out)
     finish(file, out)
@@ -194,7 +240,10 @@ def test_workers_do_not_outlive_a_coordinator_that_is_killed(small, tmp_path):
     assert len(workers) == 2
     process.kill()
     process.communicate()
-    waiting.until(lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers), "a worker still runs")
+    waiting.until(
+        lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers),
+        "a worker still runs",
+    )
     finish(file, tmp_path, "--workers", 2)
     assert tiny.digest(tmp_path) == whole
 
@@ -211,20 +260,25 @@ WITHOUT_LOCKS = (
     "parts.put = slowly\n"
     "sys.exit(main(sys.argv[1:]))"
 )
-"""The command line on a file system that offers no locks, as one does that has lost them, and that is slow: a run is
-still writing when it is stopped."""
+"""The command line on a file system that offers no locks, as one does that has lost them, and that
+is slow: a run is still writing when it is stopped."""
 
 
 @pytest.mark.slow
 def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tmp_path):
-    """The words in the lock file of a killed process name nobody who lives; those of one that lives are heeded."""
+    """The words in the lock file of a killed process name nobody who lives; those of one that
+    lives are heeded.
+    """
     file, whole = small
     folders = [tmp_path / f"{number}" for number in (1, 2)]
 
     def begun(number):
         line = command(file, folders[number - 1], "--shard", f"{number}/2")[3:]
         return subprocess.Popen(
-            [sys.executable, "-c", WITHOUT_LOCKS, *line], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-c", WITHOUT_LOCKS, *line],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
 
     for kill in range(3):
@@ -235,7 +289,9 @@ def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tm
         if kill == 0:  # the first lives until another has asked
             second = begun(1)
             _, err = second.communicate(timeout=waiting.DEADLINE_S)
-            assert second.returncode == USER_ERROR and f"process {shards[0].pid} on" in err.replace("\n", " ")
+            assert second.returncode == USER_ERROR and f"process {shards[0].pid} on" in err.replace(
+                "\n", " "
+            )
         for shard in shards:
             shard.kill()
             shard.communicate()
@@ -249,9 +305,13 @@ def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tm
 
 def workers_of(coordinator: int) -> list[int]:
     listed = subprocess.run(
-        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(coordinator)], capture_output=True, text=True
+        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(coordinator)],
+        capture_output=True,
+        text=True,
     )
-    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "carriers.worker" in line]
+    return [
+        int(line.split()[0]) for line in listed.stdout.splitlines() if "carriers.worker" in line
+    ]
 
 
 @pytest.mark.slow
@@ -262,7 +322,11 @@ def test_shards_hold_the_rows_of_the_whole_campaign(small, tmp_path, of):
     for number, folder in enumerate(folders, start=1):
         assert main(command(file, folder, "--shard", f"{number}/{of}")[3:]) == 0
         held = manifest.read(folder)
-        assert held.shard == f"{number}/{of}" and held.finished is not None and held.done == held.due
+        assert (
+            held.shard == f"{number}/{of}" and held.finished is not None and held.done == held.due
+        )
     merging.merge(tmp_path / "joined", folders)
     assert tiny.digest(tmp_path / "joined") == whole
-    assert main(command(file, folders[0], "--shard", f"2/{of + 1}")[3:]) == USER_ERROR, "another shard's folder"
+    assert main(command(file, folders[0], "--shard", f"2/{of + 1}")[3:]) == USER_ERROR, (
+        "another shard's folder"
+    )

@@ -1,4 +1,6 @@
-"""From a campaign file to report and trace by the command line alone; a second start has nothing to do."""
+"""From a campaign file to report and trace by the command line alone; a second start has nothing
+to do.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,9 @@ def test_the_table_holds_every_run(out):
 def test_the_report_is_one_file_that_loads_nothing(out):
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "tiny" in page and "95&nbsp;%" in page
-    loaded = re.findall(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)\s*=\s*["']?([^"'\s>]+)""", page)
+    loaded = re.findall(
+        r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)\s*=\s*["']?([^"'\s>]+)""", page
+    )
     assert all(source.startswith(("data:", "#")) for source in loaded), loaded
     styles = "".join(re.findall(r"<style[^>]*>(.*?)</style>", page, flags=re.S))
     assert "@import" not in styles and not re.search(r"url\(\s*['\"]?http", styles)
@@ -75,7 +79,9 @@ def test_the_report_is_one_file_that_loads_nothing(out):
 
 def test_the_report_tells_how_to_replay_the_worst_run_that_evaded(out):
     frame = read_all(out)
-    evaded = frame[frame["response"].isin(["silent", "limited"]) & (frame["hazard"] == "unintended motion")]
+    evaded = frame[
+        frame["response"].isin(["silent", "limited"]) & (frame["hazard"] == "unintended motion")
+    ]
     worst = evaded.loc[evaded["unintended_mm"].idxmax(), "run_id"]
     assert f"ravenjax trace {out} {worst}" in (out / "report.html").read_text(encoding="utf-8")
 
@@ -86,43 +92,74 @@ def traced(out):
     frame = read_all(out)
     row = frame[(frame["fault0_value"] == 9000) & (frame["fault0_duration_ms"] == 40)].iloc[0]
     assert call("trace", out, row["run_id"][:10]) == 0
-    return row, {kind: out / "traces" / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg")}
+    return row, {
+        kind: out / "traces" / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg")
+    }
 
 
 @pytest.mark.slow
 def test_a_trace_is_a_log_of_every_millisecond(traced):
     row, files = traced
     log = ros2_log.read(files["mcap"])
-    every_ms = ("measured_js", "setpoint_js", "true_js", "model_js", "measured_cp", "true_cp", "model_cp", "golden_tip")
+    every_ms = (
+        "measured_js",
+        "setpoint_js",
+        "true_js",
+        "model_js",
+        "measured_cp",
+        "true_cp",
+        "model_cp",
+        "golden_tip",
+    )
     for topic in ("/tf", "/ravenjax/signals", *(f"/arm1/{name}" for name in every_ms)):
         assert [message.number for message in log.topics[topic]] == list(range(400)), topic
     for topic in ("measured_cp", "setpoint_cp", "true_cp", "model_cp"):
         quaternion = log.column(f"/arm1/{topic}", "pose", "orientation")
         np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-9)
     true, model = (log.column(f"/arm1/{name}_cp", "pose", "position") for name in ("true", "model"))
-    assert 1e3 * np.linalg.norm(true - model, axis=1).max() == pytest.approx(row["peak_model_deviation_mm"], rel=1e-3)
+    assert 1e3 * np.linalg.norm(true - model, axis=1).max() == pytest.approx(
+        row["peak_model_deviation_mm"], rel=1e-3
+    )
     told = log.metadata["ravenjax"]
     record = json.loads((files["mcap"].parents[1] / "manifest.json").read_text())
-    assert told["run_id"] == row["run_id"] and told["campaign"] == "tiny" and told["seed"] == str(row["seed"])
+    assert (
+        told["run_id"] == row["run_id"]
+        and told["campaign"] == "tiny"
+        and told["seed"] == str(row["seed"])
+    )
     assert told["fault"] == "usb_out gold shoulder, overwrite 9,000 counts, 40 ms from 250 ms"
-    assert told["fault0_site"] == "usb_out" and told["code_hash"] == told["campaign_code_hash"] == record["code_hash"]
+    assert (
+        told["fault0_site"] == "usb_out"
+        and told["code_hash"] == told["campaign_code_hash"] == record["code_hash"]
+    )
     assert told["engine"].startswith("simd on ") and told["version"] == "0.1.0"
 
 
 @pytest.mark.slow
 def test_frames_of_a_trace_stand_where_the_scene_has_them(traced):
-    """At rest at the beginning the measured, the true and the model's tip are at one place above the tissue."""
+    """At rest at the beginning the measured, the true and the model's tip are at one place above
+    the tissue.
+    """
     frames = ros2_log.read(traced[1]["mcap"]).topics["/tf"][0].value.transforms
     assert [one.child_frame_id for one in frames] == [
         *("arm1_base", "arm1_tip_measured", "arm1_tip_true", "arm1_tip_model")
     ]
-    place = [np.array([one.transform.translation.x, one.transform.translation.y, one.transform.translation.z])
-             for one in frames]  # fmt: skip
-    turn = [Rotation.from_quat([getattr(one.transform.rotation, axis) for axis in "xyzw"]) for one in frames]
+    place = [
+        np.array(
+            [one.transform.translation.x, one.transform.translation.y, one.transform.translation.z]
+        )
+        for one in frames
+    ]
+    turn = [
+        Rotation.from_quat([getattr(one.transform.rotation, axis) for axis in "xyzw"])
+        for one in frames
+    ]
     tips = [turn[0].apply(tip) + place[0] for tip in place[1:]]
     assert all(np.linalg.norm(tip - tips[1]) < 0.5e-3 for tip in tips)
     assert 0.18 < tips[1][2] < 0.25, "m above the table, over the phantom"
-    assert all((one * turn[2].inv()).magnitude() < 0.05 for one in turn[1:]), "rad, of the tool's cables"
+    assert all((one * turn[2].inv()).magnitude() < 0.05 for one in turn[1:]), (
+        "rad, of the tool's cables"
+    )
 
 
 def test_events_of_a_trace_are_what_the_row_says(traced):
@@ -131,13 +168,21 @@ def test_events_of_a_trace_are_what_the_row_says(traced):
     told = [json.loads(message.value.data) for message in log.topics["/ravenjax/events"]]
     assert told == sorted(told, key=lambda event: event["tick"])
     fault = [event for event in told if event["kind"] == "fault"]
-    assert fault[0]["tick"] == row["first_active_ms"] == 250 and "overwrite 9,000 counts" in fault[0]["text"]
-    assert fault[1]["tick"] == row["applied0_last_ms"] == 289 and "its window closes" in fault[1]["text"]
+    assert (
+        fault[0]["tick"] == row["first_active_ms"] == 250
+        and "overwrite 9,000 counts" in fault[0]["text"]
+    )
+    assert (
+        fault[1]["tick"] == row["applied0_last_ms"] == 289
+        and "its window closes" in fault[1]["text"]
+    )
     for name in ("check_overdrive_clip", "cue0", "unintended"):
         kind = {"check_overdrive_clip": "check", "cue0": "cue", "unintended": "hazard"}[name]
         times = [event["tick"] for event in told if event["kind"] == kind]
         assert row[f"{name}_first_ms"] in (-1, *times), name
-    assert [message.value.msg for message in log.topics["/ravenjax/log"]] == [event["text"] for event in told]
+    assert [message.value.msg for message in log.topics["/ravenjax/log"]] == [
+        event["text"] for event in told
+    ]
 
 
 def test_a_trace_is_a_table_and_a_plot(traced):
@@ -155,8 +200,13 @@ def test_the_worst_runs_are_traced_with_a_summary(out, capsys, tmp_path):
     text = capsys.readouterr().out
     frame = read_all(out)
     worst = frame[frame["fault0_site"] != ""].nlargest(2, "unintended_mm")["run_id"].tolist()
-    assert [line.split()[1].rstrip(",") for line in text.splitlines() if line.startswith("run ")] == worst
-    assert "  fault    usb_out gold shoulder, overwrite" in text and "the fault first changes a value" in text
+    assert [
+        line.split()[1].rstrip(",") for line in text.splitlines() if line.startswith("run ")
+    ] == worst
+    assert (
+        "  fault    usb_out gold shoulder, overwrite" in text
+        and "the fault first changes a value" in text
+    )
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{one}.{kind}" for one in worst for kind in ("mcap", "csv", "svg")
     }
@@ -176,8 +226,12 @@ def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_p
     row, _ = traced
     assert call("report", out, "--figures", tmp_path / "figures") == 0
     page = (out / "report.html").read_text(encoding="utf-8")
-    (shown,) = re.findall(r'class="replay".*?<span>run (\w+), gold arm, at most ([\d.]+) mm off</span>', page, re.S)
-    assert shown[0] == row["run_id"] and float(shown[1]) == pytest.approx(row["peak_model_deviation_mm"], abs=0.06)
+    (shown,) = re.findall(
+        r'class="replay".*?<span>run (\w+), gold arm, at most ([\d.]+) mm off</span>', page, re.S
+    )
+    assert shown[0] == row["run_id"] and float(shown[1]) == pytest.approx(
+        row["peak_model_deviation_mm"], abs=0.06
+    )
     drawn = {path.suffix for path in (tmp_path / "figures").iterdir()}
     assert drawn == {".svg", ".pdf"}
 
@@ -200,16 +254,29 @@ def test_the_notebook_sees_the_same_series(out, traced):
 
     row, _ = traced
     found = rj.simulate(out.parent / "tiny.toml", row["run_id"], engine="simd")
-    assert dict(found.sizes) == {"time": 400, "arm": 1, "joint": 7, "axis": 3, "jaw_axis": 3, "fault": 1, "cue": 1}
+    assert dict(found.sizes) == {
+        "time": 400,
+        "arm": 1,
+        "joint": 7,
+        "axis": 3,
+        "jaw_axis": 3,
+        "fault": 1,
+        "cue": 1,
+    }
     assert found.attrs["verdict"] == row["verdict"] and found.attrs["run_id"] == row["run_id"]
     gold = found.sel(arm="gold")
     assert np.abs(gold["dac_cnt"].sel(joint="shoulder", time=slice(0.25, 0.289))).min() >= 9000
     assert found["fault_active"].sel(fault=0).values.nonzero()[0].tolist() == list(range(250, 290))
-    for other, column in (("golden_tip", "peak_golden_deviation_mm"), ("model_position", "peak_model_deviation_mm")):
+    for other, column in (
+        ("golden_tip", "peak_golden_deviation_mm"),
+        ("model_position", "peak_model_deviation_mm"),
+    ):
         far = np.linalg.norm(gold["tip"] - gold[other], axis=1).max() * 1e3
         assert far == pytest.approx(row[column], rel=1e-3)
     assert found["jpos"].attrs["units"] == "rad" and found["jpos"].attrs["insertion_units"] == "m"
-    assert found["cue_threshold_mm"].values.tolist() == [3.0] and found["time"].attrs["units"] == "s"
+    assert (
+        found["cue_threshold_mm"].values.tolist() == [3.0] and found["time"].attrs["units"] == "s"
+    )
 
 
 def test_a_table_of_the_notebook_says_what_its_columns_are(out):
@@ -218,7 +285,10 @@ def test_a_table_of_the_notebook_says_what_its_columns_are(out):
     table = rj.run(out.parent / "tiny.toml", engine="simd")
     assert table["run_id"].tolist() == read_all(out)["run_id"].tolist()
     assert set(table.attrs["units"]) == set(table.attrs["meanings"]) == set(table.columns)
-    assert table.attrs["units"]["unintended_mm"] == "mm" and table.attrs["units"]["pedal_down_ms"] == "ms"
+    assert (
+        table.attrs["units"]["unintended_mm"] == "mm"
+        and table.attrs["units"]["pedal_down_ms"] == "ms"
+    )
     assert table.attrs["meanings"]["end_runlevel"].startswith("run level at the end: 0 E-stop")
     assert table[table["activated"]].attrs == table.attrs, "kept by a selection"
 
@@ -230,7 +300,11 @@ def test_what_a_run_gave_as_json(out, capsys):
     frame = read_all(out)
     verdicts = frame[frame["fault0_site"] != ""]["verdict"].value_counts()
     assert told["verdicts_of_faulty_runs"] == verdicts[verdicts > 0].to_dict()
-    assert (told["folder"], told["report"], told["shard"]) == (str(out), str(out / "report.html"), None)
+    assert (told["folder"], told["report"], told["shard"]) == (
+        str(out),
+        str(out / "report.html"),
+        None,
+    )
     assert told["runs"] == told["finished"] == RUNS and told["engine"] == "simd"
     assert "7 of 7 runs" in printed.err
 
@@ -247,7 +321,9 @@ def test_a_verification_as_json(out, capsys, tmp_path):
     part.write_bytes(part.read_bytes()[:-1])
     assert call("verify", damaged, "--json") == 1
     told = json.loads(capsys.readouterr().out)
-    assert not told["fine"] and any(part.name in " ".join(check["problems"]) for check in told["checks"])
+    assert not told["fine"] and any(
+        part.name in " ".join(check["problems"]) for check in told["checks"]
+    )
 
 
 @pytest.mark.slow
@@ -258,15 +334,30 @@ def test_two_results_are_compared(out, capsys, tmp_path):
     capsys.readouterr()
     assert call("compare", out, other, "--json") == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["configuration"] == [{"path": "parameters.plant.friction_scale", "first": None, "second": "1.5"}]
-    counts = {"by_run_id": 0, "by_fault": RUNS, "unpaired": [0, 0], "compared": RUNS - 1, "faults": RUNS - 1}
+    assert told["configuration"] == [
+        {"path": "parameters.plant.friction_scale", "first": None, "second": "1.5"}
+    ]
+    counts = {
+        "by_run_id": 0,
+        "by_fault": RUNS,
+        "unpaired": [0, 0],
+        "compared": RUNS - 1,
+        "faults": RUNS - 1,
+    }
     assert told["pairs"] == {**counts, "sampled": False}
     assert sum(one["runs"] for one in told["transitions"]["hazard"]) == RUNS - 1
     assert call("compare", out, other) == 0
     text = capsys.readouterr().out
-    assert "by fault: 7. Compared: 6 pairs with a fault" in text and "plant.friction_scale" in text and "evades" in text
+    assert (
+        "by fault: 7. Compared: 6 pairs with a fault" in text
+        and "plant.friction_scale" in text
+        and "evades" in text
+    )
 
 
 def test_a_limit_may_leave_only_fault_free_runs(tmp_path):
     (tmp_path / "tiny.toml").write_text(CAMPAIGN)
-    assert call("run", tmp_path / "tiny.toml", "--out", tmp_path / "out", "--limit", 1, "--no-report") == 0
+    assert (
+        call("run", tmp_path / "tiny.toml", "--out", tmp_path / "out", "--limit", 1, "--no-report")
+        == 0
+    )

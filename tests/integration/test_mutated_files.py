@@ -1,4 +1,6 @@
-"""Campaign, search and scenario files with anything wrong anywhere: each is read, or refused by one clear error."""
+"""Campaign, search and scenario files with anything wrong anywhere: each is read, or refused by
+one clear error.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ READERS = {"quick": campaigns, "smallest_harmful_dac": searches, "dac_burst": sc
 
 
 @pytest.mark.parametrize("file", READERS)
-@pytest.mark.parametrize("path", ["arms.0", ".".join(["a"] * 40), ".".join(["a"] * 3000), "group.0" + ".a" * 3000])
+@pytest.mark.parametrize(
+    "path", ["arms.0", ".".join(["a"] * 40), ".".join(["a"] * 3000), "group.0" + ".a" * 3000]
+)
 def test_an_override_that_leads_nowhere_is_one_error(file, path):
     with pytest.raises(UserError) as error:
         READERS[file].load(file, [f"{path}=inf"])
@@ -59,7 +63,11 @@ NESTED = ("[" * 100_000, '{"a":' * 100_000)
 @pytest.mark.parametrize("text", NESTED, ids=["lists", "tables"])
 @pytest.mark.parametrize(
     ("name", "read"),
-    [(manifest.FILE, manifest.read), (description.FILE, description.read), (writing.JSON, writing.read)],
+    [
+        (manifest.FILE, manifest.read),
+        (description.FILE, description.read),
+        (writing.JSON, writing.read),
+    ],
 )
 def test_json_nested_without_end_is_one_error(tmp_path, name, read, text):
     (tmp_path / name).write_text(text)

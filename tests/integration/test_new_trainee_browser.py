@@ -1,6 +1,8 @@
-"""Somebody without a manual does what the page says, no more: first goal, hazard and debrief in three minutes.
+"""Somebody without a manual does what the page says, no more: first goal, hazard and debrief in
+three minutes.
 
-Times are those of the session's clock: how long a busy machine takes for them says nothing of the page.
+Times are those of the session's clock: how long a busy machine takes for them says nothing of the
+page.
 """
 
 from __future__ import annotations
@@ -13,10 +15,16 @@ import pytest
 import waiting
 from live_session import LiveSession
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
+    ),
     pytest.mark.slow,  # a session against the clock
 ]
 SCENARIO = """
@@ -55,12 +63,20 @@ def session(tmp_path):
 
 def test_who_is_new_reaches_a_goal_meets_a_hazard_and_reads_the_debrief_in_three_minutes(session):
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
         page = browser.new_page(viewport={"width": 1366, "height": 768})
         page.set_default_timeout(waiting.DEADLINE_MS)
         page.goto(session.operator)
-        page.wait_for_function("!document.querySelector('#coach .begin')?.closest('[hidden]')", polling=50)
-        assert page.locator("#coach li >> visible=true").first.inner_text().startswith("Space is the foot pedal")
+        page.wait_for_function(
+            "!document.querySelector('#coach .begin')?.closest('[hidden]')", polling=50
+        )
+        assert (
+            page.locator("#coach li >> visible=true")
+            .first.inner_text()
+            .startswith("Space is the foot pedal")
+        )
         trainee = Trainee(page)
         waiting.until(trainee.does_what_is_said, every_s=0.05)
         page.wait_for_function("!document.getElementById('debrief').hidden", polling=50)
@@ -74,7 +90,9 @@ def test_who_is_new_reaches_a_goal_meets_a_hazard_and_reads_the_debrief_in_three
 
 
 class Trainee:
-    """Reads the field; presses the keys that it names; lifts the pedal when it says that something is wrong."""
+    """Reads the field; presses the keys that it names; lifts the pedal when it says that
+    something is wrong.
+    """
 
     def __init__(self, page):
         self.page = page
@@ -90,7 +108,7 @@ class Trainee:
             return { line: shown("#coach > p"), keys,
               wrong: shown("#cue-sign") + shown("#alarm-words"), pedal: shown("#pedal-state"), phase: shown("#phase"),
               ms: frame.number("session_tick"), started: frame.number("left_ms") < 120000 };
-        })()""")
+        })()""")  # noqa: E501
         if not seen["started"]:
             self.began_ms = seen["ms"]
         if seen["phase"] == "over":

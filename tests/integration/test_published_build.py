@@ -22,9 +22,14 @@ def campaign(fault, **changes):
 
 @pytest.fixture(scope="module")
 def stopping():
-    """The series of a run in which the overdrive check stops the robot in the middle of a long window, by build."""
+    """The series of a run in which the overdrive check stops the robot in the middle of a long
+    window, by build.
+    """
     fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
-    return {build: replay(campaign(fault, build=build), 0, "simd").series for build in ("robot", "dyn_sim")}
+    return {
+        build: replay(campaign(fault, build=build), 0, "simd").series
+        for build in ("robot", "dyn_sim")
+    }
 
 
 def test_packets_end_with_the_software_stop_in_the_simulator_build_alone(stopping):
@@ -42,27 +47,41 @@ def test_the_window_stays_open_on_the_frozen_packet(stopping):
 
 
 def test_the_simulator_build_reads_its_model_without_encoders(stopping):
-    """Motors 1-3 as they were after the last cycle, to the bit; tool joints where they should be."""
+    """Motors 1-3 as they were after the last cycle, to the bit; tool joints where they should
+    be.
+    """
     series = stopping["dyn_sim"]
-    np.testing.assert_array_equal(series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32))
-    np.testing.assert_array_equal(series["gold/mvel"][1:, :3], series["gold/motor_mvel"][:-1, :3].astype(np.float32))
+    np.testing.assert_array_equal(
+        series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32)
+    )
+    np.testing.assert_array_equal(
+        series["gold/mvel"][1:, :3], series["gold/motor_mvel"][:-1, :3].astype(np.float32)
+    )
     np.testing.assert_array_equal(series["gold/mpos"][1:, 3:], series["gold/mpos_d"][:-1, 3:])
     assert (series["gold/mvel"][1:, 3:] == 0).all()
 
 
 def test_tool_joints_may_be_measured_in_the_simulator_build(stopping):
-    """Up to the fault they are those of the robot's build, by encoders and filter; joints 1-3 are the model's."""
+    """Up to the fault they are those of the robot's build, by encoders and filter; joints 1-3
+    are the model's.
+    """
     fault = {"value": 8000, "start_ms": 700, "duration_ms": 300}
     series = replay(campaign(fault, build="dyn_sim_tools"), 0, "simd").series
-    np.testing.assert_array_equal(series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32))
+    np.testing.assert_array_equal(
+        series["gold/mpos"][1:, :3], series["gold/motor_mpos"][:-1, :3].astype(np.float32)
+    )
     robot = stopping["robot"]["gold/mpos"][:700, 3:]
     assert np.abs(series["gold/mpos"][:700, 3:] - robot).max() < 0.02 < np.ptp(robot, axis=0).max()
-    assert (series["gold/mvel"][1:, 3:5] != 0).any(axis=0).all()  # friction holds the jaws, which nobody asks to move
+    assert (
+        (series["gold/mvel"][1:, 3:5] != 0).any(axis=0).all()
+    )  # friction holds the jaws, which nobody asks to move
     stop = int(np.argmax(series["soft_estopped"] != 0))
     assert stop > 700 and (np.diff(series["last_seq"][stop + 1 :]) == 0).all()
 
 
-@pytest.mark.parametrize("words, stored", [("wrap", 14464), ("saturate", 32767), ("unwrapped", 80000)])
+@pytest.mark.parametrize(
+    "words, stored", [("wrap", 14464), ("saturate", 32767), ("unwrapped", 80000)]
+)
 def test_a_large_command_is_stored_as_asked(words, stored):
     fault = {"effect": "overwrite", "value": 80000, "start_ms": 700, "duration_ms": 1}
     series = replay(campaign(fault, dac_words=words), 0, "simd").series
@@ -77,10 +96,18 @@ def test_the_present_software_was_not_built_so(build):
 
 def test_a_delayed_command_moves_the_motor_so_much_later():
     """4000 counts make 3 rad/s of motor speed in a tick; the hands make a tenth of that."""
-    fault = {"site": "usb_out", "channel": "shoulder", "effect": "offset", "value": 4000, "start_ms": 900}
+    fault = {
+        "site": "usb_out",
+        "channel": "shoulder",
+        "effect": "offset",
+        "value": 4000,
+        "start_ms": 900,
+    }
     raw = {
         "campaign": {"name": "late", "duration_s": 1.0},
-        "group": [{"name": "f", "parameters": {"usb": {"command_delay": [0, 1, 5]}}, "fault": [fault]}],
+        "group": [
+            {"name": "f", "parameters": {"usb": {"command_delay": [0, 1, 5]}}, "fault": [fault]}
+        ],
     }
     config = rj.load_campaign(raw)
     speeds = [replay(config, k, "simd").series["gold/motor_mvel"][:, 0] for k in range(3)]

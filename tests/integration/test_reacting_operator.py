@@ -9,7 +9,13 @@ import ravenjax as rj
 
 pytestmark = pytest.mark.slow
 
-DRIFT = {"site": "packet", "channel": "delx", "effect": "offset", "value": [20, -20, 10], "start_ms": 1000}
+DRIFT = {
+    "site": "packet",
+    "channel": "delx",
+    "effect": "offset",
+    "value": [20, -20, 10],
+    "start_ms": 1000,
+}
 CAMPAIGN = {
     "campaign": {"name": "reacting", "duration_s": 2.5, "noise": True},
     "reaction": {"action": "none", "delay_ms": 300.0},
@@ -31,12 +37,22 @@ def table():
 def by_action(table):
     """Outcomes of the drift group by action, rows as without a cue."""
     drift = table[table["group"] == "drift"]
-    return {int(a): rows.set_index("pair").sort_index() for a, rows in drift.groupby("param:reaction.action")}
+    return {
+        int(a): rows.set_index("pair").sort_index()
+        for a, rows in drift.groupby("param:reaction.action")
+    }
 
 
 def test_pairs_differ_in_the_reaction_alone(table):
     assert len(table) == 20
-    inputs = ["group", "seed", "fault0_channel", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]
+    inputs = [
+        "group",
+        "seed",
+        "fault0_channel",
+        "fault0_value",
+        "fault0_start_ms",
+        "fault0_duration_ms",
+    ]
     for _, rows in table.groupby("pair"):
         assert rows["param:reaction.action"].tolist() == [0, 1, 2, 3]
         assert len(rows[inputs].fillna(0).drop_duplicates()) == 1
@@ -76,10 +92,17 @@ def test_the_foot_off_the_pedal_stops_the_arm(by_action):
 
 def test_slowed_hands_go_a_shorter_way(by_action):
     assert (by_action[2]["end_runlevel"] == 3).all()
-    assert (by_action[2]["peak_golden_deviation_mm"] > by_action[0]["peak_golden_deviation_mm"]).any()
+    assert (
+        by_action[2]["peak_golden_deviation_mm"] > by_action[0]["peak_golden_deviation_mm"]
+    ).any()
 
 
 def test_correction_keeps_the_instrument_where_it_was_meant_to_be(by_action):
-    """The golden run goes where the operator means to go; an eye that corrects keeps a drifting tip near it."""
-    corrected, deaf = by_action[3]["peak_golden_deviation_mm"], by_action[0]["peak_golden_deviation_mm"]
+    """The golden run goes where the operator means to go; an eye that corrects keeps a drifting
+    tip near it.
+    """
+    corrected, deaf = (
+        by_action[3]["peak_golden_deviation_mm"],
+        by_action[0]["peak_golden_deviation_mm"],
+    )
     assert (corrected < 0.5 * deaf).all()

@@ -1,4 +1,6 @@
-"""Faults at the measured pose, the hands, the channel, the buttons and USB writes: what each does to a whole run."""
+"""Faults at the measured pose, the hands, the channel, the buttons and USB writes: what each
+does to a whole run.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,20 @@ LOST = {"site": "network", "channel": "bursts", "effect": "random", "value": 1}
 
 
 def overwrite(site, channel, value, start_ms=START_MS, **more):
-    return {"site": site, "channel": channel, "effect": "overwrite", "value": value, "start_ms": start_ms, **more}
+    return {
+        "site": site,
+        "channel": channel,
+        "effect": "overwrite",
+        "value": value,
+        "start_ms": start_ms,
+        **more,
+    }
 
 
 def turned(site):
-    return [overwrite(site, f"q{axis}", value) for axis, value in zip("xyzw", ROTATION, strict=True)]
+    return [
+        overwrite(site, f"q{axis}", value) for axis, value in zip("xyzw", ROTATION, strict=True)
+    ]
 
 
 GROUPS = {
@@ -45,7 +56,9 @@ GROUPS = {
 CAMPAIGN = {
     "campaign": {"name": "seams", "duration_s": 2.0},
     "operator": {"motion": "suture", "scale": SCALE},
-    "group": [{"name": name, **({"fault": fault} if fault else {})} for name, fault in GROUPS.items()],
+    "group": [
+        {"name": name, **({"fault": fault} if fault else {})} for name, fault in GROUPS.items()
+    ],
 }
 
 
@@ -79,7 +92,13 @@ def test_every_fault_changes_a_bit(table):
 @pytest.mark.parametrize("group", ["jvel", "pos", "ori"])
 def test_what_nothing_reads_in_pedal_down_moves_nothing(table, series, group):
     assert one(table, group)["response"] == "silent"
-    for name in ("gold/tip", "gold/dac_cnt", "gold/position_d", "gold/rotation_d", "gold/haptic_force"):
+    for name in (
+        "gold/tip",
+        "gold/dac_cnt",
+        "gold/position_d",
+        "gold/rotation_d",
+        "gold/haptic_force",
+    ):
         np.testing.assert_array_equal(series(group)[name], series("free")[name], err_msg=name)
 
 
@@ -90,24 +109,33 @@ def test_the_struck_numbers_are_what_the_robot_reports(series):
     wanted = Rotation.from_quat(ROTATION).as_matrix()
     for group, name in (("ori", "gold/rotation"), ("pos", "gold/position"), ("jvel", "gold/jvel")):
         np.testing.assert_array_equal(series(group)[name][free], series("free")[name][free])
-    np.testing.assert_allclose(series("ori")["gold/rotation"][struck], np.broadcast_to(wanted, (1300, 3, 3)), atol=3e-7)
+    np.testing.assert_allclose(
+        series("ori")["gold/rotation"][struck], np.broadcast_to(wanted, (1300, 3, 3)), atol=3e-7
+    )
 
 
 def test_the_desired_pose_follows_the_struck_one_in_pedal_up_and_is_refused(table, series):
     assert (series("pos up")["gold/position_d"][150:180, 0] == 0).all()
     assert one(table, "pos up")["check_ik_reject_count"] > 100
-    assert one(table, "ori_d")["check_ik_reject_count"] + one(table, "ori_d")["check_joint_limit_count"] > 100
+    assert (
+        one(table, "ori_d")["check_ik_reject_count"]
+        + one(table, "ori_d")["check_joint_limit_count"]
+        > 100
+    )
 
 
 def test_robot_and_model_follow_the_stray_hand_and_the_cue_stays_silent(table, series):
     free, hand = one(table, "free"), one(table, "hand")
     assert hand["cue0_first_ms"] == -1
-    assert hand["peak_model_deviation_mm"] == pytest.approx(free["peak_model_deviation_mm"], abs=0.1)
+    assert hand["peak_model_deviation_mm"] == pytest.approx(
+        free["peak_model_deviation_mm"], abs=0.1
+    )
     asked = np.array(ITP_AXES["gold"]) @ np.array([20e-6, 0.0, 20e-6]) * LAST_MS * SCALE
     for name in ("gold/tip", "gold/model_position", "gold/position_d"):
         stray = series("hand")[name][-1] - series("free")[name][-1]
         np.testing.assert_allclose(stray, asked, atol=1e-4)
-    # the golden run is left behind by as much, but the nominal model goes along: the robot did what it was asked
+    # the golden run is left behind by as much, but the nominal model goes along: the robot did what
+    # it was asked
     assert hand["peak_golden_deviation_mm"] == pytest.approx(1e3 * np.linalg.norm(asked), abs=0.15)
     assert hand["unintended_mm"] <= hand["peak_live_deviation_mm"] and hand["hazard"] == "none"
 
@@ -157,7 +185,11 @@ def test_engines_agree_on_the_struck_seams(table):
     words += ["check_packet_skip_count", "check_plc_watchdog_first_ms", "check_estop_first_ms"]
     for name in words:
         assert list(other[name]) == list(table[name]), name
-    assert (abs(other["cue0_first_ms"] - table["cue0_first_ms"]) <= 2).all()  # a threshold crossed a tick earlier
+    assert (
+        abs(other["cue0_first_ms"] - table["cue0_first_ms"]) <= 2
+    ).all()  # a threshold crossed a tick earlier
     numbers = ["unintended_mm", "peak_model_deviation_mm", "tip_path_mm"]
     calm = ~table["group"].isin(["pos up", "ori_d"])  # against limits the last bits grow
-    np.testing.assert_allclose(other.loc[calm, numbers], table.loc[calm, numbers], rtol=1e-3, atol=2e-3)
+    np.testing.assert_allclose(
+        other.loc[calm, numbers], table.loc[calm, numbers], rtol=1e-3, atol=2e-3
+    )

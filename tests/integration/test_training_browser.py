@@ -1,4 +1,6 @@
-"""A whole session in a real browser: drive with keys, meet a hazard, feel the cue, lift the pedal, read the debrief."""
+"""A whole session in a real browser: drive with keys, meet a hazard, feel the cue, lift the
+pedal, read the debrief.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,16 @@ import pytest
 import waiting
 from foot import hold_pedal
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
+    ),
     pytest.mark.slow,
 ]
 
@@ -55,7 +63,17 @@ def address(tmp_path):
     scenario, folder = tmp_path / "browser.toml", tmp_path / "session"
     scenario.write_text(SCENARIO)
     process = subprocess.Popen(
-        [sys.executable, "-m", "ravenjax.cli", "train", str(scenario), "--out", str(folder), "--port", "0"],
+        [
+            sys.executable,
+            "-m",
+            "ravenjax.cli",
+            "train",
+            str(scenario),
+            "--out",
+            str(folder),
+            "--port",
+            "0",
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -82,14 +100,19 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
     operator_at, instructor_at, folder = address
     asked, told = [], []
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
 
         def open_page(where):
             page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
             page.set_default_timeout(waiting.DEADLINE_MS)
             page.on("request", lambda request: asked.append(request.url))
             page.on("websocket", lambda socket: asked.append(socket.url))
-            page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
+            page.on(
+                "console",
+                lambda message: told.append(message.text) if message.type == "error" else None,
+            )
             page.on("pageerror", lambda error: told.append(str(error)))
             page.goto(f"{where}&scene=off")
             until(page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
@@ -108,14 +131,21 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
         until(operator, "ravenjax.latency().count > 0")
         latency = operator.evaluate("ravenjax.latency()")
         assert 0 < latency["mark"] <= latency["mark_drawn"]
-        print("key to " + ", ".join(f"{name} {latency[name]:.0f} ms" for name in ("mark_drawn", "tip_drawn")))
+        print(
+            "key to "
+            + ", ".join(f"{name} {latency[name]:.0f} ms" for name in ("mark_drawn", "tip_drawn"))
+        )
 
         hold_pedal(operator)  # still, however busy the machine was
         instructor.evaluate("document.querySelector('#hazards li button.arm').click()")
         until(instructor, "document.querySelector('#hazards li.struck')")
         until(operator, "ravenjax.state().strength > 0")  # the cue, as the hand feels it
         operator.keyboard.up("Space")
-        until(instructor, "[...document.querySelectorAll('#log li')].some((li) => li.textContent.includes('release'))")
+        until(
+            instructor,
+            "[...document.querySelectorAll('#log li')].some((li) =>"
+            " li.textContent.includes('release'))",
+        )
         assert "hazard" not in operator.inner_text("body").lower()
 
         for _ in range(2):  # the end is asked twice
@@ -127,7 +157,9 @@ def test_a_session_from_the_first_key_to_the_debrief(address):
     assert told == []
     waiting.until((folder / "hazards.csv").exists)
     (row,) = csv.DictReader((folder / "hazards.csv").open(encoding="utf-8"))
-    assert row["response"] == "release" and row["response_ok"] == "True" and int(row["struck_ms"]) > 0
+    assert (
+        row["response"] == "release" and row["response_ok"] == "True" and int(row["struck_ms"]) > 0
+    )
 
 
 def until(page, expression):
@@ -135,5 +167,7 @@ def until(page, expression):
 
 
 def frames_later(page, count):
-    """Until so many more frames have come: time as the session has it, however busy the machine is."""
+    """Until so many more frames have come: time as the session has it, however busy the machine
+    is.
+    """
     until(page, f"ravenjax.state().frames > {page.evaluate('ravenjax.state().frames') + count}")

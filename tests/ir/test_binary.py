@@ -13,9 +13,18 @@ from ravenjax.ir import binary
 from ravenjax.ir.builder import Builder
 
 CONSTANTS = st.sampled_from(
-    [("float32", np.nan), ("float32", -0.0), ("float64", -np.inf), ("float64", 0.1), ("int32", -(2**31)),
-     ("uint32", 2**32 - 1), ("int64", -1), ("uint64", 2**64 - 1), ("bool", True)]
-)  # fmt: skip
+    [
+        ("float32", np.nan),
+        ("float32", -0.0),
+        ("float64", -np.inf),
+        ("float64", 0.1),
+        ("int32", -(2**31)),
+        ("uint32", 2**32 - 1),
+        ("int64", -1),
+        ("uint64", 2**64 - 1),
+        ("bool", True),
+    ]
+)
 
 
 @st.composite
@@ -56,6 +65,8 @@ def test_anything_else_is_refused(content):
 
 def test_a_program_cut_short_is_refused():
     builder = Builder()
-    content = binary.to_bytes(builder.program([builder.emit("neg", "float32", builder.input("float32"))]))
+    content = binary.to_bytes(
+        builder.program([builder.emit("neg", "float32", builder.input("float32"))])
+    )
     with pytest.raises(ValueError):
         binary.from_bytes(content[:-1])

@@ -19,7 +19,9 @@ from ravenjax.ir.program import Program
 from ravenjax.numbers import counter_random
 from ravenjax.numbers.vec import to_int32, wrap16
 
-NORMAL = HARD_FLOATS[~((np.abs(HARD_FLOATS) < 1.2e-38) & (HARD_FLOATS != 0))]  # XLA flushes subnormals
+NORMAL = HARD_FLOATS[
+    ~((np.abs(HARD_FLOATS) < 1.2e-38) & (HARD_FLOATS != 0))
+]  # XLA flushes subnormals
 A, B = pairs(NORMAL)
 I, J = pairs(HARD_INTEGERS)
 
@@ -87,7 +89,9 @@ def test_nan_comes_through_extremes():
     for name in ("max", "min"):
         got = evaluate(lowered(getattr(lax, name), A, B), [A, B])[0]
         expected = getattr(np, f"{name}imum")(A, B)
-        np.testing.assert_array_equal(got, expected)  # 0 and -0 count as equal: which of them comes out is left open
+        np.testing.assert_array_equal(
+            got, expected
+        )  # 0 and -0 count as equal: which of them comes out is left open
 
 
 @pytest.mark.parametrize(
@@ -138,7 +142,9 @@ def test_simplifying_changes_no_bit(monkeypatch):
         plain = random_program(seed)
         shorter += len(plain.needed()) - len(program.needed())
         for got, expected in zip(evaluate(program, [A, B]), evaluate(plain, [A, B]), strict=True):
-            same_bits(np.broadcast_to(got, A.shape).astype(got.dtype), np.broadcast_to(expected, A.shape))
+            same_bits(
+                np.broadcast_to(got, A.shape).astype(got.dtype), np.broadcast_to(expected, A.shape)
+            )
     assert shorter > 100
 
 
@@ -150,7 +156,22 @@ def random_program(seed: int) -> Program:
     truths = [builder.constant("bool", True), builder.constant("bool", False)]
     for _ in range(40):
         kind = rng.choice(
-            ["neg", "abs", "add", "sub", "mul", "div", "select", "lt", "le", "eq", "and", "or", "not", "chosen"]
+            [
+                "neg",
+                "abs",
+                "add",
+                "sub",
+                "mul",
+                "div",
+                "select",
+                "lt",
+                "le",
+                "eq",
+                "and",
+                "or",
+                "not",
+                "chosen",
+            ]
         )
         if kind in ("lt", "le", "eq"):
             truths.append(builder.emit(kind, "bool", *rng.choice(floats, 2)))
@@ -163,7 +184,11 @@ def random_program(seed: int) -> Program:
         elif kind == "select":
             floats.append(builder.emit(kind, "float32", rng.choice(truths), *rng.choice(floats, 2)))
         else:
-            floats.append(builder.emit(kind, "float32", *rng.choice(floats, 1 if kind in ("neg", "abs") else 2)))
+            floats.append(
+                builder.emit(
+                    kind, "float32", *rng.choice(floats, 1 if kind in ("neg", "abs") else 2)
+                )
+            )
     return builder.program([*floats[-6:], *truths[-4:]])
 
 
@@ -173,16 +198,26 @@ def test_equal_operations_are_written_once():
 
     names = [op.name for op in lowered(function, A, B).operations]
     assert names.count("mul") - names.count("fma") < 10
-    assert len([op for op in lowered(lambda x, y: x * y + y * x, A, B).operations if op.name == "mul"]) == 1
+    assert (
+        len([op for op in lowered(lambda x, y: x * y + y * x, A, B).operations if op.name == "mul"])
+        == 1
+    )
 
 
 def test_sums_of_products_are_contracted():
     program = contract(lowered(lambda x, y: (x * y + 1.0) - y * y, A, B))
     names = [program.operations[i].name for i in program.needed()]
-    assert (names.count("fma"), names.count("mul"), names.count("add"), names.count("sub")) == (2, 0, 0, 0)
+    assert (names.count("fma"), names.count("mul"), names.count("add"), names.count("sub")) == (
+        2,
+        0,
+        0,
+        0,
+    )
     (got,) = evaluate(program, [A, B])
     with np.errstate(all="ignore"):
-        same_bits(got, semantics.fma(-B, B, semantics.fma(A, B, np.float32(1.0))).astype(np.float32))
+        same_bits(
+            got, semantics.fma(-B, B, semantics.fma(A, B, np.float32(1.0))).astype(np.float32)
+        )
 
 
 def test_what_else_is_computed_changes_no_bit():
@@ -221,21 +256,31 @@ def test_what_is_no_scalar_operation_is_refused_by_name(function, message):
 
 
 def test_functions_of_float64_are_refused():
-    with jax.enable_x64(True), pytest.raises(UnknownPrimitive, match="sin of float64 is not known; known are float32"):
+    with (
+        jax.enable_x64(True),
+        pytest.raises(UnknownPrimitive, match="sin of float64 is not known; known are float32"),
+    ):
         lowered(jnp.sin, np.zeros(1))
 
 
 def test_fma_rounds_once():
     rng = np.random.default_rng(2)
-    a, b, c = (rng.standard_normal((3, 2000)) * 10.0 ** rng.integers(-3, 3, (3, 2000))).astype(np.float32)
+    a, b, c = (rng.standard_normal((3, 2000)) * 10.0 ** rng.integers(-3, 3, (3, 2000))).astype(
+        np.float32
+    )
     for x, y, z, got in zip(a, b, c, semantics.fma(a, b, c), strict=True):
         exact = Fraction(float(x)) * Fraction(float(y)) + Fraction(float(z))
         error = abs(Fraction(float(got)) - exact)
-        for neighbour in (np.nextafter(got, np.float32(np.inf)), np.nextafter(got, np.float32(-np.inf))):
+        for neighbour in (
+            np.nextafter(got, np.float32(np.inf)),
+            np.nextafter(got, np.float32(-np.inf)),
+        ):
             assert error <= abs(Fraction(float(neighbour)) - exact)
 
 
-@pytest.mark.parametrize("function", [jnp.tanh, lambda x: jnp.fmod(x, 2.0), lambda x: lax.convert_element_type(x, int)])
+@pytest.mark.parametrize(
+    "function", [jnp.tanh, lambda x: jnp.fmod(x, 2.0), lambda x: lax.convert_element_type(x, int)]
+)
 def test_what_only_the_library_has_is_refused_to_other_targets(function):
     with jax.enable_x64(True):
         closed = jax.make_jaxpr(function)(jax.ShapeDtypeStruct((), np.float64))
@@ -247,6 +292,7 @@ def test_what_only_the_library_has_is_refused_to_other_targets(function):
 
 def test_constant_tables_are_choices():
     (got,) = evaluate(
-        lowered(lambda i: jnp.array([1.0, 2.0, 4.0])[i], HARD_INTEGERS[:1]), [np.array([0, 1, 2], np.int32)]
+        lowered(lambda i: jnp.array([1.0, 2.0, 4.0])[i], HARD_INTEGERS[:1]),
+        [np.array([0, 1, 2], np.int32)],
     )
     np.testing.assert_array_equal(got, [1.0, 2.0, 4.0])

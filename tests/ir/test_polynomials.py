@@ -1,4 +1,6 @@
-"""Polynomials against float64 functions over the ranges and at the edges that their accuracy is stated for."""
+"""Polynomials against float64 functions over the ranges and at the edges that their accuracy is
+stated for.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,10 @@ def errors(name, *columns):
     """Largest absolute error, and largest error in units of the last place of the exact value."""
     got = in_numpy(name, *columns).astype(np.float64)
     exact = EXACT[name](*(c.astype(np.float64) for c in columns))
-    return np.abs(got - exact).max(), (np.abs(got - exact) / np.spacing(np.abs(exact).astype(np.float32))).max()
+    return (
+        np.abs(got - exact).max(),
+        (np.abs(got - exact) / np.spacing(np.abs(exact).astype(np.float32))).max(),
+    )
 
 
 @pytest.mark.parametrize("name", ["sin", "cos"])
@@ -85,7 +90,9 @@ def test_accuracy(name, columns, absolute, ulp):
 @pytest.mark.parametrize("name", [name for name in EXACT if name != "atan2"])
 def test_zeros_infinities_nan_and_subnormals(name):
     with np.errstate(all="ignore"):
-        beyond = (np.abs(HARD_FLOATS) > 1e6) & np.isfinite(HARD_FLOATS) & (name in ("sin", "cos", "tan"))
+        beyond = (
+            (np.abs(HARD_FLOATS) > 1e6) & np.isfinite(HARD_FLOATS) & (name in ("sin", "cos", "tan"))
+        )
         x = HARD_FLOATS[~beyond]
         agree(in_numpy(name, x), EXACT[name](x))
 
@@ -112,7 +119,11 @@ def agree(got, exact):
 def test_compiled_functions_are_the_same_polynomials(width):
     y, x = pairs(np.concatenate([HARD_FLOATS, uniform(-10, 10, 40)]))
     for name in EXACT:
-        function = jnp.atan2 if name == "atan2" else getattr(jnp, {"asin": "arcsin", "acos": "arccos"}.get(name, name))
+        function = (
+            jnp.atan2
+            if name == "atan2"
+            else getattr(jnp, {"asin": "arcsin", "acos": "arccos"}.get(name, name))
+        )
         columns = (y, x) if name == "atan2" else (x,)
         (got,) = compiled(lowered(function, *columns), width, columns)
         same_bits(got, in_numpy(name, *columns))

@@ -1,4 +1,6 @@
-"""Regions hold exactly what nobody else reads, stand before they are read, and passing them by changes no bit."""
+"""Regions hold exactly what nobody else reads, stand before they are read, and passing them by
+changes no bit.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def series(x, terms):
 
 
 def step(limit, x, now):
-    """Two rare choices, the second inside the first's branch as well, and something that is read on both sides."""
+    """Two rare choices, the second inside the first's branch as well, and something that is read
+    on both sides.
+    """
     warm = x * 0.9 + jnp.sin(now * 0.1) * limit
     both = warm * warm
 
@@ -74,9 +78,16 @@ def test_an_arrangement_can_be_run_and_keeps_every_operation(least):
         for i in every:
             for position, o in enumerate(program.operations[i].operands):
                 if o in inside and i not in inside:
-                    assert program.operations[i].name == "rarely" and position == 1 and o in region.results
+                    assert (
+                        program.operations[i].name == "rarely"
+                        and position == 1
+                        and o in region.results
+                    )
         assert place[region.condition] < place[region.operations[0]]
-        assert all(o in place or program.operations[o].name == "input" for o in region.reads(program.operations))
+        assert all(
+            o in place or program.operations[o].name == "input"
+            for o in region.reads(program.operations)
+        )
 
 
 @pytest.mark.parametrize("width", [1, 4, 16])
@@ -86,7 +97,9 @@ def test_passing_by_changes_no_bit(width):
     limit = rng.uniform(0.0, 1.0, lanes).astype(np.float32)
     limit[:20] *= 0.1  # whole vectors that are never there
     given, out = np.zeros((1, 0, lanes), np.float32), np.zeros((TICKS, 1, lanes), np.float32)
-    found = VectorCode(loop, 0, False, width).run(Lanes([limit], given, np.zeros(0, np.float32), out), TICKS)
+    found = VectorCode(loop, 0, False, width).run(
+        Lanes([limit], given, np.zeros(0, np.float32), out), TICKS
+    )
     state = evaluate(loop.begin, [limit])
     for now in range(TICKS):
         *state, leaving = evaluate(loop.step, [limit, *state, np.int32(now)])
@@ -96,7 +109,12 @@ def test_passing_by_changes_no_bit(width):
     assert 0 < (found[1] > 0).sum() < lanes, "some lanes were there, some never"
 
 
-@given(st.lists(st.tuples(st.sampled_from("fsr"), *[st.integers(0, 10**6)] * 3), min_size=1, max_size=60), st.data())
+@given(
+    st.lists(
+        st.tuples(st.sampled_from("fsr"), *[st.integers(0, 10**6)] * 3), min_size=1, max_size=60
+    ),
+    st.data(),
+)
 def test_any_program_can_be_arranged(choices, data):
     """f: a sum, s: a condition, r: a rare choice; of any earlier results."""
     builder = Builder()
@@ -118,7 +136,9 @@ def test_any_program_can_be_arranged(choices, data):
     for item in found:
         if isinstance(item, Region):
             inside = set(item.operations)
-            readers = [i for i in every if i not in inside and inside & set(program.operations[i].operands)]
+            readers = [
+                i for i in every if i not in inside and inside & set(program.operations[i].operands)
+            ]
             assert all(program.operations[i].operands[0] == item.condition for i in readers)
             assert not inside & set(program.outputs)
     assert all(place.get(o, -1) < place[i] for i in every for o in program.operations[i].operands)

@@ -1,4 +1,6 @@
-"""A time loop split by what its numbers depend on, and run as vector code, against the same loop in NumPy."""
+"""A time loop split by what its numbers depend on, and run as vector code, against the same loop
+in NumPy.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ TICKS = 1003  # not a multiple of the chunk
 
 
 def begin(gain, kick):
-    """State: clock, filtered table, position, never changing, swapped pair, flag, and what nothing reads."""
+    """State: clock, filtered table, position, never changing, swapped pair, flag, and what
+    nothing reads.
+    """
     return (
         jnp.int32(5),
         jnp.float32(0),
@@ -39,21 +43,36 @@ def step(gain, kick, state, now, given, table):
     clock, smooth, position, fixed, left, right, flag, unread = state
     drive = table.at[clock % 12].get(mode="clip", wrap_negative_indices=False) * gain
     smooth = smooth + 0.1 * (drive - smooth)
-    position = position + 0.01 * (jnp.sin(smooth) - position * fixed) + jnp.where(now == 7, kick, 0.0) + given * 1e-3
+    position = (
+        position
+        + 0.01 * (jnp.sin(smooth) - position * fixed)
+        + jnp.where(now == 7, kick, 0.0)
+        + given * 1e-3
+    )
     flag = flag | (position > 0.3)
     new = (clock + 1, smooth, position, fixed, right, left + 0.0, flag, unread + position)
     return new, (position, smooth)
 
 
 def finish(gain, kick, state):
-    return {"position": state[2], "clock": state[0], "flag": state[6], "left": state[4] * gain, "smooth": state[1]}
+    return {
+        "position": state[2],
+        "clock": state[0],
+        "flag": state[6],
+        "left": state[4] * gain,
+        "smooth": state[1],
+    }
 
 
 def loop() -> TimeLoop:
     table = jax.ShapeDtypeStruct(TABLE.shape, TABLE.dtype)
     traced = jax.make_jaxpr(begin, return_shape=True)(F, F)
     state = traced[1]
-    closed = (traced[0], jax.make_jaxpr(step)(F, F, state, I, F, table), jax.make_jaxpr(finish)(F, F, state))
+    closed = (
+        traced[0],
+        jax.make_jaxpr(step)(F, F, state, I, F, table),
+        jax.make_jaxpr(finish)(F, F, state),
+    )
     return TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in closed))
 
 
@@ -91,7 +110,11 @@ def test_vector_code_runs_the_loop(width, grouped):
     found, lanes = loop(), 16
     rng = np.random.default_rng(4)
     kick = rng.uniform(-0.5, 0.5, lanes).astype(np.float32)
-    gain = np.full(lanes, 1.3, np.float32) if grouped else rng.uniform(0.5, 2.0, lanes).astype(np.float32)
+    gain = (
+        np.full(lanes, 1.3, np.float32)
+        if grouped
+        else rng.uniform(0.5, 2.0, lanes).astype(np.float32)
+    )
     given = rng.uniform(-1, 1, (TICKS, 1) if grouped else (TICKS, 1, lanes)).astype(np.float32)
     out = np.zeros((TICKS, 2, lanes), np.float32)
     done = []

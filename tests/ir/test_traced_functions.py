@@ -1,4 +1,6 @@
-"""Numbers that write their program themselves write the one that JAX's trace is lowered to, or are refused."""
+"""Numbers that write their program themselves write the one that JAX's trace is lowered to, or
+are refused.
+"""
 
 from __future__ import annotations
 
@@ -24,36 +26,106 @@ TYPES = ("bool", "int32", "uint32", "float32")
 TABLE = 9
 PLAIN = (
     *(True, 0, 3, -7, 2.5, -0.0, float("inf"), float("nan")),
-    *(2.9999999999, 16777217.0, 1e-50, 16777217, np.float64(2.9999999999)),  # other numbers where they are narrow
-    *(np.float32(1.5), np.int32(-4), np.uint32(5), np.bool_(True), np.float64(0.1), np.int64(6), np.asarray(2.0)),
+    *(
+        2.9999999999,
+        16777217.0,
+        1e-50,
+        16777217,
+        np.float64(2.9999999999),
+    ),  # other numbers where they are narrow
+    *(
+        np.float32(1.5),
+        np.int32(-4),
+        np.uint32(5),
+        np.bool_(True),
+        np.float64(0.1),
+        np.int64(6),
+        np.asarray(2.0),
+    ),
 )
 ALONE = {
-    **{f"jnp.{name}": (lambda x, name=name: getattr(jnp, name)(x))
-       for name in ("sin", "cos", "tan", "atan", "asin", "acos", "exp", "log", "sqrt", "abs", "floor", "round", "sign",
-                    "asarray", "zeros_like", "bool_", "int32", "uint32", "float32")},
-    **{f"to {dtype}": (lambda x, dtype=dtype: lax.convert_element_type(x, dtype)) for dtype in (*TYPES, "float64")},
-    **{f"as {dtype}": (lambda x, dtype=dtype: jnp.asarray(x, dtype)) for dtype in TYPES},
-    **{f"bits {dtype}": (lambda x, dtype=dtype: lax.bitcast_convert_type(x, dtype)) for dtype in TYPES[1:]},
-    "neg": operator.neg, "not": operator.invert, "abs": abs,
+    **{
+        f"jnp.{name}": lambda x, name=name: getattr(jnp, name)(x)
+        for name in (
+            "sin",
+            "cos",
+            "tan",
+            "atan",
+            "asin",
+            "acos",
+            "exp",
+            "log",
+            "sqrt",
+            "abs",
+            "floor",
+            "round",
+            "sign",
+            "asarray",
+            "zeros_like",
+            "bool_",
+            "int32",
+            "uint32",
+            "float32",
+        )
+    },
+    **{
+        f"to {dtype}": lambda x, dtype=dtype: lax.convert_element_type(x, dtype)
+        for dtype in (*TYPES, "float64")
+    },
+    **{f"as {dtype}": lambda x, dtype=dtype: jnp.asarray(x, dtype) for dtype in TYPES},
+    **{
+        f"bits {dtype}": lambda x, dtype=dtype: lax.bitcast_convert_type(x, dtype)
+        for dtype in TYPES[1:]
+    },
+    "neg": operator.neg,
+    "not": operator.invert,
+    "abs": abs,
     "astype": lambda x: x.astype("float32"),
     "own type": lambda x: lax.convert_element_type(x, x.dtype),
-}  # fmt: skip
+}
 PAIRS = {
-    **{name: getattr(operator, name)
-       for name in ("add", "sub", "mul", "truediv", "and_", "or_", "xor", "lshift", "rshift",
-                    "eq", "ne", "lt", "le", "gt", "ge")},
-    **{name: (lambda x, y, name=name: getattr(jnp, name)(x, y)) for name in ("maximum", "minimum", "atan2")},
-    **{f"lax.{name}": (lambda x, y, name=name: getattr(lax, name)(x, y)) for name in ("div", "rem", "shift_left")},
-}  # fmt: skip
+    **{
+        name: getattr(operator, name)
+        for name in (
+            "add",
+            "sub",
+            "mul",
+            "truediv",
+            "and_",
+            "or_",
+            "xor",
+            "lshift",
+            "rshift",
+            "eq",
+            "ne",
+            "lt",
+            "le",
+            "gt",
+            "ge",
+        )
+    },
+    **{
+        name: lambda x, y, name=name: getattr(jnp, name)(x, y)
+        for name in ("maximum", "minimum", "atan2")
+    },
+    **{
+        f"lax.{name}": lambda x, y, name=name: getattr(lax, name)(x, y)
+        for name in ("div", "rem", "shift_left")
+    },
+}
 
 
 def by_jax(function, inputs) -> tuple[Program, list[tuple[str, bool]]]:
     """The program through JAX, and type and weakness of each result."""
     with jax.enable_x64(False), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Explicitly requested dtype")  # of numbers that are taken as narrow
+        warnings.filterwarnings(
+            "ignore", "Explicitly requested dtype"
+        )  # of numbers that are taken as narrow
         shapes = tree.mapped(_shape, inputs)
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*shapes)
-    types = [(str(one.dtype), one.weak_type and one.dtype != bool) for one in jax.tree.leaves(results)]
+    types = [
+        (str(one.dtype), one.weak_type and one.dtype != bool) for one in jax.tree.leaves(results)
+    ]
     return contract(lower(jaxpr)), types  # a weak truth value is promoted as any
 
 
@@ -137,7 +209,9 @@ def test_rare_branches():
         return rarely(c, lambda: (x * 2.0 + y, y, {"k": jnp.sin(x)}), (x, x, {"k": y}))
 
     assert alike(function, "bool", "float32", "float32")
-    assert alike(lambda c, x: rarely(x > 1.0, lambda: (x + x, c), (jnp.float32(3.0), c)), "bool", "float32")
+    assert alike(
+        lambda c, x: rarely(x > 1.0, lambda: (x + x, c), (jnp.float32(3.0), c)), "bool", "float32"
+    )
 
 
 def test_tables():
@@ -183,7 +257,9 @@ def test_what_is_not_known_is_refused(what):
         directly(STRANGE[what], ("float32", "int32"))
 
 
-@pytest.mark.parametrize("place", [lambda x, y: x + y, lambda x, y: jnp.where(x > 0, x, y), lambda x, y: jnp.abs(y)])
+@pytest.mark.parametrize(
+    "place", [lambda x, y: x + y, lambda x, y: jnp.where(x > 0, x, y), lambda x, y: jnp.abs(y)]
+)
 def test_a_number_of_another_program_is_refused(place):
     kept = []
     directly(lambda x: kept.append(x * 3.0) or x, ("float32",))
@@ -217,7 +293,9 @@ def test_jax_returns_when_direct_tracing_ends():
 
 
 class Draw:
-    """A program of random operations on all that there is so far, the same each time that it runs."""
+    """A program of random operations on all that there is so far, the same each time that it
+    runs.
+    """
 
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)
@@ -231,7 +309,12 @@ class Draw:
             places = tuple(self.random.integers(0, len(numbers), count).tolist())
             try:
                 numbers.append(self.apply(name, [numbers[place] for place in places]))
-            except (Untraceable, TypeError, AttributeError, OverflowError):  # of a number, or of plain ones
+            except (
+                Untraceable,
+                TypeError,
+                AttributeError,
+                OverflowError,
+            ):  # of a number, or of plain ones
                 continue
             self.steps.append((name, places))
         return numbers
@@ -244,8 +327,12 @@ class Draw:
 
     @staticmethod
     def apply(name: str, operands: list):
-        if all(not hasattr(x, "astype") or isinstance(x, np.generic | np.ndarray) for x in operands):
-            operands = [jnp.asarray(x) for x in operands]  # Python's and NumPy's own results are no matter here
+        if all(
+            not hasattr(x, "astype") or isinstance(x, np.generic | np.ndarray) for x in operands
+        ):
+            operands = [
+                jnp.asarray(x) for x in operands
+            ]  # Python's and NumPy's own results are no matter here
         function = jnp.where if name == "where" else PAIRS.get(name) or ALONE[name]
         return function(*operands)
 

@@ -1,4 +1,6 @@
-"""The promise on the robot itself, at a reduced size: calibrations drawn from operations whose truth is known."""
+"""The promise on the robot itself, at a reduced size: calibrations drawn from operations whose
+truth is known.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +17,19 @@ from ravenjax.stats.conformal.target import FalseAlarmTarget
 from ravenjax.stats.conformal.threshold import OperationScores
 
 ROBOTS, LENGTH_S, UNITS, CALIBRATIONS = 4, 4.0, 60, 200
-VARIED = {"drawn": [], "one": ["parameters.plant.friction_scale=1", "campaign.kinematic_errors=none"]}
+VARIED = {
+    "drawn": [],
+    "one": ["parameters.plant.friction_scale=1", "campaign.kinematic_errors=none"],
+}
 
 
 def operations(folder, name, changes, count, seed):
     config = loading.load("drawn_robots", changes)
     wanted = terms(calibrate.chosen(config.robot, calibrate.SIGNALS))
     design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
-    return calibrate.operate(config, design, wanted, WHOLE, folder / name, count, "simd", lambda *_: None)
+    return calibrate.operate(
+        config, design, wanted, WHOLE, folder / name, count, "simd", lambda *_: None
+    )
 
 
 def joint(peaks, scale):
@@ -36,15 +43,24 @@ def test_calibrations_keep_the_risk_with_their_confidence(tmp_path, name):
     learns = peaks.unit < 20
     scale = bands.scales(peaks.peak[learns][:, :, None])
     population = joint(peaks.taken_from(~learns), scale)
-    target, rng, broken, naive = FalseAlarmTarget(80.0, 0.9, LENGTH_S / 3600), np.random.default_rng(2), 0, 0
+    target, rng, broken, naive = (
+        FalseAlarmTarget(80.0, 0.9, LENGTH_S / 3600),
+        np.random.default_rng(2),
+        0,
+        0,
+    )
     rows = np.arange(len(population.unit)).reshape(-1, ROBOTS)
 
     def risk(limit):
-        return np.where(population.score > limit, 1.0, target.without_alarm(population.hours)).mean()
+        return np.where(
+            population.score > limit, 1.0, target.without_alarm(population.hours)
+        ).mean()
 
     for _ in range(CALIBRATIONS):
         some = rows[rng.integers(len(rows), size=UNITS)].ravel()
-        own = OperationScores(np.repeat(np.arange(UNITS), ROBOTS), population.score[some], population.hours[some])
+        own = OperationScores(
+            np.repeat(np.arange(UNITS), ROBOTS), population.score[some], population.hours[some]
+        )
         broken += risk(threshold.least(own, target).value) > target.risk
         naive += risk(threshold.naive(own, target)) > target.risk
     assert broken <= binom.ppf(0.999, CALIBRATIONS, 0.1) < naive

@@ -1,4 +1,6 @@
-"""A monitor from its calibration to C: the folder, its bits, what fresh operations say of it, and bad input."""
+"""A monitor from its calibration to C: the folder, its bits, what fresh operations say of it,
+and bad input.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,16 @@ import pytest
 import ravenjax as rj
 from ravenjax import cli
 from ravenjax.errors import StoreError, UserError
-from ravenjax.monitors import c_code, calibrate, calibration, checking, fresh, score_folder, test_vector, writing
+from ravenjax.monitors import (
+    c_code,
+    calibrate,
+    calibration,
+    checking,
+    fresh,
+    score_folder,
+    test_vector,
+    writing,
+)
 from ravenjax.monitors.monitor import Monitor, Segments, reads, terms
 from ravenjax.monitors.operations import OperatorScores
 from ravenjax.monitors.scores import catalogue
@@ -40,9 +51,25 @@ name = "healthy"
 design = "random"
 runs = 2
 """
-OPTIONS = ["--false-alarms-per-hour", "150", "--confidence", "0.5", "--length-s", "3", "--robots", "2"]
+OPTIONS = [
+    "--false-alarms-per-hour",
+    "150",
+    "--confidence",
+    "0.5",
+    "--length-s",
+    "3",
+    "--robots",
+    "2",
+]
 HOURS = ["--hours", "0.0534"]  # 32 operators
-SIGNALS = ["--signals", "tip_error_bound", "boards_cmd_rate", "jpos_residual_model_jpos", "--segments", "tick=800"]
+SIGNALS = [
+    "--signals",
+    "tip_error_bound",
+    "boards_cmd_rate",
+    "jpos_residual_model_jpos",
+    "--segments",
+    "tick=800",
+]
 
 
 def command(*words: object) -> int:
@@ -53,7 +80,19 @@ def command(*words: object) -> int:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("monitor")
     (place / "robots.toml").write_text(CAMPAIGN)
-    assert command("monitor", "calibrate", place / "robots.toml", "--out", place / "m", *OPTIONS, *HOURS, *SIGNALS) == 0
+    assert (
+        command(
+            "monitor",
+            "calibrate",
+            place / "robots.toml",
+            "--out",
+            place / "m",
+            *OPTIONS,
+            *HOURS,
+            *SIGNALS,
+        )
+        == 0
+    )
     return place / "m"
 
 
@@ -75,7 +114,9 @@ def compiler() -> str:
     return found
 
 
-def compiled(compiler: str, folder: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+def compiled(
+    compiler: str, folder: Path, out: Path, *options: str
+) -> subprocess.CompletedProcess[str]:
     """The folder's C, compiled without a warning and run over its test vector."""
     strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *options]
     sources = [str(folder / name) for name in (c_code.SOURCE, c_code.TEST)]
@@ -92,7 +133,9 @@ def test_c_gives_the_bits_of_the_tick(folder, compiler, tmp_path, options):
     assert result.returncode == 0, result.stdout
     rows = list(csv.DictReader((folder / writing.VECTOR).open()))
     alarms = sum(row["alarm"] == "1" for row in rows)
-    assert result.stdout == f"3000 milliseconds, {alarms} in alarm, 0 differ\n" and 0 < alarms < 2000
+    assert (
+        result.stdout == f"3000 milliseconds, {alarms} in alarm, 0 differ\n" and 0 < alarms < 2000
+    )
     assert {row["live"] for row in rows} == {"0", "1"} and all(
         row["score"] == "0" for row in rows if row["live"] == "0"
     )
@@ -126,10 +169,15 @@ def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
     rng, segments = np.random.default_rng(1), Segments("tick", (700.0, 1600.0))
     scales = np.exp(rng.normal(0, 4, (len(scores), 3))).astype(np.float32)
     monitor = Monitor(scores, segments, tuple(tuple(map(float, row)) for row in scales), 3.0)
-    config = rj.load_campaign({"campaign": {"name": "a"}, "operator": {"motion": "reach"}, "group": [{"name": "f"}]})
+    config = rj.load_campaign(
+        {"campaign": {"name": "a"}, "operator": {"motion": "reach"}, "group": [{"name": "f"}]}
+    )
     vector = test_vector.of(config, monitor, 2, "simd")
     assert np.isfinite(vector.score).all() and len(set(vector.score.tolist())) > 100
-    for name, text in ((c_code.HEADER, c_code.header(monitor, ["a"])), (c_code.SOURCE, c_code.source(monitor))):
+    for name, text in (
+        (c_code.HEADER, c_code.header(monitor, ["a"])),
+        (c_code.SOURCE, c_code.source(monitor)),
+    ):
         (tmp_path / name).write_text(text)
     (tmp_path / c_code.TEST).write_text(c_code.test(monitor))
     (tmp_path / writing.VECTOR).write_text(vector.text())
@@ -141,24 +189,39 @@ def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
 
 def test_the_record_says_what_the_promise_rests_on(folder):
     monitor, record = writing.read(folder)
-    assert record["promise"]["false_alarms_per_hour"] == 150 and record["promise"]["confidence"] == 0.5
+    assert (
+        record["promise"]["false_alarms_per_hour"] == 150 and record["promise"]["confidence"] == 0.5
+    )
     peaks = score_folder.read(folder / score_folder.FOLDER)
     uses = calibration.uses(peaks.unit)
     assert record["calibration"]["operators"] == len(set(peaks.unit[uses.threshold])) > 0
-    assert record["calibration"]["operations"] == uses.threshold.sum() == 2 * record["calibration"]["operators"]
-    assert not (uses.scale & uses.threshold).any() and (uses.scale | uses.threshold | uses.test).all()
+    assert (
+        record["calibration"]["operations"]
+        == uses.threshold.sum()
+        == 2 * record["calibration"]["operators"]
+    )
+    assert (
+        not (uses.scale & uses.threshold).any() and (uses.scale | uses.threshold | uses.test).all()
+    )
     score = calibration.joint(peaks, np.array(monitor.scales, np.float32))
-    assert record["calibration"]["alarms"] == (score[uses.threshold] > np.float32(monitor.threshold)).sum()
+    assert (
+        record["calibration"]["alarms"]
+        == (score[uses.threshold] > np.float32(monitor.threshold)).sum()
+    )
     assert record["test"]["alarms"] == (score[uses.test] > np.float32(monitor.threshold)).sum()
     quiet = uses.test & (score <= np.float32(monitor.threshold))
     assert record["test"]["hours"] == pytest.approx(peaks.hours[quiet].sum(), rel=1e-6)
-    assert record["test"]["alarms_per_hour"] == pytest.approx(record["test"]["alarms"] / record["test"]["hours"])
+    assert record["test"]["alarms_per_hour"] == pytest.approx(
+        record["test"]["alarms"] / record["test"]["hours"]
+    )
     assert monitor.segments == Segments("tick", (800.0,)) and len(monitor.terms) == 7
     assert tomllib.loads((folder / "monitor.toml").read_text())["term"][0]["alarm_above"]
 
 
 def test_the_part_scores_an_operation_as_its_calibration_did(folder, tmp_path):
-    """monitor.py as a detector of a campaign: the joint score of the operation to the bit, whatever it was made of."""
+    """monitor.py as a detector of a campaign: the joint score of the operation to the bit,
+    whatever it was made of.
+    """
     from ravenjax.campaign.file.config import validated
     from ravenjax.monitors import operations
     from ravenjax.monitors.operations import OperationDesign
@@ -168,12 +231,18 @@ def test_the_part_scores_an_operation_as_its_calibration_did(folder, tmp_path):
     own = OperationDesign(tuple(design["motions"]), design["robots"], 3.0, design["seed"])
     config = rj.load_campaign(folder.parent / "robots.toml")
     raw = operations.of_operator(operations.campaign(config, own), own, 3).model_dump(mode="json")
-    raw["detector"] = [{"name": "monitor", "file": str(folder / writing.PART), "threshold": [monitor.threshold]}]
+    raw["detector"] = [
+        {"name": "monitor", "file": str(folder / writing.PART), "threshold": [monitor.threshold]}
+    ]
     table = rj.run(validated(raw), engine="simd")
     peaks = score_folder.read(folder / score_folder.FOLDER)
-    expected = calibration.joint(peaks.taken_from(peaks.unit == 3), np.array(monitor.scales, np.float32))
+    expected = calibration.joint(
+        peaks.taken_from(peaks.unit == 3), np.array(monitor.scales, np.float32)
+    )
     assert table["detector0_score"].to_numpy().tolist() == expected.tolist()
-    assert ((table["detector0_threshold0_first_ms"] >= 0) == (expected > np.float32(monitor.threshold))).all()
+    assert (
+        (table["detector0_threshold0_first_ms"] >= 0) == (expected > np.float32(monitor.threshold))
+    ).all()
 
 
 def test_the_detector_table_of_the_folder_has_the_calibrated_threshold(folder):
@@ -196,12 +265,28 @@ def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
     rows = before.filter(np.array(before.column("operator").to_numpy() < 5))
     pq.write_table(rows, parts[0])
     assert (
-        command("monitor", "calibrate", folder.parent / "robots.toml", "--out", other, *OPTIONS, *HOURS, *SIGNALS) == 0
+        command(
+            "monitor",
+            "calibrate",
+            folder.parent / "robots.toml",
+            "--out",
+            other,
+            *OPTIONS,
+            *HOURS,
+            *SIGNALS,
+        )
+        == 0
     )
     assert pq.read_table(parts[0]).equals(before)
     for name in (writing.RECORD, writing.PART, writing.VECTOR, writing.REFERENCE):
-        left, right = (tomllib.loads((one / name).read_text()) if name == writing.RECORD else (one / name).read_text()
-                       for one in (folder, other))  # fmt: skip
+        left, right = (
+            (
+                tomllib.loads((one / name).read_text())
+                if name == writing.RECORD
+                else (one / name).read_text()
+            )
+            for one in (folder, other)
+        )
         if name == writing.RECORD:
             left["design"].pop("operations_sha256"), right["design"].pop("operations_sha256")
         assert left == right
@@ -213,10 +298,28 @@ def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
 def test_a_shifted_robot_is_reported_and_a_like_one_is_not(folder, tmp_path, capsys):
     for name, changes, code in (
         ("like", [], 0),
-        ("shifted", ["--set", "parameters.plant.friction_scale=6", "parameters.plant.encoder_noise=12"], 1),
+        (
+            "shifted",
+            ["--set", "parameters.plant.friction_scale=6", "parameters.plant.encoder_noise=12"],
+            1,
+        ),
     ):
         out = tmp_path / name
-        assert command("monitor", "operate", folder, "--out", out, "--hours", 0.0184, "--robots", 1, *changes) == 0
+        assert (
+            command(
+                "monitor",
+                "operate",
+                folder,
+                "--out",
+                out,
+                "--hours",
+                0.0184,
+                "--robots",
+                1,
+                *changes,
+            )
+            == 0
+        )
         capsys.readouterr()
         assert command("monitor", "check", folder, out, "--json") == code
         result = json.loads(capsys.readouterr().out)
@@ -230,7 +333,9 @@ def test_fresh_operators_of_the_calibrations_stream_are_its_own(folder, tmp_path
     again = fresh.fresh(folder, tmp_path / "again", 0.00834)
     there = score_folder.read(folder / score_folder.FOLDER, len(set(again.unit)))
     assert len(there.unit) == 10 and (again.peak == there.peak).all()
-    with pytest.raises(UserError, match="operators are those of the calibration: nothing of it is fresh"):
+    with pytest.raises(
+        UserError, match="operators are those of the calibration: nothing of it is fresh"
+    ):
         checking.check(folder, [tmp_path / "again"])
 
 
@@ -270,12 +375,27 @@ def _log(change):
 
 
 BAD_SOURCES = {
-    "nothing": (lambda folder, place: place / "none", r"none: expected a folder of `ravenjax monitor operate`"),
+    "nothing": (
+        lambda folder, place: place / "none",
+        r"none: expected a folder of `ravenjax monitor operate`",
+    ),
     "itself": (lambda folder, place: folder, "operators are those of the calibration"),
-    "short": (_log(lambda lines: lines[:500]), r"499 ms long, the calibration's operations are 3000 ms"),
-    "column": (_log(lambda lines: [lines[0].replace("tip_error", "tip"), *lines[1:]]), "has no column tip_error"),
-    "text": (_log(lambda lines: [*lines[:7], lines[7].replace("0,", "zero,", 1), *lines[8:]]), "line 8 has something"),
-    "cell": (_log(lambda lines: [*lines[:7], "1,0\n", *lines[8:]]), "line 8 has something else than a number"),
+    "short": (
+        _log(lambda lines: lines[:500]),
+        r"499 ms long, the calibration's operations are 3000 ms",
+    ),
+    "column": (
+        _log(lambda lines: [lines[0].replace("tip_error", "tip"), *lines[1:]]),
+        "has no column tip_error",
+    ),
+    "text": (
+        _log(lambda lines: [*lines[:7], lines[7].replace("0,", "zero,", 1), *lines[8:]]),
+        "line 8 has something",
+    ),
+    "cell": (
+        _log(lambda lines: [*lines[:7], "1,0\n", *lines[8:]]),
+        "line 8 has something else than a number",
+    ),
 }
 
 
@@ -300,7 +420,9 @@ def test_a_failed_operation_hides_no_term(folder, tmp_path):
     scores = table.column("score").to_pylist()
     scores[0] = [float("nan")] * len(scores[0])
     place = table.column_names.index("score")
-    pq.write_table(table.set_column(place, "score", pa.array(scores, table.schema.field("score").type)), part)
+    pq.write_table(
+        table.set_column(place, "score", pa.array(scores, table.schema.field("score").type)), part
+    )
     result = checking.check(folder, [tmp_path / "fresh"])
     assert {one.name for one in result.signals} == whole and len(whole) > 5 and result.alarms >= 1
     with pytest.raises(UserError, match="check each by itself"):
@@ -329,14 +451,23 @@ def test_a_changed_file_is_refused(folder, tmp_path):
 
 
 BAD_OPTIONS = {
-    "signal": (["--signals", "tip_eror_bound"], "Raven-II has none of that name; .* Did you mean 'tip_error_bound'"),
-    "segments": (["--segments", "tick=5,3"], "expected a field and ascending numbers, as tick=1000,5000"),
+    "signal": (
+        ["--signals", "tip_eror_bound"],
+        "Raven-II has none of that name; .* Did you mean 'tip_error_bound'",
+    ),
+    "segments": (
+        ["--segments", "tick=5,3"],
+        "expected a field and ascending numbers, as tick=1000,5000",
+    ),
     "hours": (["--hours", "0.001"], r"--hours \d+ or more\. With --robots 1 it would be"),
     "rate": (["--false-alarms-per-hour", "0"], "a rate and a length lie above 0"),
     "confidence": (["--confidence", "1"], "a confidence lies between 0 and 1"),
     "robots": (["--robots", "0"], "0 robots an operator: expected a number from 1 on"),
     "length": (["--length-s", "9000"], "expected 1 to 3600 s"),
-    "motion": (["--motions", "stil"], r"motion 'stil' is none: expected one of suture, .* Did you mean 'still'"),
+    "motion": (
+        ["--motions", "stil"],
+        r"motion 'stil' is none: expected one of suture, .* Did you mean 'still'",
+    ),
 }
 
 
@@ -345,7 +476,9 @@ def test_bad_options_are_one_error(folder, tmp_path, capsys, case):
     options, message = BAD_OPTIONS[case]
     usual = dict(zip(OPTIONS[::2], OPTIONS[1::2], strict=True))
     words = [word for pair in (usual | dict([options])).items() for word in pair]
-    code = command("monitor", "calibrate", folder.parent / "robots.toml", "--out", tmp_path / "m", *words)
+    code = command(
+        "monitor", "calibrate", folder.parent / "robots.toml", "--out", tmp_path / "m", *words
+    )
     captured = capsys.readouterr()
     assert code == 2 and re.search(message, captured.err.replace("\n", " "))
 
@@ -354,9 +487,20 @@ def test_another_campaign_does_not_go_on_in_the_folder(folder, tmp_path, capsys)
     other = tmp_path / "m"
     shutil.copytree(folder, other)
     code = command(
-        "monitor", "calibrate", folder.parent / "robots.toml", "--out", other, *OPTIONS, *HOURS, *SIGNALS, "--seed", 3
+        "monitor",
+        "calibrate",
+        folder.parent / "robots.toml",
+        "--out",
+        other,
+        *OPTIONS,
+        *HOURS,
+        *SIGNALS,
+        "--seed",
+        3,
     )
-    assert code == 2 and "holds operations of another design" in capsys.readouterr().err.replace("\n", " ")
+    assert code == 2 and "holds operations of another design" in capsys.readouterr().err.replace(
+        "\n", " "
+    )
 
 
 def test_python_says_what_the_command_says(folder, tmp_path):
@@ -382,8 +526,20 @@ def test_python_says_what_the_command_says(folder, tmp_path):
 
 @pytest.mark.parametrize("hours", ["nan", "inf"])
 def test_hours_that_are_no_number_are_one_error(folder, tmp_path, capsys, hours):
-    words = ["monitor", "calibrate", folder.parent / "robots.toml", "--out", tmp_path / "m", "--hours", hours]
-    assert command(*words) == command("monitor", "operate", folder, "--out", tmp_path / "f", "--hours", hours) == 2
+    words = [
+        "monitor",
+        "calibrate",
+        folder.parent / "robots.toml",
+        "--out",
+        tmp_path / "m",
+        "--hours",
+        hours,
+    ]
+    assert (
+        command(*words)
+        == command("monitor", "operate", folder, "--out", tmp_path / "f", "--hours", hours)
+        == 2
+    )
     assert capsys.readouterr().err.count(f"--hours {hours}: expected a number above 0") == 2
 
 
@@ -395,15 +551,21 @@ def test_parameters_of_detectors_that_are_left_out_are_left_out(tmp_path):
     raw["detector"] = [{"name": "mine", "file": str(tmp_path / "mine.py")}]
     config = rj.load_campaign(raw)
     axis = config.parameters["plant.encoder_noise"]
-    config = config.model_copy(update={"parameters": {**config.parameters, "detectors.own.mine.gain": axis}})
+    config = config.model_copy(
+        update={"parameters": {**config.parameters, "detectors.own.mine.gain": axis}}
+    )
     one = calibrate.request(config)
     assert set(one.config.parameters) == {"plant.friction_scale", "plant.encoder_noise"}
     wanted = terms(calibrate.chosen(one.config.robot, one.signals))
-    assert calibrate.measuring(one.config, wanted[:1], one.segments, tmp_path / "detectors").detector
+    assert calibrate.measuring(
+        one.config, wanted[:1], one.segments, tmp_path / "detectors"
+    ).detector
 
 
 def test_an_operator_is_stored_once(tmp_path):
-    some = [OperatorScores(k, "a", k, np.full((2, 1), k, np.float32), np.full(2, 0.1)) for k in range(4)]
+    some = [
+        OperatorScores(k, "a", k, np.full((2, 1), k, np.float32), np.full(2, 0.1)) for k in range(4)
+    ]
     one = score_folder.ScoreFolder(tmp_path, {})
     one.put(some[:3])
     one.put(some[1:])  # by another process
@@ -420,15 +582,21 @@ def test_what_keeps_a_promise_from_being_made_is_said():
     with pytest.raises(UserError, match=r"50\.00% of the operations failed"):
         calibration.calibrate(score_folder.Peaks(unit, hours, half), (term,), Segments(), target, 2)
     with pytest.raises(UserError, match=r"does not for 100% of it: give more --hours, as 1\b"):
-        calibration.calibrate(score_folder.Peaks(unit, 0 * hours, peak), (term,), Segments(), target, 2)
+        calibration.calibrate(
+            score_folder.Peaks(unit, 0 * hours, peak), (term,), Segments(), target, 2
+        )
     rare = FalseAlarmTarget(1.0, 0.95, 1 / 12)
 
     def calibrated(operators: int) -> calibration.Calibrated:
         unit = np.repeat(np.arange(operators), 2)
-        peaks = score_folder.Peaks(unit, np.full(len(unit), 0.8 / 12), np.ones((len(unit), 1), np.float32))
+        peaks = score_folder.Peaks(
+            unit, np.full(len(unit), 0.8 / 12), np.ones((len(unit), 1), np.float32)
+        )
         return calibration.calibrate(peaks, (term,), Segments(), rare, 2)
 
-    with pytest.raises(UserError, match=r"does not for 20% of it: give more --hours, as 26 \(what") as few:
+    with pytest.raises(
+        UserError, match=r"does not for 20% of it: give more --hours, as 26 \(what"
+    ) as few:
         calibrated(84)
     assert calibrated(int(26 / 2 * 12)).test.alarms == 0, few.value
     assert calibration.uses(np.arange(calibration.units_for(1))).test.any()

@@ -80,4 +80,6 @@ def test_what_cannot_be_drawn_is_refused(tmp_path, tables, design, message):
     if not tables.get("parameters", True):
         tables["group"] = [{"name": "one"}]
     with pytest.raises(UserError, match=message):
-        OperationRunner(config(tmp_path, **tables), OperationDesign(**(DESIGN.__dict__ | design)), "simd")
+        OperationRunner(
+            config(tmp_path, **tables), OperationDesign(**(DESIGN.__dict__ | design)), "simd"
+        )

@@ -32,10 +32,22 @@ def test_candidates_have_names_of_their_own_and_cover_every_kind():
     assert len({score.name for score in every}) == len(every) > 50
     assert {score.kind for score in every} == set(scores.KINDS)
     (tool,) = [score for score in every if score.name == "jpos_residual_jpos_d_tool"]
-    assert tool.channels == (3, 4, 5, 6) and tool.labels == ("tool_roll", "wrist", "grasp1", "grasp2")
+    assert tool.channels == (3, 4, 5, 6) and tool.labels == (
+        "tool_roll",
+        "wrist",
+        "grasp1",
+        "grasp2",
+    )
     (speed,) = [score for score in every if score.name == "jvel_bound"]
-    assert speed.units == ("rad/s", "rad/s", "m/s") and speed.words == "jvel (shoulder, elbow, insertion)"
-    assert [one.words for one in speed.singles] == ["jvel (shoulder)", "jvel (elbow)", "jvel (insertion)"]
+    assert (
+        speed.units == ("rad/s", "rad/s", "m/s")
+        and speed.words == "jvel (shoulder, elbow, insertion)"
+    )
+    assert [one.words for one in speed.singles] == [
+        "jvel (shoulder)",
+        "jvel (elbow)",
+        "jvel (insertion)",
+    ]
     assert sum(len(score.singles) for score in every) == sum(len(score.scales) for score in every)
 
 
@@ -45,7 +57,8 @@ def test_a_robot_without_signals_has_no_candidates():
 
 
 @pytest.mark.parametrize(
-    "changes", [{"scales": (1.0, 2.0)}, {"scales": (0.0,)}, {"against": "jpos"}, {"name": "no word"}]
+    "changes",
+    [{"scales": (1.0, 2.0)}, {"scales": (0.0,)}, {"against": "jpos"}, {"name": "no word"}],
 )
 def test_a_score_that_makes_no_sense_is_refused(changes):
     one = Score("mine", "bound", "mvel", (0,), ("shoulder",), ("rad/s",), (1.0,), "L5")
@@ -62,11 +75,23 @@ def test_a_part_file_needs_scores_of_different_names():
 
 VIEW = {"mvel": 7, "jpos": 7, "jpos_d": 7, "tip_error": 0}
 SOME = (
-    Score("fast", "bound", "mvel", (0, 2), ("shoulder", "insertion"), ("rad/s",) * 2, (2.0, 0.5), "L5"),
+    Score(
+        "fast", "bound", "mvel", (0, 2), ("shoulder", "insertion"), ("rad/s",) * 2, (2.0, 0.5), "L5"
+    ),
     Score("error", "bound", "tip_error", (), ("",), ("m",), (0.25,), "L5"),
     Score("steps", "rate", "mvel", (1,), ("elbow",), ("rad/s",), (4.0,), "L5"),
     Score("alone", "rate", "tip_error", (), ("",), ("m",), (0.5,), "L5"),
-    Score("apart", "residual", "jpos", (3, 6), ("tool_roll", "grasp2"), ("rad",) * 2, (1.0, 8.0), "L5", "jpos_d"),
+    Score(
+        "apart",
+        "residual",
+        "jpos",
+        (3, 6),
+        ("tool_roll", "grasp2"),
+        ("rad",) * 2,
+        (1.0, 8.0),
+        "L5",
+        "jpos_d",
+    ),
 )
 _NUMBER = st.one_of(st.floats(-1e6, 1e6, width=32), st.just(float("nan")))
 
@@ -88,12 +113,17 @@ def expected(score: Score, now: dict, before: dict | None) -> float:
     return float(np.nanmax([0.0, *over]))
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     st.lists(st.sampled_from(SOME), min_size=1, max_size=5, unique=True),
     st.lists(
         st.fixed_dictionaries(
-            {n: st.lists(_NUMBER, min_size=k, max_size=k) if k else _NUMBER for n, k in VIEW.items()}
+            {
+                n: st.lists(_NUMBER, min_size=k, max_size=k) if k else _NUMBER
+                for n, k in VIEW.items()
+            }
         ),
         min_size=1,
         max_size=3,
@@ -107,9 +137,14 @@ def test_the_printed_part_gives_what_the_words_say(tmp_path, some, views):
     state = part.init(own, params, "float32")
     before = None
     for now in views:
-        values = {n: Vec(map(np.float32, v)) if isinstance(v, list) else np.float32(v) for n, v in now.items()}
+        values = {
+            n: Vec(map(np.float32, v)) if isinstance(v, list) else np.float32(v)
+            for n, v in now.items()
+        }
         state, score = part.step(own, params, state, _View(values), "float32")
-        assert float(score) == pytest.approx(max(expected(one, now, before) for one in some), rel=1e-6)
+        assert float(score) == pytest.approx(
+            max(expected(one, now, before) for one in some), rel=1e-6
+        )
         before = now
 
 

@@ -38,7 +38,15 @@ CAMPAIGN = rj.Campaign(
         rj.Group(
             name="grid",
             repeats=2,
-            fault=[rj.Fault(site="packet", channel="delx", effect="random", value=[50, 2000], start_ms=[150, 200])],
+            fault=[
+                rj.Fault(
+                    site="packet",
+                    channel="delx",
+                    effect="random",
+                    value=[50, 2000],
+                    start_ms=[150, 200],
+                )
+            ],
         ),
     ],
 )
@@ -61,16 +69,28 @@ def test_the_table_is_that_of_run(results):
 
 
 def test_rates_count_distinct_faults_as_the_report_does(results):
-    rows = {row["name"]: row for row in tables.group_rows(Runs.open(results.folder, results.manifest)) if row["faulty"]}
+    rows = {
+        row["name"]: row
+        for row in tables.group_rows(Runs.open(results.folder, results.manifest))
+        if row["faulty"]
+    }
     rates = results.rates().set_index("group")
     assert set(rates.index) == set(rows) == {"drawn", "grid"}
     for name, line in rates.iterrows():
-        np.testing.assert_equal(tuple(line[["k", "n", "rate", "low", "high"]]), tuple(rows[name]["evaded"]))
+        np.testing.assert_equal(
+            tuple(line[["k", "n", "rate", "low", "high"]]), tuple(rows[name]["evaded"])
+        )
     table = results.to_pandas().query("group == 'drawn'")
-    hits = int((table["response"].isin(["silent", "limited"]) & (table["hazard"] == "unintended motion")).sum())
+    hits = int(
+        (
+            table["response"].isin(["silent", "limited"]) & (table["hazard"] == "unintended motion")
+        ).sum()
+    )
     assert tuple(rates.loc["drawn", ["k", "n", "rate", "low", "high"]]) == tuple(wilson(hits, 24))
     assert 0 < hits < 24
-    assert rates.loc["grid", "n"] == 4 and np.isnan(rates.loc["grid", "low"]), "repeats are no further faults"
+    assert rates.loc["grid", "n"] == 4 and np.isnan(rates.loc["grid", "low"]), (
+        "repeats are no further faults"
+    )
 
 
 def test_rates_by_anything(results):
@@ -100,7 +120,10 @@ def test_rates_by_anything(results):
         (lambda one: one.worst(by="los"), "by is 'los', expected one of .* Did you mean 'loss'"),
         (lambda one: one.query("DROP TABLE facts"), "expected one query"),
         (lambda one: one.query("SELECT 1; SELECT 2"), "expected one query"),
-        (lambda one: one.query("SELECT nothing FROM facts"), 'sql: Binder Error: Referenced column "nothing"'),
+        (
+            lambda one: one.query("SELECT nothing FROM facts"),
+            'sql: Binder Error: Referenced column "nothing"',
+        ),
         (lambda one: one.query(5), "sql is 5"),
         (lambda one: one.plot_roc(), "the campaign has no"),
         (lambda one: one.explain("zz"), "run 'zz'"),
@@ -119,18 +142,27 @@ def test_a_folder_without_results(tmp_path):
 
 
 def test_the_worst_runs(results):
-    table = results.to_pandas().query("fault0_site != ''").sort_values("unintended_mm", ascending=False)
+    table = (
+        results.to_pandas().query("fault0_site != ''").sort_values("unintended_mm", ascending=False)
+    )
     worst = results.worst(5)
     assert worst["run_id"].tolist() == table["run_id"].head(5).tolist()
     assert worst["unintended_mm"].tolist() == pytest.approx(table["unintended_mm"].head(5).tolist())
-    assert worst.attrs["units"] == {"unintended_mm": "mm"} and worst["fault"].str.contains("elbow|delx").all()
+    assert (
+        worst.attrs["units"] == {"unintended_mm": "mm"}
+        and worst["fault"].str.contains("elbow|delx").all()
+    )
 
 
 def test_a_query_sees_table_and_facts(results):
     counts = results.query(
-        'SELECT r."group", count(*) AS n FROM results r JOIN facts USING (row) WHERE faulty GROUP BY ALL'
+        'SELECT r."group", count(*) AS n FROM results r JOIN facts USING (row) WHERE faulty GROUP'
+        " BY ALL"
     )
-    assert dict(zip(counts.iloc[:, 0].astype(str), counts["n"], strict=True)) == {"drawn": 24, "grid": 8}
+    assert dict(zip(counts.iloc[:, 0].astype(str), counts["n"], strict=True)) == {
+        "drawn": 24,
+        "grid": 8,
+    }
 
 
 def test_a_chain_is_that_of_explain(results):
@@ -150,7 +182,11 @@ def test_figures(results, name, tmp_path):
 
 def test_what_a_notebook_shows(results):
     card, evaded = results._repr_html_(), results.rates(by=()).iloc[0]
-    assert f"{evaded['k']} of {evaded['n']} faults" in card and "drawn" in card and "<script" not in card
+    assert (
+        f"{evaded['k']} of {evaded['n']} faults" in card
+        and "drawn" in card
+        and "<script" not in card
+    )
     assert repr(results) == f"<results of small: 34 runs, in {results.folder}>"
 
 
@@ -170,4 +206,7 @@ def test_results_without_a_folder_take_their_own_along():
 def test_a_toml_file_gives_the_same_runs(results, tmp_path):
     text = CAMPAIGN.to_toml(tmp_path / "small.toml")
     assert tomllib.loads(text)["group"][1]["fault"][0]["value"] == {"uniform": [-9000, 9000]}
-    assert rj.run(tmp_path / "small.toml", engine="simd")["run_id"].tolist() == results.to_pandas()["run_id"].tolist()
+    assert (
+        rj.run(tmp_path / "small.toml", engine="simd")["run_id"].tolist()
+        == results.to_pandas()["run_id"].tolist()
+    )

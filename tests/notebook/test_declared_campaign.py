@@ -31,18 +31,38 @@ def plain(config):
 def test_a_bundled_campaign_goes_through_python_and_back(file):
     campaign = rj.Campaign.from_toml(file)
     text = campaign.to_toml()
-    assert plain(loading.from_dict(tomllib.loads(text))) == plain(loading.load(file)) == plain(campaign.config)
-    assert rj.Campaign.from_toml(text) == campaign == rj.Campaign(**tomllib.loads(text)) == again(campaign)
-    assert "[campaign]" in text and text.count("[[group]]") == len(tomllib.loads(file.read_text())["group"])
+    assert (
+        plain(loading.from_dict(tomllib.loads(text)))
+        == plain(loading.load(file))
+        == plain(campaign.config)
+    )
+    assert (
+        rj.Campaign.from_toml(text)
+        == campaign
+        == rj.Campaign(**tomllib.loads(text))
+        == again(campaign)
+    )
+    assert "[campaign]" in text and text.count("[[group]]") == len(
+        tomllib.loads(file.read_text())["group"]
+    )
 
 
 def test_the_runs_are_those_of_the_file():
     campaign = rj.Campaign.from_toml("safecomp45")
-    ids = [design.expand(one)["run_id"].tolist() for one in (campaign.config, loading.load("safecomp45"))]
-    assert ids[0] == ids[1] == design.expand(rj.Campaign.from_toml(campaign.to_toml()).config)["run_id"].tolist()
+    ids = [
+        design.expand(one)["run_id"].tolist()
+        for one in (campaign.config, loading.load("safecomp45"))
+    ]
+    assert (
+        ids[0]
+        == ids[1]
+        == design.expand(rj.Campaign.from_toml(campaign.to_toml()).config)["run_id"].tolist()
+    )
 
 
-number = st.one_of(st.integers(-4000, 4000), st.floats(-4000, 4000, allow_nan=False).map(lambda x: round(x, 3)))
+number = st.one_of(
+    st.integers(-4000, 4000), st.floats(-4000, 4000, allow_nan=False).map(lambda x: round(x, 3))
+)
 pair = st.tuples(number, number).map(sorted).map(list)
 axis = st.one_of(
     number,
@@ -60,23 +80,38 @@ start = st.one_of(
     st.just(rj.phase("slow")),
     st.just(rj.phase("fast", [0.0, 0.5])),
 )
-duration = st.one_of(st.integers(1, 100), st.just("end"), st.just([5, "end"]), st.just({"choice": [5, 50]}))
+duration = st.one_of(
+    st.integers(1, 100), st.just("end"), st.just([5, "end"]), st.just({"choice": [5, 50]})
+)
 fault = st.builds(
     lambda channel, effect, value, start, duration: rj.Fault(
-        site="current_cmd", channel=channel, effect=effect, value=value, start_ms=start, duration_ms=duration
+        site="current_cmd",
+        channel=channel,
+        effect=effect,
+        value=value,
+        start_ms=start,
+        duration_ms=duration,
     ),
     st.sampled_from(["shoulder", "*", ["shoulder", "elbow"]]),
-    st.sampled_from(["offset", "overwrite", ["offset", "overwrite"], {"choice": ["offset", "overwrite"]}]),
+    st.sampled_from(
+        ["offset", "overwrite", ["offset", "overwrite"], {"choice": ["offset", "overwrite"]}]
+    ),
     axis.filter(lambda value: not isinstance(value, dict) or "normal" not in value),
     start,
     duration,
 )
 paths = st.dictionaries(
-    st.sampled_from(["plant.mass_scale", "plant.gold.friction_scale", "operator.scale", "plant.gold.kp.elbow"]),
-    st.one_of(st.sampled_from([0.9, [0.8, 1.0], {"uniform": [0.8, 1.2]}]), st.just({"choice": [0.9, 1]})),
+    st.sampled_from(
+        ["plant.mass_scale", "plant.gold.friction_scale", "operator.scale", "plant.gold.kp.elbow"]
+    ),
+    st.one_of(
+        st.sampled_from([0.9, [0.8, 1.0], {"uniform": [0.8, 1.2]}]), st.just({"choice": [0.9, 1]})
+    ),
     max_size=2,
 )
-nested = st.sampled_from([{}, {"plant": {"mass_scale": {"uniform": [0.9, 1.1]}, "gold": {"friction_scale": [1, 1.2]}}}])
+nested = st.sampled_from(
+    [{}, {"plant": {"mass_scale": {"uniform": [0.9, 1.1]}, "gold": {"friction_scale": [1, 1.2]}}}]
+)
 name = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
 group = st.one_of(
     st.builds(
@@ -110,7 +145,9 @@ keys = st.fixed_dictionaries(
         "noise": st.booleans(),
         "arms": st.just(("gold",)),
         "haptics": st.just(rj.Haptics(threshold_mm=np.array([3.0, 2.0]), cap=0.05)),
-        "operator": st.sampled_from([rj.Operator(motion="reach"), {"motion": "suture", "start": {"elbow_deg": 80}}]),
+        "operator": st.sampled_from(
+            [rj.Operator(motion="reach"), {"motion": "suture", "start": {"elbow_deg": 80}}]
+        ),
         "reaction": st.just(rj.Reaction()),
         "detector": st.just([rj.Detector(name="tip", kind="tip_error", threshold=3)]),
         "outcomes": st.just(rj.Outcomes(jump="text")),
@@ -130,7 +167,12 @@ def test_any_campaign_goes_to_toml_and_back(keys, groups):
         assume(False)
     text = campaign.to_toml()
     assert plain(loading.from_dict(tomllib.loads(text))) == plain(campaign.config)
-    assert rj.Campaign.from_toml(text) == campaign == again(campaign) == pickle.loads(pickle.dumps(campaign))
+    assert (
+        rj.Campaign.from_toml(text)
+        == campaign
+        == again(campaign)
+        == pickle.loads(pickle.dumps(campaign))
+    )
     assert rj.Campaign.from_toml(text).to_toml() == text
 
 
@@ -150,8 +192,12 @@ def minimal(**more):
         {"name": "x"},
         minimal(group=[]),
         minimal(group=rj.Group(name="one")),
-        minimal(group=[{"name": "a", "fault": [{"site": "usb_ou", "effect": "offset", "start_ms": 1}]}]),
-        minimal(group=[{"name": "a", "fault": [{"site": "usb_out", "efect": "offset", "start_ms": 1}]}]),
+        minimal(
+            group=[{"name": "a", "fault": [{"site": "usb_ou", "effect": "offset", "start_ms": 1}]}]
+        ),
+        minimal(
+            group=[{"name": "a", "fault": [{"site": "usb_out", "efect": "offset", "start_ms": 1}]}]
+        ),
         minimal(group=[{"name": "a", "hazards": "C0"}]),
         minimal(group=[{"name": "a", "design": "random"}]),
         minimal(robot="nobody"),
@@ -181,7 +227,15 @@ TABLES = {
         {"name": "a", "hazards": ["C02"]},
         {
             "name": "b",
-            "fault": [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 1, "start_ms": 9}],
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "channel": "elbow",
+                    "effect": "offset",
+                    "value": 1,
+                    "start_ms": 9,
+                }
+            ],
         },
     ],
 }
@@ -200,7 +254,13 @@ JUNK = st.one_of(
 
 def places(tree, at=()):
     """Where something stands within the sections."""
-    for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ():
+    for key, value in (
+        tree.items()
+        if isinstance(tree, dict)
+        else enumerate(tree)
+        if isinstance(tree, list)
+        else ()
+    ):
         if at:
             yield (*at, key)
         yield from places(value, (*at, key))
@@ -209,7 +269,9 @@ def places(tree, at=()):
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(place=st.sampled_from(list(places(TABLES))), junk=JUNK, added=st.booleans())
 def test_whatever_is_wrong_is_told_as_of_a_file(place, junk, added):
-    assume(not (added and place[0] == "campaign" and isinstance(junk, dict)))  # which may be a section of its own
+    assume(
+        not (added and place[0] == "campaign" and isinstance(junk, dict))
+    )  # which may be a section of its own
     raw = copy.deepcopy(TABLES)
     table = raw
     for key in place[:-1]:
@@ -224,7 +286,9 @@ def test_whatever_is_wrong_is_told_as_of_a_file(place, junk, added):
     except rj.UserError as error:
         assert str(error) == expected
         return
-    assert plain(campaign.config) == expected and rj.Campaign.from_toml(campaign.to_toml()) == campaign
+    assert (
+        plain(campaign.config) == expected and rj.Campaign.from_toml(campaign.to_toml()) == campaign
+    )
 
 
 def unwrapped(value):
@@ -234,8 +298,16 @@ def unwrapped(value):
 
 
 def test_a_misspelt_key_is_named_with_its_place():
-    with pytest.raises(rj.UserError, match=r"group\[0\]\.fault\[0\]\.efect: unknown key, .* Did you mean 'effect'\?"):
-        rj.Campaign(name="x", group=[rj.Group(name="a", fault=[rj.Fault(site="usb_out", efect="offset", start_ms=1)])])
+    with pytest.raises(
+        rj.UserError,
+        match=r"group\[0\]\.fault\[0\]\.efect: unknown key, .* Did you mean 'effect'\?",
+    ):
+        rj.Campaign(
+            name="x",
+            group=[
+                rj.Group(name="a", fault=[rj.Fault(site="usb_out", efect="offset", start_ms=1)])
+            ],
+        )
 
 
 @pytest.mark.parametrize(
@@ -279,22 +351,33 @@ def test_a_campaign_is_frozen_and_replaced():
 
 def test_equal_is_what_declares_the_same():
     lists = rj.Campaign(**minimal(parameters={"plant.mass_scale": [1, 2.0]}))
-    assert lists == rj.Campaign(**minimal(parameters={"plant": {"mass_scale": np.array([1.0, 2.0])}}, seed=0))
+    assert lists == rj.Campaign(
+        **minimal(parameters={"plant": {"mass_scale": np.array([1.0, 2.0])}}, seed=0)
+    )
     assert lists != rj.Campaign(**minimal(parameters={"plant.mass_scale": [1, 1.5]}))
 
 
 def test_files_are_taken_along(tmp_path, monkeypatch):
     (tmp_path / "checks").mkdir()
-    (tmp_path / "checks" / "mine.py").write_text("def step(params, state, view):\n    return state, view.tip_error\n")
+    (tmp_path / "checks" / "mine.py").write_text(
+        "def step(params, state, view):\n    return state, view.tip_error\n"
+    )
     (tmp_path / "robots.toml").write_text("[parameters]\nplant.mass_scale = 1.1\n")
     monkeypatch.chdir(tmp_path)
     campaign = rj.Campaign(
-        **minimal(detector=[rj.Detector(name="mine", file="checks/mine.py")], parameters={"from": "robots.toml"})
+        **minimal(
+            detector=[rj.Detector(name="mine", file="checks/mine.py")],
+            parameters={"from": "robots.toml"},
+        )
     )
     text = campaign.to_toml(tmp_path / "own.toml")
     assert 'file = "checks/mine.py"' in text and 'from = "robots.toml"' in text
     monkeypatch.chdir("/")
-    assert rj.Campaign.from_toml(tmp_path / "own.toml") == campaign == rj.Campaign.from_toml(campaign.to_toml())
+    assert (
+        rj.Campaign.from_toml(tmp_path / "own.toml")
+        == campaign
+        == rj.Campaign.from_toml(campaign.to_toml())
+    )
     assert str(tmp_path) in campaign.to_toml(tmp_path / "checks" / "other.toml")
     assert rj.Campaign.from_toml(tmp_path / "checks" / "other.toml") == campaign
     with pytest.raises(rj.StoreError, match="cannot be written"):
@@ -303,7 +386,9 @@ def test_files_are_taken_along(tmp_path, monkeypatch):
         campaign.to_toml(5)
 
 
-@pytest.mark.parametrize("tables", [{"a.b": 1, "a.b.c": [2]}, {"a b.c": {"uniform": [0, 1]}, "d": 2}, {"a": {"b": 1}}])
+@pytest.mark.parametrize(
+    "tables", [{"a.b": 1, "a.b.c": [2]}, {"a b.c": {"uniform": [0, 1]}, "d": 2}, {"a": {"b": 1}}]
+)
 def test_paths_that_no_dotted_key_can_have_are_quoted(tables):
     flat = flatten_parameters({"parameters": tables})
     assert flatten_parameters(tomllib.loads(writing.text({"parameters": tables}))) == flat
@@ -311,7 +396,11 @@ def test_paths_that_no_dotted_key_can_have_are_quoted(tables):
 
 def test_a_notebook_shows_a_campaign():
     card = rj.Campaign(**minimal(description="<b>what</b>"))._repr_html_()
-    assert "&lt;b&gt;what&lt;/b&gt;" in card and "<script" not in card and ">1</b><span>run of 3 s" in card
+    assert (
+        "&lt;b&gt;what&lt;/b&gt;" in card
+        and "<script" not in card
+        and ">1</b><span>run of 3 s" in card
+    )
 
 
 def test_a_campaign_of_another_robot():
@@ -322,11 +411,21 @@ def test_a_campaign_of_another_robot():
         group=[
             {
                 "name": "a",
-                "fault": [{"site": "torque", "channel": "elbow", "effect": "offset", "value": 1, "start_ms": 5}],
+                "fault": [
+                    {
+                        "site": "torque",
+                        "channel": "elbow",
+                        "effect": "offset",
+                        "value": 1,
+                        "start_ms": 5,
+                    }
+                ],
             }
         ],
     )
-    assert campaign.config.robot.name == "planar_arm" and 'robot = "planar_arm"' in campaign.to_toml()
+    assert (
+        campaign.config.robot.name == "planar_arm" and 'robot = "planar_arm"' in campaign.to_toml()
+    )
     assert rj.Campaign.from_toml(campaign.to_toml()) == campaign
     with pytest.raises(rj.UserError, match="operator: unknown key"):
         campaign.replace(operator=rj.Operator(motion="still"))

@@ -1,4 +1,6 @@
-"""The notebooks of the documentation run from top to bottom, show what they promise, and are stored without outputs."""
+"""The notebooks of the documentation run from top to bottom, show what they promise, and are
+stored without outputs.
+"""
 
 from pathlib import Path
 

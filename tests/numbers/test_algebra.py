@@ -34,8 +34,13 @@ def test_equals_numpy(a, b, v, w):
 
 def test_literal_zeros_and_ones_leave_no_operation():
     v = Vec((1.5, 2.5, 3.5))
-    assert operations(lambda v: algebra.matvec(algebra.matrix((1, 0, 0), (0, 1, 0), (0, 0, 1)), v), v) == []
-    assert operations(lambda v: algebra.matvec(algebra.matrix((0, -1, 0), (1, 0, 0), (0, 0, 1)), v), v) == ["neg"]
+    assert (
+        operations(lambda v: algebra.matvec(algebra.matrix((1, 0, 0), (0, 1, 0), (0, 0, 1)), v), v)
+        == []
+    )
+    assert operations(
+        lambda v: algebra.matvec(algebra.matrix((0, -1, 0), (1, 0, 0), (0, 0, 1)), v), v
+    ) == ["neg"]
     assert operations(lambda v: algebra.cross(Vec((0.0, 0.0, 1.0)), v), v) == ["neg"]
     assert operations(lambda v: algebra.dot(Vec((0.0, 2.0, 1.0)), v), v) == ["mul", "add"]
 

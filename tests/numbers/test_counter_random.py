@@ -14,12 +14,17 @@ TICKS = jnp.arange(200_000, dtype=jnp.int32)
 
 
 def draw(function, key: int, channel: int) -> np.ndarray:
-    return np.asarray(jax.jit(jax.vmap(lambda tick: function(jnp.uint32(key), tick, channel)))(TICKS), np.float64)
+    return np.asarray(
+        jax.jit(jax.vmap(lambda tick: function(jnp.uint32(key), tick, channel)))(TICKS), np.float64
+    )
 
 
 @pytest.mark.parametrize(("key", "channel"), [(0, 0), (1, 0), (0, 1), (0xDEADBEEF, 7)])
 def test_uniform_and_normal_have_their_distribution(key: int, channel: int) -> None:
-    uniform, normal = draw(counter_random.uniform, key, channel), draw(counter_random.normal, key, channel)
+    uniform, normal = (
+        draw(counter_random.uniform, key, channel),
+        draw(counter_random.normal, key, channel),
+    )
     assert uniform.min() >= 0.0 and uniform.max() < 1.0
     assert stats.kstest(uniform, "uniform").pvalue > 1e-3
     assert stats.kstest(normal, "norm").pvalue > 1e-3
@@ -48,13 +53,18 @@ def test_each_input_bit_flips_half_of_the_output_bits() -> None:
     hashed = jax.jit(jax.vmap(lambda key, tick: counter_random.bits(key, tick, 2)))
     before = np.asarray(hashed(keys, ticks))
     for bit in range(31):
-        for after in (hashed(keys ^ np.uint32(1 << bit), ticks), hashed(keys, ticks ^ np.int32(1 << bit))):
+        for after in (
+            hashed(keys ^ np.uint32(1 << bit), ticks),
+            hashed(keys, ticks ^ np.int32(1 << bit)),
+        ):
             flipped = np.unpackbits((before ^ np.asarray(after)).view(np.uint8)).mean()
             assert abs(flipped - 0.5) < 0.01, (bit, flipped)
 
 
 def test_the_stream_is_pinned() -> None:
-    """Stored campaigns are replayed from (key, tick, channel): changing the stream breaks every stored run."""
+    """Stored campaigns are replayed from (key, tick, channel): changing the stream breaks every
+    stored run.
+    """
 
     def mix(x: int) -> int:
         x = ((x ^ (x >> 16)) * 0x7FEB352D) & 0xFFFFFFFF

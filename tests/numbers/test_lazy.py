@@ -1,4 +1,6 @@
-"""What the tick computes at once, without JAX, is what JAX computes; records are known to JAX whenever it comes."""
+"""What the tick computes at once, without JAX, is what JAX computes; records are known to JAX
+whenever it comes.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 
-JOINTS = st.lists(st.floats(-4.0, 4.0).filter(lambda x: x == 0.0 or abs(x) > 1e-30), min_size=7, max_size=7)
+JOINTS = st.lists(
+    st.floats(-4.0, 4.0).filter(lambda x: x == 0.0 or abs(x) > 1e-30), min_size=7, max_size=7
+)
 """rad; XLA takes numbers below the normal ones for 0, and so products of tiny angles."""
 
 
@@ -61,7 +65,9 @@ def test_single_numbers_keep_the_types_and_bits_of_jax(x, y):
 def test_sine_and_cosine_are_rounded_correctly():
     with at_once():
         for x in np.linspace(-7.0, 7.0, 1001, dtype=np.float32):
-            assert jnp.sin(x) == np.float32(np.sin(np.float64(x))) and jnp.cos(x) == np.float32(np.cos(np.float64(x)))
+            assert jnp.sin(x) == np.float32(np.sin(np.float64(x))) and jnp.cos(x) == np.float32(
+                np.cos(np.float64(x))
+            )
 
 
 def test_only_the_thread_that_asked_computes_at_once():
@@ -77,7 +83,8 @@ def test_only_the_thread_that_asked_computes_at_once():
 @pytest.mark.parametrize("first", ["jax", "ravenjax"])
 def test_records_are_known_to_jax_whichever_is_imported_first(first):
     code = (
-        "import sys\nfrom ravenjax.robots.raven2.loop import tick\nassert 'jax' not in sys.modules\n"
+        "import sys\nfrom ravenjax.robots.raven2.loop import tick\nassert 'jax' not in"
+        " sys.modules\n"
         if first == "ravenjax"
         else "import jax\nfrom ravenjax.robots.raven2.loop import tick\n"
     )

@@ -1,4 +1,6 @@
-"""What is said of a number at its field: said of each, found by the path of its fields, and true of the robot's own."""
+"""What is said of a number at its field: said of each, found by the path of its fields, and true
+of the robot's own.
+"""
 
 import dataclasses
 from typing import Annotated
@@ -54,8 +56,11 @@ def test_rows_stand_in_the_order_of_the_fields_whatever_they_are_wrapped_in():
 
 
 @given(
-    low=st.floats(-1e9, 1e9), high=st.floats(-1e9, 1e9), unit=st.sampled_from(["", "N m"]), whole=st.booleans()
-)  # fmt: skip
+    low=st.floats(-1e9, 1e9),
+    high=st.floats(-1e9, 1e9),
+    unit=st.sampled_from(["", "N m"]),
+    whole=st.booleans(),
+)
 def test_a_range_is_told_with_its_ends(low, high, unit, whole):
     told = Quantity(unit, low, high, "meaning", whole=whole).range
     first, _, rest = told.partition("..")

@@ -49,7 +49,9 @@ def test_leaves_and_maps_are_those_of_jax(value):
     assert tree.mapped(lambda x: x + 1, value) == jax.tree.map(lambda x: x + 1, value)
     assert jax.tree.structure(tree.mapped(lambda x: x, value)) == structure
     assert tree.filled(value, [x * 2 for x in leaves]) == jax.tree.map(lambda x: x * 2, value)
-    assert tree.mapped(lambda x, y: (x, y), value, value) == jax.tree.map(lambda x, y: (x, y), value, value)
+    assert tree.mapped(lambda x, y: (x, y), value, value) == jax.tree.map(
+        lambda x, y: (x, y), value, value
+    )
 
 
 def test_unlike_trees_are_refused():

@@ -14,7 +14,8 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 def table() -> str:
     """The table of definitions as the page has it."""
     return "\n".join(
-        f"| **{one.word}** ({one.kind}) | {one.meaning} |" for one in definitions.rows(Rules(), robots.USUAL)
+        f"| **{one.word}** ({one.kind}) | {one.meaning} |"
+        for one in definitions.rows(Rules(), robots.USUAL)
     )
 
 

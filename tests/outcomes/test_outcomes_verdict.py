@@ -23,7 +23,9 @@ NAMES = ("overdrive_instant", "overdrive_clip", "packet_skip", "ik_reject", "est
 times = st.integers(-1, 400)
 trip = st.tuples(st.integers(0, 400), st.integers(0, 3), st.integers(0, 400), st.integers(0, 3))
 """First trip, how often, and the same of the golden run."""
-runs = st.lists(st.fixed_dictionaries({"onset": st.integers(0, 300), **dict.fromkeys(NAMES, trip)}), min_size=1)
+runs = st.lists(
+    st.fixed_dictionaries({"onset": st.integers(0, 300), **dict.fromkeys(NAMES, trip)}), min_size=1
+)
 
 
 def columns(rows):
@@ -52,7 +54,10 @@ def told(row):
     if not events:
         return 0, "", -1, -1
     strongest = max(strength for strength, _, _ in events)
-    ms, cause = min(((ms, cause) for strength, ms, cause in events if strength == strongest), key=lambda one: one[0])
+    ms, cause = min(
+        ((ms, cause) for strength, ms, cause in events if strength == strongest),
+        key=lambda one: one[0],
+    )
     return strongest, cause, ms, min((ms for strength, ms, _ in events if strength > 1), default=-1)
 
 
@@ -72,26 +77,47 @@ def test_a_clip_and_a_dropped_packet_tell_nobody():
     assert limits == {"overdrive_clip", *(name for name in CHECKS if name.startswith("packet_"))}
     outcomes = {"first_active_ms": np.array([5]), "check_overdrive_clip_count": np.array([9])}
     outcomes["check_overdrive_clip_first_ms"] = np.array([7])
-    golden = {"check_overdrive_clip_count": np.array([0]), "check_overdrive_clip_first_ms": np.array([-1])}
+    golden = {
+        "check_overdrive_clip_count": np.array([0]),
+        "check_overdrive_clip_first_ms": np.array([-1]),
+    }
     found = verdict.responses(outcomes, golden, robots.USUAL)
-    assert verdict.RESPONSES[found.response[0]] == "limited" and (found.ms[0], found.told_ms[0]) == (7, -1)
+    assert verdict.RESPONSES[found.response[0]] == "limited" and (
+        found.ms[0],
+        found.told_ms[0],
+    ) == (7, -1)
 
 
 @given(
     st.lists(
-        st.tuples(times, times, times, st.integers(0, 900), st.integers(0, 900), st.booleans()), min_size=1, max_size=40
+        st.tuples(times, times, times, st.integers(0, 900), st.integers(0, 900), st.booleans()),
+        min_size=1,
+        max_size=40,
     )
 )
 def test_the_gravest_hazard_counts(rows):
-    unintended, loss, report, halted, golden, stopped = (np.array(values) for values in zip(*rows, strict=True))
+    unintended, loss, report, halted, golden, stopped = (
+        np.array(values) for values in zip(*rows, strict=True)
+    )
     frame = {
-        "unintended_first_ms": unintended, "loss_first_ms": loss, "false_report_first_ms": report,
-        "halted_ms": halted, "golden_halted_ms": golden,
-    }  # fmt: skip
+        "unintended_first_ms": unintended,
+        "loss_first_ms": loss,
+        "false_report_first_ms": report,
+        "halted_ms": halted,
+        "golden_halted_ms": golden,
+    }
     found = verdict.hazards(frame, stopped)
     for i, (u, l, r, h, g, s) in enumerate(rows):
         lost = l >= 0 or (h > g + 200 and not s)
-        expected = "unintended motion" if u >= 0 else "loss of motion" if lost else "false report" if r >= 0 else "none"
+        expected = (
+            "unintended motion"
+            if u >= 0
+            else "loss of motion"
+            if lost
+            else "false report"
+            if r >= 0
+            else "none"
+        )
         assert verdict.HAZARDS[found[i]] == expected
 
 
@@ -106,9 +132,9 @@ def test_verdicts_are_all_words_in_order():
             np.array([True]),
         )
         assert found[0] == place
-    assert verdict.verdicts(np.array([0]), np.array([0]), np.array([True]), np.array([False]))[0] == len(
-        verdict.VERDICTS
-    )
+    assert verdict.verdicts(np.array([0]), np.array([0]), np.array([True]), np.array([False]))[
+        0
+    ] == len(verdict.VERDICTS)
 
 
 def test_what_the_golden_run_has_by_then_does_not_count():
@@ -134,8 +160,12 @@ def any_setup_and_state():
 
 
 EVENTS = {
-    "evades": lambda f: f["response"].isin(["silent", "limited"]) & (f["hazard"] == "unintended motion"),
-    "evades_built_in": lambda f: f["response"].isin(["silent", "limited"]) & (f["hazard"] == "unintended motion"),
+    "evades": lambda f: (
+        f["response"].isin(["silent", "limited"]) & (f["hazard"] == "unintended motion")
+    ),
+    "evades_built_in": lambda f: (
+        f["response"].isin(["silent", "limited"]) & (f["hazard"] == "unintended motion")
+    ),
     "unintended_motion": lambda f: f["hazard"] == "unintended motion",
     "loss_of_motion": lambda f: f["hazard"] == "loss of motion",
     "false_report": lambda f: f["hazard"] == "false report",
@@ -147,7 +177,9 @@ EVENTS = {
     "told": lambda f: (f["response"] == "stopped") | (f["response"] == "flagged"),
     "cue": lambda f: f["verdict"].str.endswith("/cue"),
     "jump": lambda f: f["jump_text"],
-    "cable_overload": lambda f: (f["cable_overload_first_ms"] >= 0) & (f["golden_cable_overload_first_ms"] < 0),
+    "cable_overload": lambda f: (
+        (f["cable_overload_first_ms"] >= 0) & (f["golden_cable_overload_first_ms"] < 0)
+    ),
     "activated": lambda f: f["activated"],
     "diverged": lambda f: f["diverged"],
 }
@@ -173,5 +205,9 @@ def test_words_carry_the_campaigns_own_numbers(limit, threshold):
     rules = Rules(limit_mm=limit, threshold_mm=threshold)
     text = " ".join(one.meaning for one in definitions.rows(rules, robots.USUAL))
     text += " ".join(events.meaning(name, rules) for name in events.EVENTS)
-    numbers = {word for word in text.replace(",", " ").split() if word.replace(".", "").replace("e-", "").isdigit()}
+    numbers = {
+        word
+        for word in text.replace(",", " ").split()
+        if word.replace(".", "").replace("e-", "").isdigit()
+    }
     assert numbers <= {f"{limit:g}", f"{threshold:g}", "200"}

@@ -70,7 +70,9 @@ def test_a_part_counts_and_remembers(tmp_path):
 
 
 def test_params_and_init_may_be_left_out(tmp_path):
-    state, score = traced(written(tmp_path, "def step(params, state, view):\n    return state, view > 2\n"))
+    state, score = traced(
+        written(tmp_path, "def step(params, state, view):\n    return state, view > 2\n")
+    )
     assert state is None and score == 1.0
 
 
@@ -82,16 +84,40 @@ def test_its_parameters_have_ranges(tmp_path):
 
 STEP = "\ndef step(params, state, view):\n    "
 WRONG = {
-    "syntax": ("def step(params, state, view:\n    pass", r"mine\.py:2: is no Python \('\(' was never closed\)"),
-    "import": ("import no_such_module", r"mine\.py:2: the file raises ModuleNotFoundError: No module named 'no_such_"),
+    "syntax": (
+        "def step(params, state, view:\n    pass",
+        r"mine\.py:2: is no Python \('\(' was never closed\)",
+    ),
+    "import": (
+        "import no_such_module",
+        r"mine\.py:2: the file raises ModuleNotFoundError: No module named 'no_such_",
+    ),
     "no step": ("x = 1", r"has no function step\(params, state, view\)"),
-    "one thing": (STEP + "return view", r"step\(params, state, view\) gives .* expected two things: \(state, score\)"),
-    "branch": (STEP + "if view > 1:\n        return state, 1.0\n    return state, 0.0", r"mine\.py:4: .* jnp\.where"),
-    "and": (STEP + "return state, view > 1 and view < 2", r"mine\.py:4: .* & and \| for and and or"),
+    "one thing": (
+        STEP + "return view",
+        r"step\(params, state, view\) gives .* expected two things: \(state, score\)",
+    ),
+    "branch": (
+        STEP + "if view > 1:\n        return state, 1.0\n    return state, 0.0",
+        r"mine\.py:4: .* jnp\.where",
+    ),
+    "and": (
+        STEP + "return state, view > 1 and view < 2",
+        r"mine\.py:4: .* & and \| for and and or",
+    ),
     "conversion": (STEP + "return state, float(view)", r"mine\.py:4: .* jnp\.where"),
-    "attribute": (STEP + "return state, view.no_such_thing", r"mine\.py:4: .*raises AttributeError: .*no_such_thing"),
-    "array": (STEP + "return state, jnp.ones(3) * view", r"array of shape \(3,\) for score, expected a single number"),
-    "vector": (STEP + "return state, Vec((view, view))", r"gives .* for score, expected a (single )?number"),
+    "attribute": (
+        STEP + "return state, view.no_such_thing",
+        r"mine\.py:4: .*raises AttributeError: .*no_such_thing",
+    ),
+    "array": (
+        STEP + "return state, jnp.ones(3) * view",
+        r"array of shape \(3,\) for score, expected a single number",
+    ),
+    "vector": (
+        STEP + "return state, Vec((view, view))",
+        r"gives .* for score, expected a (single )?number",
+    ),
     "text": (STEP + "return state, 'high'", r"gives 'high' for score, expected a number"),
     "kind": (
         "def init(params):\n    return (0,)\n" + STEP + "return (state[0] + view,), view",
@@ -110,13 +136,27 @@ WRONG = {
         r"params\(\) gives 3, expected a record",
     ),
     "no range": (
-        "@record\nclass P:\n    a: Scalar\n\ndef params():\n    return P(1.0)\n" + STEP + "return state, view",
+        "@record\nclass P:\n    a: Scalar\n\ndef params():\n    return P(1.0)\n"
+        + STEP
+        + "return state, view",
         r"has a without a range: annotate it with Quantity",
     ),
-    "out of range": (COUNTER.replace("Limit(10.0)", "Limit(0.5)"), r"gives 0\.5 for most, expected 1\.\.100 counts"),
-    "no number": (COUNTER.replace("Limit(10.0)", "Limit('x')"), r"gives 'x' for most, expected a number"),
-    "weights": ("w = load('none.npy')" + STEP + "return state, view", r"none\.npy: cannot be loaded \(No such file"),
-    "late": (STEP + "load('w.npy')\n    return state, view", r"outside a part's file, or in its functions"),
+    "out of range": (
+        COUNTER.replace("Limit(10.0)", "Limit(0.5)"),
+        r"gives 0\.5 for most, expected 1\.\.100 counts",
+    ),
+    "no number": (
+        COUNTER.replace("Limit(10.0)", "Limit('x')"),
+        r"gives 'x' for most, expected a number",
+    ),
+    "weights": (
+        "w = load('none.npy')" + STEP + "return state, view",
+        r"none\.npy: cannot be loaded \(No such file",
+    ),
+    "late": (
+        STEP + "load('w.npy')\n    return state, view",
+        r"outside a part's file, or in its functions",
+    ),
 }
 
 
@@ -129,12 +169,16 @@ def test_what_is_wrong_is_told_by_one_error_with_its_place(tmp_path, case):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(UserError, match=r"none\.py: file of detector 'mine' cannot be read \(No such file"):
+    with pytest.raises(
+        UserError, match=r"none\.py: file of detector 'mine' cannot be read \(No such file"
+    ):
         part.read("mine", tmp_path / "none.py")
 
 
 def test_arrays_beside_the_file_count_as_its_content(tmp_path):
-    path = written(tmp_path, "weights = load('w.npz')['a']\n" + STEP + "return state, view * float(weights[1])")
+    path = written(
+        tmp_path, "weights = load('w.npz')['a']\n" + STEP + "return state, view * float(weights[1])"
+    )
     digests = []
     for factor in (2.0, 3.0):
         np.savez(tmp_path / "w.npz", a=np.array([0.0, factor]))
@@ -150,15 +194,23 @@ def test_a_file_without_numbers_is_no_array(tmp_path):
 
 
 def test_modules_beside_the_file_count_as_its_content(tmp_path):
-    path = written(tmp_path, "import gains\nfrom limits import MOST\n" + STEP + "return state, gains.of(view) * MOST")
+    path = written(
+        tmp_path,
+        "import gains\nfrom limits import MOST\n" + STEP + "return state, gains.of(view) * MOST",
+    )
     (tmp_path / "limits.py").write_text("MOST = 2.0\n")
     digests = []
     for factor in (3.0, 5.0):
-        (tmp_path / "gains.py").write_text(f"import limits\n\ndef of(x):\n    return {factor} * x / limits.MOST\n")
+        (tmp_path / "gains.py").write_text(
+            f"import limits\n\ndef of(x):\n    return {factor} * x / limits.MOST\n"
+        )
         digests.append(part.digest(part.read("mine", path)))
     source = part.read("mine", path)
     assert digests[0] != digests[1] == part.digest(source) and traced(path)[1] == 15.0
-    assert [name for name, _ in source.files] == ["gains.py", "limits.py"] and "gains" not in sys.modules
+    assert [name for name, _ in source.files] == [
+        "gains.py",
+        "limits.py",
+    ] and "gains" not in sys.modules
     (tmp_path / "limits.py").write_text("MOST = 4.0\n")
     assert not part.unchanged(source)
 
@@ -168,23 +220,39 @@ def test_two_parts_may_import_modules_of_one_name(tmp_path):
     for place, factor in (("a", 2.0), ("b", 7.0)):
         (tmp_path / place).mkdir()
         (tmp_path / place / "gains.py").write_text(f"GAIN = {factor}\n")
-        scores.append(traced(written(tmp_path / place, "import gains\n" + STEP + "return state, view * gains.GAIN"))[1])
+        scores.append(
+            traced(
+                written(
+                    tmp_path / place, "import gains\n" + STEP + "return state, view * gains.GAIN"
+                )
+            )[1]
+        )
     assert scores == [6.0, 21.0]
 
 
 def test_a_record_may_stand_in_a_module_beside_the_file(tmp_path):
     (tmp_path / "kinds.py").write_text(HEAD + COUNTER.partition("def init")[0])
-    path = written(tmp_path, "from kinds import params\n" + STEP + "return state, view / params.most")
+    path = written(
+        tmp_path, "from kinds import params\n" + STEP + "return state, view / params.most"
+    )
     source = part.read("mine", path)
-    assert [name for name, _ in part.quantities(source)] == ["most"] and traced(path)[1] == np.float32(0.3)
+    assert [name for name, _ in part.quantities(source)] == ["most"] and traced(path)[
+        1
+    ] == np.float32(0.3)
 
 
 def test_what_is_wrong_in_a_module_beside_the_file_is_told_with_its_place(tmp_path):
     path = written(tmp_path, "import gains\n" + STEP + "return state, gains.of(view)")
     for text, said in (
         ("def of(x:\n    pass\n", r"gains\.py:1: is no Python \('\(' was never closed\)"),
-        ("import no_such_module\n", r"gains\.py:1: the file raises ModuleNotFoundError: No module named 'no_such_"),
-        ("def of(x):\n    return 1.0 if x > 2 else 0.0\n", r"gains\.py:2: step\(params, state, view\) uses a value"),
+        (
+            "import no_such_module\n",
+            r"gains\.py:1: the file raises ModuleNotFoundError: No module named 'no_such_",
+        ),
+        (
+            "def of(x):\n    return 1.0 if x > 2 else 0.0\n",
+            r"gains\.py:2: step\(params, state, view\) uses a value",
+        ),
     ):
         (tmp_path / "gains.py").write_text(text)
         with pytest.raises(UserError, match=said):
@@ -194,7 +262,9 @@ def test_what_is_wrong_in_a_module_beside_the_file_is_told_with_its_place(tmp_pa
 def test_a_module_beside_the_file_is_imported_at_its_top(tmp_path):
     (tmp_path / "gains.py").write_text("GAIN = 2.0\n")
     path = written(tmp_path, STEP + "import gains\n    return state, view * gains.GAIN")
-    with pytest.raises(UserError, match=r"mine\.py:4: .* raises ImportError: import gains at the top of the file"):
+    with pytest.raises(
+        UserError, match=r"mine\.py:4: .* raises ImportError: import gains at the top of the file"
+    ):
         traced(path)
 
 
@@ -221,7 +291,9 @@ def test_numbers_kept_between_calls_are_refused(tmp_path, score):
     begin(Builder())
     with pytest.raises(Untraceable, match="kept from another function"):
         begin(Builder())
-    with pytest.raises(UserError, match=r"mine\.py.* uses a number of jnp that it kept from another call"):
+    with pytest.raises(
+        UserError, match=r"mine\.py.* uses a number of jnp that it kept from another call"
+    ):
         jax.jit(lambda view: part.step(own, None, (0.0, 1.0), view, "float32"))(jnp.float32(3.0))
 
 
@@ -236,17 +308,24 @@ def test_parameters_travel_to_a_process_that_has_no_files(tmp_path):
     message = pickle.dumps((sources, varied))
     shutil.rmtree(tmp_path)
     code = (
-        "import pickle, sys; from ravenjax.parts import part; sources, own = pickle.load(sys.stdin.buffer); "
-        "print(own.mine.most, part.step(part.loaded(sources[0]), own.mine, part.init(part.loaded(sources[0]), own.mine,"
-        " 'float32'), 0.0, 'float32')[1] * 0, own._fields, part.loaded(sources[0]).step.__globals__['weights'])"
+        "import pickle, sys; from ravenjax.parts import part; sources, own ="
+        " pickle.load(sys.stdin.buffer); print(own.mine.most, part.step(part.loaded(sources[0]),"
+        " own.mine, part.init(part.loaded(sources[0]), own.mine, 'float32'), 0.0, 'float32')[1] *"
+        " 0, own._fields, part.loaded(sources[0]).step.__globals__['weights'])"
     )
-    done = subprocess.run([sys.executable, "-c", code], input=message, capture_output=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=message, capture_output=True, check=True
+    )
     assert done.stdout.decode().split() == ["20.0", "0.0", "('mine',)", "[1.", "7.]"]
 
 
 def test_what_a_part_prints_is_no_output(tmp_path, capsys):
     traced(
-        written(tmp_path, "print('read')\ndef step(params, state, view):\n    print('traced')\n    return state, view")
+        written(
+            tmp_path,
+            "print('read')\ndef step(params, state, view):\n    print('traced')\n    return state,"
+            " view",
+        )
     )
     output, aside = capsys.readouterr()
     assert output == "" and aside.startswith("read") and "traced" in aside

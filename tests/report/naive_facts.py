@@ -1,8 +1,9 @@
 """What the report says about each run, in plain pandas from the raw columns:
 the oracle of `ravenjax.report.data.facts`.
 
-It takes nothing from the package: the definitions of `ravenjax.outcomes` are written out once more, from first
-detections, counts of milliseconds and golden runs, and neither the column `hazard` nor `verdict` is read.
+It takes nothing from the package: the definitions of `ravenjax.outcomes` are written out once more,
+from first detections, counts of milliseconds and golden runs, and neither the column `hazard` nor
+`verdict` is read.
 """
 
 from __future__ import annotations
@@ -24,9 +25,12 @@ LAYERS = {
 }
 
 
-def derive(frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code", action: int = 0) -> pd.DataFrame:
-    """One row per run, the columns of `facts.define`. cue: number of the haptic set of the verdicts; jump: column of
-    the jump rule; action: what the operator does at a cue where the run's parameters do not say."""
+def derive(
+    frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code", action: int = 0
+) -> pd.DataFrame:
+    """One row per run, the columns of `facts.define`. cue: number of the haptic set of the
+    verdicts; jump: column of the jump rule; action: what the operator does at a cue where the run's
+    parameters do not say."""
     facts = pd.DataFrame(index=frame.index)
     facts["run_id"] = frame["run_id"]
     facts["group"] = frame["group"].astype("category")
@@ -38,7 +42,11 @@ def derive(frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code", action: i
     facts["response"] = response.where(valid, "")
     facts["told"] = valid & response.isin(["stopped", "flagged"])
     facts["hazard"] = hazard(frame).where(valid, "")
-    for name, word in (("unintended", "unintended motion"), ("loss", "loss of motion"), ("misreport", "false report")):
+    for name, word in (
+        ("unintended", "unintended motion"),
+        ("loss", "loss of motion"),
+        ("misreport", "false report"),
+    ):
         facts[name] = facts["hazard"] == word
     facts["halted"] = facts["loss"] & (frame["loss_first_ms"] < 0)
     facts["evaded"] = facts["unintended"] & ~facts["told"]
@@ -53,14 +61,21 @@ def derive(frame: pd.DataFrame, cue: int = 0, jump: str = "jump_code", action: i
     facts["loss_ms"] = frame["loss_first_ms"].where(facts["loss"], -1)
     facts["misreport_ms"] = frame["false_report_first_ms"].where(facts["misreport"], -1)
     facts["outcome"] = [outcome(row) for row in facts.to_dict("records")]
-    own = frame["param:reaction.action"] if "param:reaction.action" in frame else pd.Series(np.nan, frame.index)
+    own = (
+        frame["param:reaction.action"]
+        if "param:reaction.action" in frame
+        else pd.Series(np.nan, frame.index)
+    )
     facts["action"] = own.fillna(action).astype(int)
     facts["plain"] = (facts["action"] == 0) | ~(facts["action"] == 0).any()
     facts["distinct"] = distinct(frame)
     able = facts["plain"] & valid
     facts["sample"] = able & ~facts["distinct"].where(able).duplicated()
     facts["site"] = frame["fault0_site"].astype(str) if "fault0_site" in frame else ""
-    facts["layer"] = [next((layer for layer, sites in LAYERS.items() if s in sites), "other") for s in facts["site"]]
+    facts["layer"] = [
+        next((layer for layer, sites in LAYERS.items() if s in sites), "other")
+        for s in facts["site"]
+    ]
     if "fault0_site" in frame:
         facts["block"] = facts["site"] + " · " + frame["fault0_effect"].astype(str)
         facts["onset_ms"] = frame["fault0_start_ms"]
@@ -104,8 +119,16 @@ def outcome(row: dict) -> str:
 
 def warned(frame: pd.DataFrame, cue: int) -> pd.Series:
     """When each run's cue of this number came and its golden run had none by then, -1 if never."""
-    pairs = zip(frame[f"cue{cue}_first_ms"].tolist(), frame[f"golden_cue{cue}_first_ms"].tolist(), strict=True)
-    return pd.Series([own if own >= 0 and not 0 <= golden <= own else -1 for own, golden in pairs], frame.index, int)
+    pairs = zip(
+        frame[f"cue{cue}_first_ms"].tolist(),
+        frame[f"golden_cue{cue}_first_ms"].tolist(),
+        strict=True,
+    )
+    return pd.Series(
+        [own if own >= 0 and not 0 <= golden <= own else -1 for own, golden in pairs],
+        frame.index,
+        int,
+    )
 
 
 def faulty(frame: pd.DataFrame) -> pd.Series:
@@ -115,7 +138,9 @@ def faulty(frame: pd.DataFrame) -> pd.Series:
 
 
 def distinct(frame: pd.DataFrame) -> pd.Series:
-    """Number of the run's input among the campaign's inputs, random numbers and crossed parameters apart."""
+    """Number of the run's input among the campaign's inputs, random numbers and crossed
+    parameters apart.
+    """
     inputs = [name for name in frame if name == "operator" or name.startswith(("param:", "fault"))]
     number = frame[inputs].groupby(inputs, observed=True, dropna=False, sort=False).ngroup()
     return number.groupby(frame["pair"]).transform("min")
@@ -123,4 +148,8 @@ def distinct(frame: pd.DataFrame) -> pd.Series:
 
 def motions(frame: pd.DataFrame, chosen: pd.Series | None = None) -> pd.DataFrame:
     """The different golden runs: one row for each operator and outcome of a golden run."""
-    return (frame if chosen is None else frame[chosen]).filter(regex=r"^(operator$|golden_)").drop_duplicates()
+    return (
+        (frame if chosen is None else frame[chosen])
+        .filter(regex=r"^(operator$|golden_)")
+        .drop_duplicates()
+    )

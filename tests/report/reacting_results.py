@@ -1,4 +1,6 @@
-"""Synthetic results in which each fault was run once with nobody who reacts and once with each of two reactions."""
+"""Synthetic results in which each fault was run once with nobody who reacts and once with each
+of two reactions.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ SHAPE = schema.Shape(
 
 
 def frame(faults: int = 200, seed: int = 0) -> pd.DataFrame:
-    """len(ACTIONS) rows a fault; who reacts to the cue lets the tip go half as far by itself, and one in ten unintended
-    motions is avoided."""
+    """len(ACTIONS) rows a fault; who reacts to the cue lets the tip go half as far by itself, and
+    one in ten unintended motions is avoided."""
     alone = synthetic.frame(faults, seed)
     parts = []
     for number, action in enumerate(ACTIONS):
@@ -38,7 +40,9 @@ def frame(faults: int = 200, seed: int = 0) -> pd.DataFrame:
             part[name] = np.where(acted, part[name] / 2, part[name])
         avoided = acted & (part["pair"] % 10 == 0)
         part["unintended_first_ms"] = np.where(avoided, -1, part["unintended_first_ms"])
-        part["pedal_down_ms"] = np.where(acted & (action == 1), part["reaction_ms"], part["pedal_down_ms"])
+        part["pedal_down_ms"] = np.where(
+            acted & (action == 1), part["reaction_ms"], part["pedal_down_ms"]
+        )
         parts.append(part)
     table = synthetic.judged(pd.concat(parts, ignore_index=True))
     return table[[column.name for column in schema.columns(SHAPE)]]
@@ -46,5 +50,9 @@ def frame(faults: int = 200, seed: int = 0) -> pd.DataFrame:
 
 def manifest(runs: int, **changes: object) -> Manifest:
     """Its manifest, without parts."""
-    config = {"name": "synthetic", "reaction": {"action": "release"}, "cross": {"reaction.action": list(ACTIONS)}}
+    config = {
+        "name": "synthetic",
+        "reaction": {"action": "release"},
+        "cross": {"reaction.action": list(ACTIONS)},
+    }
     return synthetic.manifest(runs, shape=SHAPE, config=config, **changes)

@@ -21,12 +21,21 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.fetched, self.ids, self.targets, self.stack, self.words, self.styles = [], [], [], [], [], []
+        self.fetched, self.ids, self.targets, self.stack, self.words, self.styles = (
+            [],
+            [],
+            [],
+            [],
+            [],
+            [],
+        )
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         given = dict(attributes)
-        self.fetched += [given[name] for name in ("src", "srcset", "data", "poster", "action") if name in given]
+        self.fetched += [
+            given[name] for name in ("src", "srcset", "data", "poster", "action") if name in given
+        ]
         self.fetched += [given["href"]] if tag in ("link", "base") else []
         self.targets += [given["href"]] if tag == "a" else []
         self.ids += [given["id"]] if "id" in given else []

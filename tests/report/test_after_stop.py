@@ -20,11 +20,17 @@ MANIFEST = synthetic.manifest(RUNS, limit_mm=LIMIT)
 FRAME = synthetic.frame(RUNS)
 FRAME = synthetic.judged(
     FRAME.assign(
-        unintended_first_ms=np.where(FRAME["unintended_first_ms"] >= 0, FRAME["fault0_start_ms"] + 40, -1),
-        cue0_first_ms=np.where(np.arange(RUNS) % 5 == 0, FRAME["response_ms"], FRAME["cue0_first_ms"]),
+        unintended_first_ms=np.where(
+            FRAME["unintended_first_ms"] >= 0, FRAME["fault0_start_ms"] + 40, -1
+        ),
+        cue0_first_ms=np.where(
+            np.arange(RUNS) % 5 == 0, FRAME["response_ms"], FRAME["cue0_first_ms"]
+        ),
     )
 )
-STOPPED = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "") & (FRAME["response"] == "stopped")]
+STOPPED = FRAME[
+    (FRAME["fault0_site"] != "") & (FRAME["failed"] == "") & (FRAME["response"] == "stopped")
+]
 ROWS = after_stop.rows(Runs.of(FRAME, MANIFEST), LIMIT)
 
 
@@ -38,13 +44,21 @@ def test_every_stop_and_each_cause_by_pandas():
     assert sorted(row.cause for row in ROWS[1:]) == sorted(causes.index)
     assert [row.n for row in ROWS[1:]] == causes.tolist()
     for row in ROWS:
-        mine = STOPPED if row.cause == "every stop" else STOPPED[STOPPED["response_cause"] == row.cause]
-        stop, cue, moved = (mine[name] for name in ("response_ms", "cue0_first_ms", "unintended_first_ms"))
+        mine = (
+            STOPPED
+            if row.cause == "every stop"
+            else STOPPED[STOPPED["response_cause"] == row.cause]
+        )
+        stop, cue, moved = (
+            mine[name] for name in ("response_ms", "cue0_first_ms", "unintended_first_ms")
+        )
         assert list(row.took_ms) == quantiles(stop - mine["first_active_ms"])
         assert list(row.off_mm) == quantiles(mine["unintended_off_mm"])
         before = (moved >= 0) & (moved <= stop)
         assert row.before == wilson(int(before.sum()), len(mine))
-        assert row.after == wilson(int((~before & (mine["unintended_off_mm"] > LIMIT)).sum()), len(mine))
+        assert row.after == wilson(
+            int((~before & (mine["unintended_off_mm"] > LIMIT)).sum()), len(mine)
+        )
         assert row.cue_before == wilson(int(((cue >= 0) & (cue < stop)).sum()), len(mine))
         assert row.cue_after == wilson(int((cue >= stop).sum()), len(mine))
         assert row.no_cue == wilson(int((cue < 0).sum()), len(mine))
@@ -62,18 +76,24 @@ def test_the_limit_is_the_campaigns_own():
 
 def test_a_cue_in_the_millisecond_of_the_stop_came_too_late():
     frame = synthetic.judged(FRAME.assign(cue0_first_ms=FRAME["response_ms"]))
-    (first, *_) = after_stop.rows(Runs.of(frame, MANIFEST), LIMIT)
+    first, *_ = after_stop.rows(Runs.of(frame, MANIFEST), LIMIT)
     assert (first.cue_before.k, first.cue_after.k, first.no_cue.k) == (0, first.n, 0)
 
 
 def test_repeats_of_a_fault_count_once():
-    twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True).assign(pair=np.arange(2 * RUNS))
+    twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True).assign(
+        pair=np.arange(2 * RUNS)
+    )
     assert after_stop.rows(Runs.of(twice, MANIFEST), LIMIT) == ROWS
 
 
 def test_a_single_cause_is_not_told_twice():
-    frame = FRAME[(FRAME["response"] != "stopped") | (FRAME["response_cause"] == "overdrive")].reset_index(drop=True)
-    assert [row.cause for row in after_stop.rows(Runs.of(frame, MANIFEST), LIMIT)] == ["every stop: overdrive"]
+    frame = FRAME[
+        (FRAME["response"] != "stopped") | (FRAME["response_cause"] == "overdrive")
+    ].reset_index(drop=True)
+    assert [row.cause for row in after_stop.rows(Runs.of(frame, MANIFEST), LIMIT)] == [
+        "every stop: overdrive"
+    ]
 
 
 def test_no_stop_has_no_section():
@@ -82,11 +102,22 @@ def test_no_stop_has_no_section():
 
 
 def test_sentences_of_the_section():
-    html = page._environment().get_template("sections/after_stop.html.j2").render(stops=ROWS, limit="2.5 mm")
+    html = (
+        page._environment()
+        .get_template("sections/after_stop.html.j2")
+        .render(stops=ROWS, limit="2.5 mm")
+    )
     words = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html))
     first = ROWS[0]
     assert (
-        f"A check stopped the robot in {first.n:,} faults, half of them within {first.took_ms.median:.3g} ms" in words
+        f"A check stopped the robot in {first.n:,} faults, half of them within"
+        f" {first.took_ms.median:.3g} ms" in words
     )
-    assert f"In {first.before.k} (" in words and "the tip was more than 2.5 mm off before the stop" in words
-    assert f"in {first.after.k} more (" in words and f"The cue came before the stop in {first.cue_before.k} (" in words
+    assert (
+        f"In {first.before.k} (" in words
+        and "the tip was more than 2.5 mm off before the stop" in words
+    )
+    assert (
+        f"in {first.after.k} more (" in words
+        and f"The cue came before the stop in {first.cue_before.k} (" in words
+    )

@@ -19,7 +19,8 @@ RUNS = Runs.of(FRAME, MANIFEST)
 ALARMS = performance.alarms(RUNS, MANIFEST)
 SAID, EARLY = performance.known(ALARMS), performance.before_motion(ALARMS)
 KNOWN, TOLD = (
-    RUNS.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy() for sql in (SAID, EARLY)
+    RUNS.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
+    for sql in (SAID, EARLY)
 )
 FAULTY = (FRAME["fault0_site"] != "").to_numpy()
 VALID = FAULTY & (FRAME["failed"] == "").to_numpy()
@@ -31,10 +32,19 @@ EVADING = MOVED & UNTOLD
 
 
 def naive_known(index):
-    """First of a check that tells, the cue and quiet detector thresholds that is not before the first effect."""
+    """First of a check that tells, the cue and quiet detector thresholds that is not before the
+    first effect.
+    """
     row = FRAME.loc[index]
-    quiet = [(0, 0), (1, 0)]  # golden runs score 0.4: below the first threshold of both detectors, 0.5 and 3
-    times = [row["told_ms"], row["cue0_first_ms"], *(row[f"detector{d}_threshold{k}_first_ms"] for d, k in quiet)]
+    quiet = [
+        (0, 0),
+        (1, 0),
+    ]  # golden runs score 0.4: below the first threshold of both detectors, 0.5 and 3
+    times = [
+        row["told_ms"],
+        row["cue0_first_ms"],
+        *(row[f"detector{d}_threshold{k}_first_ms"] for d, k in quiet),
+    ]
     return min([t for t in times if t >= max(0, row["first_active_ms"])], default=-1)
 
 
@@ -44,9 +54,15 @@ def test_first_possible_knowledge():
 
 
 def naive_told(index):
-    """The same without the cue of 3 mm, which is the limit of hazards here, and without a tip error of as much."""
+    """The same without the cue of 3 mm, which is the limit of hazards here, and without a tip
+    error of as much.
+    """
     row = FRAME.loc[index]
-    quiet = [d for d in (0, 1) if MANIFEST.detectors[d].kind != "tip_error" or MANIFEST.detectors[d].thresholds[0] < 3]
+    quiet = [
+        d
+        for d in (0, 1)
+        if MANIFEST.detectors[d].kind != "tip_error" or MANIFEST.detectors[d].thresholds[0] < 3
+    ]
     times = [row["told_ms"], *(row[f"detector{d}_threshold0_first_ms"] for d in quiet)]
     return min([t for t in times if t >= max(0, row["first_active_ms"])], default=-1)
 
@@ -57,7 +73,8 @@ def test_what_may_come_before_the_motion_leaves_out_a_cue_at_its_own_distance():
     deaf = FRAME.assign(**{name: -1 for name in FRAME if name.startswith("detector")})
     runs = Runs.of(synthetic.judged(deaf), MANIFEST)
     known, told = (
-        runs.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy() for sql in (SAID, EARLY)
+        runs.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
+        for sql in (SAID, EARLY)
     )
     assert (told == FRAME["told_ms"])[MOVED].all() and (known != told)[MOVED].any()
 
@@ -70,7 +87,9 @@ def test_a_lower_cue_is_offered_where_the_cue_of_the_verdicts_is_no_warning():
     cue = naive_facts.warned(FRAME, nearest)
     cue = np.where(cue >= np.maximum(0, FRAME["first_active_ms"]), cue, -1)
     first = np.where((TOLD >= 0) & (cue >= 0), np.minimum(TOLD, cue), np.maximum(TOLD, cue))
-    assert found.lower.before == wilson(int((MOVED & (first >= 0) & (first < MOTION_MS)).sum()), int(MOVED.sum()))
+    assert found.lower.before == wilson(
+        int((MOVED & (first >= 0) & (first < MOTION_MS)).sum()), int(MOVED.sum())
+    )
     leading = synthetic.manifest(1200, verdict_cue=nearest)
     runs = Runs.of(synthetic.judged(FRAME, nearest), leading)
     alarms = performance.alarms(runs, leading)
@@ -81,7 +100,9 @@ def test_a_lower_cue_is_offered_where_the_cue_of_the_verdicts_is_no_warning():
 def test_nobody_knows_by_a_limit():
     limited = (FRAME["response"] == "limited").to_numpy() & MOVED
     assert limited.sum() > 3 and (FRAME.loc[limited, "response_ms"] >= 0).all()
-    deaf = FRAME.assign(cue0_first_ms=-1, **{name: -1 for name in FRAME if name.startswith("detector")})
+    deaf = FRAME.assign(
+        cue0_first_ms=-1, **{name: -1 for name in FRAME if name.startswith("detector")}
+    )
     runs = Runs.of(synthetic.judged(deaf), MANIFEST)
     known = runs.table.frame(f"SELECT {SAID} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
     assert (known[limited] == -1).all() and (known == FRAME["told_ms"]).all()
@@ -90,11 +111,16 @@ def test_nobody_knows_by_a_limit():
 def test_time_to_know_is_of_unintended_motions_and_censored():
     found = answers.knowledge(RUNS, SAID, EARLY, MANIFEST)
     known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
-    assert found.delay.n == MOVED.sum() and found.never == wilson(int((known < 0).sum()), len(known))
+    assert found.delay.n == MOVED.sum() and found.never == wilson(
+        int((known < 0).sum()), len(known)
+    )
     told = TOLD[MOVED]
     assert found.lead.before == wilson(int(((told >= 0) & (told < motion)).sum()), len(known))
     assert found.by_detectors
-    times = np.where(known >= 0, known, MANIFEST.duration_ms) - FRAME.loc[MOVED, "first_active_ms"].to_numpy()
+    times = (
+        np.where(known >= 0, known, MANIFEST.duration_ms)
+        - FRAME.loc[MOVED, "first_active_ms"].to_numpy()
+    )
     curve = SurvfuncRight(times, known >= 0)
     for estimate, share in ((found.half_ms, 0.5), (found.quarter_ms, 0.25)):
         assert estimate.value == curve.quantile(share)
@@ -122,9 +148,9 @@ def test_classes_against_a_plain_count(kind, column):
 
 def test_a_class_of_which_every_run_failed_comes_last():
     failed = FRAME["failed"].where(FRAME["group"] != "dac_after_checks", "nan")
-    rows = answers.classes(Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST), SAID, EARLY, MANIFEST)[
-        "group"
-    ]
+    rows = answers.classes(
+        Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST), SAID, EARLY, MANIFEST
+    )["group"]
     assert rows[-1].name == "dac_after_checks" and rows[-1].evaded.n == 0
     shares = [row.evaded.value for row in rows[:-1]]
     assert shares == sorted(shares, reverse=True) and len(rows) == len(synthetic.BLOCKS)
@@ -138,9 +164,15 @@ def test_most_evasive_classes_come_first():
 
 def test_what_the_cue_announces_of_the_evading():
     found = answers.changed(RUNS, MANIFEST, [])
-    early = EVADING & (FRAME["cue0_first_ms"] >= 0).to_numpy() & (FRAME["cue0_first_ms"] < MOTION_MS).to_numpy()
+    early = (
+        EVADING
+        & (FRAME["cue0_first_ms"] >= 0).to_numpy()
+        & (FRAME["cue0_first_ms"] < MOTION_MS).to_numpy()
+    )
     assert found.pairs == [] and found.announced is not None
-    assert found.announced.cue.threshold_mm == 3 and found.announced.false == wilson(0, len(naive_facts.motions(FRAME)))
+    assert found.announced.cue.threshold_mm == 3 and found.announced.false == wilson(
+        0, len(naive_facts.motions(FRAME))
+    )
     assert found.announced.lead.before == wilson(int(early.sum()), int(EVADING.sum()))
     assert found.better is not None and found.better.false.k == 0
     assert found.better.cue.threshold_mm < MANIFEST.limit_mm and found.lower
@@ -161,4 +193,6 @@ def test_a_cue_that_disturbs_is_no_better_one():
 def test_where_nothing_evades_nothing_is_announced():
     told = FRAME.assign(response="stopped", response_ms=2900, told_ms=2900)
     found = answers.changed(Runs.of(synthetic.judged(told), MANIFEST), MANIFEST, [])
-    assert found == answers.Changed([], None, False, 4, None)  # 3 mm beside 3 mm; lower cues there are
+    assert found == answers.Changed(
+        [], None, False, 4, None
+    )  # 3 mm beside 3 mm; lower cues there are

@@ -1,4 +1,6 @@
-"""The report in a real browser: offline, without an error, every figure drawn, nothing wider than the window."""
+"""The report in a real browser: offline, without an error, every figure drawn, nothing wider
+than the window.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +17,17 @@ from ravenjax.report import page
 from ravenjax.store.folder import ResultFolder
 from ravenjax.store.logs.trace import log
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
+    ),
 ]
 
 ARGUMENTS = ["--no-sandbox"]  # a container has none
@@ -29,7 +37,9 @@ ARGUMENTS = ["--no-sandbox"]  # a container has none
 def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "reacting"
     frame = reacting.frame(300)
-    frame.loc[frame["group"] == "encoder", "group"] = "C09 encoder"  # a hazard of the library, for the risk table
+    frame.loc[frame["group"] == "encoder", "group"] = (
+        "C09 encoder"  # a hazard of the library, for the risk table
+    )
     results = ResultFolder.open(folder, reacting.manifest(len(frame)))
     for rows in results.missing(500):
         results.add(frame.iloc[rows.start : rows.stop])
@@ -39,7 +49,11 @@ def report(tmp_path_factory):
     worst = frame.loc[frame["failed"] == ""].nlargest(2, "peak_live_deviation_mm")
     (folder / "traces").mkdir()
     for run_id in worst["run_id"]:
-        series = {"gold/model_position": model, "gold/tip": model + 1e-5 * time[:, None], "gold/position": model}
+        series = {
+            "gold/model_position": model,
+            "gold/tip": model + 1e-5 * time[:, None],
+            "gold/position": model,
+        }
         log.write(folder / "traces" / f"{run_id}.mcap", series)
     return page.build(folder)
 
@@ -53,10 +67,14 @@ def browser():
 
 
 class Window:
-    """The report in a window; close() fails where the page asked a network for anything, or told of an error."""
+    """The report in a window; close() fails where the page asked a network for anything, or told
+    of an error.
+    """
 
     def __init__(self, browser, report, width, scheme="light"):
-        self.context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        self.context = browser.new_context(
+            viewport={"width": width, "height": 900}, color_scheme=scheme
+        )
         self.asked, self.told = [], []
         self.context.route("**/*", self._guard)
         self.page = self.context.new_page()
@@ -92,7 +110,10 @@ VISIBLE = "(one) => one.getBoundingClientRect().height > 0"
     [
         (1280, "light"),
         (360, "light"),
-        *(pytest.param(*look, marks=pytest.mark.slow) for look in ((1280, "dark"), (1920, "light"))),
+        *(
+            pytest.param(*look, marks=pytest.mark.slow)
+            for look in ((1280, "dark"), (1920, "light"))
+        ),
     ],
 )
 def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
@@ -100,8 +121,19 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     ask = window.page.evaluate
     ask("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
     assert ask("document.documentElement.scrollWidth") <= width
-    charts = ask("[...document.querySelectorAll('figure.plot')].map((place) => place.dataset.figure)")
-    assert {"curves", "lead", "roc", "precision_recall", "tradeoff", "spared", "exceedance", "path-0"} <= set(charts)
+    charts = ask(
+        "[...document.querySelectorAll('figure.plot')].map((place) => place.dataset.figure)"
+    )
+    assert {
+        "curves",
+        "lead",
+        "roc",
+        "precision_recall",
+        "tradeoff",
+        "spared",
+        "exceedance",
+        "path-0",
+    } <= set(charts)
     shown = ask(
         "[...document.querySelectorAll('figure.plot')].map((place) =>"
         f" [...place.querySelectorAll(':scope > svg')].filter({VISIBLE}).length)"
@@ -116,9 +148,20 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     assert min(left for left, *_ in letters) >= 0 and max(right for _, right, _ in letters) <= width
     named = ask("[...document.querySelectorAll('main section, footer')].map((part) => part.id)")
     linked = ask("[...document.querySelectorAll('nav a')].map((link) => link.hash.slice(1))")
-    assert named == linked and {"detectors", "reaction", "robots", "risk", "paths", "precision"} <= set(named)
-    colours = [ask(f"getComputedStyle(document.body).{name}") for name in ("color", "backgroundColor")]
-    ink, ground = (sum(map(int, one.removeprefix("rgb(").removesuffix(")").split(","))) for one in colours)
+    assert named == linked and {
+        "detectors",
+        "reaction",
+        "robots",
+        "risk",
+        "paths",
+        "precision",
+    } <= set(named)
+    colours = [
+        ask(f"getComputedStyle(document.body).{name}") for name in ("color", "backgroundColor")
+    ]
+    ink, ground = (
+        sum(map(int, one.removeprefix("rgb(").removesuffix(")").split(","))) for one in colours
+    )
     assert (ink > ground) == (scheme == "dark") and abs(ink - ground) > 400
     axis = ask("getComputedStyle(document.querySelector('[data-figure=curves] text.axis')).fill")
     assert axis == colours[0]
@@ -129,11 +172,14 @@ def test_tables_are_lists_of_cards_on_a_phone(browser, report):
     window = Window(browser, report, 360)
     ask = window.page.evaluate
     cut = ask(
-        "[...document.querySelectorAll('table.cards td, table.cards th')].filter((cell) => {"
-        " const box = cell.getBoundingClientRect(); return box.width > 0 && box.right > innerWidth; }).length"
+        "[...document.querySelectorAll('table.cards td, table.cards th')].filter((cell) => { const"
+        " box = cell.getBoundingClientRect(); return box.width > 0 && box.right > innerWidth;"
+        " }).length"
     )
     assert cut == 0 and ask("document.querySelectorAll('table.cards').length") > 4
-    label = ask("getComputedStyle(document.querySelector('.groups td[data-label]'), '::before').content")
+    label = ask(
+        "getComputedStyle(document.querySelector('.groups td[data-label]'), '::before').content"
+    )
     assert label == '"faults"'
     assert ask("document.querySelector('.groups').getAttribute('role')") == "table"
     window.close()
@@ -144,17 +190,25 @@ def test_on_paper_nothing_is_cut(browser, report):
     window.page.emulate_media(media="print")
     ask = window.page.evaluate
     wide = ask(
-        "[...document.querySelectorAll('section, header, table, figure, svg:not(.area)')].filter((one) => {"
-        " const box = one.getBoundingClientRect(); return box.width > 0 && box.right > innerWidth + 1; })"
-        ".map((one) => one.tagName + ' ' + one.className + ' ' + one.closest('section, header')?.id)"
+        "[...document.querySelectorAll('section, header, table, figure,"
+        " svg:not(.area)')].filter((one) => { const box = one.getBoundingClientRect(); return"
+        " box.width > 0 && box.right > innerWidth + 1; }).map((one) => one.tagName + ' ' +"
+        " one.className + ' ' + one.closest('section, header')?.id)"
     )
     assert wide == []
-    heads = ask("[...document.querySelectorAll('.groups thead th')].map((head) => head.innerText.trim())")
-    assert "group" in [head.lower() for head in heads]  # the buttons that sort are gone, their words are not
+    heads = ask(
+        "[...document.querySelectorAll('.groups thead th')].map((head) => head.innerText.trim())"
+    )
+    assert "group" in [
+        head.lower() for head in heads
+    ]  # the buttons that sort are gone, their words are not
     assert ask("getComputedStyle(document.querySelector('nav')).display") == "none"
     window.close()
     pdf = window_pdf(browser, report)
-    assert pdf.startswith(b"%PDF") and 3 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type/Page/") <= 25
+    assert (
+        pdf.startswith(b"%PDF")
+        and 3 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type/Page/") <= 25
+    )
 
 
 def window_pdf(browser, report):
@@ -167,7 +221,8 @@ def window_pdf(browser, report):
 
 def rows_of(page, table):
     return page.evaluate(
-        f"[...document.querySelectorAll('{table} tbody tr')].map((row) => row.cells[0].firstChild.textContent)"
+        f"[...document.querySelectorAll('{table} tbody tr')].map((row) =>"
+        " row.cells[0].firstChild.textContent)"
     )
 
 
@@ -185,7 +240,8 @@ def test_a_table_sorts_by_a_column_and_back(opened):
     numbers = opened.locator(f"{table} thead th").nth(1).locator("button")
     numbers.click()
     shares = opened.evaluate(
-        f"[...document.querySelectorAll('{table} tbody td:nth-child(2) b')].map((one) => one.innerText)"
+        f"[...document.querySelectorAll('{table} tbody td:nth-child(2) b')].map((one) =>"
+        " one.innerText)"
     )
     shares = [float(share.removesuffix("\u202f%")) for share in shares]
     assert shares == sorted(shares, reverse=True)
@@ -215,7 +271,8 @@ def test_a_curve_is_hidden_and_shown_by_its_name(opened):
 
 def test_classes_are_chosen_by_a_tab(opened):
     shown = (
-        "[...document.querySelectorAll('.tab')].filter((part) => part.offsetParent).map((part) => part.dataset.kind)"
+        "[...document.querySelectorAll('.tab')].filter((part) => part.offsetParent).map((part) =>"
+        " part.dataset.kind)"
     )
     assert opened.evaluate(shown) == ["layer"]
     opened.click("label[for=class-group]")
@@ -223,8 +280,17 @@ def test_classes_are_chosen_by_a_tab(opened):
 
 
 def test_every_table_comes_as_csv(opened):
-    names = opened.evaluate("[...document.querySelectorAll('[data-csv]')].map((button) => button.dataset.csv)")
-    wanted = {"faults_by_layer", "detector_thresholds", "cues", "reaction_pairs", "dependences", "precision"}
+    names = opened.evaluate(
+        "[...document.querySelectorAll('[data-csv]')].map((button) => button.dataset.csv)"
+    )
+    wanted = {
+        "faults_by_layer",
+        "detector_thresholds",
+        "cues",
+        "reaction_pairs",
+        "dependences",
+        "precision",
+    }
     assert wanted <= set(names)
     for name in names:
         text = opened.evaluate(f"JSON.parse(document.getElementById('csv-{name}').textContent)")
@@ -252,14 +318,17 @@ def test_a_figure_comes_as_svg(opened, name):
 def test_a_path_is_played(opened):
     player = opened.locator("[data-path=path-0]")
     place = (
-        "[...document.querySelectorAll('[data-views=path-0] .now[data-of=tip]')].map((mark) => mark.getAttribute('cx'))"
+        "[...document.querySelectorAll('[data-views=path-0] .now[data-of=tip]')].map((mark) =>"
+        " mark.getAttribute('cx'))"
     )
     start = opened.evaluate(place)
     assert len(start) == 3
     player.locator("input").fill("150")
     assert "ms" in player.locator("output").inner_text()
     assert all(now != then for now, then in zip(opened.evaluate(place), start, strict=True))
-    player.locator("input").fill("0")  # the whole way is left: it does not end by itself before the second click
+    player.locator("input").fill(
+        "0"
+    )  # the whole way is left: it does not end by itself before the second click
     player.locator("button").click()
     assert player.locator("button").inner_text() == "stop"
     player.locator("button").click()

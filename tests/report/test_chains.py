@@ -1,4 +1,6 @@
-"""Explained runs in the report: against plain Python, and of campaigns with little or nothing to say."""
+"""Explained runs in the report: against plain Python, and of campaigns with little or nothing to
+say.
+"""
 
 from __future__ import annotations
 
@@ -36,17 +38,25 @@ ENUMERATED = MANIFEST.model_copy(update={"config": {**MANIFEST.config, "group": 
 
 
 def ticks_of(frame, seed=1):
-    """Made-up explanations of all runs with a fault: numbers differ from the fault on, some leave their range."""
+    """Made-up explanations of all runs with a fault: numbers differ from the fault on, some
+    leave their range.
+    """
     random = np.random.default_rng(seed)
     mine = frame[frame["fault0_site"] != ""]
     start, n = mine["fault0_start_ms"].to_numpy(), len(mine)
-    columns = {"run_id": mine["run_id"], "index": mine["index"], "harm_ms": mine["unintended_first_ms"]}
+    columns = {
+        "run_id": mine["run_id"],
+        "index": mine["index"],
+        "harm_ms": mine["unintended_first_ms"],
+    }
     for number, place in enumerate(PLACES):
         differs = np.where(random.random(n) < 0.6, start + random.integers(0, 90, n), -1)
         columns[f"differs:{place.name}"] = differs
         if place.channel.site:
             leaves = (differs >= 0) & (random.random(n) < (0.02 if number % 3 else 0.05))
-            columns[f"leaves:{place.name}"] = np.where(leaves, differs + random.integers(0, 90, n), -1)
+            columns[f"leaves:{place.name}"] = np.where(
+                leaves, differs + random.integers(0, 90, n), -1
+            )
     for check in synthetic.CHECKS:
         columns |= {f"near:{check}": np.full(n, 1.5), f"golden_near:{check}": np.full(n, 2.0)}
         columns[f"near_ms:{check}"] = start + 3
@@ -58,7 +68,9 @@ TICKS = ticks_of(FRAME)
 
 def evading(frame) -> Any:
     mine = frame[(frame["fault0_site"] != "") & (frame["failed"] == "")]
-    return mine[mine["response"].isin(["silent", "limited"]) & (mine["hazard"] == "unintended motion")]
+    return mine[
+        mine["response"].isin(["silent", "limited"]) & (mine["hazard"] == "unintended motion")
+    ]
 
 
 def first_of(row, beginning, seam):
@@ -78,7 +90,9 @@ def naive(frame, ticks):
         row, harm = by_id[run["run_id"]], run["unintended_first_ms"]
         order, shows = [], []
         for place, seam in enumerate(seams):
-            differs, leaves = (first_of(row, beginning, seam) for beginning in ("differs:", "leaves:"))
+            differs, leaves = (
+                first_of(row, beginning, seam) for beginning in ("differs:", "leaves:")
+            )
             if 0 <= differs <= harm:
                 out[seam][0] += 1
                 order.append((differs, place))
@@ -107,7 +121,9 @@ def test_shares_leads_and_passages_by_loops():
     assert [row.seam for row in one.carriers] == [name for name, (k, _, _) in seams.items() if k]
     for row in one.carriers:
         k, leads, first = seams[row.seam]
-        assert (row.carries, row.shows, row.first) == tuple(wilson(count, n) for count in (k, len(leads), first))
+        assert (row.carries, row.shows, row.first) == tuple(
+            wilson(count, n) for count in (k, len(leads), first)
+        )
         if leads:
             assert row.lead_ms.value == np.median(leads)
             few = len(leads) < units.FEWEST
@@ -129,14 +145,20 @@ def test_robots_that_were_drawn_whole_are_what_is_counted():
     manifest = DRAWN.model_copy(update={"config": {**DRAWN.config, "parameters": parameters}})
     one = propagation(frame, manifest, ticks_of(frame))
     alone = propagation(frame, DRAWN, ticks_of(frame))
-    assert one.counted == "robots" and one.hidden[:3] == alone.hidden[:3] and one.hidden != alone.hidden
+    assert (
+        one.counted == "robots"
+        and one.hidden[:3] == alone.hidden[:3]
+        and one.hidden != alone.hidden
+    )
 
 
 def test_shares_are_of_groups_that_are_explained_whole():
     lost = evading(FRAME)[evading(FRAME)["group"] == "encoder"]["run_id"].iloc[0]
     one = propagation(FRAME, DRAWN, TICKS[TICKS["run_id"] != lost])
     rest = evading(FRAME)[evading(FRAME)["group"] != "encoder"]
-    assert one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
+    assert (
+        one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
+    )
     assert "not so encoder" in " ".join(chain_sentences.sentences(one))
 
 
@@ -204,7 +226,10 @@ def test_every_campaign_has_a_whole_section_whose_numbers_are_numbers(name, monk
         ("nothing evades", "No fault evades the checks: there is no silent harm to explain."),
         ("nothing is visible", "In none of them did a signal leave its normal range before harm"),
         ("one fault", "1 fault evades the checks."),
-        ("one explained run", "No group that is explained whole holds one of them, so no share can be told."),
+        (
+            "one explained run",
+            "No group that is explained whole holds one of them, so no share can be told.",
+        ),
     ],
 )
 def test_what_little_there_is_is_said(name, sentence, monkeypatch):
@@ -231,7 +256,9 @@ def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
         raise StoreError("explained.parquet: damaged")
 
     monkeypatch.setattr(explained, "read", broken)
-    assert "Explained runs are not readable: explained.parquet: damaged" in words(Page(rendered(FRAME, DRAWN)))
+    assert "Explained runs are not readable: explained.parquet: damaged" in words(
+        Page(rendered(FRAME, DRAWN))
+    )
 
 
 def test_the_file_adds_replaces_and_forgets_what_is_another_campaigns(tmp_path):
@@ -268,7 +295,9 @@ def test_a_chain_has_the_earliest_number_of_each_signal():
         if link.leaves_ms >= 0:
             assert link.left_ms == one.harm_ms - link.leaves_ms
     came = [link.leaves_ms for link in one.links if link.leaves_ms >= 0]
-    assert (one.first is None) == (not came) and (one.first is None or one.first.leaves_ms == min(came))
+    assert (one.first is None) == (not came) and (
+        one.first is None or one.first.leaves_ms == min(came)
+    )
     assert [check.margin for check in one.checks] == [1.5] * len(synthetic.CHECKS)
 
 
@@ -276,16 +305,25 @@ def test_a_chain_in_words(tmp_path):
     run = evading(FRAME).iloc[3].to_dict()
     quiet = {name: -1 for name in TICKS if name.startswith(("differs:", "leaves:"))}
     still = chain_of(run, first_active_ms=-1, **quiet)
-    assert chain_words.sentences(still)[-1] == "The fault never changed a value: nothing differs from the golden run."
-    assert chain_words.timeline(still) is None and chain_words.draw(still, tmp_path / "a.svg") is None
+    assert (
+        chain_words.sentences(still)[-1]
+        == "The fault never changed a value: nothing differs from the golden run."
+    )
+    assert (
+        chain_words.timeline(still) is None and chain_words.draw(still, tmp_path / "a.svg") is None
+    )
     first = {**quiet, "differs:gold/tau_d/elbow": 500, "leaves:gold/tau_d/elbow": 500}
     seen = chain_of(run, hazard="unintended motion", unintended_first_ms=560, **first)
-    assert chain_words.visible(seen) == (
-        "First visible at 500 ms: gold/tau_d (elbow), desired torque at the capstan, left its normal range 60 ms "
-        "before harm."
+    assert (
+        chain_words.visible(seen)
+        == "First visible at 500 ms: gold/tau_d (elbow), desired torque at the capstan, left its"
+        " normal range 60 ms before harm."
     )
     late = chain_of(run, hazard="unintended motion", unintended_first_ms=500, **first)
-    assert chain_words.visible(late).endswith("left its normal range, not before harm.") and late.in_time is None
+    assert (
+        chain_words.visible(late).endswith("left its normal range, not before harm.")
+        and late.in_time is None
+    )
     harmless = chain_of(run, hazard="none", **first)
     assert chain_words.visible(harmless).endswith("left its normal range.")
     assert any("no hazard came of it" in line for line in chain_words.sentences(harmless))
@@ -313,7 +351,12 @@ def test_the_long_table_is_every_chain_below_each_other():
         for link in chain_of(run).links:
             row = next(rows)
             arm, _, seam = link.signal.rpartition("/")
-            assert (row["run_id"], row["layer"], row["arm"], row["seam"]) == (run["run_id"], link.layer, arm, seam)
+            assert (row["run_id"], row["layer"], row["arm"], row["seam"]) == (
+                run["run_id"],
+                link.layer,
+                arm,
+                seam,
+            )
             assert (row["differs_ms"], row["differs_in"]) == (link.differs_ms, link.differs_in)
             assert (row["leaves_ms"], row["leaves_in"]) == (link.leaves_ms, link.leaves_in)
             assert link.left_ms == (None if np.isnan(row["left_ms"]) else row["left_ms"])

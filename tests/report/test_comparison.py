@@ -1,4 +1,6 @@
-"""Two folders beside each other: pairs, rates, transitions and the most changed runs, beside plain pandas."""
+"""Two folders beside each other: pairs, rates, transitions and the most changed runs, beside
+plain pandas.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,21 @@ FIRST = synthetic.frame(RUNS)
 
 
 def changed():
-    """The same faults: a third with other run ids and outcomes, some of them twice, in another order."""
+    """The same faults: a third with other run ids and outcomes, some of them twice, in another
+    order.
+    """
     frame = FIRST.copy()
     other = synthetic.frame(RUNS, seed=1)
     third = np.arange(RUNS) % 3 == 0
-    outcome = ["response", "hazard", "verdict", "cue0_first_ms", "unintended_mm", "unintended_first_ms", "failed"]
+    outcome = [
+        "response",
+        "hazard",
+        "verdict",
+        "cue0_first_ms",
+        "unintended_mm",
+        "unintended_first_ms",
+        "failed",
+    ]
     for name in outcome:
         frame[name] = np.where(third, other[name], frame[name])
     frame["run_id"] = np.where(third, other["run_id"], frame["run_id"])
@@ -44,7 +56,12 @@ def folder(place, frame, **changes):
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     base = tmp_path_factory.mktemp("compare")
-    config = {"name": "synthetic", "seed": 7, "duration_s": 3.0, "operator": {"name": "circle", "scale": 0.1}}
+    config = {
+        "name": "synthetic",
+        "seed": 7,
+        "duration_s": 3.0,
+        "operator": {"name": "circle", "scale": 0.1},
+    }
     second = {"config": config, "config_hash": manifest.config_hash(config), "code_hash": "f" * 64}
     return folder(base / "a", FIRST), folder(base / "b", SECOND, **second)
 
@@ -59,13 +76,19 @@ def pairs():
     keys = [name for name in FIRST if name.startswith(("fault", "param:"))]
     assert not FIRST[FIRST["fault0_site"] != ""].duplicated(keys).any()
     joined = FIRST.merge(SECOND, on=keys, suffixes=("", "_b"))
-    faulty = joined[(joined["fault0_site"] != "") & (joined["failed"] == "") & (joined["failed_b"] == "")]
+    faulty = joined[
+        (joined["fault0_site"] != "") & (joined["failed"] == "") & (joined["failed_b"] == "")
+    ]
     return faulty.reset_index(drop=True)
 
 
 def test_runs_are_paired_by_id_and_then_by_fault(found):
     same = FIRST["run_id"].isin(SECOND["run_id"]).sum()
-    assert (found.pairs.by_run_id, found.pairs.by_fault, found.pairs.unpaired) == (same, RUNS - same, (0, 0))
+    assert (found.pairs.by_run_id, found.pairs.by_fault, found.pairs.unpaired) == (
+        same,
+        RUNS - same,
+        (0, 0),
+    )
     assert found.pairs.compared == len(pairs()) < RUNS
 
 
@@ -77,25 +100,34 @@ def test_rates_and_their_differences(found):
             untold = table[f"response{end}"].isin(verdict.UNTOLD)
             moved = table[f"hazard{end}"] == "unintended motion"
             cue = table[f"cue0_first_ms{end}"] >= 0
-            hits.append({
-                "evades": untold & moved, "unintended_motion": moved, "cue": cue,
-                "loss_of_motion": table[f"hazard{end}"] == "loss of motion",
-                "false_report": table[f"hazard{end}"] == "false report",
-            }.get(rate.name, table[f"response{end}"] == rate.name))  # fmt: skip
+            hits.append(
+                {
+                    "evades": untold & moved,
+                    "unintended_motion": moved,
+                    "cue": cue,
+                    "loss_of_motion": table[f"hazard{end}"] == "loss of motion",
+                    "false_report": table[f"hazard{end}"] == "false report",
+                }.get(rate.name, table[f"response{end}"] == rate.name)
+            )
         assert (rate.first.k, rate.second.k) == (hits[0].sum(), hits[1].sum()), rate.name
         assert rate.first.n == rate.second.n == len(table)
         wanted = paired.rate_difference(hits[1], hits[0])
         np.testing.assert_allclose(rate.difference, wanted, err_msg=rate.name)
-        assert (rate.first_only, rate.second_only) == ((hits[0] & ~hits[1]).sum(), (hits[1] & ~hits[0]).sum())
+        assert (rate.first_only, rate.second_only) == (
+            (hits[0] & ~hits[1]).sum(),
+            (hits[1] & ~hits[0]).sum(),
+        )
 
 
 @pytest.mark.parametrize("word", ["response", "hazard", "cue"])
 def test_transitions_count_every_pair_once(found, word):
     table = pairs()
     words = [
-        np.where(table[f"cue0_first_ms{end}"] >= 0, "cue", "no cue")
-        if word == "cue"
-        else table[f"{word}{end}"].astype(str)
+        (
+            np.where(table[f"cue0_first_ms{end}"] >= 0, "cue", "no cue")
+            if word == "cue"
+            else table[f"{word}{end}"].astype(str)
+        )
         for end in ("", "_b")
     ]
     wanted = pd.crosstab(words[0], words[1]).stack()
@@ -105,7 +137,9 @@ def test_transitions_count_every_pair_once(found, word):
 
 def test_the_most_changed_runs_come_first(found):
     table = pairs()
-    far = (table["unintended_mm"].astype("float32") - table["unintended_mm_b"].astype("float32")).abs()
+    far = (
+        table["unintended_mm"].astype("float32") - table["unintended_mm_b"].astype("float32")
+    ).abs()
     order = far.sort_values(ascending=False, kind="stable").index[:15]
     assert [one.run_ids for one in found.changed] == list(
         zip(table["run_id"][order], table["run_id_b"][order], strict=True)
@@ -115,25 +149,42 @@ def test_the_most_changed_runs_come_first(found):
 
 
 def test_what_differs_is_named(found):
-    assert [tuple(one) for one in found.configuration] == [("operator.name", '"suturing"', '"circle"')]
+    assert [tuple(one) for one in found.configuration] == [
+        ("operator.name", '"suturing"', '"circle"')
+    ]
     assert [one.path for one in found.environment] == ["code_hash"]
     pairs = found.pairs
     assert found.sentences() == [
-        f"Paired by run id: {pairs.by_run_id} runs, by fault: {pairs.by_fault}. "
-        f"Compared: {pairs.compared} pairs with a fault and two valid outcomes.",
-        f"Of {pairs.compared} faults; intervals, 95 %, are over these faults, all pairs of a fault together.",
+        (
+            f"Paired by run id: {pairs.by_run_id} runs, by fault: {pairs.by_fault}. "
+            f"Compared: {pairs.compared} pairs with a fault and two valid outcomes."
+        ),
+        (
+            f"Of {pairs.compared} faults; intervals, 95 %, are over these faults, all pairs of a"
+            " fault together."
+        ),
     ]
     assert pairs.faults == pairs.compared and pairs.sampled
 
 
 def test_enumerated_faults_have_no_interval(tmp_path):
-    config = {"name": "synthetic", "group": [{"name": name, "design": "grid"} for name in FIRST["group"].unique()]}
-    places = [folder(tmp_path / name, frame, config=config) for name, frame in (("a", FIRST), ("b", SECOND))]
+    config = {
+        "name": "synthetic",
+        "group": [{"name": name, "design": "grid"} for name in FIRST["group"].unique()],
+    }
+    places = [
+        folder(tmp_path / name, frame, config=config)
+        for name, frame in (("a", FIRST), ("b", SECOND))
+    ]
     same = comparison.compare(*places)
     assert not same.pairs.sampled and "not all of which were drawn" in same.sentences()[1]
     for rate in same.rates:
-        assert np.isnan([rate.first.low, rate.second.high, rate.difference.low, rate.difference.high]).all()
-        assert rate.difference.value == pytest.approx((rate.second_only - rate.first_only) / same.pairs.compared)
+        assert np.isnan(
+            [rate.first.low, rate.second.high, rate.difference.low, rate.difference.high]
+        ).all()
+        assert rate.difference.value == pytest.approx(
+            (rate.second_only - rate.first_only) / same.pairs.compared
+        )
 
 
 def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
@@ -141,13 +192,19 @@ def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
 
     def thrice(frame):
         parts = [
-            frame.assign(seed=seed, run_id=[f"{seed}{name[1:]}" for name in frame["run_id"]]) for seed in (1, 2, 3)
+            frame.assign(seed=seed, run_id=[f"{seed}{name[1:]}" for name in frame["run_id"]])
+            for seed in (1, 2, 3)
         ]
         every = pd.concat(parts, ignore_index=True)
         return every.assign(index=np.arange(len(every)), pair=np.arange(len(every)))
 
-    three = comparison.compare(folder(tmp_path / "a", thrice(FIRST)), folder(tmp_path / "b", thrice(SECOND)))
-    assert three.pairs.faults == found.pairs.faults and three.pairs.compared == 3 * found.pairs.compared
+    three = comparison.compare(
+        folder(tmp_path / "a", thrice(FIRST)), folder(tmp_path / "b", thrice(SECOND))
+    )
+    assert (
+        three.pairs.faults == found.pairs.faults
+        and three.pairs.compared == 3 * found.pairs.compared
+    )
     for many, one in zip(three.rates, found.rates, strict=True):
         assert many.difference.value == pytest.approx(one.difference.value)
         width, plain = (x.difference.high - x.difference.low for x in (many, one))
@@ -158,13 +215,18 @@ def test_a_folder_beside_itself_differs_in_nothing(folders):
     same = comparison.compare(folders[0], folders[0])
     assert same.changed == [] and same.configuration == [] and same.environment == []
     assert all(one.first == one.second for rows in same.transitions.values() for one in rows)
-    assert all(rate.difference.value == 0 and rate.difference.low < 0 < rate.difference.high for rate in same.rates)
+    assert all(
+        rate.difference.value == 0 and rate.difference.low < 0 < rate.difference.high
+        for rate in same.rates
+    )
 
 
 def test_copies_of_a_fault_are_paired_in_order_and_the_rest_is_counted(tmp_path):
     few = FIRST.head(6)
     twice = pd.concat([few, few], ignore_index=True)
-    twice = twice.assign(index=np.arange(12), pair=np.arange(12), run_id=[f"{i:016x}" for i in range(12)])
+    twice = twice.assign(
+        index=np.arange(12), pair=np.arange(12), run_id=[f"{i:016x}" for i in range(12)]
+    )
     pairs = comparison.compare(folder(tmp_path / "a", few), folder(tmp_path / "b", twice)).pairs
     assert (pairs.by_run_id, pairs.by_fault, pairs.unpaired) == (0, 6, (0, 6))
 
@@ -172,15 +234,22 @@ def test_copies_of_a_fault_are_paired_in_order_and_the_rest_is_counted(tmp_path)
 def test_limits_that_differ_are_told(tmp_path, folders):
     other = folder(tmp_path / "b", FIRST, limit_mm=5.0)
     assert (
-        "begin at 3 mm in the first and at 5 mm in the second" in comparison.compare(folders[0], other).sentences()[-1]
+        "begin at 3 mm in the first and at 5 mm in the second"
+        in comparison.compare(folders[0], other).sentences()[-1]
     )
 
 
 def test_folders_that_share_nothing_are_refused(tmp_path, folders):
     other = synthetic.frame(RUNS, seed=9)
-    place = folder(tmp_path / "b", other[other["fault0_site"] != ""].reset_index(drop=True).assign(
-        index=np.arange((other["fault0_site"] != "").sum()), pair=np.arange((other["fault0_site"] != "").sum())
-    ))  # fmt: skip
+    place = folder(
+        tmp_path / "b",
+        other[other["fault0_site"] != ""]
+        .reset_index(drop=True)
+        .assign(
+            index=np.arange((other["fault0_site"] != "").sum()),
+            pair=np.arange((other["fault0_site"] != "").sum()),
+        ),
+    )
     with pytest.raises(UserError, match="share no fault"):
         comparison.compare(folders[0], place)
     with pytest.raises(UserError, match="--most -1"):

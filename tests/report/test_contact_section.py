@@ -25,7 +25,9 @@ def table(arms=("gold", "green")):
     harder = np.arange(RUNS) % 3 > 0
     for i, name in enumerate(NAMES):
         golden = random.uniform(0, 0.3, RUNS).astype(np.float32)
-        more = (random.uniform(0.0, 2.0, RUNS) * (random.random(RUNS) < 0.9 - 0.3 * i)).astype(np.float32)
+        more = (random.uniform(0.0, 2.0, RUNS) * (random.random(RUNS) < 0.9 - 0.3 * i)).astype(
+            np.float32
+        )
         frame[f"golden_{name}"] = golden
         frame[name] = np.where(harder, golden + more, golden).astype(np.float32)
     frame["contact_impulse_n_s"] = random.gamma(2, 0.2, RUNS).astype(np.float32)
@@ -40,15 +42,25 @@ FAULTY = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
 
 
 def test_every_fault_and_each_group_by_pandas() -> None:
-    assert [row.group for row in ROWS] == [contact.ALL, *sorted(FAULTY["group"].astype(str).unique())]
+    assert [row.group for row in ROWS] == [
+        contact.ALL,
+        *sorted(FAULTY["group"].astype(str).unique()),
+    ]
     for row in ROWS:
-        mine = FAULTY if row.group == contact.ALL else FAULTY[FAULTY["group"].astype(str) == row.group]
+        mine = (
+            FAULTY if row.group == contact.ALL else FAULTY[FAULTY["group"].astype(str) == row.group]
+        )
         assert row.n == len(mine)
         shares = (row.harder, row.vessel, row.instruments)
         for name, share in zip(NAMES, shares, strict=True):
             assert share == wilson(int((mine[name] > mine[f"golden_{name}"]).sum()), len(mine))
-        for name, found in (("contact_peak_n", row.peak_n), ("contact_impulse_n_s", row.impulse_n_s)):
-            assert list(found) == pytest.approx([np.quantile(mine[name], q) for q in contact.QUANTILES], rel=1e-5)
+        for name, found in (
+            ("contact_peak_n", row.peak_n),
+            ("contact_impulse_n_s", row.impulse_n_s),
+        ):
+            assert list(found) == pytest.approx(
+                [np.quantile(mine[name], q) for q in contact.QUANTILES], rel=1e-5
+            )
         assert row.vessel_n == pytest.approx(mine["contact_vessel_peak_n"].max())
         assert row.instruments_n == pytest.approx(mine["contact_instruments_peak_n"].max())
 

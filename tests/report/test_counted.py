@@ -43,7 +43,9 @@ def test_lead(runs, harm):
     one = counted.lead(delays(np.where(came, times, end).astype(int) - harm, came))
     other = latency.lead_time(alarm, np.full(len(times), float(harm)), end)
     same(one.lag, other.lag)
-    np.testing.assert_equal((*one.before, one.alarmed, one.n), (*other.before, other.alarmed, other.n))
+    np.testing.assert_equal(
+        (*one.before, one.alarmed, one.n), (*other.before, other.alarmed, other.n)
+    )
 
 
 @given(st.lists(st.integers(-5, 5), min_size=1))

@@ -71,7 +71,8 @@ def test_rows_for_a_table_have_levels_side_by_side():
     one = next(
         row
         for row in rows
-        if row["conclusion"] == "makes an unintended motion" and row["parameter"] == "plant.friction_scale"
+        if row["conclusion"] == "makes an unintended motion"
+        and row["parameter"] == "plant.friction_scale"
     )
     assert one["lowest_third"].rate.value == 1 and one["highest_third"].rate.value == 0
 

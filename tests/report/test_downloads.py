@@ -19,7 +19,13 @@ def read(text):
 
 
 def test_rates_records_and_models_become_columns():
-    rows = [{"group": 'a, "b"\n<c>', "share": wilson(3, 10), "cue": CueRecord(threshold_mm=3.0, kp_per_mm=0.1)}]
+    rows = [
+        {
+            "group": 'a, "b"\n<c>',
+            "share": wilson(3, 10),
+            "cue": CueRecord(threshold_mm=3.0, kp_per_mm=0.1),
+        }
+    ]
     (row,) = read(downloads.text(rows))
     assert row["group"] == 'a, "b"\n<c>' and (row["share_k"], row["share_n"]) == ("3", "10")
     assert float(row["share_low"]) == wilson(3, 10).low
@@ -27,7 +33,10 @@ def test_rates_records_and_models_become_columns():
 
 
 def test_what_is_not_known_is_empty_and_lists_are_left_out():
-    rows = [{"a": math.nan, "b": None, "c": [1], "d": np.arange(3), "with_": np.float32(0.5)}, {"e": 1}]
+    rows = [
+        {"a": math.nan, "b": None, "c": [1], "d": np.arange(3), "with_": np.float32(0.5)},
+        {"e": 1},
+    ]
     first, second = read(downloads.text(rows))
     assert first == {"a": "", "b": "", "with": "0.5", "e": ""} and second["e"] == "1"
 

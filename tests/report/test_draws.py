@@ -36,16 +36,28 @@ def test_drawn_operators_make_no_drawn_faults():
     ("group", "drawn"),
     [
         ({"design": "grid", "fault": [{"value": [1, 2, 3], "start_ms": 100}]}, False),
-        ({"design": "grid", "fault": [{"value": [1, 2, 3], "start_ms": {"uniform": [1, 9]}}]}, True),
+        (
+            {"design": "grid", "fault": [{"value": [1, 2, 3], "start_ms": {"uniform": [1, 9]}}]},
+            True,
+        ),
         ({"design": "grid", "fault": [{"value": {"list": [1, 2]}}]}, False),
         ({"design": "zip", "fault": [{"value": {"choice": [1, 2]}}]}, True),
         ({"design": "lhs", "fault": [{"value": [1, 2]}]}, True),
         ({"design": "lhs", "fault": [{"channel": "all"}]}, True),
-        ({"design": "sobol", "fault": [{"value": 1}], "parameters": {"friction": {"uniform": [0, 1]}}}, False),
+        (
+            {
+                "design": "sobol",
+                "fault": [{"value": 1}],
+                "parameters": {"friction": {"uniform": [0, 1]}},
+            },
+            False,
+        ),
         ({"design": "list", "fault": [{"value": 1}], "run": [{"fault": [{"value": 2}]}]}, False),
         ({"design": "grid", "fault": []}, False),
     ],
 )
 def test_what_is_drawn(group, drawn):
-    assert draws.groups({"group": [{"name": "g", **group}]}) == (frozenset({"g"}) if drawn else frozenset())
+    assert draws.groups({"group": [{"name": "g", **group}]}) == (
+        frozenset({"g"}) if drawn else frozenset()
+    )
     assert draws.groups({}) is None

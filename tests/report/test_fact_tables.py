@@ -23,14 +23,20 @@ def same(frame, cue=0, jump="jump_code", action=0):
     assert set(told) == set(naive)
     for name in naive:
         if name == "distinct":  # any number will do that is equal where it must be
-            assert len(set(zip(told[name], naive[name], strict=True))) == told[name].nunique() == naive[name].nunique()
+            assert (
+                len(set(zip(told[name], naive[name], strict=True)))
+                == told[name].nunique()
+                == naive[name].nunique()
+            )
         else:
             one, other = told[name].to_numpy(), naive[name].to_numpy()
             assert ((one == other) | ((one != one) & (other != other))).all(), name
 
 
 def mixed(frame, seed, cue=0):
-    """Inputs that repeat, failed runs, golden runs with cues and halts, reactions that are not said, negative zeros."""
+    """Inputs that repeat, failed runs, golden runs with cues and halts, reactions that are not
+    said, negative zeros.
+    """
     random = np.random.default_rng(seed)
     rows = len(frame)
     given_columns = [c for c in frame if c.startswith(("fault", "param:plant")) or c == "operator"]
@@ -41,16 +47,22 @@ def mixed(frame, seed, cue=0):
         values = np.array(frame[name])
         values[copied] = values[origin]
         frame[name] = values
-    frame["pair"] = np.where(random.random(rows) < 0.5, random.integers(0, rows, rows), frame["pair"])
+    frame["pair"] = np.where(
+        random.random(rows) < 0.5, random.integers(0, rows, rows), frame["pair"]
+    )
     frame["failed"] = np.where(random.random(rows) < 0.2, "nan", "")
     for name in ("cue0_first_ms", "cue2_first_ms"):
-        frame[f"golden_{name}"] = np.where(random.random(rows) < 0.4, frame[name] + random.integers(-3, 4, rows), -1)
+        frame[f"golden_{name}"] = np.where(
+            random.random(rows) < 0.4, frame[name] + random.integers(-3, 4, rows), -1
+        )
     frame["halted_ms"] = random.choice([0, 4, 203, 204, 205, 900], rows)
     frame["golden_halted_ms"] = random.choice([0, 4, 5, 700], rows)
     for name in ("unintended_first_ms", "loss_first_ms", "false_report_first_ms"):
         frame[name] = np.where(random.random(rows) < 0.5, -1, random.integers(0, 900, rows))
     frame.loc[random.random(rows) < 0.3, "param:plant.friction_scale"] = np.nan
-    frame["fault0_value"] = np.where(random.random(rows) < 0.2, random.choice([0.0, -0.0], rows), frame["fault0_value"])
+    frame["fault0_value"] = np.where(
+        random.random(rows) < 0.2, random.choice([0.0, -0.0], rows), frame["fault0_value"]
+    )
     if run_facts.ACTION in frame:
         frame.loc[random.random(rows) < 0.3, run_facts.ACTION] = np.nan
     return synthetic.judged(frame, cue)
@@ -63,7 +75,9 @@ RULES = [(0, "jump_code", 0), (2, "jump_text", 1), (6, "jump_tip", 3)]
 @settings(max_examples=15)
 @given(st.integers(1, 60), st.integers(0, 10**6), st.booleans(), st.sampled_from(RULES))
 def test_any_table_gives_the_same_facts(rows, seed, reacts, rules):
-    frame = mixed(reacting.frame(rows, seed) if reacts else synthetic.frame(rows, seed), seed, rules[0])
+    frame = mixed(
+        reacting.frame(rows, seed) if reacts else synthetic.frame(rows, seed), seed, rules[0]
+    )
     same(frame.sample(frac=1, random_state=seed), *rules)
 
 

@@ -21,7 +21,9 @@ FRAME = PLAIN.assign(
     cable_overload_first_ms=np.where(OVER, PLAIN["fault0_start_ms"] + 9, -1),
     cable_overload=np.where(OVER, "gold " + PLAIN["fault0_channel"].astype(str), ""),
     golden_cable_load=np.float32(0.1),
-    golden_cable_overload_first_ms=np.where(np.arange(RUNS) % 6 == 0, 1, -1),  # of half of them the golden run's, too
+    golden_cable_overload_first_ms=np.where(
+        np.arange(RUNS) % 6 == 0, 1, -1
+    ),  # of half of them the golden run's, too
 )
 ROWS = overloads.rows(Runs.of(FRAME, MANIFEST), MANIFEST)
 
@@ -34,9 +36,17 @@ def test_every_site_by_pandas():
     sites = valid["fault0_site"][beyond].unique()
     assert ROWS[0].site == overloads.ALL and sorted(row.site for row in ROWS[1:]) == sorted(sites)
     for row in ROWS:
-        here = np.ones(len(valid), bool) if row.site == overloads.ALL else (valid["fault0_site"] == row.site).to_numpy()
+        here = (
+            np.ones(len(valid), bool)
+            if row.site == overloads.ALL
+            else (valid["fault0_site"] == row.site).to_numpy()
+        )
         both = here & beyond
-        assert (row.faults, row.overloaded.k, row.overloaded.n) == (here.sum(), both.sum(), here.sum())
+        assert (row.faults, row.overloaded.k, row.overloaded.n) == (
+            here.sum(),
+            both.sum(),
+            here.sum(),
+        )
         assert row.unintended == (both & (valid["hazard"] == "unintended motion").to_numpy()).sum()
         names = valid["cable_overload"][both].value_counts()
         assert names[row.cable] == names.max()
@@ -45,7 +55,11 @@ def test_every_site_by_pandas():
 
 def test_the_page_says_so_where_tensions_are_known(tmp_path):
     html = page.render(Runs.of(FRAME, MANIFEST), MANIFEST, tmp_path)
-    assert "Overloaded cables" in html and "overloaded cable</dt>" in html and "held all the same" in html
+    assert (
+        "Overloaded cables" in html
+        and "overloaded cable</dt>" in html
+        and "held all the same" in html
+    )
     quiet = FRAME.assign(cable_overload_first_ms=-1, cable_overload="", cable_load=np.float32(0.3))
     html = page.render(Runs.of(quiet, MANIFEST), MANIFEST, tmp_path)
     assert "golden run. None was." in html and "held all the same" not in html

@@ -1,4 +1,6 @@
-"""The report: its numbers against an independent count, one file, no request, well formed; rates in words."""
+"""The report: its numbers against an independent count, one file, no request, well formed; rates
+in words.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,8 @@ def built(tmp_path_factory):
     return path, path.read_text(encoding="utf-8")
 
 
-# --- the page ---------------------------------------------------------------------------------------------------------
+# --- the page -------------------------------------------------------------------------------------
+# --------------------
 
 
 def test_one_self_contained_file(built):
@@ -89,13 +92,20 @@ def test_headline_counts_distinct_faults(built):
 
 
 def test_enumerated_faults_have_shares_without_intervals(tmp_path):
-    """The same runs, of a campaign whose groups are grids: no interval in the headline, the classes and the matrix."""
-    groups = [{"name": name, "design": "grid", "fault": [{"value": [1, 2]}]} for name in FRAME["group"].unique()]
+    """The same runs, of a campaign whose groups are grids: no interval in the headline, the
+    classes and the matrix.
+    """
+    groups = [
+        {"name": name, "design": "grid", "fault": [{"value": [1, 2]}]}
+        for name in FRAME["group"].unique()
+    ]
     manifest = synthetic.manifest(RUNS, config={**MANIFEST.config, "group": groups})
     runs = Runs.of(FRAME, manifest)
     assert not runs.sampled() and TABLE.sampled()
     head = tables.headline(runs, manifest)
-    assert (head["evaded"].k, head["evaded"].n) == (len(EVADING), len(FAULTY)) and np.isnan(head["evaded"].low)
+    assert (head["evaded"].k, head["evaded"].n) == (len(EVADING), len(FAULTY)) and np.isnan(
+        head["evaded"].low
+    )
     cells = [cell["rate"] for row in tables.verdict_matrix(runs) for cell in row["cells"]]
     assert all(np.isnan(rate.low) for rate in cells) and wording.interval(cells[0]) == ""
     some = [{**group, "design": "lhs"} for group in groups[:1]] + groups[1:]
@@ -109,12 +119,22 @@ def test_enumerated_faults_have_shares_without_intervals(tmp_path):
     results.close(compile_s=1.0, run_s=1.0, rows=RUNS)
     text = words(Page(page.build(folder).read_text(encoding="utf-8")))
     assert "95\xa0% interval" not in text.split("What would the cue change?")[0]
-    assert not re.search(r"\bnan\b", text.split("Runs without a valid outcome, by cause")[0])  # one is called so
+    assert not re.search(
+        r"\bnan\b", text.split("Runs without a valid outcome, by cause")[0]
+    )  # one is called so
 
 
 def test_provenance(built):
     text = words(Page(built[1]))
-    for value in (MANIFEST.config_hash, MANIFEST.code_hash, MANIFEST.device, "seed", "50 runs/s", "jax", "suturing"):
+    for value in (
+        MANIFEST.config_hash,
+        MANIFEST.code_hash,
+        MANIFEST.device,
+        "seed",
+        "50 runs/s",
+        "jax",
+        "suturing",
+    ):
         assert value in text
 
 
@@ -122,7 +142,9 @@ def test_provenance(built):
 def test_unfinished_campaign_says_so(tmp_path):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
-    assert "Unfinished: 100 of 2,000 runs" in words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
+    assert "Unfinished: 100 of 2,000 runs" in words(
+        Page(page.build(tmp_path).read_text(encoding="utf-8"))
+    )
 
 
 @pytest.mark.slow
@@ -130,11 +152,15 @@ def test_unfinished_campaign_says_so(tmp_path):
 def test_a_campaign_that_stopped_by_itself_says_why_and_what_its_pooled_rates_are(tmp_path, even):
     results = ResultFolder.open(tmp_path, MANIFEST)
     results.add(FRAME.iloc[:100])
-    look = Look(2, 4, {"dac": 60}, {"dac": 800}, (), 0.04, (), True, half_width=0.05, each=0.99, even=even)
+    look = Look(
+        2, 4, {"dac": 60}, {"dac": 800}, (), 0.04, (), True, half_width=0.05, each=0.99, even=even
+    )
     decisions.write(tmp_path, [look])
     text = words(Page(page.build(tmp_path).read_text(encoding="utf-8")))
     assert "Stopped at look 2 of 4: every rate is known within +-0.05." in text
-    assert ("Groups were computed to different shares: weigh them for a rate over several." in text) is not even
+    assert (
+        "Groups were computed to different shares: weigh them for a rate over several." in text
+    ) is not even
 
 
 def test_folder_without_results(tmp_path):
@@ -153,7 +179,12 @@ def edge(name):
     elif name == "none evades":
         frame["response"], frame["response_ms"], frame["told_ms"] = "stopped", 2900, 2900
     elif name == "nothing happens":
-        frame["response"], frame["response_ms"], frame["told_ms"], frame["activated"] = "silent", -1, -1, False
+        frame["response"], frame["response_ms"], frame["told_ms"], frame["activated"] = (
+            "silent",
+            -1,
+            -1,
+            False,
+        )
         frame[[c for c in frame if c.endswith("first_ms") and not c.startswith("applied")]] = -1
         frame["halted_ms"] = 4
     elif name == "one fault repeated":
@@ -197,10 +228,13 @@ def test_verdicts_may_use_another_cue():
     text = words(Page(rendered(synthetic.judged(FRAME, 6), other)))
     felt = (EVADING["cue6_first_ms"] >= 0).sum()
     assert f"The 5 mm haptic cue came in {felt} of these {len(EVADING)}" in text
-    assert "made the live robot move more than 4.5 mm off its course" in text and "over 4.5 mm" in text
+    assert (
+        "made the live robot move more than 4.5 mm off its course" in text and "over 4.5 mm" in text
+    )
 
 
-# --- the numbers ------------------------------------------------------------------------------------------------------
+# --- the numbers ----------------------------------------------------------------------------------
+# --------------------
 
 
 def test_verdict_matrix_against_a_plain_count():
@@ -209,10 +243,18 @@ def test_verdict_matrix_against_a_plain_count():
     assert [row["name"] for row in matrix] == ["stopped", "flagged", "limited", "silent"]
     for row in matrix:
         hazards = ["unintended motion", "loss of motion", "false report", "none"]
-        for cell, (hazard, cued) in zip(row["cells"], itertools.product(hazards, [True, False]), strict=True):
-            mine = (facts["response"] == row["name"]) & (facts["hazard"] == hazard) & (facts["cued"] == cued)
+        for cell, (hazard, cued) in zip(
+            row["cells"], itertools.product(hazards, [True, False]), strict=True
+        ):
+            mine = (
+                (facts["response"] == row["name"])
+                & (facts["hazard"] == hazard)
+                & (facts["cued"] == cued)
+            )
             assert cell["rate"] == wilson(int(mine.sum()), len(FAULTY))
-            assert cell["evades"] == (row["name"] in ("limited", "silent") and hazard == "unintended motion")
+            assert cell["evades"] == (
+                row["name"] in ("limited", "silent") and hazard == "unintended motion"
+            )
     assert sum(row["total"].k for row in matrix) == len(FAULTY)
 
 
@@ -222,13 +264,22 @@ def test_every_run_has_one_outcome_and_failures_are_kept():
     rows = tables.group_rows(TABLE)
     assert sum(row["runs"] for row in rows) == sum(row["n"] + row["failed"] for row in rows) == RUNS
     assert all(sum(rate.k for rate in row["outcomes"].values()) == row["n"] for row in rows)
-    assert sum(row["n"] for row in tables.failure_rows(TABLE, Path("x"))) == (FRAME["failed"] != "").sum()
+    assert (
+        sum(row["n"] for row in tables.failure_rows(TABLE, Path("x")))
+        == (FRAME["failed"] != "").sum()
+    )
 
 
 def test_repeats_count_once():
     twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True)
-    once, again = tables.headline(TABLE, MANIFEST), tables.headline(Runs.of(twice, MANIFEST), MANIFEST)
-    assert again["evaded"] == once["evaded"] and (once["repeats"], again["repeats"]) == (0, len(FAULTY))
+    once, again = (
+        tables.headline(TABLE, MANIFEST),
+        tables.headline(Runs.of(twice, MANIFEST), MANIFEST),
+    )
+    assert again["evaded"] == once["evaded"] and (once["repeats"], again["repeats"]) == (
+        0,
+        len(FAULTY),
+    )
     assert again["failed"] == 2 * once["failed"] > 0 and again["false_cue"] == once["false_cue"]
 
 
@@ -245,7 +296,9 @@ def test_delays_are_censored_at_stop_and_end():
     )
     delays, early = tables.delays(runs, "warned_ms", 3000)
     assert delays.time.tolist() == [50, 300, 2900] and delays.came.tolist() == [True, False, False]
-    assert delays.count.tolist() == [1, 1, 2] and early == 1  # flagged: the robot went on, so to the end
+    assert (
+        delays.count.tolist() == [1, 1, 2] and early == 1
+    )  # flagged: the robot went on, so to the end
 
 
 # outcome: (response, hazard, the cue came, failed)
@@ -265,7 +318,9 @@ CASES = {
 
 def test_each_outcome_is_what_it_says():
     frame = FAULTY.head(len(CASES)).reset_index(drop=True)
-    response, hazard, cue, failed = (np.array(values) for values in zip(*CASES.values(), strict=True))
+    response, hazard, cue, failed = (
+        np.array(values) for values in zip(*CASES.values(), strict=True)
+    )
     frame["response"], frame["failed"], frame["halted_ms"] = response, failed, 4
     for word, name in (
         ("unintended motion", "unintended"),
@@ -280,22 +335,42 @@ def test_each_outcome_is_what_it_says():
     assert facts.loc[facts["evaded"], "outcome"].tolist() == ["felt", "unseen"]
     manifest = synthetic.manifest(len(frame))
     head = tables.headline(Runs.of(frame, manifest), manifest)
-    assert head["evaded"] == wilson(2, 9) and (head["felt"], head["unseen"], head["evaded_limited"]) == (1, 1, 1)
-    assert (head["loss"].k, head["misreport"].k, head["phantom"], head["unintended_told"]) == (1, 1, 1, 2)
+    assert head["evaded"] == wilson(2, 9) and (
+        head["felt"],
+        head["unseen"],
+        head["evaded_limited"],
+    ) == (1, 1, 1)
+    assert (head["loss"].k, head["misreport"].k, head["phantom"], head["unintended_told"]) == (
+        1,
+        1,
+        1,
+        2,
+    )
     again = Runs.of(frame.assign(group="g"), manifest)
     (group,) = tables.group_rows(again)
     assert group["evaded"] == wilson(2, 9) and (group["runs"], group["failed"]) == (10, 1)
 
 
 def test_groups_in_which_everybody_reacts_are_shown_without_a_rate():
-    frame = reacting.frame(60).query("group != 'encoder' or `param:reaction.action` == 1").reset_index(drop=True)
-    rows = {row["name"]: row for row in tables.group_rows(Runs.of(frame, reacting.manifest(len(frame))))}
-    assert (rows["encoder"]["n"], rows["encoder"]["runs"]) == (0, (frame["group"] == "encoder").sum())
+    frame = (
+        reacting.frame(60)
+        .query("group != 'encoder' or `param:reaction.action` == 1")
+        .reset_index(drop=True)
+    )
+    rows = {
+        row["name"]: row for row in tables.group_rows(Runs.of(frame, reacting.manifest(len(frame))))
+    }
+    assert (rows["encoder"]["n"], rows["encoder"]["runs"]) == (
+        0,
+        (frame["group"] == "encoder").sum(),
+    )
     assert list(rows)[-2:] == ["encoder", "fault_free"]
 
 
 def leads(warned_ms, told_ms):
-    chart = time_to_know.lead_histogram(of_facts(faulty=True, sample=True, warned_ms=warned_ms, told_ms=told_ms))
+    chart = time_to_know.lead_histogram(
+        of_facts(faulty=True, sample=True, warned_ms=warned_ms, told_ms=told_ms)
+    )
     return {mark.name.partition(" (")[0]: (mark.top - mark.bottom).sum() for mark in chart.marks}
 
 
@@ -303,7 +378,9 @@ def test_a_tie_is_neither_first():
     told = [100, 150, 90, 100, 300, 100, 100]
     assert leads(100, told) == {"check first": 1, "cue first": 2, "same millisecond": 4}
     assert leads([5, 5], [5, 5]) == {"check first": 0, "cue first": 0, "same millisecond": 2}
-    head = tables.headline(Runs.of(FRAME.assign(cue0_first_ms=100, told_ms=100), MANIFEST), MANIFEST)
+    head = tables.headline(
+        Runs.of(FRAME.assign(cue0_first_ms=100, told_ms=100), MANIFEST), MANIFEST
+    )
     assert head["same_ms"] == head["cue_first"].n > 0 == head["cue_first"].k
 
 
@@ -321,12 +398,16 @@ def test_a_response_at_once_is_drawn_at_the_beginning():
         place = np.searchsorted(truth.time, ms, side="right") - 1
         here = truth.fraction[place], truth.low[place], truth.high[place]
         assert curve.at(ms) == pytest.approx(here, abs=0.005)
-    assert curve.x[0] == 1 and curve.y[0] == pytest.approx(truth.fraction[truth.time <= 1][-1], abs=1e-9)
+    assert curve.x[0] == 1 and curve.y[0] == pytest.approx(
+        truth.fraction[truth.time <= 1][-1], abs=1e-9
+    )
     assert (curve.low <= curve.y).all() and (curve.y <= curve.high).all()
 
 
 def test_shares_that_are_small_have_an_axis_that_tells_them_apart():
-    curve = Incidence(np.array([0.0, 5]), np.array([0, 0.004]), np.zeros(2), np.full(2, 0.01), 1, 250)
+    curve = Incidence(
+        np.array([0.0, 5]), np.array([0, 0.004]), np.zeros(2), np.full(2, 0.01), 1, 250
+    )
     axis = time_to_know.share_axis("share", [time_to_know.of_incidence(curve, "cue", "cue", 3000)])
     labels = axis.labels(axis.ticks(6))
     assert axis.low == 0 and 0.004 < axis.high <= 0.006 and len(set(labels)) == len(labels) > 3
@@ -378,12 +459,13 @@ def test_groups_are_told_by_who_responded_and_what_moved(built):
     text = words(Page(built[1]))
     assert "a check told nobody was told by a check" in text
     assert (
-        "stopped flagged unintended motion, cue unintended motion, no cue loss of motion false report no hazard, cue "
-        "limited, no hazard failed runs" in text
+        "stopped flagged unintended motion, cue unintended motion, no cue loss of motion false"
+        " report no hazard, cue limited, no hazard failed runs" in text
     )
 
 
-# --- words ------------------------------------------------------------------------------------------------------------
+# --- words ----------------------------------------------------------------------------------------
+# --------------------
 
 
 @pytest.mark.parametrize(
@@ -405,14 +487,24 @@ def test_numbers(value, text):
 
 def test_rates_in_words():
     assert wording.percent(0.1561) == "15.6\u202f%" and wording.percent(0.0041) == "0.41\u202f%"
-    assert wording.interval(wilson(0, 170)) == "0.0–2.2\u202f%" and wording.interval(wilson(0, 0)) == "no runs"
+    assert (
+        wording.interval(wilson(0, 170)) == "0.0–2.2\u202f%"
+        and wording.interval(wilson(0, 0)) == "no runs"
+    )
 
 
 BURST = {
-    "fault0_site": "usb_out", "fault0_arm": "gold", "fault0_channel": "shoulder", "fault0_effect": "overwrite",
-    "fault0_value": -18000.0, "fault0_trigger": "time", "fault0_start_ms": 1200, "fault0_duration_ms": 300,
-    "fault0_every_ms": 0, "fault0_period_ms": 0,
-}  # fmt: skip
+    "fault0_site": "usb_out",
+    "fault0_arm": "gold",
+    "fault0_channel": "shoulder",
+    "fault0_effect": "overwrite",
+    "fault0_value": -18000.0,
+    "fault0_trigger": "time",
+    "fault0_start_ms": 1200,
+    "fault0_duration_ms": 300,
+    "fault0_every_ms": 0,
+    "fault0_period_ms": 0,
+}
 
 
 @pytest.mark.parametrize(
@@ -420,22 +512,37 @@ BURST = {
     [
         ({}, "usb_out gold shoulder, overwrite −18,000 counts, 300 ms from 1,200 ms"),
         ({"fault0_site": ""}, "no fault"),
-        ({"fault0_site": "a site to come"}, "a site to come gold shoulder, overwrite −18,000, 300 ms from 1,200 ms"),
+        (
+            {"fault0_site": "a site to come"},
+            "a site to come gold shoulder, overwrite −18,000, 300 ms from 1,200 ms",
+        ),
         (
             {"fault0_trigger": "pedal", "fault0_every_ms": 8000},
-            "usb_out gold shoulder, overwrite −18,000 counts, 300 ms from 1,200 ms after pedal-down, "
-            "again every 8,000 ms",
+            (
+                "usb_out gold shoulder, overwrite −18,000 counts, 300 ms from 1,200 ms after"
+                " pedal-down, again every 8,000 ms"
+            ),
         ),
         (
             {"fault0_trigger": "packet", "fault0_duration_ms": -1},
             "usb_out gold shoulder, overwrite −18,000 counts, from packet 1,200 to the end",
         ),
         (
-            {"fault0_site": "packet", "fault0_channel": "delx", "fault0_effect": "drift", "fault0_value": 2.5},
+            {
+                "fault0_site": "packet",
+                "fault0_channel": "delx",
+                "fault0_effect": "drift",
+                "fault0_value": 2.5,
+            },
             "packet gold delx, drift 2.5 um/ms, 300 ms from 1,200 ms",
         ),
         (
-            {"fault0_site": "tau_d", "fault0_effect": "periodic", "fault0_value": 0.3, "fault0_period_ms": 40},
+            {
+                "fault0_site": "tau_d",
+                "fault0_effect": "periodic",
+                "fault0_value": 0.3,
+                "fault0_period_ms": 40,
+            },
             "tau_d gold shoulder, periodic 0.3 N m, period 40 ms, 300 ms from 1,200 ms",
         ),
         (
@@ -443,7 +550,12 @@ BURST = {
             "encoder gold shoulder, bit_flip of bit 12, 300 ms from 1,200 ms",
         ),
         (
-            {"fault0_site": "jpos", "fault0_effect": "stuck", "fault0_value": float("nan"), "fault0_duration_ms": 1500},
+            {
+                "fault0_site": "jpos",
+                "fault0_effect": "stuck",
+                "fault0_value": float("nan"),
+                "fault0_duration_ms": 1500,
+            },
             "jpos gold shoulder, stuck, 1,500 ms from 1,200 ms",
         ),
     ],
@@ -453,27 +565,40 @@ def test_fault_in_words(changed, words):
 
 
 def test_two_faults_in_words():
-    second = {name.replace("0", "1"): value for name, value in BURST.items()} | {"fault1_channel": "elbow"}
+    second = {name.replace("0", "1"): value for name, value in BURST.items()} | {
+        "fault1_channel": "elbow"
+    }
     assert wording.fault(BURST | second).split("; ")[1].startswith("usb_out gold elbow, overwrite")
 
 
 def test_round_steps():
-    assert [round_step(x) for x in (0.0, 0.9, 274.0, 6.1, 0.031)] == [1.0, 1.0, 250.0, 5.0, pytest.approx(0.025)]
+    assert [round_step(x) for x in (0.0, 0.9, 274.0, 6.1, 0.031)] == [
+        1.0,
+        1.0,
+        250.0,
+        5.0,
+        pytest.approx(0.025),
+    ]
 
 
-# --- campaigns of another shape ---------------------------------------------------------------------------------------
+# --- campaigns of another shape
+# ---------------------------------------------------------------------------------------
 
 
 def test_a_campaign_without_fault_slots_has_a_page():
     form = dataclasses.replace(synthetic.shape(), slots=0)
-    frame = synthetic.frame(80).assign(group="fault_free")[[column.name for column in schema.columns(form)]]
+    frame = synthetic.frame(80).assign(group="fault_free")[
+        [column.name for column in schema.columns(form)]
+    ]
     html = rendered(frame, synthetic.manifest(80, shape=form))
     assert "This campaign injected no fault." in words(Page(html))
 
 
 def test_reactions_without_any_fault_still_show_their_interruptions():
     frame = reacting.frame(60)
-    free = frame.assign(**{name: "" for name in frame if re.fullmatch(r"fault0_(site|effect)", name)})
+    free = frame.assign(
+        **{name: "" for name in frame if re.fullmatch(r"fault0_(site|effect)", name)}
+    )
     text = words(Page(rendered(free, reacting.manifest(len(free)))))
     assert "Interruptions of fault-free motion" in text and "nothing to compare" in text
 
@@ -498,9 +623,16 @@ def test_sections_that_have_nothing_to_say_are_left_out():
 
 def test_the_first_page_answers_three_questions(built):
     text = words(Page(built[1]))
-    for question in ("Which faults evade?", "How long before anyone can know?", "What would the cue change?"):
+    for question in (
+        "Which faults evade?",
+        "How long before anyone can know?",
+        "What would the cue change?",
+    ):
         assert question in text
-    known = re.search(r"Half of the ([\d,]+) faults with an unintended motion could be known within ([\d.,]+) ms", text)
+    known = re.search(
+        r"Half of the ([\d,]+) faults with an unintended motion could be known within ([\d.,]+) ms",
+        text,
+    )
     assert known and int(known[1].replace(",", "")) == (FAULTY["unintended_first_ms"] >= 0).sum()
 
 

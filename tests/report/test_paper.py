@@ -25,7 +25,9 @@ def test_main_figures_as_svg_and_pdf_alike_each_time(tmp_path):
     paths = paper.write(folder, tmp_path / "one")
     names = [path.name for path in paths]
     assert names == [
-        f"{name}.{kind}" for name in ("verdicts", "time_to_know", "roc", "tradeoff") for kind in ("svg", "pdf")
+        f"{name}.{kind}"
+        for name in ("verdicts", "time_to_know", "roc", "tradeoff")
+        for kind in ("svg", "pdf")
     ]
     heads = {".svg": b"<?xml", ".pdf": b"%PDF"}
     assert all(path.read_bytes().startswith(heads[path.suffix]) for path in paths)

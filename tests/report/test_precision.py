@@ -17,11 +17,18 @@ ROWS = precision.rows(Runs.of(FRAME, synthetic.manifest(900)))
 
 def test_rates_are_of_distinct_faults():
     valid = (FRAME["failed"] == "") & (FRAME["fault0_site"] != "")
-    evading = valid & FRAME["response"].isin(["silent", "limited"]) & (FRAME["unintended_first_ms"] >= 0)
+    evading = (
+        valid & FRAME["response"].isin(["silent", "limited"]) & (FRAME["unintended_first_ms"] >= 0)
+    )
     for row in ROWS[1:]:
         mine = FRAME["group"] == row.group
-        assert row.rate == wilson(int((evading & mine).sum()), int((valid & mine).sum())) and row.runs == mine.sum()
-    assert ROWS[0].group == "all faults" and ROWS[0].rate == wilson(int(evading.sum()), int(valid.sum()))
+        assert (
+            row.rate == wilson(int((evading & mine).sum()), int((valid & mine).sum()))
+            and row.runs == mine.sum()
+        )
+    assert ROWS[0].group == "all faults" and ROWS[0].rate == wilson(
+        int(evading.sum()), int(valid.sum())
+    )
     widths = [row.half_width for row in ROWS[1:]]
     assert widths == sorted(widths, reverse=True)
 
@@ -37,8 +44,15 @@ def test_repeats_sharpen_nothing():
 
 def test_of_a_group_of_which_every_run_failed_nothing_is_known():
     failed = FRAME["failed"].where(FRAME["group"] != "encoder", "nan")
-    rows = precision.rows(Runs.of(synthetic.judged(FRAME.assign(failed=failed)), synthetic.manifest(900)))
-    assert (rows[-1].group, rows[-1].rate.n, rows[-1].within_3, rows[-1].within_1) == ("encoder", 0, None, None)
+    rows = precision.rows(
+        Runs.of(synthetic.judged(FRAME.assign(failed=failed)), synthetic.manifest(900))
+    )
+    assert (rows[-1].group, rows[-1].rate.n, rows[-1].within_3, rows[-1].within_1) == (
+        "encoder",
+        0,
+        None,
+        None,
+    )
     assert math.isnan(rows[-1].half_width) and rows[-1].runs == (FRAME["group"] == "encoder").sum()
 
 

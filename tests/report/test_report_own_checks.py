@@ -19,13 +19,21 @@ from ravenjax.vocabulary import checks
 GATE, EYE = checks.of_own("gate", "usb_out", "stop"), checks.of_own("eye", "jpos", "watch")
 SECTIONS = [
     {"name": "gate", "file": "gate.py", "at": "usb_out", "acts": "stop", "threshold": 0.25},
-    {"name": "eye", "file": "eye.py", "at": "jpos", "acts": "watch", "threshold": 2.0, "consecutive": 3},
+    {
+        "name": "eye",
+        "file": "eye.py",
+        "at": "jpos",
+        "acts": "watch",
+        "threshold": 2.0,
+        "consecutive": 3,
+    },
 ]
 ROWS = 200
 
 
 def campaign(own=(GATE, EYE), golden_checks=True, varied=None):
-    """A campaign in which each of `own` trips at random; in one of its two motions the eye does without a fault, too.
+    """A campaign in which each of `own` trips at random; in one of its two motions the eye does
+    without a fault, too.
 
     varied: threshold of the gate in each run, where it varies.
     """
@@ -35,7 +43,10 @@ def campaign(own=(GATE, EYE), golden_checks=True, varied=None):
         checks=(*synthetic.CHECKS, *names),
         own_checks=tuple(own),
         golden_checks=golden_checks,
-        parameters=("plant.friction_scale", *(() if varied is None else ("checks.threshold.gate",))),
+        parameters=(
+            "plant.friction_scale",
+            *(() if varied is None else ("checks.threshold.gate",)),
+        ),
     )
     frame, random = synthetic.frame(ROWS, 3, shape), np.random.default_rng(5)
     struck = frame["activated"].to_numpy()
@@ -48,26 +59,45 @@ def campaign(own=(GATE, EYE), golden_checks=True, varied=None):
         frame[f"check_{name}_first_ms"] = np.where(sooner, at, golden)
         frame[f"check_{name}_count"] = (golden >= 0) * 1 + sooner * 1
         if golden_checks:
-            frame[f"golden_check_{name}_first_ms"], frame[f"golden_check_{name}_count"] = golden, (golden >= 0) * 1
+            frame[f"golden_check_{name}_first_ms"], frame[f"golden_check_{name}_count"] = (
+                golden,
+                (golden >= 0) * 1,
+            )
     if "built_in_response" in {column.name for column in synthetic.schema.columns(shape)}:
         frame["built_in_response"] = frame["response"]
         frame["built_in_told_ms"] = frame["told_ms"]
     if varied is not None:
         frame["param:checks.threshold.gate"] = varied
-    config = {"name": "synthetic", "seed": 7, "check": [one for one in SECTIONS if f"own_{one['name']}" in names]}
+    config = {
+        "name": "synthetic",
+        "seed": 7,
+        "check": [one for one in SECTIONS if f"own_{one['name']}" in names],
+    }
     return frame, synthetic.manifest(ROWS, shape=shape, config=config)
 
 
 def recounted(frame, name, others):
-    """(faults, tripped, alone, with a motion, caught, free of one, harmless), by hand, run by run."""
+    """(faults, tripped, alone, with a motion, caught, free of one, harmless), by hand, run by
+    run.
+    """
     found = np.zeros(7, int)
     for row in frame.to_dict("records"):
         if row["failed"] or not row["fault0_site"]:
             continue
         trips = {one: new(row, one) for one in (name, *others)}
-        alone = trips[name] and row["built_in_told_ms"] < 0 and not any(trips[one] for one in others)
+        alone = (
+            trips[name] and row["built_in_told_ms"] < 0 and not any(trips[one] for one in others)
+        )
         moved = row["unintended_first_ms"] >= 0
-        found += [1, trips[name], alone, moved, moved and trips[name], not moved, not moved and trips[name]]
+        found += [
+            1,
+            trips[name],
+            alone,
+            moved,
+            moved and trips[name],
+            not moved,
+            not moved and trips[name],
+        ]
     return found.tolist()
 
 
@@ -88,14 +118,21 @@ def test_each_rate_is_that_of_the_raw_rows():
         assert (row.alarms.caught.k, row.alarms.caught.n) == (caught, moved) and 0 < caught < moved
         assert (row.alarms.harmless.k, row.alarms.harmless.n) == (harmless, still) and harmless > 0
         assert tuple(row.tripped) == pytest.approx(tuple(wilson(tripped, faults)))
-    assert (gate.name, gate.at, gate.does, gate.threshold) == ("gate", "usb_out", "stops the robot", "above 0.25")
+    assert (gate.name, gate.at, gate.does, gate.threshold) == (
+        "gate",
+        "usb_out",
+        "stops the robot",
+        "above 0.25",
+    )
     assert (eye.name, eye.at, eye.threshold) == ("eye", "jpos", "above 2, 3 ms in a row")
 
 
 def test_false_alarms_are_first_trips_of_different_golden_runs():
     frame, manifest = campaign()
     gate, eye = own_checks.rows(Runs.of(frame, manifest), manifest)
-    hours = (2800 + 2800 * 900 / 3000) / 3.6e6  # one motion to its end, the other until its trip at 900 of 3000 ms
+    hours = (
+        2800 + 2800 * 900 / 3000
+    ) / 3.6e6  # one motion to its end, the other until its trip at 900 of 3000 ms
     assert eye.alarms.false.count == 1 and eye.alarms.false.per_hour == pytest.approx(1 / hours)
     assert gate.alarms.false.count == 0 and gate.alarms.false.per_hour == 0.0
 
@@ -103,7 +140,9 @@ def test_false_alarms_are_first_trips_of_different_golden_runs():
 def test_false_alarms_are_not_known_where_golden_trips_are_not_or_a_threshold_varies():
     varied = np.where(np.arange(ROWS) % 2, 0.25, 4.0)
     for frame, manifest in (campaign(golden_checks=False), campaign(varied=varied)):
-        assert all(row.alarms.false is None for row in own_checks.rows(Runs.of(frame, manifest), manifest))
+        assert all(
+            row.alarms.false is None for row in own_checks.rows(Runs.of(frame, manifest), manifest)
+        )
     gate, _ = own_checks.rows(Runs.of(frame, manifest), manifest)
     assert gate.threshold == "above 0.25 to 4, together"
 
@@ -117,8 +156,14 @@ def test_the_page_tells_of_both_checks_and_not_of_a_campaign_without():
     for row in (gate, eye):
         assert f"{row.name} at {row.at}, {row.threshold}" in text
         assert f"{100 * row.tripped.value:.1f}" in text
-    assert f"Of {gate.tripped.n} distinct faults" in text and "first trips in 2 fault-free motions" in text
-    assert "told anyone, in the whole run or until a check or detector of your own stopped or limited it, and" in text
+    assert (
+        f"Of {gate.tripped.n} distinct faults" in text
+        and "first trips in 2 fault-free motions" in text
+    )
+    assert (
+        "told anyone, in the whole run or until a check or detector of your own stopped or limited"
+        " it, and" in text
+    )
     assert math.isnan(gate.alarms.threshold) and "nan" not in text.lower()
     assert 'id="own_checks"' not in rendered(synthetic.frame(ROWS), synthetic.manifest(ROWS))
 
@@ -126,5 +171,7 @@ def test_the_page_tells_of_both_checks_and_not_of_a_campaign_without():
 def test_checks_that_only_watch_do_not_act():
     frame, manifest = campaign(own=(EYE,))
     assert "built_in_response" not in frame
-    section = re.search(r'<section id="own_checks">.*?</section>', rendered(frame, manifest), re.S)[0]
+    section = re.search(r'<section id="own_checks">.*?</section>', rendered(frame, manifest), re.S)[
+        0
+    ]
     assert "no built-in check told anyone and in which no other" in words(Page(section))

@@ -38,14 +38,19 @@ def test_the_cue_can_be_left_out() -> None:
 
 
 def test_the_limit_is_the_campaigns() -> None:
-    table = result_rows.frame({"unintended_mm": 2.5}, {"unintended_off_mm": 2.5}, {"unintended_mm": 1.9})
+    table = result_rows.frame(
+        {"unintended_mm": 2.5}, {"unintended_off_mm": 2.5}, {"unintended_mm": 1.9}
+    )
     assert risk.counts(table)["B24"].tolist() == [3, 0, 0, 0, 0, 0]
     assert risk.counts(table, limit_mm=2.0)["B24"].tolist() == [1, 0, 0, 0, 0, 2]
 
 
 def test_hazards_come_worst_first() -> None:
     table = result_rows.frame(
-        {"group": "g/C06"}, {"group": "g/B24", **JUMPS}, {"group": "g/B24"}, {"group": "g/K01", **TOLD}
+        {"group": "g/C06"},
+        {"group": "g/B24", **JUMPS},
+        {"group": "g/B24"},
+        {"group": "g/K01", **TOLD},
     )
     rows = risk.by_hazard(risk.counts(table))
     assert [row.hazard for row in rows] == ["B24", "K01", "C06"]
@@ -69,14 +74,20 @@ HALVES = [np.array([1, 0, 0, 0, 0, 0])] * 5 + [np.array([0, 0, 0, 0, 0, 1])] * 5
 def test_the_interval_of_a_pool_counts_hazards_not_runs() -> None:
     ids = tuple(f"C{number:02}" for number in range(1, 11))
     few = risk.mean_over(np.repeat([0.0, 1.0], 5), ids, np.ones(10))
-    many = risk.by_pool({name: 50 * runs for name, runs in zip(ids, HALVES, strict=True)}, Pool("", "", ids)).injury
+    many = risk.by_pool(
+        {name: 50 * runs for name, runs in zip(ids, HALVES, strict=True)}, Pool("", "", ids)
+    ).injury
     assert many == pytest.approx(few) and few.low < 0.3 and few.high > 0.7
     twice = risk.mean_over(np.repeat([0.0, 1.0], 5), ("C01",) * 5 + ("C02",) * 5, np.ones(10))
     assert np.isnan(twice.low)  # one that counts in two classes is one unit
 
 
 def test_pools_weigh_against_each_other_and_leave_out_what_was_not_run() -> None:
-    pools = [Pool("a", "", ("M01",), 0.4), Pool("b", "", ("C08", "C12"), 0.1), Pool("c", "", ("M06",), 0.5)]
+    pools = [
+        Pool("a", "", ("M01",), 0.4),
+        Pool("b", "", ("C08", "C12"), 0.1),
+        Pool("c", "", ("M06",), 0.5),
+    ]
     table = result_rows.frame({"group": "g/M01", **JUMPS}, {"group": "g/C08"}, {"group": "g/C12"})
     whole = risk.together(risk.counts(table), pools, "all", "")
     assert whole.pool.weight == pytest.approx(0.5)

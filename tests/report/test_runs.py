@@ -1,4 +1,6 @@
-"""What sections ask of a table: counts of all rows, rows of a few, the same each time, in little memory."""
+"""What sections ask of a table: counts of all rows, rows of a few, the same each time, in little
+memory.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,11 @@ def test_pairs_are_drawn_as_a_whole(monkeypatch):
     monkeypatch.setattr(pairs, "MOST", 300)
     drawn = pairs.drawn(runs)
     assert 150 < len(drawn.frame) < 450 and set(drawn.frame.groupby("pair").size()) == {3}
-    rows = [row for row in pairs.differences(drawn.frame, drawn.facts, runs.sampled) if row.among == "all faults"]
+    rows = [
+        row
+        for row in pairs.differences(drawn.frame, drawn.facts, runs.sampled)
+        if row.among == "all faults"
+    ]
     assert len(rows) == 2 and all(row.n < len(drawn.frame) / 3 for row in rows)
 
 
@@ -80,7 +86,12 @@ def test_faults_by_class_against_a_plain_count(by):
         mine = faulty[faulty[by].astype(str) == one.name]
         valid = mine[~mine["failed"]]
         assert (one.runs, one.faults) == (len(mine), len(valid))
-        told = (valid["evaded"].sum(), valid["unintended"].sum(), valid["loss"].sum(), valid["told"].sum())
+        told = (
+            valid["evaded"].sum(),
+            valid["unintended"].sum(),
+            valid["loss"].sum(),
+            valid["told"].sum(),
+        )
         assert (one.evaded, one.unintended, one.loss, one.alarms) == told
 
 
@@ -90,7 +101,9 @@ def test_runs_with_a_reaction_and_failed_ones_are_runs_of_a_fault_and_no_further
     faulty = frame[frame["fault0_site"] != ""]
     nobody = faulty[faulty["param:reaction.action"] == 0]
     assert (found.runs, found.faults) == (len(faulty), (nobody["failed"] == "").sum())
-    assert found.unintended == ((nobody["failed"] == "") & (nobody["unintended_first_ms"] >= 0)).sum()
+    assert (
+        found.unintended == ((nobody["failed"] == "") & (nobody["unintended_first_ms"] >= 0)).sum()
+    )
 
 
 def test_a_campaign_without_a_fault_has_none():
@@ -100,7 +113,9 @@ def test_a_campaign_without_a_fault_has_none():
 
 
 def test_severities_do_not_depend_on_the_batches(monkeypatch):
-    frame = FRAME.assign(group=np.where(FRAME["group"] == "encoder", "C09 encoder", "B24,B25 others"))
+    frame = FRAME.assign(
+        group=np.where(FRAME["group"] == "encoder", "C09 encoder", "B24,B25 others")
+    )
     monkeypatch.setattr("ravenjax.report.data.runs.BATCH", 130)
     found, whole = risk.counted(Runs.of(frame, MANIFEST)), risk.counts(frame)
     assert {name: number.tolist() for name, number in found.items()} == {

@@ -42,7 +42,10 @@ def test_rates_are_those_of_a_plain_count_by_robot(frame) -> None:
     moved = valid["unintended_first_ms"] >= 0
     told = valid["response"].isin(["stopped", "flagged"])
     rates = {one.name: one for one in your_robot.rates(Runs.of(frame, manifest()), manifest())}
-    for name, hits in {"evades the checks": moved & ~told, "makes an unintended motion": moved}.items():
+    for name, hits in {
+        "evades the checks": moved & ~told,
+        "makes an unintended motion": moved,
+    }.items():
         expected = one_unit.rate(hits.groupby(robot).sum(), hits.groupby(robot).count())
         assert rates[name].robots == ROBOTS and rates[name].rate.k == hits.sum()
         np.testing.assert_allclose(rates[name].rate, expected.rate, rtol=1e-6)
@@ -55,9 +58,12 @@ def test_the_page_says_it_of_robots_drawn_whole_alone(frame) -> None:
     evades, *_ = your_robot.rates(Runs.of(frame, manifest()), manifest())
     assert f"Each run drew one of {ROBOTS} robots" in words and "On your robot" in words
     assert f"{100 * evades.rate.high:.1f}" in words
-    other = rendered_page.words(rendered_page.Page(rendered_page.rendered(frame, manifest("choice"))))
+    other = rendered_page.words(
+        rendered_page.Page(rendered_page.rendered(frame, manifest("choice")))
+    )
     assert (
-        "On your robot" not in other and your_robot.rates(Runs.of(frame, manifest("choice")), manifest("choice")) == []
+        "On your robot" not in other
+        and your_robot.rates(Runs.of(frame, manifest("choice")), manifest("choice")) == []
     )
 
 

@@ -23,7 +23,13 @@ JOINTS, LINK_M = ("shoulder", "elbow"), 0.3
 
 
 def _site(name: str, layer: str, unit: str, where: str) -> Site:
-    return Site(name, layer, True, tuple(Channel(j, (ARM, i), "float", unit) for i, j in enumerate(JOINTS)), where)
+    return Site(
+        name,
+        layer,
+        True,
+        tuple(Channel(j, (ARM, i), "float", unit) for i, j in enumerate(JOINTS)),
+        where,
+    )
 
 
 ROBOT = Robot(
@@ -86,13 +92,17 @@ def init(setup: Setup, params: Params) -> State:
     zero, tip = jnp.int32(0), tip_of(jpos)
     watch = monitor.init(setup, (tip,), (tip * 1e6,))
     cue = haptics.init(setup, params.haptics)
-    return State(fault.init(setup), jpos, jpos * 0.0, jnp.bool_(False), check.init(setup), cue, watch, zero)
+    return State(
+        fault.init(setup), jpos, jpos * 0.0, jnp.bool_(False), check.init(setup), cue, watch, zero
+    )
 
 
 def advance(setup, params, faults, state, now, motion, golden):
     """One millisecond: sense, control, check, move, watch."""
     clock = window.TriggerClocks(now, now + 1, now)
-    inject = Injector(ROBOT, setup, faults, window.open_windows(setup, faults, state.faults, clock), clock)
+    inject = Injector(
+        ROBOT, setup, faults, window.open_windows(setup, faults, state.faults, clock), clock
+    )
     wanted = Vec(real(setup, column[now]) for column in motion)
     (reported,) = inject("encoder", (state.jpos,))
     torque = (wanted - reported) * params.kp - state.jvel * params.kd
@@ -105,7 +115,9 @@ def advance(setup, params, faults, state, now, motion, golden):
     jpos = state.jpos + jvel * 1e-3
     tip, seen, model = tip_of(jpos), tip_of(reported), tip_of(wanted)
     still = model * 0.0
-    cue, pull = haptics.step(setup, params.haptics, state.haptics, haptics.HapticSignal(model, still, seen, still))
+    cue, pull = haptics.step(
+        setup, params.haptics, state.haptics, haptics.HapticSignal(model, still, seen, still)
+    )
     never, always = jnp.asarray(jnp.inf, setup.precision.real), jnp.bool_(True)
     still = (Vec((0, 0)),)
     watched = monitor.MonitorSignal(
@@ -116,7 +128,13 @@ def advance(setup, params, faults, state, now, motion, golden):
     live = state.live + as_int(~stopped)
     new = State(inject.state, jpos, jvel, stopped, limit, cue, watch, live)
     places = {"tip": tip, "position": seen, "model_position": model}
-    signals = {"jpos": reported, "tau_d": driven, "cue_force": pull.force, "runlevel": as_int(~stopped), **places}
+    signals = {
+        "jpos": reported,
+        "tau_d": driven,
+        "cue_force": pull.force,
+        "runlevel": as_int(~stopped),
+        **places,
+    }
     return new, (*tip, *(seen * 1e6)), signals
 
 
@@ -134,16 +152,32 @@ def outcomes(setup: Setup, params: Params, state: State) -> dict[str, Scalar]:
 
 def prepare(config, varied, injection, precision) -> Prepared:
     """What a campaign asks of the arm."""
-    setup = Setup(config.campaign.arms, precision, injection=injection, cues=len(config.haptics.cues()))
+    setup = Setup(
+        config.campaign.arms, precision, injection=injection, cues=len(config.haptics.cues())
+    )
     cues = tuple(haptics.CueParams(c.threshold_m, c.kp, c.kd, c.cap) for c in config.haptics.cues())
     watch = replace(monitor.params(setup), limit=config.outcomes.limit_mm / 1e3)
     time_s = np.arange(config.campaign.ticks) / 1e3
-    columns = (np.sin(time_s).astype(np.float32) * 0.4, (1.0 + 0.3 * np.sin(2 * time_s)).astype(np.float32))
-    return Prepared(ROBOT.part("loop"), setup, Params(40.0, 2.0, 0.05, 8.0, haptics.HapticParams(cues), watch), columns)
+    columns = (
+        np.sin(time_s).astype(np.float32) * 0.4,
+        (1.0 + 0.3 * np.sin(2 * time_s)).astype(np.float32),
+    )
+    return Prepared(
+        ROBOT.part("loop"),
+        setup,
+        Params(40.0, 2.0, 0.05, 8.0, haptics.HapticParams(cues), watch),
+        columns,
+    )
 
 
 def series(setup: Setup, signals: dict[str, Any], golden: np.ndarray) -> dict[str, np.ndarray]:
     """Time series of a run."""
-    arm = {name: np.stack(values, axis=-1) for name, values in signals.items() if isinstance(values, tuple)}
+    arm = {
+        name: np.stack(values, axis=-1)
+        for name, values in signals.items()
+        if isinstance(values, tuple)
+    }
     arm["golden_tip"] = golden[:, :3]
-    return {"runlevel": signals["runlevel"]} | {f"arm/{name}": values for name, values in arm.items()}
+    return {"runlevel": signals["runlevel"]} | {
+        f"arm/{name}": values for name, values in arm.items()
+    }

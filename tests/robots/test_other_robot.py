@@ -1,4 +1,6 @@
-"""A robot that the package does not know runs like the Raven-II: campaign, report, verify and trace, on two engines."""
+"""A robot that the package does not know runs like the Raven-II: campaign, report, verify and
+trace, on two engines.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,12 @@ def test_two_engines_agree(tables):
     assert simd["verdict"].nunique() > 1  # there is something to disagree on
     for name in ("verdict", "response", "hazard", "check_torque_limit_first_ms", "applied0_ticks"):
         assert simd[name].tolist() == xla[name].tolist(), name
-    for name in ("unintended_mm", "peak_model_deviation_mm", "tip_path_mm", "check_torque_limit_margin"):
+    for name in (
+        "unintended_mm",
+        "peak_model_deviation_mm",
+        "tip_path_mm",
+        "check_torque_limit_margin",
+    ):
         np.testing.assert_allclose(simd[name], xla[name], rtol=1e-4, atol=1e-4, err_msg=name)
 
 
@@ -86,13 +93,23 @@ def test_faults_strike_when_and_where_they_are_told(tables):
 
 
 def moved_mm(row) -> float:
-    """How far the tip leaves that of the golden run, by another hand: the arm in float64, whose check stops it."""
+    """How far the tip leaves that of the golden run, by another hand: the arm in float64, whose
+    check stops it.
+    """
 
     def tips(struck: bool) -> np.ndarray:
         jpos, jvel, tips, stopped = np.array([0.0, 1.0]), np.zeros(2), [], False
         for ms in range(600):
-            wanted = np.float32(0.4 * np.sin(ms / 1e3)), np.float32(1.0 + 0.3 * np.sin(2 * ms / 1e3))
-            inside = struck and row["fault0_start_ms"] <= ms < row["fault0_start_ms"] + row["fault0_duration_ms"]
+            wanted = (
+                np.float32(0.4 * np.sin(ms / 1e3)),
+                np.float32(1.0 + 0.3 * np.sin(2 * ms / 1e3)),
+            )
+            inside = (
+                struck
+                and row["fault0_start_ms"]
+                <= ms
+                < row["fault0_start_ms"] + row["fault0_duration_ms"]
+            )
             joint, value = planar_arm.JOINTS.index(row["fault0_channel"]), row["fault0_value"]
             reported = jpos.copy()
             if inside and row["fault0_site"] == "encoder":

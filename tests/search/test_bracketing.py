@@ -52,7 +52,13 @@ def test_whole_numbers_are_found_exactly():
         return (number >= at[cell]).astype(float)
 
     for sections in (2, 5):
-        found = bracket(asked, SearchRange(1.0, 10_000.0, True, 1e-6), np.ones(6, bool), scan=5, sections=sections)
+        found = bracket(
+            asked,
+            SearchRange(1.0, 10_000.0, True, 1e-6),
+            np.ones(6, bool),
+            scan=5,
+            sections=sections,
+        )
         np.testing.assert_array_equal(found.high, at)
         np.testing.assert_array_equal(found.low, at - 1)
     assert all((numbers == np.rint(numbers)).all() for numbers in tried)
@@ -79,7 +85,9 @@ def test_a_window_of_harm_is_not_taken_for_a_threshold():
 
 
 def test_harm_that_ends_within_the_range_is_not_monotone_either():
-    found = bracket(lambda cell, number: (number < 50).astype(float), LOG, np.zeros(1, bool), scan=9)
+    found = bracket(
+        lambda cell, number: (number < 50).astype(float), LOG, np.zeros(1, bool), scan=9
+    )
     assert found.state[0] == ALWAYS and not found.monotone[0]
 
 

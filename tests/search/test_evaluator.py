@@ -21,7 +21,11 @@ RAW = {
     "campaign": {"name": "points", "duration_s": 0.6, "seed": 5, "noise": True},
     "operator": {"motion": "reach"},
     "parameters": {"plant.friction_scale": {"uniform": [0.7, 1.4]}, "plant.mass_scale": 1.1},
-    "search": {"kind": "sobol", "outcomes": ["peak_model_deviation_mm", "response = stopped"], "n": 8},
+    "search": {
+        "kind": "sobol",
+        "outcomes": ["peak_model_deviation_mm", "response = stopped"],
+        "n": 8,
+    },
     "group": [
         {
             "name": "dac",
@@ -58,25 +62,34 @@ def evaluated(template, points):
     """An evaluator that has run the points in batches of unequal sizes, and what it returned."""
     evaluator = Evaluator(template, [outcome.parse(text) for text in WANTED])
     case, values = points
-    found = [evaluator(case[rows], values[rows]) for rows in (slice(0, 3), slice(3, 4), slice(4, 40))]
+    found = [
+        evaluator(case[rows], values[rows]) for rows in (slice(0, 3), slice(3, 4), slice(4, 40))
+    ]
     return evaluator, np.concatenate(found)
 
 
 def different(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
     """Columns that differ, numbering apart; rows are matched by id, NaN is NaN."""
-    one, other = (frame.drop(columns=["index", "pair"]).set_index("run_id") for frame in (one, other))
+    one, other = (
+        frame.drop(columns=["index", "pair"]).set_index("run_id") for frame in (one, other)
+    )
     other = other.loc[one.index, one.columns]
     return [name for name in one if not one[name].astype(object).equals(other[name].astype(object))]
 
 
 @pytest.mark.slow
 def test_rows_are_those_of_a_campaign_of_listed_runs(template, points, evaluated):
-    """A file that lists each run by itself gives the same ids and, to the bit, the same outcomes: effect "random",
-    noise and golden runs of varied parameters included."""
+    """A file that lists each run by itself gives the same ids and, to the bit, the same outcomes:
+    effect "random", noise and golden runs of varied parameters included."""
     case, values = points
     raw = {key: value for key, value in RAW.items() if key != "search"}
-    fault = RAW["group"][0]["fault"][0] | {"channel": "shoulder", "effect": "overwrite", "value": 0, "start_ms": 1,
-                                           "duration_ms": 1}  # fmt: skip
+    fault = RAW["group"][0]["fault"][0] | {
+        "channel": "shoulder",
+        "effect": "overwrite",
+        "value": 0,
+        "start_ms": 1,
+        "duration_ms": 1,
+    }
     runs = []
     for c, (value, start, friction) in zip(case, values.tolist(), strict=True):
         told = {name.removeprefix("fault0_"): word for name, word in template.case(c).items()}
@@ -133,10 +146,17 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
     table = plan.make(config).table
     single = raw | {"group": [{"name": "dac", "fault": [group]}]}
     template = Template(campaigns.from_dict(single, template=True))
-    assert template.labels == ("fault0_value", "fault0_start_ms", "fault0_duration_ms", "plant.friction_scale")
+    assert template.labels == (
+        "fault0_value",
+        "fault0_start_ms",
+        "fault0_duration_ms",
+        "plant.friction_scale",
+    )
     rng = np.random.default_rng([5, zlib.crc32(b"dac")])
     unit = sampling._unit("sobol", 32, 4, rng)
-    rows = plan.make(template.campaign(np.zeros(32, int), template.values(np.zeros(32, int), unit))).table
+    rows = plan.make(
+        template.campaign(np.zeros(32, int), template.values(np.zeros(32, int), unit))
+    ).table
     assert rows["run_id"].tolist() == table["run_id"].tolist()
 
 

@@ -20,7 +20,13 @@ from ravenjax.search.file.template import Template
 from ravenjax.search.journal import Journal
 from ravenjax.store import folder, manifest, parts, schema
 
-FAULT = {"site": "usb_out", "channel": ["shoulder", "elbow"], "effect": "offset", "start_ms": 250, "duration_ms": 9}
+FAULT = {
+    "site": "usb_out",
+    "channel": ["shoulder", "elbow"],
+    "effect": "offset",
+    "start_ms": 250,
+    "duration_ms": 9,
+}
 TEMPLATE = Template(
     loading.from_dict(
         {
@@ -54,7 +60,10 @@ def content(rows: pa.Table) -> bytes:
 def ask(evaluator) -> np.ndarray:
     """Three batches, and what they return."""
     return np.concatenate(
-        [evaluator(CASE[rows], VALUES[rows]) for rows in (slice(0, 10), slice(10, 12), slice(12, 30))]
+        [
+            evaluator(CASE[rows], VALUES[rows])
+            for rows in (slice(0, 10), slice(10, 12), slice(12, 30))
+        ]
     )
 
 
@@ -65,7 +74,11 @@ def kept(tmp_path, monkeypatch):
     with searching(tmp_path) as made:
         found = ask(made)
     assert made.progress.stored == 30 and len(np.unique(found)) > 20
-    assert [parts.row_range(path) for path in parts.files(tmp_path / folder.PARTS)] == [(0, 9), (10, 11), (12, 29)]
+    assert [parts.row_range(path) for path in parts.files(tmp_path / folder.PARTS)] == [
+        (0, 9),
+        (10, 11),
+        (12, 29),
+    ]
     return tmp_path, found, made.rows()
 
 
@@ -94,7 +107,9 @@ def test_small_batches_share_a_part_which_an_error_does_not_lose(tmp_path, monke
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "damage", [lambda path: path.write_bytes(path.read_bytes()[:-9]), Path.unlink], ids=["truncated", "missing"]
+    "damage",
+    [lambda path: path.write_bytes(path.read_bytes()[:-9]), Path.unlink],
+    ids=["truncated", "missing"],
 )
 def test_a_part_that_is_lost_is_computed_again_and_no_other(kept, damage):
     out, found, rows = kept
@@ -103,7 +118,11 @@ def test_a_part_that_is_lost_is_computed_again_and_no_other(kept, damage):
         assert again.held == 28
         np.testing.assert_array_equal(ask(again), found)
     assert again.progress.stored == 2 and content(again.rows()) == content(rows)
-    assert [parts.row_range(path) for path in parts.files(out / folder.PARTS)] == [(0, 9), (12, 29), (30, 31)]
+    assert [parts.row_range(path) for path in parts.files(out / folder.PARTS)] == [
+        (0, 9),
+        (12, 29),
+        (30, 31),
+    ]
 
 
 def test_a_damaged_part_is_set_aside_and_named(kept):
@@ -113,7 +132,9 @@ def test_a_damaged_part_is_set_aside_and_named(kept):
     content[len(content) // 2] ^= 1
     last.write_bytes(content)
     (note,) = Journal(out, "same").notes
-    assert str(out / folder.SET_ASIDE / last.name) in note and "start the same command again" in note
+    assert (
+        str(out / folder.SET_ASIDE / last.name) in note and "start the same command again" in note
+    )
     assert not last.exists()
 
 

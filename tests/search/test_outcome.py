@@ -47,8 +47,12 @@ def test_values(text, expected):
 
 
 def test_margins_are_zero_at_the_bound_and_grow_into_the_event():
-    np.testing.assert_allclose(outcome.parse("peak_model_deviation_mm >= 3").margins(FRAME)[:3], [-2.5, 0.0, 1.0])
-    np.testing.assert_allclose(outcome.parse("peak_model_deviation_mm <= 3").margins(FRAME)[:3], [2.5, 0.0, -1.0])
+    np.testing.assert_allclose(
+        outcome.parse("peak_model_deviation_mm >= 3").margins(FRAME)[:3], [-2.5, 0.0, 1.0]
+    )
+    np.testing.assert_allclose(
+        outcome.parse("peak_model_deviation_mm <= 3").margins(FRAME)[:3], [2.5, 0.0, -1.0]
+    )
 
 
 def test_text_is_written_one_way():
@@ -56,7 +60,9 @@ def test_text_is_written_one_way():
     assert str(outcome.parse("response=stopped")) == "response = stopped"
 
 
-@pytest.mark.parametrize("text", ["", "a > 3", "peak_model_deviation_mm >= far", "response =", "a b"])
+@pytest.mark.parametrize(
+    "text", ["", "a > 3", "peak_model_deviation_mm >= far", "response =", "a b"]
+)
 def test_other_forms_are_refused(text):
     with pytest.raises(ValueError, match="expected"):
         outcome.parse(text)
@@ -84,7 +90,12 @@ def test_complaints_say_what_to_write(text, told):
 def test_events_and_margins_are_told_apart():
     with pytest.raises(ValueError, match="peak_model_deviation_mm >= 1"):
         outcome.require_event("peak_model_deviation_mm")
-    for text in ("jump_code", "response = stopped", "peak_model_deviation_mm", "response_ms >= 100"):
+    for text in (
+        "jump_code",
+        "response = stopped",
+        "peak_model_deviation_mm",
+        "response_ms >= 100",
+    ):
         with pytest.raises(ValueError, match="how near a run came"):
             outcome.require_margin(text)
     assert outcome.require_event("jump_code") and outcome.require_margin("tip_path_mm <= 5")

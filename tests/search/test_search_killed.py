@@ -17,7 +17,12 @@ from ravenjax.store import folder, parts
 SEARCH = {
     "campaign": {"name": "killed", "duration_s": 3.0, "seed": 3},
     "operator": {"motion": "reach"},
-    "search": {"kind": "rare", "event": "peak_golden_deviation_mm >= 4", "runs": 500, "check": 8000},
+    "search": {
+        "kind": "rare",
+        "event": "peak_golden_deviation_mm >= 4",
+        "runs": 500,
+        "check": 8000,
+    },
     "group": [
         {
             "name": "dac",
@@ -68,6 +73,8 @@ def test_killed_after_each_part(tmp_path):
     assert start(cut).wait(600) == 0
     assert killed >= 3, "some starts were cut short"
     found, expected = (json.loads((out / output.NUMBERS).read_text()) for out in (cut, whole))
-    assert found["result"] == expected["result"] and found["result"]["results"][0]["subset"]["levels"]
+    assert (
+        found["result"] == expected["result"] and found["result"]["results"][0]["subset"]["levels"]
+    )
     assert found["computed"] < expected["computed"] == expected["runs"] == found["runs"]
     assert (cut / journal.ROWS).read_bytes() == (whole / journal.ROWS).read_bytes()

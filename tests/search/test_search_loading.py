@@ -51,8 +51,14 @@ def refused(path, *overrides):
 
 def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
     path = written(tmp_path)
-    config = loading.load(path, ["search.tolerance=0.1", "campaign.seed=7", "group.dac.fault.0.start_ms=310"])
-    assert config.source == path and config.search.tolerance == 0.1 and config.campaign.campaign.seed == 7
+    config = loading.load(
+        path, ["search.tolerance=0.1", "campaign.seed=7", "group.dac.fault.0.start_ms=310"]
+    )
+    assert (
+        config.source == path
+        and config.search.tolerance == 0.1
+        and config.campaign.campaign.seed == 7
+    )
     template = Template(config.campaign)
     assert template.cases == 4 and template.labels == ("fault0_value",)
     assert template.case(3) == {"fault0_channel": "elbow", "fault0_duration_ms": 8}
@@ -61,22 +67,58 @@ def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ('kind = "boundary"', 'kind = "boundery"', ":10: search.kind: got 'boundery', expected one of boundary, sobol"),
+        (
+            'kind = "boundary"',
+            'kind = "boundery"',
+            ":10: search.kind: got 'boundery', expected one of boundary, sobol",
+        ),
         ('kind = "boundary"', "", "search.kind: missing"),
         ("signs = [1, -1]", "sings = [1]", "search.sings: unknown key"),
-        ("signs = [1, -1]", "scan = 1", ":12: search.scan: got 1, expected greater than or equal to 2"),
+        (
+            "signs = [1, -1]",
+            "scan = 1",
+            ":12: search.scan: got 1, expected greater than or equal to 2",
+        ),
         ("signs = [1, -1]", "signs = [1, 1]", "expected each sign once"),
         ('harm = "peak_golden_deviation_mm >= 1"', "", "search.harm: missing: event, such as"),
-        ("_mm >= 1", "_mm", ":11: search.harm: got 'peak_golden_deviation_mm', a number; expected an event"),
+        (
+            "_mm >= 1",
+            "_mm",
+            ":11: search.harm: got 'peak_golden_deviation_mm', a number; expected an event",
+        ),
         ("loguniform = [100, 30000]", "normal = [0, 300]", "needs one uniform or loguniform"),
         ("{ loguniform = [100, 30000] }", "500", "got none"),
-        ("start_ms = 300", "start_ms = { uniform = [300, 400] }", "got fault0_value, fault0_start_ms"),
-        ("loguniform = [100,", "uniform = [-100,", "search.signs: -1 needs a fault's value with a range from 0 on"),
-        ('"offset"', '{ choice = ["offset", "scale"] }', ":19: group[0].fault[0].effect: a search has no distribution"),
-        ('name = "dac"', 'name = "dac"\ndesign = "lhs"\nruns = 5', "group[0].design: got 'lhs', expected grid or zip"),
-        ("duration_s = 0.7", "duration_s = 0.7\nlimit = 5", ":5: campaign.limit: a search decides how many runs"),
+        (
+            "start_ms = 300",
+            "start_ms = { uniform = [300, 400] }",
+            "got fault0_value, fault0_start_ms",
+        ),
+        (
+            "loguniform = [100,",
+            "uniform = [-100,",
+            "search.signs: -1 needs a fault's value with a range from 0 on",
+        ),
+        (
+            '"offset"',
+            '{ choice = ["offset", "scale"] }',
+            ":19: group[0].fault[0].effect: a search has no distribution",
+        ),
+        (
+            'name = "dac"',
+            'name = "dac"\ndesign = "lhs"\nruns = 5',
+            "group[0].design: got 'lhs', expected grid or zip",
+        ),
+        (
+            "duration_s = 0.7",
+            "duration_s = 0.7\nlimit = 5",
+            ":5: campaign.limit: a search decides how many runs",
+        ),
         ("[[group]]", '[[group]]\nname = "free"\n[[group]]', "got 2 groups, expected one"),
-        ("[search]", "[cross]\nplant.friction_scale = [1, 2]\n[search]", "cross: a search crosses nothing"),
+        (
+            "[search]",
+            "[cross]\nplant.friction_scale = [1, 2]\n[search]",
+            "cross: a search crosses nothing",
+        ),
     ],
 )
 def test_errors_name_line_key_and_what_was_expected(tmp_path, old, new, told):

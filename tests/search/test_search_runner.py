@@ -36,13 +36,25 @@ def files(path):
         assert (path / figure).read_text().startswith("<?xml")
     assert "nan" not in text.replace("Nan", "")
     page = (path / output.PAGE).read_text()
-    assert page.count('<figure class="drawing"') == text.count("![") == page.count('<svg aria-hidden="true"')
+    assert (
+        page.count('<figure class="drawing"')
+        == text.count("![")
+        == page.count('<svg aria-hidden="true"')
+    )
     assert page.count("<caption ") == text.count("\n|---")
-    return json.loads((path / output.NUMBERS).read_text()), pd.read_parquet(path / journal.ROWS), text
+    return (
+        json.loads((path / output.NUMBERS).read_text()),
+        pd.read_parquet(path / journal.ROWS),
+        text,
+    )
 
 
 BOUNDARY = {
-    "fault": {"channel": ["shoulder", "elbow"], "duration_ms": [1, 8, 32], "value": {"loguniform": [500, 30000]}},
+    "fault": {
+        "channel": ["shoulder", "elbow"],
+        "duration_ms": [1, 8, 32],
+        "value": {"loguniform": [500, 30000]},
+    },
     "kind": "boundary",
     "harm": "peak_golden_deviation_mm >= 0.5",
     "signs": [1, -1],
@@ -77,13 +89,19 @@ def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
 
 def test_a_longer_fault_needs_less(bounded):
     cells = json.loads((bounded[0] / output.NUMBERS).read_text())["result"]["cells"]
-    size = {tuple(cell["cell"].values()): abs(cell["harmful"]) for cell in cells if cell["state"] == "crossing"}
+    size = {
+        tuple(cell["cell"].values()): abs(cell["harmful"])
+        for cell in cells
+        if cell["state"] == "crossing"
+    }
     assert all(size["shoulder", 32, sign] < size["shoulder", 8, sign] for sign in "+-")
 
 
 @pytest.mark.slow
 def test_what_never_harms_is_censored(tmp_path):
-    config = search({"value": {"uniform": [0, 40]}, "duration_ms": 1}, kind="boundary", harm="jump_text", scan=3)
+    config = search(
+        {"value": {"uniform": [0, 40]}, "duration_ms": 1}, kind="boundary", harm="jump_text", scan=3
+    )
     found = runner.run(config, tmp_path).findings.numbers["cells"]
     assert [(cell["state"], cell["harmless"]) for cell in found] == [("never", 40.0)]
     record, _, text = files(tmp_path)
@@ -97,11 +115,15 @@ def test_the_same_search_may_come_again_and_another_not(bounded):
     again = runner.run(search(**BOUNDARY), out)
     assert plain(again.findings.numbers) == plain(before.findings.numbers)
     assert (out / journal.ROWS).read_bytes() == rows
-    assert again.record["computed"] == 0 and again.record["runs"] == before.record["computed"] == before.record["runs"]
+    assert (
+        again.record["computed"] == 0
+        and again.record["runs"] == before.record["computed"] == before.record["runs"]
+    )
     text = (out / output.TEXT).read_text()
     assert "runs/s" not in text and f"- {before.record['runs']} different runs" in text
     with pytest.raises(
-        UserError, match=r"(?s)holds another search.*config\.search\.tolerance: 0\.05 here, 0\.1 asked for"
+        UserError,
+        match=r"(?s)holds another search.*config\.search\.tolerance: 0\.05 here, 0\.1 asked for",
     ):
         runner.run(search(**BOUNDARY | {"tolerance": 0.1}), out)
 
@@ -123,7 +145,9 @@ def test_a_search_that_was_ended_goes_on(bounded, tmp_path):
     assert (tmp_path / journal.ROWS).read_bytes() == (out / journal.ROWS).read_bytes()
     assert 0 < found.record["computed"] < found.record["runs"] == whole.record["runs"]
     assert found.record["batches"] == whole.record["batches"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in out.iterdir())
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        path.name for path in out.iterdir()
+    )
 
 
 def test_two_searches_in_one_folder_are_one_too_many(bounded):
@@ -145,12 +169,21 @@ def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
 def test_sobol_finds_what_decides(tmp_path):
     fault = {"value": {"uniform": [1000, 20000]}, "duration_ms": {"uniform": [1, 30]}}
     outcomes = ["peak_golden_deviation_mm", "peak_golden_deviation_mm >= 1", "response = stopped"]
-    config = search(fault, {"plant.mass_scale": {"uniform": [0.99, 1.01]}}, kind="sobol", n=32, outcomes=outcomes)
+    config = search(
+        fault,
+        {"plant.mass_scale": {"uniform": [0.99, 1.01]}},
+        kind="sobol",
+        n=32,
+        outcomes=outcomes,
+    )
     runner.run(config, tmp_path)
     record, rows, text = files(tmp_path)
     assert record["result"]["points"] == 32 * 5 and len(rows) <= 160
     assert [one["name"] for one in record["result"]["inputs"]] == [
-        "fault0_value", "fault0_duration_ms", "plant.mass_scale"]  # fmt: skip
+        "fault0_value",
+        "fault0_duration_ms",
+        "plant.mass_scale",
+    ]
     total = record["result"]["results"][0]["indices"]["ST"]
     value, duration, mass = total["value"]
     assert min(value, duration) > 0.1 and mass < 0.05
@@ -174,8 +207,13 @@ def test_morris_ranks_each_case(tmp_path):
         "value": {"uniform": [1000, 20000]},
         "duration_ms": {"uniform": [1, 30]},
     }
-    config = search(fault, {"plant.mass_scale": {"uniform": [0.99, 1.01]}}, kind="morris", trajectories=6,
-                    outcomes=["peak_golden_deviation_mm"])  # fmt: skip
+    config = search(
+        fault,
+        {"plant.mass_scale": {"uniform": [0.99, 1.01]}},
+        kind="morris",
+        trajectories=6,
+        outcomes=["peak_golden_deviation_mm"],
+    )
     runner.run(config, tmp_path)
     record, _, _ = files(tmp_path)
     results = record["result"]["results"]
@@ -195,7 +233,9 @@ def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
     assert 0 < found["monte_carlo"]["probability"] < 0.2 and found["consistent"]
     met = rows["peak_golden_deviation_mm"] >= 1
     assert met.sum() >= round(found["monte_carlo"]["probability"] * 1500)
-    assert [level["probability"] for level in found["reached"]][-1] == found["subset"]["probability"]
+    assert [level["probability"] for level in found["reached"]][-1] == found["subset"][
+        "probability"
+    ]
     assert "both agree" in text
 
 

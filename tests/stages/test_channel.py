@@ -1,4 +1,6 @@
-"""The network channel against the published emulator, run packet by packet with numpy's random numbers."""
+"""The network channel against the published emulator, run packet by packet with numpy's random
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ LANES, PACKETS = 400, 3000
 
 
 def emulated(rng, packets):
-    """Quality and loss of each packet: the emulator's own order of draws, with lengths of bursts drawn beforehand."""
+    """Quality and loss of each packet: the emulator's own order of draws, with lengths of bursts
+    drawn beforehand.
+    """
     quality, left = 0, 0
     qualities, lost = np.empty(packets, int), np.zeros(packets, bool)
     for k in range(packets):
@@ -60,14 +64,18 @@ def test_each_transition_is_as_likely_as_published(run):
 
 
 def test_lengths_of_bursts_have_the_published_tail(run):
-    """Packets lost in a row to one burst: 1 + floor(L), so P(at least k) = (2 / (k - 1)) ** 1.5 from k = 3 on."""
+    """Packets lost in a row to one burst: 1 + floor(L), so P(at least k) = (2 / (k - 1)) ** 1.5
+    from k = 3 on.
+    """
     burst = run[1]
     ended = (burst[:-1] > 0) & (burst[1:] <= 1)
     lengths = burst[:-1][ended]
     assert lengths.min() == 3
     for k in (4, 6, 11, 21):
         expected = (2.0 / (k - 1)) ** 1.5
-        assert abs((lengths >= k).mean() - expected) < 4.0 * np.sqrt(expected / len(lengths)) + 0.005
+        assert (
+            abs((lengths >= k).mean() - expected) < 4.0 * np.sqrt(expected / len(lengths)) + 0.005
+        )
 
 
 @pytest.mark.slow
@@ -94,7 +102,9 @@ def test_without_a_seed_and_between_packets_nothing_happens():
 
 @pytest.mark.slow
 def test_delays_are_the_sum_of_two_uniform_ones():
-    drawn = np.asarray(jax.vmap(lambda k: channel.delay_ms(jnp.float32(0.3), k))(jnp.arange(40_000)))
+    drawn = np.asarray(
+        jax.vmap(lambda k: channel.delay_ms(jnp.float32(0.3), k))(jnp.arange(40_000))
+    )
     assert drawn.min() >= 11 and drawn.max() <= 110
     assert drawn.mean() == pytest.approx(60.5, abs=0.6)
     assert drawn.std() == pytest.approx(np.sqrt((90.0**2 + 9.0**2) / 12.0), rel=0.02)

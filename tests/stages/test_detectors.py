@@ -46,11 +46,16 @@ def found(series):
     thresholds = tuple((0.8, 1.6)[: use.thresholds] for use in USES)
     with jax.enable_x64(True):
         params = detectors.params(SETUP)
-        params = detectors.DetectorParams(params.shoulder, params.elbow, params.insertion, 10, (), thresholds)
+        params = detectors.DetectorParams(
+            params.shoulder, params.elbow, params.insertion, 10, (), thresholds
+        )
 
         def one(state, x):
             signal = detectors.DetectorSignal(
-                **{name: (Vec(x[name][i] for i in range(7)),) for name in ("mpos", "mvel", "jpos", "jvel", "command")},
+                **{
+                    name: (Vec(x[name][i] for i in range(7)),)
+                    for name in ("mpos", "mvel", "jpos", "jvel", "command")
+                },
                 tip_error=(x["tip_error"],),
                 command_limit=Vec(jnp.int32(limit) for limit in LIMIT),
                 armed=x["armed"],
@@ -60,7 +65,10 @@ def found(series):
             return detectors.step(SETUP, params, state, signal), None
 
         inputs = {name: jnp.asarray(values) for name, values in series.items()}
-        inputs |= {"tick": jnp.arange(TICKS, dtype=jnp.int32), "command": inputs["command"].astype(jnp.int32)}
+        inputs |= {
+            "tick": jnp.arange(TICKS, dtype=jnp.int32),
+            "command": inputs["command"].astype(jnp.int32),
+        }
         state, _ = jax.lax.scan(one, detectors.init(SETUP, detectors.params(SETUP)), inputs)
         return {name: np.asarray(value) for name, value in detectors.outcomes(SETUP, state).items()}
 
@@ -81,7 +89,11 @@ def naive_scores(series):
         rates = np.abs(series[name][:, :3]) + np.abs(series[name][:, :3] - before) / 1e-3
         sums += weight * rates.sum(axis=1)
     share = (np.abs(series["command"]) / LIMIT)[:, :6].max(axis=1)
-    return fused, {"derivative_sum": sums, "tip_error": series["tip_error"] * 1e3, "overdrive": share}
+    return fused, {
+        "derivative_sum": sums,
+        "tip_error": series["tip_error"] * 1e3,
+        "overdrive": share,
+    }
 
 
 @pytest.mark.parametrize("d", range(len(USES)))
@@ -97,7 +109,9 @@ def test_score_first_alarm_and_alarms_follow_the_rule(series, found, d):
         over = held > threshold
         rises = over & ~np.concatenate([[False], over[:-1]])
         assert found[f"detector{d}_threshold{k}_alarms"] == rises.sum()
-        assert found[f"detector{d}_threshold{k}_first_ms"] == (np.flatnonzero(over)[0] if over.any() else -1)
+        assert found[f"detector{d}_threshold{k}_first_ms"] == (
+            np.flatnonzero(over)[0] if over.any() else -1
+        )
 
 
 @pytest.mark.parametrize("errors", [(1e-3, 4e-3), (4e-3, float("nan")), (float("nan"), 4e-3)])
@@ -114,9 +128,17 @@ def test_the_worse_arm_counts(errors):
         commands = (Vec.full(7, jnp.int32(0)),) * 2
         limit = Vec.full(7, jnp.int32(1))
         signal = detectors.DetectorSignal(
-            *(still,) * 4, tuple(map(jnp.float64, errors)), commands, limit, True, jnp.int32(700), None
+            *(still,) * 4,
+            tuple(map(jnp.float64, errors)),
+            commands,
+            limit,
+            True,
+            jnp.int32(700),
+            None,
         )
-        state = detectors.step(setup, detectors.params(setup), detectors.init(setup, detectors.params(setup)), signal)
+        state = detectors.step(
+            setup, detectors.params(setup), detectors.init(setup, detectors.params(setup)), signal
+        )
         assert float(state.detectors[0].peak) == pytest.approx(4.0)
 
 
@@ -124,11 +146,21 @@ def test_the_worse_arm_counts(errors):
 def test_a_score_that_is_no_number_hides_none_of_the_other_arm(tmp_path, scores):
     (tmp_path / "own.py").write_text("def step(params, state, view):\n    return state, view\n")
     use = DetectorUse("own", thresholds=1, part=part.read("own", tmp_path / "own.py"))
-    setup = RavenSetup(arms=("gold", "green"), tools=("r_grasper", "r_grasper"), precision=REFERENCE, detectors=(use,))
+    setup = RavenSetup(
+        arms=("gold", "green"),
+        tools=("r_grasper", "r_grasper"),
+        precision=REFERENCE,
+        detectors=(use,),
+    )
     with jax.enable_x64(True):
         still, commands = (Vec.full(7, jnp.float64(0.0)),) * 2, (Vec.full(7, jnp.int32(0)),) * 2
         error, limit = (jnp.float64(0.0),) * 2, Vec.full(7, jnp.int32(1))
-        signal = detectors.DetectorSignal(*(still,) * 4, error, commands, limit, True, jnp.int32(700), scores)
+        signal = detectors.DetectorSignal(
+            *(still,) * 4, error, commands, limit, True, jnp.int32(700), scores
+        )
         params = detectors.params(setup)
         state = detectors.step(setup, params, detectors.init(setup, params), signal)
-        assert float(state.detectors[0].peak) == 2.0 and int(state.detectors[0].thresholds[0].first_tick) == 700
+        assert (
+            float(state.detectors[0].peak) == 2.0
+            and int(state.detectors[0].thresholds[0].first_tick) == 700
+        )

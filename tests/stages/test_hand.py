@@ -1,4 +1,6 @@
-"""The hand on its spring: against the formulas of a second-order system, and its energy to the last digit."""
+"""The hand on its spring: against the formulas of a second-order system, and its energy to the
+last digit.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def three(values):
 
 
 def moved(params, forces):
-    """Displacement (m) and velocity (m/s) after each tick, [ticks + 1, 3]; forces: N, [ticks, 3]."""
+    """Displacement (m) and velocity (m/s) after each tick, [ticks + 1, 3]; forces: N, [ticks,
+    3].
+    """
 
     def tick(state, force):
         state = hand.step(SETUP, params, state, Vec(force))
@@ -44,7 +48,9 @@ def moved(params, forces):
 
 
 def step_response(mass, damping, stiffness, force, time):
-    """Displacement of a mass at rest after a force sets in, by the textbook: under, critically and over damped."""
+    """Displacement of a mass at rest after a force sets in, by the textbook: under, critically
+    and over damped.
+    """
     natural = np.sqrt(stiffness / mass)
     ratio = damping / (2.0 * np.sqrt(stiffness * mass))
     if ratio < 1.0:
@@ -54,12 +60,21 @@ def step_response(mass, damping, stiffness, force, time):
     if ratio == 1.0:
         return force / stiffness * (1.0 - (1.0 + natural * time) * np.exp(-natural * time))
     fast, slow = (-natural * (ratio + sign * np.sqrt(ratio**2 - 1.0)) for sign in (1.0, -1.0))
-    return force / stiffness * (1.0 + (slow * np.exp(fast * time) - fast * np.exp(slow * time)) / (fast - slow))
+    return (
+        force
+        / stiffness
+        * (1.0 + (slow * np.exp(fast * time) - fast * np.exp(slow * time)) / (fast - slow))
+    )
 
 
 @pytest.mark.parametrize(
     ("mass", "damping", "stiffness"),
-    [(0.554, 6.45, 135.0), (0.554, 6.45 * np.sqrt(5.0), 675.0), (0.5, 20.0, 200.0), (0.1, 30.0, 400.0)],
+    [
+        (0.554, 6.45, 135.0),
+        (0.554, 6.45 * np.sqrt(5.0), 675.0),
+        (0.5, 20.0, 200.0),
+        (0.1, 30.0, 400.0),
+    ],
     ids=["relaxed", "firm", "critical", "over"],
 )
 def test_a_force_that_sets_in_moves_it_as_the_textbook_says(mass, damping, stiffness):
@@ -77,7 +92,9 @@ def test_a_halved_tick_errs_a_quarter_as_much(monkeypatch):
     for tick_s in (4e-3, 2e-3, 1e-3):
         monkeypatch.setattr(hand, "TICK_S", tick_s)
         count = round(0.2 / tick_s)
-        place, _ = moved(constants(mass=0.554, damping=6.45, stiffness=135.0), np.tile([1.0, 0, 0], (count, 1)))
+        place, _ = moved(
+            constants(mass=0.554, damping=6.45, stiffness=135.0), np.tile([1.0, 0, 0], (count, 1))
+        )
         errors.append(abs(place[-1, 0] - step_response(0.554, 6.45, 135.0, 1.0, 0.2)))
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05) == errors[1] / errors[2]
 
@@ -94,7 +111,9 @@ numbers = st.floats(-5.0, 5.0)
     grip=st.floats(0.0, 1.0),
 )
 def test_it_never_makes_energy(forces, mass, damping, stiffness, grip):
-    """What it holds is what the force put in less what its damper took, whatever its numbers and the force."""
+    """What it holds is what the force put in less what its damper took, whatever its numbers and
+    the force.
+    """
     params = constants(mass=mass, damping=damping, stiffness=stiffness, grip=grip)
     held_stiffness, held_damping = (float(x) for x in hand.impedance(params))
     forces = np.array(forces)
@@ -103,7 +122,9 @@ def test_it_never_makes_energy(forces, mass, damping, stiffness, grip):
     put_in = np.cumsum((forces * np.diff(place, axis=0)).sum(axis=1))
     mean = 0.5 * (speed[1:] + speed[:-1])
     taken = np.cumsum(H * held_damping * (mean**2).sum(axis=1))
-    np.testing.assert_allclose(energy[1:], put_in - taken, rtol=1e-6, atol=1e-9 * (1.0 + np.abs(put_in).max()))
+    np.testing.assert_allclose(
+        energy[1:], put_in - taken, rtol=1e-6, atol=1e-9 * (1.0 + np.abs(put_in).max())
+    )
     assert (energy[1:] <= put_in + 1e-9 * (1.0 + np.abs(put_in).max())).all()
 
 
@@ -122,7 +143,9 @@ def test_a_firmer_grip_yields_less_and_rings_alike():
 def test_without_force_it_stays_and_without_spring_it_drifts():
     still, _ = moved(constants(), np.zeros((50, 3)))
     assert (still == 0.0).all()
-    loose, speed = moved(constants(stiffness=0.0, damping=6.45), np.tile([1.0, 0.0, 0.0], (3000, 1)))
+    loose, speed = moved(
+        constants(stiffness=0.0, damping=6.45), np.tile([1.0, 0.0, 0.0], (3000, 1))
+    )
     assert speed[-1, 0] == pytest.approx(1.0 / 6.45, rel=1e-6) and loose[-1, 0] > 0.3
 
 

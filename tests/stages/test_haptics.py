@@ -29,7 +29,9 @@ def by_the_rule(p_model, v_model, p_robot, v_robot) -> float:
 
 
 def one_tick(setup, params, state, p_model, v_model, p_robot=(0, 0, 0), v_robot=(0, 0, 0)):
-    signal = haptics.HapticSignal(*(Vec(jnp.float64(x) for x in item) for item in (p_model, v_model, p_robot, v_robot)))
+    signal = haptics.HapticSignal(
+        *(Vec(jnp.float64(x) for x in item) for item in (p_model, v_model, p_robot, v_robot))
+    )
     return haptics.step(setup, params, state, signal)
 
 
@@ -38,16 +40,28 @@ def one_tick(setup, params, state, p_model, v_model, p_robot=(0, 0, 0), v_robot=
 def test_force_follows_the_rule(p_model, v_model, p_robot, v_robot) -> None:
     with jax.enable_x64(True):
         params = haptics.params(SETUP)
-        _, out = one_tick(SETUP, params, haptics.init(SETUP, params), p_model, v_model, p_robot, v_robot)
-        np.testing.assert_allclose(out.force[0], by_the_rule(p_model, v_model, p_robot, v_robot), atol=1e-12)
+        _, out = one_tick(
+            SETUP, params, haptics.init(SETUP, params), p_model, v_model, p_robot, v_robot
+        )
+        np.testing.assert_allclose(
+            out.force[0], by_the_rule(p_model, v_model, p_robot, v_robot), atol=1e-12
+        )
 
 
 def test_published_points() -> None:
-    """Figure 5: nothing at 2.9 mm, about 0.0045 per mm above 3 mm, flat at the cap, never pushing away."""
+    """Figure 5: nothing at 2.9 mm, about 0.0045 per mm above 3 mm, flat at the cap, never
+    pushing away.
+    """
     with jax.enable_x64(True):
         params = haptics.params(SETUP)
         state = haptics.init(SETUP, params)
-        points = [(2.9, 0, 0.0), (3.65, 0, 0.0164), (20, 0, 0.05), (4, -1.0, 0.0), (5, 0.08, 0.0297)]
+        points = [
+            (2.9, 0, 0.0),
+            (3.65, 0, 0.0164),
+            (20, 0, 0.05),
+            (4, -1.0, 0.0),
+            (5, 0.08, 0.0297),
+        ]
         for error_mm, closing, expected in points:
             _, out = one_tick(SETUP, params, state, (error_mm * 1e-3, 0, 0), (closing, 0, 0))
             np.testing.assert_allclose(out.force[0], expected, atol=5e-5)
@@ -58,7 +72,10 @@ def test_published_points() -> None:
 def test_cues_side_by_side_keep_their_own_record() -> None:
     setup = RavenSetup(cues=2, precision=REFERENCE)
     with jax.enable_x64(True):
-        fine, coarse = haptics.CueParams(1e-3, 4.5, 0.0, 0.05), haptics.CueParams(3e-3, 4.5, 0.0, 0.05)
+        fine, coarse = (
+            haptics.CueParams(1e-3, 4.5, 0.0, 0.05),
+            haptics.CueParams(3e-3, 4.5, 0.0, 0.05),
+        )
         params = haptics.HapticParams(cues=(fine, coarse))
         state = haptics.init(setup, params)
         for error_mm in (0, 2, 4, 5, 2, 0, 4, 0):

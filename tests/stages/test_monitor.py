@@ -74,7 +74,12 @@ def observed(params, inputs):
             pedal=x["pedal"],
             tick=x["tick"],
         )
-        return monitor.step(SETUP, params, state, signal, monitor.Reference(vec["golden"], vec["golden_pos"])), None
+        return (
+            monitor.step(
+                SETUP, params, state, signal, monitor.Reference(vec["golden"], vec["golden_pos"])
+            ),
+            None,
+        )
 
     at_rest = tuple(Vec(inputs[name][0][i] for i in range(3)) for name in ("tip", "pos"))
     return jax.lax.scan(one, monitor.init(SETUP, (at_rest[0],), (at_rest[1],)), inputs)[0]
@@ -85,7 +90,10 @@ def watched(series, **limits):
     with jax.enable_x64(True):
         params = replace(monitor.params(SETUP), **limits)
         inputs = {name: jnp.asarray(values) for name, values in series.items()}
-        inputs |= {"dac": inputs["dac"].astype(jnp.int32), "tick": jnp.arange(TICKS, dtype=jnp.int32)}
+        inputs |= {
+            "dac": inputs["dac"].astype(jnp.int32),
+            "tick": jnp.arange(TICKS, dtype=jnp.int32),
+        }
         outcomes = monitor.outcomes(SETUP, observed(params, inputs))
         return {name: float(value) for name, value in outcomes.items()}
 
@@ -143,7 +151,8 @@ def by_the_rules(s):
 
 
 @pytest.mark.parametrize(
-    "kind", ["well", "stops", "stands", "leaps", "runs away", "coasts", "misreports", "off its model"]
+    "kind",
+    ["well", "stops", "stands", "leaps", "runs away", "coasts", "misreports", "off its model"],
 )
 def test_outcomes_follow_the_rules(kind):
     series = course(kind)
@@ -181,12 +190,16 @@ def test_what_a_robot_does_while_it_is_not_live_is_kept_apart():
 
 def test_the_limit_is_that_of_the_parameters():
     series = course("runs away")
-    assert watched(series, limit=1e-3)["unintended_first_ms"] < watched(series)["unintended_first_ms"]
+    assert (
+        watched(series, limit=1e-3)["unintended_first_ms"] < watched(series)["unintended_first_ms"]
+    )
     assert watched(series, limit=20e-3)["unintended_first_ms"] == -1
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize(("name", "signal"), [("tip", "tip"), ("model", "model tip"), ("golden", "deviation")])
+@pytest.mark.parametrize(
+    ("name", "signal"), [("tip", "tip"), ("model", "model tip"), ("golden", "deviation")]
+)
 def test_what_left_the_finite_first_is_told(name, signal, wrong):
     series = course("well")
     series[name][77, 1] = wrong
@@ -202,14 +215,20 @@ def test_a_sum_that_grows_too_large_is_told():
     assert (found["failed_ms"], found["failed_signal"]) == (40, CODES["deviation"])
 
 
-def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_golden_run_was():
+def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_golden_run_was():  # noqa: E501
     tip, golden = Vec((0.1, 0.2, 0.3)), Vec((0.4, 0.5, 0.6))
     with jax.enable_x64(True):
         state = monitor.init(SETUP, (tip,), (tip,))
-    state = replace(state, arms=(replace(state.arms[0], missed=Vec((1.0, 2.0, 3.0)), golden_tip=golden, path=7.0),))
+    state = replace(
+        state,
+        arms=(replace(state.arms[0], missed=Vec((1.0, 2.0, 3.0)), golden_tip=golden, path=7.0),),
+    )
     restarted, realigned = monitor.restarted(state).arms[0], monitor.realigned(state).arms[0]
     assert restarted.missed == realigned.missed == (0.0, 0.0, 0.0)
     assert restarted.golden_tip == golden and realigned.golden_tip == realigned.tip
     for new in (restarted, realigned):
         kept = replace(new, missed=state.arms[0].missed, golden_tip=state.arms[0].golden_tip)
-        assert all(a is b for a, b in zip(jax.tree.leaves(kept), jax.tree.leaves(state.arms[0]), strict=True))
+        assert all(
+            a is b
+            for a, b in zip(jax.tree.leaves(kept), jax.tree.leaves(state.arms[0]), strict=True)
+        )

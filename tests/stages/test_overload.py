@@ -1,4 +1,6 @@
-"""The watch over cables, against NumPy over whole runs: largest share, first overload and whose it was."""
+"""The watch over cables, against NumPy over whole runs: largest share, first overload and whose
+it was.
+"""
 
 from __future__ import annotations
 
@@ -44,9 +46,13 @@ def test_it_is_what_the_whole_course_says(shares):
     assert out["cable_overload"] == (np.argmax(loads[first]) if first >= 0 else -1)
 
 
-@pytest.mark.parametrize(("share", "first"), [(1.0, -1), (np.nextafter(np.float32(1.0), np.float32(2.0)), 0)])
+@pytest.mark.parametrize(
+    ("share", "first"), [(1.0, -1), (np.nextafter(np.float32(1.0), np.float32(2.0)), 0)]
+)
 def test_a_cable_holds_its_strength_and_no_more(share, first):
     loads = np.zeros((1, ARMS, CABLES), np.float32)
     loads[0, 1, 2] = share
     out = watched(loads)
-    assert out["cable_overload_first_ms"] == first and out["cable_overload"] == (5 if first == 0 else -1)
+    assert out["cable_overload_first_ms"] == first and out["cable_overload"] == (
+        5 if first == 0 else -1
+    )

@@ -1,4 +1,6 @@
-"""The packet clock: lengths come as often as stated, and packets at the ticks that the lengths say."""
+"""The packet clock: lengths come as often as stated, and packets at the ticks that the lengths
+say.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +40,18 @@ def test_shares_with_a_name_sum_to_one(shares):
 
 def test_a_choice_that_varies_draws_the_same():
     for choice in range(len(DISTRIBUTIONS)):
-        np.testing.assert_array_equal(lengths(np.int32(choice), 3, 999), lengths(jnp.int32(choice), 3, 999))
+        np.testing.assert_array_equal(
+            lengths(np.int32(choice), 3, 999), lengths(jnp.int32(choice), 3, 999)
+        )
 
 
 def test_runs_with_another_key_draw_others():
-    assert (lengths(np.int32(packets.BURSTS), 3, 99) == lengths(np.int32(packets.BURSTS), 3, 99)).all()
-    assert (lengths(np.int32(packets.BURSTS), 3, 99) != lengths(np.int32(packets.BURSTS), 4, 99)).any()
+    assert (
+        lengths(np.int32(packets.BURSTS), 3, 99) == lengths(np.int32(packets.BURSTS), 3, 99)
+    ).all()
+    assert (
+        lengths(np.int32(packets.BURSTS), 3, 99) != lengths(np.int32(packets.BURSTS), 4, 99)
+    ).any()
 
 
 def ticking(choice, key, now, due, tick, before, packet):
@@ -58,14 +66,18 @@ def test_packets_come_where_the_lengths_say():
     for now in range(400):
         fresh = now >= int(clock.due)
         index += fresh
-        cycles = packet_clock.length(DISTRIBUTIONS, np.int32(packets.BURSTS), jnp.uint32(5), jnp.int32(index))
+        cycles = packet_clock.length(
+            DISTRIBUTIONS, np.int32(packets.BURSTS), jnp.uint32(5), jnp.int32(index)
+        )
         before = clock.tick
         clock = packet_clock.step(clock, jnp.int32(now), jnp.bool_(fresh), cycles)
         if fresh:
             ticks.append(now)
             assert int(clock.before) == int(before) and int(clock.tick) == now
     assert ticks[0] == 0
-    np.testing.assert_array_equal(np.diff(ticks), lengths(np.int32(packets.BURSTS), 5, len(ticks) - 1))
+    np.testing.assert_array_equal(
+        np.diff(ticks), lengths(np.int32(packets.BURSTS), 5, len(ticks) - 1)
+    )
 
 
 def test_compiled_code_has_the_bits_of_xla():

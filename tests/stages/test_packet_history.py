@@ -22,7 +22,11 @@ def answers(newer, ticks, fresh, *words):
     """Age, packets in the last ticks, and the words after one more tick, of plain numbers."""
     after = packet_history.step(PacketHistory(Vec(words)), fresh)
     history = PacketHistory(Vec(words))
-    return (packet_history.age(history, newer), packet_history.sent_within(history, ticks), *after.words)
+    return (
+        packet_history.age(history, newer),
+        packet_history.sent_within(history, ticks),
+        *after.words,
+    )
 
 
 KINDS = (jnp.int32(0), jnp.int32(0), jnp.bool_(False), *(jnp.uint32(0) for _ in range(WORDS)))
@@ -53,7 +57,9 @@ def test_ages_and_counts_are_those_of_the_list(sent, newer, ticks, fresh):
 
 @given(histories)
 def test_what_is_that_old_is_the_first_packet_that_is_not_within(sent):
-    """Of any age, the packet that came after all those within it is the youngest that is no younger."""
+    """Of any age, the packet that came after all those within it is the youngest that is no
+    younger.
+    """
     for ticks in range(0, TICKS, 7):
         within = PLAIN(PLAIN.represent((0, ticks, False, *packed(sent))))[1]
         age = PLAIN(PLAIN.represent((within, 0, False, *packed(sent))))[0]
@@ -77,7 +83,9 @@ def test_engines_have_the_same_bits():
     size = 2000
     density = rng.random((size, 1, 1))
     bits = rng.random((size, WORDS, WORD)) < density
-    words = (bits.astype(np.uint64) << np.arange(WORD, dtype=np.uint64)).sum(axis=2).astype(np.uint32)
+    words = (
+        (bits.astype(np.uint64) << np.arange(WORD, dtype=np.uint64)).sum(axis=2).astype(np.uint32)
+    )
     words[:3] = 0, 0xFFFFFFFF, 0x80000001
     columns = (
         rng.integers(0, TICKS, size).astype(np.int32),

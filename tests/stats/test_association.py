@@ -24,7 +24,12 @@ def drawn(seed=0):
             "flag": random.random(N) < 0.3,
         }
     )
-    chance = 0.1 + 0.02 * (inputs["rising"] - 10) + 0.2 * inputs["hollow"] ** 2 + 0.15 * (inputs["tool"] == "hook")
+    chance = (
+        0.1
+        + 0.02 * (inputs["rising"] - 10)
+        + 0.2 * inputs["hollow"] ** 2
+        + 0.15 * (inputs["tool"] == "hook")
+    )
     return random.random(N) < chance, inputs
 
 
@@ -32,7 +37,9 @@ def test_finds_what_matters_whatever_its_shape():
     hit, inputs = drawn()
     found = {one.name: one for one in dependences(hit, inputs)}
     assert {name for name, one in found.items() if one.depends} == {"rising", "hollow", "tool"}
-    assert list(found)[:3] == sorted(list(found)[:3], key=lambda name: found[name].p)  # the clearest first
+    assert list(found)[:3] == sorted(
+        list(found)[:3], key=lambda name: found[name].p
+    )  # the clearest first
     assert all(one.p <= one.adjusted <= 5 * one.p for one in found.values())
 
 
@@ -43,7 +50,9 @@ def test_effect_is_the_rate_in_the_outer_thirds():
     x = inputs["rising"].to_numpy()
     order = np.sort(x)
     for level, inside in zip(
-        rising.levels, (x <= order[999], (x > order[999]) & (x <= order[1999]), x > order[1999]), strict=True
+        rising.levels,
+        (x <= order[999], (x > order[999]) & (x <= order[1999]), x > order[1999]),
+        strict=True,
     ):
         assert level.rate == wilson(hit[inside].sum(), inside.sum())
         assert (level.least, level.greatest) == (x[inside].min(), x[inside].max())
@@ -61,7 +70,9 @@ def test_false_finds_are_as_rare_as_promised(monkeypatch):
     random = np.random.default_rng(5)
     wrong = 0
     for _ in range(100):
-        inputs = {f"x{i}": random.random(300) for i in range(4)} | {"few": random.choice([0.0, 1.0, 5.0], 300)}
+        inputs = {f"x{i}": random.random(300) for i in range(4)} | {
+            "few": random.choice([0.0, 1.0, 5.0], 300)
+        }
         wrong += any(one.depends for one in dependences(random.random(300) < 0.2, inputs))
     assert wrong / 100 < 0.05 + 3.5 * np.sqrt(0.05 * 0.95 / 100)
 
@@ -76,13 +87,23 @@ def test_few_cases_are_tested_exactly():
 def test_tied_values_stay_together():
     x = np.repeat([0.0, 1.0, 2.0], [900, 60, 40])
     (one,) = dependences(np.arange(1000) % 7 == 0, {"x": x})
-    assert [(level.least, level.greatest, level.rate.n) for level in one.levels] == [(0, 0, 900), (1, 2, 100)]
+    assert [(level.least, level.greatest, level.rate.n) for level in one.levels] == [
+        (0, 0, 900),
+        (1, 2, 100),
+    ]
 
 
 def test_what_never_varies_is_no_hypothesis():
     hit = np.arange(100) % 2 == 0
-    found = {one.name: one for one in dependences(hit, {"same": np.ones(100), "x": np.arange(100.0) + 50 * hit})}
-    assert np.isnan(found["same"].p) and not found["same"].depends and np.isnan(found["same"].difference.value)
+    found = {
+        one.name: one
+        for one in dependences(hit, {"same": np.ones(100), "x": np.arange(100.0) + 50 * hit})
+    }
+    assert (
+        np.isnan(found["same"].p)
+        and not found["same"].depends
+        and np.isnan(found["same"].difference.value)
+    )
     assert found["x"].adjusted == found["x"].p and found["x"].depends
     assert np.isnan(dependences(np.zeros(100, bool), {"x": np.arange(100.0)})[0].p)
 

@@ -1,11 +1,20 @@
-"""Choices among alarms: what is named is right as often as promised, and what cannot be said is not."""
+"""Choices among alarms: what is named is right as often as promised, and what cannot be said is
+not.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ravenjax.stats.alarms.choice import AlarmCounts, cheapest, false_rates, hours_to_decide, missed_difference, rare
+from ravenjax.stats.alarms.choice import (
+    AlarmCounts,
+    cheapest,
+    false_rates,
+    hours_to_decide,
+    missed_difference,
+    rare,
+)
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.comparison.paired import rate_difference
 
@@ -15,7 +24,13 @@ def alarms(missed, count, hours):
     missed = np.asarray(missed, bool)
     each = missed.astype(int)
     count = np.asarray(count)
-    return AlarmCounts(each.sum(0), each.T @ (1 - each), len(each), count, np.broadcast_to(float(hours), count.shape))
+    return AlarmCounts(
+        each.sum(0),
+        each.T @ (1 - each),
+        len(each),
+        count,
+        np.broadcast_to(float(hours), count.shape),
+    )
 
 
 def nested(hazards, *shares):
@@ -30,7 +45,9 @@ def test_intervals_are_those_of_pairs_and_of_exact_rates():
     estimate = missed_difference(counts)
     assert [part[1, 0] for part in estimate] == pytest.approx(list(pair))
     assert [part[0] for part in false_rates(counts)] == pytest.approx(list(alarm_rate(3, 2.0)[2:]))
-    assert [part[0] for part in false_rates(counts, 10)] == pytest.approx(list(alarm_rate(30, 20.0)[2:]))
+    assert [part[0] for part in false_rates(counts, 10)] == pytest.approx(
+        list(alarm_rate(30, 20.0)[2:])
+    )
 
 
 def test_a_few_seconds_of_quiet_motion_decide_nothing():
@@ -66,14 +83,20 @@ def test_a_limit_that_is_shown_to_be_broken_is_no_choice():
 def test_alarms_that_miss_nearly_the_same_are_not_told_apart():
     possible, keeps = rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100.0), 0.5)
     assert possible.all() and keeps.all()
-    assert np.isnan(hours_to_decide(lambda times: rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100 * times), 0.5)[0]))
+    assert np.isnan(
+        hours_to_decide(
+            lambda times: rare(alarms(nested(100, 0.05, 0.06), [0, 0], 100 * times), 0.5)[0]
+        )
+    )
 
 
 def test_hours_that_decide_are_the_fewest():
     counts = alarms(nested(700, 0.05, 0.10), [0, 0], 0.01)
     times = hours_to_decide(lambda more: cheapest(counts, 100, more))
     low = missed_difference(counts).low[1, 0]
-    assert 0.01 * times == pytest.approx(3.689 / (100 * low), rel=0.01)  # the first costs at most 3.689 / h more
+    assert 0.01 * times == pytest.approx(
+        3.689 / (100 * low), rel=0.01
+    )  # the first costs at most 3.689 / h more
     assert not cheapest(counts, 100, times)[1] and cheapest(counts, 100, times / 1.02)[1]
 
 

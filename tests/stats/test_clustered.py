@@ -1,4 +1,6 @@
-"""Comparisons of clustered groups: closed forms where clusters have one row, simulated coverage else."""
+"""Comparisons of clustered groups: closed forms where clusters have one row, simulated coverage
+else.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,10 @@ def test_one_row_a_cluster_is_the_usual_interval():
 
 
 def test_three_clusters_have_an_interval_of_one_degree_of_freedom():
-    one, two = [np.array([True, False, True]), np.array([False, False, True])], [np.array([True, True, False])]
+    one, two = (
+        [np.array([True, False, True]), np.array([False, False, True])],
+        [np.array([True, True, False])],
+    )
     z = stats.t.isf(0.025, 1)  # 12.7, where 1 - confidence is too small to be told from 1
 
     def wilson(p, n):
@@ -58,12 +63,16 @@ def test_correlation_of_what_is_alike_and_of_what_is_not():
     random = np.random.default_rng(3)
     shared, own = random.normal(0, 1, 3000), random.normal(0, 1, (3000, 5))
     found = clustered.correlation(list(shared[:, None] * math.sqrt(0.3) + own * math.sqrt(0.7)))
-    assert found.icc == pytest.approx(0.3, abs=0.03) and found.design_effect == pytest.approx(1 + 4 * found.icc)
+    assert found.icc == pytest.approx(0.3, abs=0.03) and found.design_effect == pytest.approx(
+        1 + 4 * found.icc
+    )
     assert math.isnan(clustered.correlation(singles([1.0, 2.0])).icc)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("clusters", "rows", "rates", "icc"), [(8, 4, (0.8, 0.4), 0.3), (20, 3, (0.95, 0.7), 0.2)])
+@pytest.mark.parametrize(
+    ("clusters", "rows", "rates", "icc"), [(8, 4, (0.8, 0.4), 0.3), (20, 3, (0.95, 0.7), 0.2)]
+)
 def test_the_risk_difference_covers_where_the_usual_one_does_not(clusters, rows, rates, icc):
     random = np.random.default_rng(7)
     held = usual = 0
@@ -88,7 +97,9 @@ def test_permutation_rejects_no_more_than_promised_under_the_null_and_finds_what
         p.append(clustered.permutation_p(first, second))
     assert np.mean(np.array(p) <= 0.05) <= 0.085  # 0.05 + 2.3 standard errors
     shifted = [np.full(3, 5.0) + i for i in range(6)], [np.full(3, 0.0) + i * 0.1 for i in range(6)]
-    assert clustered.permutation_p(*shifted) == pytest.approx(2 / math.comb(12, 6))  # exact: the most extreme of all
+    assert clustered.permutation_p(*shifted) == pytest.approx(
+        2 / math.comb(12, 6)
+    )  # exact: the most extreme of all
     assert clustered.permutation_p(*shifted, is_paired=True) == pytest.approx(2 / 2**6)
     assert math.isnan(clustered.permutation_p(singles([1.0]), singles([1.0, 2.0])))
 
@@ -99,7 +110,9 @@ def test_the_bootstrap_resamples_clusters_not_rows():
     second = [np.full(50, value) for value in random.normal(0, 1, 25)]
     band = clustered.bootstrap_difference(first, second, np.mean)
     error = math.sqrt(sum(clustered.means(group).var(ddof=1) / 25 for group in (first, second)))
-    assert (band.high - band.low) / (2 * 1.96 * error) == pytest.approx(1, abs=0.1) and band.units == 50
+    assert (band.high - band.low) / (2 * 1.96 * error) == pytest.approx(
+        1, abs=0.1
+    ) and band.units == 50
     same = [one + 1 for one in second]
     alike = clustered.bootstrap_difference(same, second, np.median, is_paired=True)
     assert (alike.value, alike.low, alike.high, alike.units) == pytest.approx((1, 1, 1, 25))
@@ -112,6 +125,8 @@ def test_pairs_use_the_clusters_own_differences():
     )
     found = clustered.paired_risk_difference(first, second)
     differences = [2 / 3, 0.5, 1.0]
-    assert found == pytest.approx((np.mean(differences), *stats.ttest_1samp(differences, 0).confidence_interval()))
+    assert found == pytest.approx(
+        (np.mean(differences), *stats.ttest_1samp(differences, 0).confidence_interval())
+    )
     single = clustered.paired_risk_difference(singles([1, 1, 0, 1]), singles([0, 1, 0, 0]))
     assert single.value == pytest.approx(0.5) and single.low < 0.5 < single.high

@@ -1,4 +1,6 @@
-"""Dependence of a rate on an input over units: found where it is, seldom where it is not; units count, not rows."""
+"""Dependence of a rate on an input over units: found where it is, seldom where it is not; units
+count, not rows.
+"""
 
 from __future__ import annotations
 
@@ -16,21 +18,31 @@ RANDOM = np.random.default_rng(5)
 def test_finds_a_rate_that_rises_and_one_that_is_worst_at_both_ends():
     random = np.random.default_rng(1)
     inputs = {name: random.uniform(-1, 1, len(KIND)) for name in ("rising", "hollow", "idle")}
-    chance = random.uniform(0.2, 0.5, KINDS)[KIND] + 0.25 * inputs["rising"] + 0.3 * (inputs["hollow"] ** 2 - 0.3)
+    chance = (
+        random.uniform(0.2, 0.5, KINDS)[KIND]
+        + 0.25 * inputs["rising"]
+        + 0.3 * (inputs["hollow"] ** 2 - 0.3)
+    )
     hit = random.random(len(KIND)) < chance
     found = {one.name: one for one in clustered.dependences(hit, inputs, units.units(KIND))}
     assert {name for name, one in found.items() if one.depends} == {"rising", "hollow"}
     rising = found["rising"]
-    assert rising.difference.low < 0.25 * 4 / 3 < rising.difference.high and rising.difference.low > 0
+    assert (
+        rising.difference.low < 0.25 * 4 / 3 < rising.difference.high and rising.difference.low > 0
+    )
     for one, plain in zip(
-        sorted(found.values()), sorted(association.dependences(hit, inputs), key=lambda d: d.name), strict=True
+        sorted(found.values()),
+        sorted(association.dependences(hit, inputs), key=lambda d: d.name),
+        strict=True,
     ):
         assert one.difference.value == pytest.approx(plain.difference.value)
         assert [level.rate.k for level in one.levels] == [level.rate.k for level in plain.levels]
 
 
 def test_units_that_share_a_value_count_once():
-    """Twelve robots under the same faults: one of them is bad, which rows take for a clear dependence."""
+    """Twelve robots under the same faults: one of them is bad, which rows take for a clear
+    dependence.
+    """
     robot = np.repeat(np.arange(12), 50)
     value = np.arange(12.0)[robot]
     hit = RANDOM.random(len(robot)) < np.where(robot == 8, 0.9, 0.1)
@@ -41,7 +53,9 @@ def test_units_that_share_a_value_count_once():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shared", [False, True], ids=["each fault its own robot", "robots that faults share"])
+@pytest.mark.parametrize(
+    "shared", [False, True], ids=["each fault its own robot", "robots that faults share"]
+)
 def test_false_finds_are_as_rare_as_promised(shared):
     wrong = 0
     for seed in range(40):
@@ -64,13 +78,19 @@ def test_of_few_units_nothing_is_said():
 
 
 def test_where_nothing_was_hit_the_interval_is_that_of_the_units():
-    (one,) = clustered.dependences(np.zeros(len(KIND), bool), {"x": np.arange(len(KIND))}, units.units(KIND))
+    (one,) = clustered.dependences(
+        np.zeros(len(KIND), bool), {"x": np.arange(len(KIND))}, units.units(KIND)
+    )
     assert np.isnan(one.p) and one.difference.value == 0
-    assert -0.6 < one.difference.low < -0.1 and 0.1 < one.difference.high < 0.6  # 8 kinds in either third
+    assert (
+        -0.6 < one.difference.low < -0.1 and 0.1 < one.difference.high < 0.6
+    )  # 8 kinds in either third
 
 
 def test_an_input_that_differs_between_kinds_alone_tells_no_kinds_apart_from_it():
-    """Each kind has a value of its own: kinds are exchanged, so that a chance order of kinds is no finding."""
+    """Each kind has a value of its own: kinds are exchanged, so that a chance order of kinds is
+    no finding.
+    """
     x = np.linspace(0, 1, KINDS)[KIND]
     hit = np.isin(KIND, [0, 3, 7, 11, 14, 19])
     (one,) = clustered.dependences(hit, {"x": x}, units.units(KIND))

@@ -1,4 +1,6 @@
-"""Thresholds with a guarantee: against tables, brute force, and many calibrations with a known truth."""
+"""Thresholds with a guarantee: against tables, brute force, and many calibrations with a known
+truth.
+"""
 
 from __future__ import annotations
 
@@ -24,25 +26,33 @@ def one_a_unit(score: np.ndarray, length_h: float = 0.1) -> OperationScores:
     return OperationScores(np.arange(len(score)), score, np.full(len(score), length_h))
 
 
-@pytest.mark.parametrize(("risk", "confidence", "units"), [(0.05, 0.95, 59), (0.01, 0.95, 299), (0.1, 0.99, 44)])
+@pytest.mark.parametrize(
+    ("risk", "confidence", "units"), [(0.05, 0.95, 59), (0.01, 0.95, 299), (0.1, 0.99, 44)]
+)
 def test_as_few_units_as_wilks_has_them(risk, confidence, units):
     assert target(risk, confidence).fewest_units == units
     with pytest.raises(TooFewUnits, match=f"{units - 1} units, at least {units} are needed"):
         threshold.least(one_a_unit(np.arange(units - 1.0)), target(risk, confidence))
-    assert threshold.least(one_a_unit(np.arange(float(units))), target(risk, confidence)).value == units - 1
+    assert (
+        threshold.least(one_a_unit(np.arange(float(units))), target(risk, confidence)).value
+        == units - 1
+    )
 
 
 @pytest.mark.parametrize(("units", "alarms"), [(59, 0), (92, 0), (93, 1), (124, 2), (153, 3)])
 def test_as_many_alarms_as_wilks_allows(units, alarms):
     """Second to fourth largest of 93, 124, 153: tables of one-sided 95/95 tolerance limits."""
     result = threshold.least(
-        one_a_unit(np.random.default_rng(1).permutation(float(units) + np.arange(units))), target(0.05)
+        one_a_unit(np.random.default_rng(1).permutation(float(units) + np.arange(units))),
+        target(0.05),
     )
     assert result.alarms == alarms and result.value == 2 * units - 1 - alarms
 
 
 def test_hours_needed_do_not_depend_on_the_length_of_an_operation():
-    hours = [FalseAlarmTarget(0.01, 0.95, length).fewest_units * length for length in (0.01, 0.1, 1.0)]
+    hours = [
+        FalseAlarmTarget(0.01, 0.95, length).fewest_units * length for length in (0.01, 0.1, 1.0)
+    ]
     assert np.allclose(hours, 300, rtol=0.01)
 
 
@@ -65,7 +75,12 @@ def test_betting_needs_hardly_more_units_than_wilks_and_fewer_where_units_are_al
     quiet = [threshold.excess_p(np.zeros(n), 0.05, 0.95) <= 0.05 for n in range(1, 100)]
     assert quiet.index(True) + 1 == 62 == target(0.05).fewest_clusters  # 59 at least
     shares = np.random.default_rng(1).binomial(16, 0.02, 150) / 16
-    assert threshold.excess_p(shares, 0.05, 0.95) < 0.02 < 0.05 < binom.cdf(round(shares.sum()), 150, 0.05)
+    assert (
+        threshold.excess_p(shares, 0.05, 0.95)
+        < 0.02
+        < 0.05
+        < binom.cdf(round(shares.sum()), 150, 0.05)
+    )
 
 
 @given(
@@ -103,7 +118,9 @@ def clustered(rng: np.random.Generator, units: int, each: int, spread: float) ->
 
 @pytest.mark.parametrize(("each", "spread"), [(1, 0.0), (8, 0.9)])
 def test_the_risk_is_kept_with_the_confidence_and_the_naive_quantile_does_not(each, spread):
-    """Truth is the normal distribution's: the risk of a threshold is that of one fresh operation."""
+    """Truth is the normal distribution's: the risk of a threshold is that of one fresh
+    operation.
+    """
     from scipy.stats import norm
 
     rng, wanted, calibrations = np.random.default_rng(7), target(0.05, 0.9), 400
@@ -112,12 +129,16 @@ def test_the_risk_is_kept_with_the_confidence_and_the_naive_quantile_does_not(ea
         some = clustered(rng, 120, each, spread)
         above += norm.sf(threshold.least(some, wanted).value) > wanted.risk
         naive += norm.sf(threshold.naive(some, wanted)) > wanted.risk
-    assert above <= binom.ppf(0.999, calibrations, 0.1)  # of promises that hold, one in a thousand tests is above
+    assert above <= binom.ppf(
+        0.999, calibrations, 0.1
+    )  # of promises that hold, one in a thousand tests is above
     assert naive >= binom.ppf(0.999, calibrations, 0.25)  # so that this test can fail
 
 
 def test_the_rate_is_kept_where_only_a_part_of_the_hours_counts():
-    """Alarms at a constant rate end operations: at the risk that is allowed the rate an hour is the one stated."""
+    """Alarms at a constant rate end operations: at the risk that is allowed the rate an hour is
+    the one stated.
+    """
     wanted, rng = FalseAlarmTarget(2.0, 0.95, 0.1), np.random.default_rng(3)
     hours = rng.uniform(0.02, 0.1, 200_000)
     until = rng.exponential(1 / 2.0, len(hours))
@@ -125,7 +146,9 @@ def test_the_rate_is_kept_where_only_a_part_of_the_hours_counts():
     loss = np.where(alarm, 1.0, wanted.without_alarm(hours))
     rate = alarm.sum() / np.minimum(until, hours).sum()
     assert rate == pytest.approx(2.0, rel=0.02)
-    assert loss.mean() > wanted.risk  # hours before an alarm are left out: the loss says more than there are
+    assert (
+        loss.mean() > wanted.risk
+    )  # hours before an alarm are left out: the loss says more than there are
     assert loss.mean() == pytest.approx(wanted.risk, rel=0.1)
 
 
@@ -151,18 +174,27 @@ def test_one_of_each_unit_is_taken():
 
 def test_p_values_are_uniform_and_independent_where_nothing_changed():
     rng = np.random.default_rng(5)
-    p = np.array([shift.p_values(rng.integers(0, 4, 30), rng.integers(0, 4, 20), seed) for seed in range(300)])
+    p = np.array(
+        [
+            shift.p_values(rng.integers(0, 4, 30), rng.integers(0, 4, 20), seed)
+            for seed in range(300)
+        ]
+    )
     assert kstest(p.ravel(), "uniform").pvalue > 0.001
     assert abs(np.corrcoef(p[:, 10], p[:, 11])[0, 1]) < 4 / np.sqrt(300)
 
 
 def test_the_level_is_kept_and_a_changed_robot_is_reported():
     rng, level, times = np.random.default_rng(2), 0.05, 400
-    same = [shift.shift(rng.normal(size=60), rng.normal(size=15), s).p <= level for s in range(times)]
+    same = [
+        shift.shift(rng.normal(size=60), rng.normal(size=15), s).p <= level for s in range(times)
+    ]
     assert sum(same) <= binom.ppf(0.999, times, level)
     higher = [shift.shift(rng.normal(size=60), rng.normal(2.0, size=15), s) for s in range(20)]
     assert all(one.p <= level and one.place > 0.8 for one in higher)
-    wider = [shift.shift(rng.normal(size=200), 6 * rng.normal(size=60), s).p <= level for s in range(20)]
+    wider = [
+        shift.shift(rng.normal(size=200), 6 * rng.normal(size=60), s).p <= level for s in range(20)
+    ]
     assert all(wider)
 
 
@@ -183,7 +215,9 @@ def test_the_martingale_has_mean_one_and_grows_against_small_p_values():
 
 def test_the_joint_score_is_the_largest_over_time_to_the_bit():
     rng = np.random.default_rng(4)
-    series = rng.exponential(size=(20, 500, 3)).astype(np.float32)  # operations, milliseconds, signals
+    series = rng.exponential(size=(20, 500, 3)).astype(
+        np.float32
+    )  # operations, milliseconds, signals
     segment = rng.integers(0, 2, 500)
     peaks = np.stack([series[:, segment == one].max(axis=1) for one in (0, 1)], axis=-1)
     scale = bands.scales(peaks)

@@ -15,7 +15,9 @@ def test_hedges_g_is_cohens_d_without_its_bias():
     one, two = np.array([3.0, 4, 5, 6, 7]), np.array([1.0, 2, 3, 4, 5])
     found = effect_size.hedges_g(one, two)
     d = 2 / math.sqrt(2.5)
-    assert found.value == pytest.approx(d * (1 - 3 / (4 * 8 - 1)), rel=1e-3)  # Hedges' approximation of his factor
+    assert found.value == pytest.approx(
+        d * (1 - 3 / (4 * 8 - 1)), rel=1e-3
+    )  # Hedges' approximation of his factor
     t = stats.ttest_ind(one, two).statistic
     factor = found.value / d
     scale = math.sqrt(5 * 5 / 10)
@@ -48,7 +50,9 @@ def test_intervals_cover(true):
         held["delta"] += d.low <= delta <= d.high
         held["paired"] += p.low <= true <= p.high
     for name, count in held.items():
-        least = 0.90 if name == "delta" else 0.925  # Brunner and Munzel's is somewhat narrow with a dozen
+        least = (
+            0.90 if name == "delta" else 0.925
+        )  # Brunner and Munzel's is somewhat narrow with a dozen
         assert least < count / runs < 0.98, name
 
 
@@ -56,7 +60,9 @@ def test_cliffs_delta_counts_pairs():
     one, two = [1, 3, 3, 5], [2, 3, 4]
     expected = np.mean([np.sign(a - b) for a in one for b in two])
     found = effect_size.cliffs_delta(one, two)
-    assert found.value == pytest.approx(expected) and -1 <= found.low < found.value < found.high <= 1
+    assert (
+        found.value == pytest.approx(expected) and -1 <= found.low < found.value < found.high <= 1
+    )
     apart = effect_size.cliffs_delta([5, 6, 7], [1, 2])
     assert apart.value == 1 and math.isnan(apart.low)
     pairs = effect_size.paired_dominance([2, 2, 2, 5], [1, 2, 3, 1])

@@ -20,7 +20,9 @@ def test_known_poisson_interval():
 def test_coverage():
     for mean in (0.5, 3.0, 12.0):
         chance = poisson.pmf(range(60), mean)
-        inside = [rate.low <= mean / 4 <= rate.high for rate in (alarm_rate(k, 4.0) for k in range(60))]
+        inside = [
+            rate.low <= mean / 4 <= rate.high for rate in (alarm_rate(k, 4.0) for k in range(60))
+        ]
         assert 0.95 <= chance @ inside <= 1
 
 
@@ -44,7 +46,9 @@ def test_where_alarms_end_operations_their_rate_is_not_bounded_by_one_an_operati
 def test_rare_alarms_that_end_operations_have_a_poisson_rate_nearly():
     alarm = np.arange(2000) < 5
     rate, plain = ending_rate(alarm, np.full(2000, 0.05)), alarm_rate(5, 100.0)
-    assert (rate.per_hour, rate.low, rate.high) == pytest.approx((plain.per_hour, plain.low, plain.high), rel=0.01)
+    assert (rate.per_hour, rate.low, rate.high) == pytest.approx(
+        (plain.per_hour, plain.low, plain.high), rel=0.01
+    )
 
 
 def test_no_hours_have_no_rate_and_alarms_alone_an_infinite_one():

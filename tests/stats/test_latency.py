@@ -9,7 +9,8 @@ from ravenjax.stats.bootstrap.units import units
 from ravenjax.stats.intervals import wilson
 from ravenjax.stats.latency import incidence, lead_time, log_rank, mean_within
 
-# Weeks in remission, 6-MP against placebo: Freireich et al. 1963, the example of every textbook (Cox 1972; Klein and
+# Weeks in remission, 6-MP against placebo: Freireich et al. 1963, the example of every textbook
+# (Cox 1972; Klein and
 # Moeschberger 2003, 1.2); True where the remission ended
 DRUG = [6, 6, 6, 7, 10, 13, 16, 22, 23, 6, 9, 10, 11, 17, 19, 20, 25, 32, 32, 34, 35]
 DRUG_ENDED = [True] * 9 + [False] * 12
@@ -39,7 +40,9 @@ def test_half_of_the_runs_are_a_half_beside_a_censored_one(n):
 
 def test_textbook_log_rank():
     found = log_rank(DRUG, DRUG_ENDED, PLACEBO, np.ones(21, bool))
-    assert found.statistic**2 == pytest.approx(16.79, abs=0.01) and found.p == pytest.approx(4.17e-5, rel=0.01)
+    assert found.statistic**2 == pytest.approx(16.79, abs=0.01) and found.p == pytest.approx(
+        4.17e-5, rel=0.01
+    )
     assert found.statistic > 0  # the drug's come later
     same = log_rank(DRUG, DRUG_ENDED, DRUG, DRUG_ENDED)
     assert same.statistic == pytest.approx(0) and same.p == pytest.approx(1)
@@ -62,7 +65,8 @@ def own(runs):
 
 
 def test_restricted_mean_by_hand():
-    # survival 1 to time 1, then 4/5 to 3, then 8/15 to 4, then 4/15: 1 + 8/5 + 8/15 + 1/2 * 4/15 to horizon 4.5
+    # survival 1 to time 1, then 4/5 to 3, then 8/15 to 4, then 4/15: 1 + 8/5 + 8/15 + 1/2 * 4/15 to
+    # horizon 4.5
     delay, came = [1, 2, 3, 4, 5], [True, False, True, True, False]
     found = mean_within(delay, came, 4.5, own(5))
     assert found.value == pytest.approx(1 + 8 / 5 + 8 / 15 + 2 / 15)
@@ -74,7 +78,9 @@ def test_restricted_mean_without_censoring_is_the_mean():
     delay = np.random.default_rng(0).exponential(50, 500)
     found = mean_within(delay, np.ones(500, bool), 1000, own(500))
     assert found.value == pytest.approx(delay.mean())
-    assert found.high - found.low == pytest.approx(2 * 1.959964 * delay.std() / np.sqrt(500), rel=0.06)
+    assert found.high - found.low == pytest.approx(
+        2 * 1.959964 * delay.std() / np.sqrt(500), rel=0.06
+    )
 
 
 @pytest.mark.slow
@@ -95,7 +101,9 @@ def test_coverage_of_mean_and_median():
 def test_horizon_beyond_what_was_watched_is_refused():
     with pytest.raises(ValueError, match="horizon 10 lies beyond the last observation, 6"):
         mean_within([5.0, 6.0], [True, False], 10, own(2))
-    assert mean_within([5.0, 6.0], [False, True], 10, own(2)).value == 6  # all have had the event by then
+    assert (
+        mean_within([5.0, 6.0], [False, True], 10, own(2)).value == 6
+    )  # all have had the event by then
     assert mean_within([5.0, 6.0], [False, False], 4, own(2)).value == 4
 
 
@@ -107,8 +115,14 @@ def test_lead_by_hand():
     lead = lead_time(alarm, harm, 100)
     assert (lead.n, lead.alarmed) == (4, 3) and lead.before == wilson(1, 4)
     assert lead.lag.time.tolist() == [-30, -30, 0, 10, 80][: len(lead.lag.time)]
-    assert lead.quantile(0.25).value == 30 and lead.quantile(0.5).value == 0 and lead.quantile(0.75).value == -10
-    assert np.isnan(lead.quantile(0.9).value)  # a quarter never had an alarm while they were watched
+    assert (
+        lead.quantile(0.25).value == 30
+        and lead.quantile(0.5).value == 0
+        and lead.quantile(0.75).value == -10
+    )
+    assert np.isnan(
+        lead.quantile(0.9).value
+    )  # a quarter never had an alarm while they were watched
 
 
 def test_lead_of_a_detector_that_misses_is_not_flattered():
@@ -124,7 +138,9 @@ def test_lead_of_a_detector_that_misses_is_not_flattered():
 
 def test_lead_without_harm_or_alarm():
     nothing = lead_time([np.nan, 3.0], [np.nan, np.nan], 10)
-    assert nothing.n == 0 and np.isnan(nothing.before.value) and np.isnan(nothing.quantile(0.5).value)
+    assert (
+        nothing.n == 0 and np.isnan(nothing.before.value) and np.isnan(nothing.quantile(0.5).value)
+    )
     silent = lead_time([np.nan], [4.0], 10)
     assert (silent.alarmed, silent.before.k) == (0, 0) and np.isnan(silent.quantile(0.5).value)
 
@@ -147,7 +163,9 @@ def test_textbook_product():
 def test_without_censoring_it_is_the_share():
     delay = np.random.default_rng(0).exponential(50, 400)
     curve = incidence(delay, np.ones(400, bool))
-    assert np.interp(60, curve.time, curve.fraction) == pytest.approx(np.mean(delay <= 60), abs=0.005)
+    assert np.interp(60, curve.time, curve.fraction) == pytest.approx(
+        np.mean(delay <= 60), abs=0.005
+    )
     assert curve.quantile(0.5) == pytest.approx(np.median(delay), rel=0.05)
 
 
@@ -156,7 +174,9 @@ def test_censoring_does_not_bias():
     delay, end = random.exponential(50, 20_000), random.uniform(0, 150, 20_000)
     curve = incidence(np.minimum(delay, end), delay <= end)
     for time in (20, 50, 100):
-        assert np.interp(time, curve.time, curve.fraction) == pytest.approx(1 - np.exp(-time / 50), abs=0.01)
+        assert np.interp(time, curve.time, curve.fraction) == pytest.approx(
+            1 - np.exp(-time / 50), abs=0.01
+        )
 
 
 def test_band_holds_the_estimate():
@@ -167,7 +187,12 @@ def test_band_holds_the_estimate():
 
 def test_event_that_never_comes():
     curve = incidence(np.array([5.0, 6.0]), np.array([False, False]))
-    assert curve.events == 0 and curve.n == 2 and not curve.fraction.any() and np.isnan(curve.quantile(0.5))
+    assert (
+        curve.events == 0
+        and curve.n == 2
+        and not curve.fraction.any()
+        and np.isnan(curve.quantile(0.5))
+    )
 
 
 @pytest.mark.parametrize("delay", [[-1.0, 2.0], [np.nan, 2.0], [1.0]])

@@ -11,7 +11,8 @@ P = {"b": 0.010, "a": 0.005, "d": 0.040, "c": 0.030, "e": 0.700}
 
 
 def test_holm_by_hand():
-    # rising: 0.005 * 5 = 0.025, 0.010 * 4 = 0.040, 0.030 * 3 = 0.090, 0.040 * 2 = 0.080 -> 0.090 (monotone), 0.700 * 1
+    # rising: 0.005 * 5 = 0.025, 0.010 * 4 = 0.040, 0.030 * 3 = 0.090, 0.040 * 2 = 0.080 -> 0.090
+    # (monotone), 0.700 * 1
     found = holm(P)
     assert list(found) == list(P)
     assert {name: one.adjusted for name, one in found.items()} == pytest.approx(
@@ -26,7 +27,9 @@ def test_the_promise_holds_in_simulation(monkeypatch):
     wrong = 0
     for _ in range(800):
         null = random.random(8)
-        p = {f"null{i}": value for i, value in enumerate(null)} | {f"true{i}": 1e-5 for i in range(4)}
+        p = {f"null{i}": value for i, value in enumerate(null)} | {
+            f"true{i}": 1e-5 for i in range(4)
+        }
         wrong += any(one.rejected for name, one in holm(p).items() if name.startswith("null"))
     assert wrong / 800 < 0.05 + 3.5 * np.sqrt(0.05 * 0.95 / 800)
 

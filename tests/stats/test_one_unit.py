@@ -1,4 +1,6 @@
-"""The rate of one more unit: covered as often as promised, by simulated units whose rates are known."""
+"""The rate of one more unit: covered as often as promised, by simulated units whose rates are
+known.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def test_the_next_unit_is_covered_as_often_as_promised(deviation) -> None:
         one = one_unit.rate(k, n)
         hits.append(one.rate.low <= rate <= one.rate.high)
         deviations.append(one.deviation)
-    assert np.mean(hits) >= 0.88 and (np.mean(hits) < 1.0 or deviation < 0.06)  # of 60: 0.95 +- 0.03
+    assert np.mean(hits) >= 0.88 and (
+        np.mean(hits) < 1.0 or deviation < 0.06
+    )  # of 60: 0.95 +- 0.03
     assert np.mean(deviations) == pytest.approx(deviation, abs=0.025 if deviation == 0.0 else 0.015)
 
 
@@ -41,7 +45,9 @@ def test_differences_between_units_widen_it_as_more_trials_do_not() -> None:
         one = one_unit.rate(rng.binomial(n, rates), n)
         widths.append(one.rate.high - one.rate.low)
     low, high = np.quantile(rng.beta(9.0, 81.0, 100_000), [0.025, 0.975])
-    assert widths[1] == pytest.approx(high - low, rel=0.3) and widths[0] == pytest.approx(widths[1], rel=0.3)
+    assert widths[1] == pytest.approx(high - low, rel=0.3) and widths[0] == pytest.approx(
+        widths[1], rel=0.3
+    )
 
 
 def test_units_alike_give_about_the_interval_of_all_trials() -> None:
@@ -55,7 +61,11 @@ def test_units_alike_give_about_the_interval_of_all_trials() -> None:
 
 def test_without_second_trials_nothing_can_be_told() -> None:
     one = one_unit.rate(np.array([0, 1, 0, 0, 1, 0, 1]), np.ones(7, int))
-    assert np.isnan(one.rate.low) and np.isnan(one.deviation) and one.rate.value == pytest.approx(3 / 7)
+    assert (
+        np.isnan(one.rate.low)
+        and np.isnan(one.deviation)
+        and one.rate.value == pytest.approx(3 / 7)
+    )
     assert np.isnan(one_unit.rate([3, 4], [10, 10]).rate.low)
 
 

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from ravenjax.stats.comparison.paired import difference_of_counts, mcnemar, mean_difference, rate_difference
+from ravenjax.stats.comparison.paired import (
+    difference_of_counts,
+    mcnemar,
+    mean_difference,
+    rate_difference,
+)
 
 
 def pairs(both, first, second, none):
@@ -34,10 +39,14 @@ def test_difference_uses_the_pairs():
     assert narrow.high - narrow.low < 0.4 * (wide.high - wide.low)
 
 
-@pytest.mark.parametrize("chances", [(0.3, 0.1, 0.05, 0.55), (0.02, 0.02, 0.0, 0.96), (0.4, 0.2, 0.2, 0.2)])
+@pytest.mark.parametrize(
+    "chances", [(0.3, 0.1, 0.05, 0.55), (0.02, 0.02, 0.0, 0.96), (0.4, 0.2, 0.2, 0.2)]
+)
 def test_coverage_of_the_rate_difference(chances):
     truth = chances[1] - chances[2]
-    found = [rate_difference(*pairs(*n)) for n in np.random.default_rng(0).multinomial(80, chances, 2000)]
+    found = [
+        rate_difference(*pairs(*n)) for n in np.random.default_rng(0).multinomial(80, chances, 2000)
+    ]
     inside = np.mean([one.low <= truth <= one.high for one in found])
     assert inside > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / 2000)
     assert inside < 0.97 or min(chances) == 0.0  # nearly no discordant pair: it covers more

@@ -21,7 +21,9 @@ def test_hours_to_bound_are_those_in_which_the_interval_ends_there(per_hour, cou
 
 def test_hours_without_an_alarm_by_hand():
     # a Poisson count with mean m shows none with chance exp(-m), which is 2.5 % at m = 3.689
-    assert hours_to_bound(0.5) == pytest.approx(-np.log(0.025) / 0.5) == pytest.approx(7.378, abs=1e-3)
+    assert (
+        hours_to_bound(0.5) == pytest.approx(-np.log(0.025) / 0.5) == pytest.approx(7.378, abs=1e-3)
+    )
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 20), (2, 100), (50, 100), (95, 100)])
@@ -38,7 +40,9 @@ def test_more_runs_are_the_fewest_that_do(k, n):
 def test_more_runs_are_the_fewest_whatever_is_asked(rate, n, half_width, confidence):
     k = round(rate * n)
     total = n + more_runs(k, n, half_width, confidence).expected
-    low, high = bounds(k / n * np.array([total, total - 1.0]), np.array([total, total - 1.0]), confidence)
+    low, high = bounds(
+        k / n * np.array([total, total - 1.0]), np.array([total, total - 1.0]), confidence
+    )
     enough, fewer = (high - low) / 2
     assert enough <= half_width * (1 + 1e-8) and (total == n or fewer > half_width * (1 - 1e-8))
 

@@ -1,4 +1,6 @@
-"""Rare events of known probability: plain Monte Carlo and subset simulation against it and against each other."""
+"""Rare events of known probability: plain Monte Carlo and subset simulation against it and
+against each other.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ def corners(probability):
 
 def test_plain_monte_carlo():
     found = monte_carlo(plane(1e-2), D, 40_000, seed=1)
-    assert found.low < 1e-2 < found.high and found.cov == pytest.approx(np.sqrt(0.99 / 400), rel=0.15)
+    assert found.low < 1e-2 < found.high and found.cov == pytest.approx(
+        np.sqrt(0.99 / 400), rel=0.15
+    )
     assert found.runs == 40_000
     assert found == monte_carlo(plane(1e-2), D, 40_000, seed=1, batch=777)
     never = monte_carlo(lambda u: u[:, 0] + 1, 1, 1000)
@@ -56,10 +60,14 @@ def test_subset_against_the_known_probability(limit, probability):
         probability, rel=3.5 * spread / np.sqrt(40) + 0.05
     )  # biased by O(1 / per_level)
     cov = np.mean([one.cov for one in found])
-    assert 0.6 * spread < cov < 1.4 * spread  # Au and Beck's neglects what levels share: somewhat small
+    assert (
+        0.6 * spread < cov < 1.4 * spread
+    )  # Au and Beck's neglects what levels share: somewhat small
     inside = np.mean([one.low <= probability <= one.high for one in found])
     assert inside > 0.8
-    assert max(one.runs for one in found) <= 6000 < 100 / probability  # plain Monte Carlo of 10 % cov
+    assert (
+        max(one.runs for one in found) <= 6000 < 100 / probability
+    )  # plain Monte Carlo of 10 % cov
 
 
 def test_subset_against_plain_monte_carlo():
@@ -81,29 +89,45 @@ def test_subset_calls_in_batches_and_repeats():
 
     found = subset(g, D, 500, share=0.2, seed=3)
     assert set(sizes) == {100} and found.runs == runs
-    assert found == subset(plane(1e-3), D, 500, share=0.2, seed=3) != subset(plane(1e-3), D, 500, share=0.2, seed=4)
+    assert (
+        found
+        == subset(plane(1e-3), D, 500, share=0.2, seed=3)
+        != subset(plane(1e-3), D, 500, share=0.2, seed=4)
+    )
 
 
 def test_a_common_event_takes_one_level():
     found = subset(lambda u: u[:, 0] - 0.3, D)
-    assert found.runs == 1000 and found.low < 0.3 < found.high and found.cov == pytest.approx(0.048, rel=0.1)
+    assert (
+        found.runs == 1000
+        and found.low < 0.3 < found.high
+        and found.cov == pytest.approx(0.048, rel=0.1)
+    )
     always = subset(lambda u: u[:, 0] - 2, D)
     assert (always.probability, always.cov) == (1, 0) and always.low > 0.99
 
 
 @pytest.mark.parametrize(("seed", "per_level"), [(4, 1000), (153, 1000), (30, 100)])
 def test_a_threshold_a_hair_above_the_event(seed, per_level):
-    """Where a level's threshold divides it into events and others, OpenTURNS ends early or has no variance."""
-    found = subset(lambda u: norm.isf(1e-2) - ndtri(u).sum(axis=1) / np.sqrt(6), 6, per_level, seed=seed)
+    """Where a level's threshold divides it into events and others, OpenTURNS ends early or has
+    no variance.
+    """
+    found = subset(
+        lambda u: norm.isf(1e-2) - ndtri(u).sum(axis=1) / np.sqrt(6), 6, per_level, seed=seed
+    )
     assert found.low < 1e-2 < found.high and 0.1 < found.cov < 1
 
 
-@pytest.mark.parametrize("g", [lambda u: 1 + u[:, 0], lambda u: np.where(u[:, 0] < 1e-5, -1.0, 1.0)])
+@pytest.mark.parametrize(
+    "g", [lambda u: 1 + u[:, 0], lambda u: np.where(u[:, 0] < 1e-5, -1.0, 1.0)]
+)
 def test_an_event_out_of_reach_is_bounded_by_the_first_level(g):
     found = subset(g, 2, 1000)
-    assert (found.probability, found.low, found.runs) == (0, 0, 12_000) and found.high == pytest.approx(
-        3.68e-3, rel=0.01
-    )
+    assert (found.probability, found.low, found.runs) == (
+        0,
+        0,
+        12_000,
+    ) and found.high == pytest.approx(3.68e-3, rel=0.01)
 
 
 def test_errors_of_the_limit_state_come_through():

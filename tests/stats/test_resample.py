@@ -19,7 +19,12 @@ def mean(index):
 def test_as_scipy_on_rows(kind):
     band = bootstrap(60, mean, 0.9, resamples=2000, seed=4, kind=kind)
     theirs = rows_bootstrap(
-        (X,), np.mean, confidence_level=0.9, n_resamples=2000, method=kind, rng=np.random.default_rng(4)
+        (X,),
+        np.mean,
+        confidence_level=0.9,
+        n_resamples=2000,
+        method=kind,
+        rng=np.random.default_rng(4),
     )
     assert (band.low, band.high) == pytest.approx(tuple(theirs.confidence_interval), rel=1e-9)
     assert band.value == pytest.approx(X.mean()) and (band.units, band.undefined) == (60, 0)
@@ -33,7 +38,9 @@ def test_batches_do_not_change_it_and_seeds_do():
 
 def test_curves():
     powers = np.array([[1.0, 2.0], [3.0, 0.5]])
-    band = bootstrap(60, lambda index: (X[index][..., None, None] ** powers).mean(axis=1), resamples=200)
+    band = bootstrap(
+        60, lambda index: (X[index][..., None, None] ** powers).mean(axis=1), resamples=200
+    )
     assert band.value.shape == band.low.shape == band.undefined.shape == (2, 2)
     assert (band.low < band.value).all() and (band.value < band.high).all()
     alone = bootstrap(60, mean, resamples=200)
@@ -42,7 +49,9 @@ def test_curves():
 
 def test_resamples_without_a_value_are_counted():
     rare = np.arange(30) < 2
-    band = bootstrap(30, lambda index: np.where(rare[index].any(axis=-1), 1.0, np.nan), resamples=2000)
+    band = bootstrap(
+        30, lambda index: np.where(rare[index].any(axis=-1), 1.0, np.nan), resamples=2000
+    )
     assert band.undefined / 2000 == pytest.approx((28 / 30) ** 30, abs=0.035) and band.low == 1.0
     never = bootstrap(30, lambda index: np.full(len(index), np.nan), resamples=20)
     assert never.undefined == 20 and np.isnan(never.low)
@@ -50,7 +59,11 @@ def test_resamples_without_a_value_are_counted():
 
 @pytest.mark.parametrize("kind", ["percentile", "BCa"])
 def test_what_does_not_vary_has_a_band_of_no_width(kind):
-    assert bootstrap(10, lambda index: np.full(len(index), 0.25), resamples=50, kind=kind)[:3] == (0.25, 0.25, 0.25)
+    assert bootstrap(10, lambda index: np.full(len(index), 0.25), resamples=50, kind=kind)[:3] == (
+        0.25,
+        0.25,
+        0.25,
+    )
 
 
 def test_one_unit_is_refused():

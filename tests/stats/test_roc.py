@@ -1,4 +1,6 @@
-"""ROC and precision-recall against two normals of known separation, scikit-learn and hand computation."""
+"""ROC and precision-recall against two normals of known separation, scikit-learn and hand
+computation.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,12 @@ import math
 import numpy as np
 import pytest
 from scipy.stats import norm
-from sklearn.metrics import average_precision_score, precision_recall_curve, roc_auc_score, roc_curve
+from sklearn.metrics import (
+    average_precision_score,
+    precision_recall_curve,
+    roc_auc_score,
+    roc_curve,
+)
 
 from ravenjax.stats.alarms.roc import average_precision, precision_recall_band, roc_band
 
@@ -22,7 +29,8 @@ def normals(n, seed, separation=SEPARATION):
 
 
 def test_average_precision_by_hand_with_ties_and_infinities():
-    # scores of positives: inf, 3, 2, -inf; of negatives: 3, 1, -inf. Falling thresholds: precision 1/1 at recall 1/4,
+    # scores of positives: inf, 3, 2, -inf; of negatives: 3, 1, -inf. Falling thresholds: precision
+    # 1/1 at recall 1/4,
     # 2/3 at 1/2, 3/4 at 3/4, 3/5 at 3/4, 4/7 at 1
     score, positive = [np.inf, 3, 2, -np.inf, 3, 1, -np.inf], [1, 1, 1, 1, 0, 0, 0]
     assert average_precision(score, positive) == pytest.approx((1 + 2 / 3 + 3 / 4 + 4 / 7) / 4)
@@ -48,7 +56,10 @@ def test_bands_start_from_scikit_learns_values():
 
 @pytest.mark.slow
 def test_coverage_of_the_auc_band():
-    bands = [roc_band(*normals(150, seed), np.arange(150), resamples=150, seed=seed) for seed in range(100)]
+    bands = [
+        roc_band(*normals(150, seed), np.arange(150), resamples=150, seed=seed)
+        for seed in range(100)
+    ]
     inside = np.mean([band.area.low <= AUC <= band.area.high for band in bands])
     assert inside > 0.87
     tpr = norm.sf(norm.isf(bands[0].grid[20]) - SEPARATION)

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from SALib.sample.sobol import sample as salib_sample
 
-from ravenjax.stats.inputs.sensitivity import morris_analyse, morris_sample, sobol_analyse, sobol_sample
+from ravenjax.stats.inputs.sensitivity import (
+    morris_analyse,
+    morris_sample,
+    sobol_analyse,
+    sobol_sample,
+)
 
 # Ishigami, a = 7, b = 0.1: V = a^2/8 + b pi^4/5 + b^2 pi^8/18 + 1/2
 V = 49 / 8 + np.pi**4 / 50 + np.pi**8 / 1800 + 0.5
@@ -49,16 +54,24 @@ def test_linear_shares():
 def test_design_has_saltellis_layout():
     design = sobol_sample(3, 8, seed=2)
     problem = {"num_vars": 3, "names": list("abc"), "bounds": [[0, 1]] * 3}
-    assert design == pytest.approx(salib_sample(problem, 8, calc_second_order=False, seed=np.random.default_rng(2)))
-    assert (design == sobol_sample(3, 8, seed=2)).all() and (design != sobol_sample(3, 8, seed=3)).any()
+    assert design == pytest.approx(
+        salib_sample(problem, 8, calc_second_order=False, seed=np.random.default_rng(2))
+    )
+    assert (design == sobol_sample(3, 8, seed=2)).all() and (
+        design != sobol_sample(3, 8, seed=3)
+    ).any()
 
 
 def test_rare_binary_output_has_finite_bands():
-    output = (sobol_sample(3, 256)[:, 0] > 0.995).astype(float)  # about 1 in 200: some resamples see none
+    output = (sobol_sample(3, 256)[:, 0] > 0.995).astype(
+        float
+    )  # about 1 in 200: some resamples see none
     found = sobol_analyse(output, 3, resamples=300)
     assert 0 < found.first.undefined[0] < 150
     assert np.isfinite([found.first.low, found.first.high, found.total.low, found.total.high]).all()
-    assert found.first.value[0] == pytest.approx(1, abs=0.5) and found.total.value[1:] == pytest.approx(0)
+    assert found.first.value[0] == pytest.approx(1, abs=0.5) and found.total.value[
+        1:
+    ] == pytest.approx(0)
 
 
 def test_output_that_never_varies_has_no_index():
@@ -74,11 +87,15 @@ def test_morris_orders_and_measures():
     assert design.shape == (300, 4) and ((design >= 0) & (design <= 1)).all()
     found = morris_analyse(design, model(design))
     assert list(np.argsort(-found.mu_star.value)) == [0, 1, 2, 3]
-    assert found.mu[:2] == pytest.approx([4, 2]) and found.sigma[:2] == pytest.approx([0, 0], abs=1e-9)
+    assert found.mu[:2] == pytest.approx([4, 2]) and found.sigma[:2] == pytest.approx(
+        [0, 0], abs=1e-9
+    )
     assert found.sigma[3] > 0.1 and abs(found.mu[3]) < 0.5 * found.mu_star.value[3]  # up and down
     assert (found.mu_star.low <= found.mu_star.value).all() and found.mu_star.low[3] > 0
     again = morris_analyse(design, model(design))
-    assert (again.mu_star.high == found.mu_star.high).all() and (morris_sample(4, 60, seed=3) == design).all()
+    assert (again.mu_star.high == found.mu_star.high).all() and (
+        morris_sample(4, 60, seed=3) == design
+    ).all()
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""A stop rule against simulated users: what it promises holds however the data decide where it stops."""
+"""A stop rule against simulated users: what it promises holds however the data decide where it
+stops.
+"""
 
 from __future__ import annotations
 
@@ -42,9 +44,17 @@ def test_all_intervals_of_all_looks_hold_together(allocation):
     wrong = early = 0
     for _ in range(tries):
         looks = course(
-            one, [[random.random(s.size) < p for s, p in zip(one.strata, row, strict=True)] for row in truth]
+            one,
+            [
+                [random.random(s.size) < p for s, p in zip(one.strata, row, strict=True)]
+                for row in truth
+            ],
         )
-        seen = [(i, truth["ab".index(i.rate)][int(i.stratum[1])]) for look in looks for i in look.intervals]
+        seen = [
+            (i, truth["ab".index(i.rate)][int(i.stratum[1])])
+            for look in looks
+            for i in look.intervals
+        ]
         wrong += any(not i.low <= p <= i.high for i, p in seen)
         early += looks[-1].number < 6
     assert wrong / tries <= 0.05
@@ -53,7 +63,12 @@ def test_all_intervals_of_all_looks_hold_together(allocation):
 
 def test_looking_as_often_at_plain_intervals_does_not_hold():
     """What the correction is for: the same looks, each at 95 % by itself."""
-    random, tries, truth, shares = np.random.default_rng(1), 200, 0.1, (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
+    random, tries, truth, shares = (
+        np.random.default_rng(1),
+        200,
+        0.1,
+        (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0),
+    )
     honest, naive = rule((2000,), shares=shares), 0
     kept = 0
     for _ in range(tries):
@@ -62,7 +77,8 @@ def test_looking_as_often_at_plain_intervals_does_not_hold():
         seen = [wilson(int(cases[:n].sum()), int(n)) for n in sizes]
         naive += all(one.low <= truth <= one.high for one in seen)
         exact = [
-            honest.look(i + 1, np.array([n]), np.array([[cases[:n].sum()]]), np.array([n])) for i, n in enumerate(sizes)
+            honest.look(i + 1, np.array([n]), np.array([[cases[:n].sum()]]), np.array([n]))
+            for i, n in enumerate(sizes)
         ]
         kept += all(look.intervals[0].low <= truth <= look.intervals[0].high for look in exact)
     assert kept / tries >= 0.95 > naive / tries
@@ -73,10 +89,14 @@ def test_looking_as_often_at_plain_intervals_does_not_hold():
 def test_the_rate_of_the_whole_table_is_covered(allocation):
     random, tries = np.random.default_rng(2), 300
     sizes, truth = (4000, 2000, 1000), np.array([0.02, 0.3, 0.08])
-    one = rule(sizes, half_width=0.02, of="whole", allocation=allocation, shares=(0.05, 0.1, 0.2, 0.4, 1.0))
+    one = rule(
+        sizes, half_width=0.02, of="whole", allocation=allocation, shares=(0.05, 0.1, 0.2, 0.4, 1.0)
+    )
     whole, wrong, used = truth @ sizes / sum(sizes), 0, 0
     for _ in range(tries):
-        looks = course(one, [[random.random(size) < p for size, p in zip(sizes, truth, strict=True)]])
+        looks = course(
+            one, [[random.random(size) < p for size, p in zip(sizes, truth, strict=True)]]
+        )
         wrong += any(not i.low <= whole <= i.high for look in looks for i in look.intervals)
         used += sum(looks[-1].draws.values())
     assert wrong / tries <= 0.05
@@ -95,7 +115,9 @@ def test_a_shuffled_grid_is_covered_too():
 
 @pytest.mark.parametrize("size", [20, 100])
 def test_an_exact_interval_covers_a_table_drawn_without_replacement(size):
-    """Every sample size and every number of cases in the table, exactly: never below what is promised."""
+    """Every sample size and every number of cases in the table, exactly: never below what is
+    promised.
+    """
     for n in range(1, size, 3):
         k, cases = np.arange(n + 1), np.arange(size + 1)
         for confidence in (0.9, 0.99):
@@ -114,7 +136,9 @@ def test_neyman_needs_fewer_runs_than_proportional():
     for of in ("groups", "whole"):
         for allocation in ("proportional", "neyman"):
             shares = tuple(np.linspace(0.02, 1, 50).round(3).tolist())
-            looks = course(rule(sizes, half_width=0.01, of=of, allocation=allocation, shares=shares), cases)
+            looks = course(
+                rule(sizes, half_width=0.01, of=of, allocation=allocation, shares=shares), cases
+            )
             assert not looks[-1].waiting
             used[of, allocation] = sum(looks[-1].draws.values())
     assert used["groups", "neyman"] < 0.65 * used["groups", "proportional"]
@@ -128,23 +152,41 @@ SHARES = st.lists(st.integers(1, 100), min_size=1, max_size=6, unique=True).map(
 
 
 @pytest.mark.slow
-@given(st.data(), SIZES, SHARES, st.sampled_from(["groups", "whole"]), st.sampled_from(["proportional", "neyman"]))
+@given(
+    st.data(),
+    SIZES,
+    SHARES,
+    st.sampled_from(["groups", "whole"]),
+    st.sampled_from(["proportional", "neyman"]),
+)
 def test_any_course_ends_and_keeps_to_what_was_registered(data, sizes, shares, of, allocation):
-    one = rule(sizes, ("a", "b"), data.draw(st.floats(0.01, 0.3)), shares, of=of, allocation=allocation)
+    one = rule(
+        sizes, ("a", "b"), data.draw(st.floats(0.01, 0.3)), shares, of=of, allocation=allocation
+    )
     random = np.random.default_rng(data.draw(st.integers(0, 99)))
     cases = [[random.random(size) < random.random() for size in sizes] for _ in "ab"]
     looks = course(one, cases)
-    assert [look.number for look in looks] == list(range(1, len(looks) + 1)) and len(looks) <= len(shares)
+    assert [look.number for look in looks] == list(range(1, len(looks) + 1)) and len(looks) <= len(
+        shares
+    )
     taken = np.array([list(look.draws.values()) for look in looks])
-    assert (np.diff(taken, axis=0) >= 0).all() and (taken >= 1).all() and (taken <= one.sizes()[-1]).all()
+    assert (
+        (np.diff(taken, axis=0) >= 0).all()
+        and (taken >= 1).all()
+        and (taken <= one.sizes()[-1]).all()
+    )
     assert all((taken[:, s] == one.sizes()[:, [s]]).any(axis=0).all() for s in range(len(sizes)))
     last = looks[-1]
     wide = {i.stratum for i in last.intervals if i.half_width > one.half_width}
     held = {stratum.name: stratum.size for stratum in one.strata}
     open_still = {name for name in held if last.draws[name] < held[name]}
-    assert set(last.waiting) == {name for name in wide if (open_still if name == "" else name in open_still)}
+    assert set(last.waiting) == {
+        name for name in wide if (open_still if name == "" else name in open_still)
+    }
     assert last.number == len(shares) or not last.waiting
-    assert [sequential.parse(look.line()).line() for look in looks] == [look.line() for look in looks]
+    assert [sequential.parse(look.line()).line() for look in looks] == [
+        look.line() for look in looks
+    ]
     assert course(one, cases) == looks, "nothing but the data decides"
 
 
@@ -199,8 +241,14 @@ def test_why_in_words():
     one = rule((1000, 10), half_width=0.1, shares=(0.1, 0.5))
     assert sequential.sentence([]) == "No look at the stop rule yet."
     looks = course(one, [[np.zeros(1000, bool), np.zeros(10, bool)]])
-    assert sequential.sentence(looks[:1]).startswith("Not stopped yet: at look 1 of 2 the widest interval was +-0.")
-    assert "the last that was planned: not every rate is known within +-0.1" in sequential.sentence(looks)
+    assert sequential.sentence(looks[:1]).startswith(
+        "Not stopped yet: at look 1 of 2 the widest interval was +-0."
+    )
+    assert "the last that was planned: not every rate is known within +-0.1" in sequential.sentence(
+        looks
+    )
     assert "(g1)" in sequential.sentence(looks) or looks[-1].waiting == ()
     whole = course(rule(half_width=0.2), [[np.zeros(1000, bool)]])
-    assert sequential.sentence(whole).startswith("Stopped at look 1 of 3: every rate is known within +-0.2")
+    assert sequential.sentence(whole).startswith(
+        "Stopped at look 1 of 3: every rate is known within +-0.2"
+    )

@@ -12,7 +12,8 @@ from ravenjax.stats.strata import allocate, stratified
 
 
 def test_hand_computed_rate_and_error():
-    # rates 0.5 and 0.1, weights 1/4 and 3/4: 0.125 + 0.075; variance 1/16 * 0.25/20 + 9/16 * 0.09/50
+    # rates 0.5 and 0.1, weights 1/4 and 3/4: 0.125 + 0.075; variance 1/16 * 0.25/20 + 9/16 *
+    # 0.09/50
     found = stratified([10, 5], [20, 50], [1, 3])
     assert found.value == pytest.approx(0.2) and found.n == 70
     assert found.error == pytest.approx(np.sqrt(0.25 / 20 / 16 + 9 / 16 * 0.09 / 50))
@@ -41,17 +42,23 @@ def test_coverage(p):
 
 
 STRATA = st.lists(
-    st.tuples(st.sampled_from([0.0, 0.3, 1.0, 2.5]), st.integers(0, 4), st.integers(0, 5)), min_size=1, max_size=4
+    st.tuples(st.sampled_from([0.0, 0.3, 1.0, 2.5]), st.integers(0, 4), st.integers(0, 5)),
+    min_size=1,
+    max_size=4,
 )
 
 
 @given(STRATA, st.integers(0, 30))
 def test_allocation_keeps_its_bounds_and_is_the_best_there_is(strata, total):
-    """Against every other allocation within the bounds: none has a smaller sum of spread^2 / runs."""
+    """Against every other allocation within the bounds: none has a smaller sum of spread^2 /
+    runs.
+    """
     spread, low, more = (np.array(column) for column in zip(*strata, strict=True))
     high = low + more
     runs = allocate(total, spread, low, high)
-    assert ((low <= runs) & (runs <= high)).all() and runs.sum() == np.clip(total, low.sum(), high.sum())
+    assert ((low <= runs) & (runs <= high)).all() and runs.sum() == np.clip(
+        total, low.sum(), high.sum()
+    )
 
     def variance(n):
         return np.where(spread > 0, spread**2 / np.maximum(n, 1e-9), 0.0).sum()
@@ -62,7 +69,9 @@ def test_allocation_keeps_its_bounds_and_is_the_best_there_is(strata, total):
         for j in range(len(runs))
     ]
     within = [n for n in near if ((low <= n) & (n <= high)).all()]
-    exact = allocate(total * 1000, spread, low * 1000, high * 1000) / 1000  # where whole numbers hardly round
+    exact = (
+        allocate(total * 1000, spread, low * 1000, high * 1000) / 1000
+    )  # where whole numbers hardly round
     assert all(variance(exact) <= variance(exact + (n - runs) / 1000) * (1 + 1e-6) for n in within)
 
 
@@ -73,9 +82,13 @@ def test_what_has_no_spread_takes_what_is_left_over():
 
 @pytest.mark.parametrize(
     ("spread", "least", "most", "message"),
-    [([1], [0, 1], [2, 2], "length"), ([-1], [0], [1], "negative"), ([np.inf], [0], [1], "finite"),
-     ([1], [2], [1], "least <= most")],
-)  # fmt: skip
+    [
+        ([1], [0, 1], [2, 2], "length"),
+        ([-1], [0], [1], "negative"),
+        ([np.inf], [0], [1], "finite"),
+        ([1], [2], [1], "least <= most"),
+    ],
+)
 def test_allocations_that_cannot_be_are_refused(spread, least, most, message):
     with pytest.raises(ValueError, match=message):
         allocate(5, spread, least, most)

@@ -1,4 +1,6 @@
-"""Intervals over independent units: coverage on simulated clustered data beside the naive ones, and closed forms."""
+"""Intervals over independent units: coverage on simulated clustered data beside the naive ones,
+and closed forms.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from ravenjax.stats.intervals import wilson
 
 
 def clustered(random, sizes, rate, icc):
-    """Bool rows of units of these sizes with a beta-binomial law of this intraclass correlation, and their units."""
+    """Bool rows of units of these sizes with a beta-binomial law of this intraclass correlation,
+    and their units.
+    """
     weight = (1 - icc) / icc
     each = random.beta(rate * weight, (1 - rate) * weight, len(sizes))
     label = np.repeat(np.arange(len(sizes)), sizes)
@@ -34,9 +38,12 @@ def test_a_rate_covers_what_the_naive_one_does_not(count, size):
         plain = wilson(int(hit.sum()), len(hit))
         inside += band.low <= 0.3 <= band.high
         naive += plain.low <= 0.3 <= plain.high
-    # rows taken as independent: a standard error too small by the root of the design effect 1 + (size - 1) icc
+    # rows taken as independent: a standard error too small by the root of the design effect 1 +
+    # (size - 1) icc
     narrow = 2 * stats.norm.cdf(1.96 / math.sqrt(1 + (size - 1) * 0.3)) - 1
-    assert inside / trials > (0.915 if count > units.FEW else 0.88)  # few units: a little too narrow, as tables say
+    assert inside / trials > (
+        0.915 if count > units.FEW else 0.88
+    )  # few units: a little too narrow, as tables say
     assert naive / trials == pytest.approx(narrow, abs=0.09) and naive / trials < 0.72
 
 
@@ -50,11 +57,15 @@ def test_the_width_is_that_of_the_design_effect():
         widths.append(band.high - band.low)
         closed.append(2 * 1.96 * math.sqrt(effect * 0.24 / len(hit)))
     assert np.mean(widths) == pytest.approx(np.mean(closed), rel=0.05)
-    assert np.mean(closed) == pytest.approx(2 * 1.96 * math.sqrt((1 + 19 * 0.2) * 0.24 / 1200), rel=0.06)
+    assert np.mean(closed) == pytest.approx(
+        2 * 1.96 * math.sqrt((1 + 19 * 0.2) * 0.24 / 1200), rel=0.06
+    )
 
 
 def test_few_units_have_the_variance_with_divisor_n_less_one():
-    """Rao and Wu: of the mean of n units s^2 / n, where the plain bootstrap has (n - 1) / n of it."""
+    """Rao and Wu: of the mean of n units s^2 / n, where the plain bootstrap has (n - 1) / n of
+    it.
+    """
     value = np.random.default_rng(1).normal(size=6)
     weight = units.units(np.arange(6)).weights(40_000)
     assert weight.mean(axis=0) == pytest.approx(np.ones(6), abs=0.02)
@@ -62,7 +73,9 @@ def test_few_units_have_the_variance_with_divisor_n_less_one():
 
 
 def test_strata_are_not_mixed():
-    """Two strata that differ in level alone: a band without width, and a wide one where they are mixed."""
+    """Two strata that differ in level alone: a band without width, and a wide one where they are
+    mixed.
+    """
     hit, label = np.repeat([True, False], 40), np.repeat(np.arange(20), 4)
     apart = units.rate(hit, units.units(label, np.repeat([0, 1], 40)))
     mixed = units.rate(hit, units.units(label))
@@ -77,11 +90,15 @@ def test_a_stratum_of_one_unit_joins_others():
     assert (lone.weights(200) == 1).all(axis=0).sum() == 0  # every unit varies
     pair = units.units(label, np.array([0, 0, 0, 0, 0, 1, 2]))
     weight = pair.weights(200)
-    assert weight[:, :5].sum(axis=1) == pytest.approx(np.full(200, 5.0)) and weight[:, 5:].max() == 2.0
+    assert (
+        weight[:, :5].sum(axis=1) == pytest.approx(np.full(200, 5.0)) and weight[:, 5:].max() == 2.0
+    )
 
 
 def test_units_of_some_rows_keep_their_strata():
-    some = units.units(list("aabbcc"), [0, 0, 0, 0, 1, 1]).where(np.array([False, False, True, False, True, True]))
+    some = units.units(list("aabbcc"), [0, 0, 0, 0, 1, 1]).where(
+        np.array([False, False, True, False, True, True])
+    )
     assert (some.unit.tolist(), some.stratum.tolist(), some.count) == ([0, 1, 1], [0, 1], 2)
 
 
@@ -106,7 +123,11 @@ def test_a_ratio_is_one_of_sums():
     unit = units.units(np.repeat(np.arange(8), 2))
     above, below = np.arange(16.0), np.full(16, 2.0)
     band = units.ratio(above, below, unit, seed=3)
-    assert band.value == pytest.approx(120 / 32) and band.low < band.value < band.high and band.units == 8
+    assert (
+        band.value == pytest.approx(120 / 32)
+        and band.low < band.value < band.high
+        and band.units == 8
+    )
     mean = units.statistic(lambda weight: weight @ above / (weight @ below), unit, seed=3)
     assert mean == pytest.approx((band.value, band.low, band.high), abs=0.05)
 
@@ -122,7 +143,9 @@ def test_quantiles_of_delays_are_those_of_kaplan_and_meier():
         assert band.value == curve.value and band[1:] == pytest.approx(curve[1:], rel=0.06)
     never = latency.quantile(np.minimum(delay, 15), came, 0.9, own)
     assert np.isnan(never).all()
-    alike = latency.quantile(np.repeat(delay[:30], 10), np.full(300, True), 0.5, units.units(np.repeat(range(30), 10)))
+    alike = latency.quantile(
+        np.repeat(delay[:30], 10), np.full(300, True), 0.5, units.units(np.repeat(range(30), 10))
+    )
     alone = latency.quantile(delay[:30], np.full(30, True), 0.5, units.units(range(30)))
     assert alike == pytest.approx(alone)  # ten copies of a run say nothing more
     with pytest.raises(ValueError, match="units"):

@@ -11,7 +11,9 @@ WORDS = ("", "a", "usb_out", "Ω≠ß", "with space", "x" * 300, "\t\n", "nan")
 
 
 def frame(shape: schema.Shape, rows: int, seed: int = 0) -> pd.DataFrame:
-    """`rows` rows: the least and the greatest number of every type among them, NaN and infinity too."""
+    """`rows` rows: the least and the greatest number of every type among them, NaN and infinity
+    too.
+    """
     random = np.random.default_rng(seed)
     found = {}
     for column in schema.columns(shape):
@@ -20,13 +22,17 @@ def frame(shape: schema.Shape, rows: int, seed: int = 0) -> pd.DataFrame:
         elif column.dtype == "category":
             values = random.choice(np.array(WORDS, object), rows)
         elif column.dtype == "string":
-            values = np.array([f"{number:016x}" for number in random.integers(0, 2**63, rows)], object)
+            values = np.array(
+                [f"{number:016x}" for number in random.integers(0, 2**63, rows)], object
+            )
         elif column.dtype.startswith("int"):
             ends = np.iinfo(column.dtype)
             values = random.integers(ends.min, ends.max, rows, column.dtype, endpoint=True)
             values[random.random(rows) < 0.1] = random.choice([ends.min, ends.max, 0, -1])
         else:
             values = random.normal(size=rows).astype(column.dtype)
-            values[random.random(rows) < 0.2] = random.choice([np.nan, np.inf, -np.inf, -0.0, 1e-40])
+            values[random.random(rows) < 0.2] = random.choice(
+                [np.nan, np.inf, -np.inf, -0.0, 1e-40]
+            )
         found[column.name] = values
     return pd.DataFrame(found | {"index": np.arange(rows, dtype=np.int32)})

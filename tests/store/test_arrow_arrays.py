@@ -9,7 +9,9 @@ import pytest
 from ravenjax.store import arrow_arrays
 
 
-@pytest.mark.parametrize("dtype", ["bool", "int8", "int32", "int64", "uint32", "uint64", "float32", "float64"])
+@pytest.mark.parametrize(
+    "dtype", ["bool", "int8", "int32", "int64", "uint32", "uint64", "float32", "float64"]
+)
 @pytest.mark.parametrize("rows", [0, 1, 13])
 def test_numbers(dtype, rows):
     values = (np.arange(-3, 30)[: 2 * rows : 2] * 1.25).astype(np.int64).astype(dtype)
@@ -18,15 +20,25 @@ def test_numbers(dtype, rows):
     made, wanted = arrow_arrays.numbers(values), pa.array(values, from_pandas=False)
     made.validate(full=True)
     assert made.type == wanted.type and made.null_count == 0
-    np.testing.assert_array_equal(made.to_numpy(zero_copy_only=False), wanted.to_numpy(zero_copy_only=False))
+    np.testing.assert_array_equal(
+        made.to_numpy(zero_copy_only=False), wanted.to_numpy(zero_copy_only=False)
+    )
 
 
 def test_numbers_side_by_side_are_taken_together():
     assert arrow_arrays.numbers(np.arange(10, dtype=np.int32)[::3]).to_pylist() == [0, 3, 6, 9]
 
 
-@pytest.mark.parametrize("values", [np.array(["a"]), np.array([1, None]), np.ones((2, 2)), np.ones(2, ">f4"),
-                                    np.array(["2020"], "M8[D]")])  # fmt: skip
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.array(["a"]),
+        np.array([1, None]),
+        np.ones((2, 2)),
+        np.ones(2, ">f4"),
+        np.array(["2020"], "M8[D]"),
+    ],
+)
 def test_other_values_are_left_to_arrow(values):
     assert arrow_arrays.numbers(values) is None
 

@@ -1,4 +1,6 @@
-"""Console profiles: files and their errors; packets under the right profile, a wrong one, and one that is found."""
+"""Console profiles: files and their errors; packets under the right profile, a wrong one, and
+one that is found.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ LEVEL = (0.0, 0.0, 0.0, 1.0)
 def fields(number=1, gold=(0, 0, 0), quat=LEVEL, jaw=0, button=0, mode=1):
     """A packet in which gold moves, with the right checksum."""
     values = [number, 0, 0]
-    values += [x for c in gold for x in (c, 0)] + [x for c, level in zip(quat, LEVEL, strict=True) for x in (c, level)]
+    values += [x for c in gold for x in (c, 0)] + [
+        x for c, level in zip(quat, LEVEL, strict=True) for x in (c, level)
+    ]
     values += [button, 0, jaw, 0, mode]
     return (*values, number + sum(gold) + button + mode)
 
@@ -47,21 +51,36 @@ def test_bundled_profiles_are_found_by_name():
     assert loading.bundled()[0].name == "raven"
     assert loading.load("dv_trainer").jaw.form == "positions"
     assert loading.choice("auto") == loading.bundled()
-    with pytest.raises(UserError, match=r"expected one of raven, dv_trainer, auto, or a \.toml.*Did you mean 'raven'"):
+    with pytest.raises(
+        UserError,
+        match=r"expected one of raven, dv_trainer, auto, or a \.toml.*Did you mean 'raven'",
+    ):
         loading.load("ravn")
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('jaw.form = "position"', r"jaw\.form: got 'position', expected 'increments' or 'positions'"),
+        (
+            'jaw.form = "position"',
+            r"jaw\.form: got 'position', expected 'increments' or 'positions'",
+        ),
         ('jaw.form = "positions"', "jaw: positions need a range, lowest_mrad below highest_mrad"),
-        ("jaw.lowest_mrad = 0.0", "jaw: lowest_mrad and highest_mrad belong to form = 'positions': remove"),
+        (
+            "jaw.lowest_mrad = 0.0",
+            "jaw: lowest_mrad and highest_mrad belong to form = 'positions': remove",
+        ),
         ('orientation.unit = "deg"', "orientation: unit and scale belong to form = 'vector'"),
-        ("position.scal = 2.0", r"position\.scal: no such key, expected unit, scale\. Did you mean 'scale'"),
+        (
+            "position.scal = 2.0",
+            r"position\.scal: no such key, expected unit, scale\. Did you mean 'scale'",
+        ),
         ("position.scale = nan", r"position\.scale: got nan, expected a finite number"),
         ("position.scale = true", r"position\.scale: got True"),
-        ("largest.step_um = 5000.0", r"largest\.step_um: got 5000.0, expected less than or equal to 1000"),
+        (
+            "largest.step_um = 5000.0",
+            r"largest\.step_um: got 5000.0, expected less than or equal to 1000",
+        ),
         ("stream.per_tick = 0", r"stream\.per_tick: got 0, expected greater than or equal to 1"),
         ("[", "not a TOML file"),
     ],
@@ -76,8 +95,12 @@ def test_errors_of_a_file(tmp_path, text, words):
 
 def test_units_and_what_whole_numbers_leave_over():
     """Thirds of a millimetre per step: what rounding leaves is made up for later."""
-    own = profile(position={"unit": "mm", "scale": 1 / 3000}, jaw={"unit": "deg", "closes": "falling"})
-    results = fed(PacketReader(own, ("gold",)), [fields(n, gold=(1, -1, 0), jaw=-1) for n in range(1, 31)])
+    own = profile(
+        position={"unit": "mm", "scale": 1 / 3000}, jaw={"unit": "deg", "closes": "falling"}
+    )
+    results = fed(
+        PacketReader(own, ("gold",)), [fields(n, gold=(1, -1, 0), jaw=-1) for n in range(1, 31)]
+    )
     total = np.sum([result.delta_um[0] for result in results], axis=0)
     assert total.tolist() == [10, -10, 0]
     assert sum(result.grasp_mrad[0] for result in results) == round(math.radians(30) * 1e3)
@@ -87,13 +110,18 @@ def test_a_vector_is_that_turn():
     own = profile(orientation={"form": "vector", "unit": "deg"})
     vector = (1.0, -2.0, 0.5)
     (got,) = fed(PacketReader(own, ("gold",)), [fields(quat=(*vector, 1.0))])
-    np.testing.assert_allclose(got.quat[0], Rotation.from_rotvec(vector, degrees=True).as_quat(), atol=1e-12)
+    np.testing.assert_allclose(
+        got.quat[0], Rotation.from_rotvec(vector, degrees=True).as_quat(), atol=1e-12
+    )
 
 
 def test_an_orientation_is_taken_from_packet_to_packet():
     own = profile(orientation={"form": "quaternion"})
     turns = [Rotation.from_rotvec([0.3, 0.01 * n, -0.02 * n]) for n in range(5)]
-    results = fed(PacketReader(own, ("gold",)), [fields(n + 1, quat=tuple(t.as_quat())) for n, t in enumerate(turns)])
+    results = fed(
+        PacketReader(own, ("gold",)),
+        [fields(n + 1, quat=tuple(t.as_quat())) for n, t in enumerate(turns)],
+    )
     assert results[0].quat[0] == LEVEL, "where the hand began moves nothing"
     steps = [Rotation.from_quat(result.quat[0]) for result in results[1:]]
     made = turns[0]
@@ -104,7 +132,9 @@ def test_an_orientation_is_taken_from_packet_to_packet():
 
 def test_a_jaw_position_moves_by_its_change_and_never_by_what_was_lost():
     reader = PacketReader(loading.load("dv_trainer"), ("gold",))
-    packets = [fields(n, jaw=jaw, button=jaw) for n, jaw in enumerate((1200, 1230, 1200, 1381), start=1)]
+    packets = [
+        fields(n, jaw=jaw, button=jaw) for n, jaw in enumerate((1200, 1230, 1200, 1381), start=1)
+    ]
     assert [getattr(r, "grasp_mrad", r) for r in fed(reader, packets[:3])] == [(0,), (30,), (-30,)]
     jump = reader.read(packets[3])
     assert isinstance(jump, Misfit) and (jump.cause, jump.got) == ("grasp", "181 mrad")
@@ -121,7 +151,10 @@ INTS = st.integers(-(2**31), 2**31 - 1) | st.integers(-300, 300)
 @given(
     st.sampled_from(["raven", "dv_trainer", "auto"]),
     st.lists(
-        st.tuples(st.lists(INTS, min_size=3, max_size=3), st.tuples(*[NUMBERS] * 4), INTS, st.booleans()), max_size=8
+        st.tuples(
+            st.lists(INTS, min_size=3, max_size=3), st.tuples(*[NUMBERS] * 4), INTS, st.booleans()
+        ),
+        max_size=8,
     ),
 )
 def test_whatever_comes_only_small_increments_are_read(name, hostile):
@@ -132,7 +165,10 @@ def test_whatever_comes_only_small_increments_are_read(name, hostile):
             choice.follow()
             assert math.hypot(*result.delta_um[0]) <= 1000.0
             assert abs(math.hypot(*result.quat[0]) - 1.0) < 0.011
-            assert 2 * math.acos(min(abs(result.quat[0][3]) / math.hypot(*result.quat[0]), 1.0)) < 0.1 + 1e-9
+            assert (
+                2 * math.acos(min(abs(result.quat[0][3]) / math.hypot(*result.quat[0]), 1.0))
+                < 0.1 + 1e-9
+            )
             assert abs(result.grasp_mrad[0]) <= 200
 
 
@@ -150,9 +186,13 @@ def test_of_a_console_of_quaternions_auto_says_raven():
         results.append(choice.read(fields(n, gold=(3, 0, 0), quat=turn if n > 8 else LEVEL)))
         choice.follow()
     assert choice.profile == loading.load("raven"), choice.reason
-    assert choice.reason.startswith("It is not dv_trainer: 4 of the first 12 packets have quaternion of gold: got [")
+    assert choice.reason.startswith(
+        "It is not dv_trainer: 4 of the first 12 packets have quaternion of gold: got ["
+    )
     read = [isinstance(result, PacketReading) for result in results]
-    assert read == [True] * 8 + [False] * 4 + [True] * 8, "what both read alike counts from the first packet on"
+    assert read == [True] * 8 + [False] * 4 + [True] * 8, (
+        "what both read alike counts from the first packet on"
+    )
 
 
 def test_auto_does_not_decide_where_nothing_fits():
@@ -184,7 +224,9 @@ def test_the_held_out_half_is_read_as_it_was_sent(recorded):
     np.testing.assert_array_equal(closed, sent[-1, 19:21] - sent[0, 19:21])
     for arm in (0, 1):
         turns = Rotation.from_quat([result.quat[arm] for result in results])
-        np.testing.assert_allclose(turns.as_rotvec() * 1e3, sent[:, [9 + arm, 11 + arm, 13 + arm]], atol=1e-9)
+        np.testing.assert_allclose(
+            turns.as_rotvec() * 1e3, sent[:, [9 + arm, 11 + arm, 13 + arm]], atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("arms", [BOTH, ("gold",), ("green",)])
@@ -213,7 +255,9 @@ def test_a_name_that_no_file_can_have_is_one_error(name):
         loading.choice(name)
 
 
-@pytest.mark.parametrize("text", ["x = " + "[" * 100_000, "x = " + "9" * 5000, "x = 1e999", "\ufeff[jaw", "\0"])
+@pytest.mark.parametrize(
+    "text", ["x = " + "[" * 100_000, "x = " + "9" * 5000, "x = 1e999", "\ufeff[jaw", "\0"]
+)
 def test_a_profile_nested_without_end_or_of_endless_digits_is_one_error(tmp_path, text):
     path = tmp_path / "own.toml"
     path.write_text(text, encoding="utf-8")

@@ -1,4 +1,6 @@
-"""Result folder: resumed, checked before work, the same whatever the parts' sizes; damage named, nothing lost."""
+"""Result folder: resumed, checked before work, the same whatever the parts' sizes; damage named,
+nothing lost.
+"""
 
 from __future__ import annotations
 
@@ -106,7 +108,9 @@ def test_recording_a_part_adds_a_line_and_rewrites_nothing(tmp_path):
 def test_parts_may_be_added_from_many_threads(tmp_path):
     folder = ResultFolder.open(tmp_path, wanted())
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(lambda rows: folder.add(FRAME.iloc[rows.start : rows.stop]), folder.missing(3)))
+        list(
+            pool.map(lambda rows: folder.add(FRAME.iloc[rows.start : rows.stop]), folder.missing(3))
+        )
     folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
     record = manifests.read(tmp_path)
     assert [part.first for part in record.parts] == list(range(0, RUNS, 3)) and record.finished
@@ -140,7 +144,9 @@ def test_a_finished_folder_whose_list_is_lost_is_not_read_as_if_it_were_whole(tm
     fill(tmp_path, chunk=40)
     path = tmp_path / "parts.jsonl"
     path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
-    with pytest.raises(StoreError, match=r"parts.jsonl: names parts of 40 of the 100 finished runs. Start the same"):
+    with pytest.raises(
+        StoreError, match=r"parts.jsonl: names parts of 40 of the 100 finished runs. Start the same"
+    ):
         read_all(tmp_path)
     ResultFolder.open(tmp_path, wanted())
     assert len(read_all(tmp_path)) == RUNS
@@ -174,7 +180,12 @@ def test_lost_part_is_computed_again(tmp_path):
 
 def test_gaps_between_parts_of_any_size():
     finished = [a_record(a, b) for a, b in [(0, 2), (3, 3), (7, 8)]]
-    assert list(parts.gaps(finished, [range(12)], 2)) == [range(4, 6), range(6, 7), range(9, 10), range(10, 12)]
+    assert list(parts.gaps(finished, [range(12)], 2)) == [
+        range(4, 6),
+        range(6, 7),
+        range(9, 10),
+        range(10, 12),
+    ]
 
 
 def a_record(first, last):
@@ -197,9 +208,13 @@ def test_gaps_are_the_wanted_rows_that_no_part_holds(held, asked, chunk):
     rows = [row for some in found for row in some]
     there = {row for part in finished for row in part.rows}
     assert rows == [row for some in apart(asked) for row in some if row not in there]
-    assert all(some.start // chunk == (some.stop - 1) // chunk for some in found), "none reaches over a cut"
+    assert all(some.start // chunk == (some.stop - 1) // chunk for some in found), (
+        "none reaches over a cut"
+    )
     edges = {r.start for r in apart(asked)} | {part.last + 1 for part in finished}
-    assert all(some.start % chunk == 0 or some.start in edges for some in found), "and none is cut elsewhere"
+    assert all(some.start % chunk == 0 or some.start in edges for some in found), (
+        "and none is cut elsewhere"
+    )
 
 
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 10)), max_size=12), st.integers(0, 12))
@@ -219,7 +234,9 @@ def test_parts_are_told_apart_as_one_by_one(spans, trusted):
 def test_overlapping_parts_are_set_aside_the_unrecorded_first(tmp_path):
     folder = fill(tmp_path, chunk=40)
     whole = read_all(tmp_path)
-    parts.write(tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash)
+    parts.write(
+        tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash
+    )
     again = ResultFolder.open(tmp_path, wanted())
     assert len(again.notes) == 1 and "part-000000070-000000089.parquet" in again.notes[0]
     assert (tmp_path / "set-aside" / "part-000000070-000000089.parquet").exists()
@@ -229,13 +246,16 @@ def test_overlapping_parts_are_set_aside_the_unrecorded_first(tmp_path):
 
 def test_a_reader_refuses_parts_that_overlap(tmp_path):
     folder = fill(tmp_path, chunk=40)
-    one_more = parts.write(tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash)
+    one_more = parts.write(
+        tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash
+    )
     manifests.record(tmp_path, one_more)
     with pytest.raises(StoreError, match=r"both hold row 70.*sets one of them aside"):
         read_all(tmp_path)
 
 
-# --- rows of their own ------------------------------------------------------------------------------------------------
+# --- rows of their own
+# ------------------------------------------------------------------------------------------------
 
 
 def test_rows_of_a_folder_may_grow_and_the_table_is_the_same(tmp_path):
@@ -255,7 +275,10 @@ def test_rows_of_a_folder_may_grow_and_the_table_is_the_same(tmp_path):
 def test_a_folder_of_all_rows_stays_one(tmp_path):
     fill(tmp_path, chunk=40, stop_after=30)
     folder = ResultFolder.open(tmp_path, wanted(rows=((0, 9),)))
-    assert folder.manifest.rows is None and list(folder.missing(60)) == [range(40, 60), range(60, 100)]
+    assert folder.manifest.rows is None and list(folder.missing(60)) == [
+        range(40, 60),
+        range(60, 100),
+    ]
 
 
 @given(st.lists(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 5)), max_size=5), max_size=4))
@@ -264,7 +287,9 @@ def test_joined_ranges_hold_the_rows_of_all(some):
     found = manifests.joined(*ranges)
     assert found is not None
     rows = [row for first, last in found for row in range(first, last + 1)]
-    assert rows == sorted({row for one in ranges for first, last in one for row in range(first, last + 1)})
+    assert rows == sorted(
+        {row for one in ranges for first, last in one for row in range(first, last + 1)}
+    )
     assert all(b[0] > a[1] + 1 for a, b in pairwise(found)), "as few as can be"
     assert manifests.joined(*ranges, None) is None
 
@@ -275,7 +300,8 @@ def test_another_shard_is_refused(tmp_path):
         ResultFolder.open(tmp_path, wanted(shard="2/3", rows=((10, 19),)))
 
 
-# --- damage -----------------------------------------------------------------------------------------------------------
+# --- damage ---------------------------------------------------------------------------------------
+# --------------------
 
 
 def truncate(path):
@@ -302,12 +328,20 @@ def test_damaged_part_is_named_and_set_aside_and_computed_again(tmp_path, damage
     with pytest.raises(StoreError) as caught:
         parts.read(path, wanted().config_hash)
     message = str(caught.value)
-    assert str(path) in message and "start the same command again" in message and "\n" not in message
+    assert (
+        str(path) in message and "start the same command again" in message and "\n" not in message
+    )
     damaged = path.read_bytes()
     for name in (path.name, f"{path.name}.2"):
         folder = ResultFolder.open(tmp_path, wanted())
-        assert len(folder.notes) == 1 and str(path) in folder.notes[0] and "to be computed again" in folder.notes[0]
-        assert (tmp_path / "set-aside" / name).read_bytes() == damaged, "nothing that was there is lost"
+        assert (
+            len(folder.notes) == 1
+            and str(path) in folder.notes[0]
+            and "to be computed again" in folder.notes[0]
+        )
+        assert (tmp_path / "set-aside" / name).read_bytes() == damaged, (
+            "nothing that was there is lost"
+        )
         assert {p: p.read_bytes() for p in others} == others
         assert list(folder.missing(40)) == [range(40, 80)] and folder.manifest.finished is None
         fill(tmp_path, chunk=40)
@@ -319,19 +353,27 @@ def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
     fill(tmp_path, chunk=40)
     path = tmp_path / "manifest.json"
     mine, newer = schema.VERSION, schema.VERSION + 1
-    path.write_text(path.read_text().replace(f'"schema_version": {mine}', f'"schema_version": {newer}'))
-    told = rf"manifest.json: has result schema {newer}; this ravenjax reads {mine}.*is fine.*upgrade"
+    path.write_text(
+        path.read_text().replace(f'"schema_version": {mine}', f'"schema_version": {newer}')
+    )
+    told = (
+        rf"manifest.json: has result schema {newer}; this ravenjax reads {mine}.*is fine.*upgrade"
+    )
     with pytest.raises(StoreError, match=told):
         read_all(tmp_path)
     monkeypatch.setattr(schema, "VERSION", 0)
-    with pytest.raises(StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads 0"):
+    with pytest.raises(
+        StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads 0"
+    ):
         parts.read(a_part(tmp_path))
 
 
 def test_older_schema_is_refused_with_what_to_do(tmp_path):
     fill(tmp_path, chunk=40)
     path = tmp_path / "manifest.json"
-    path.write_text(path.read_text().replace(f'"schema_version": {schema.VERSION}', '"schema_version": 1'))
+    path.write_text(
+        path.read_text().replace(f'"schema_version": {schema.VERSION}', '"schema_version": 1')
+    )
     with pytest.raises(StoreError, match=r"has result schema 1; .*run the campaign again"):
         read_all(tmp_path)
 
@@ -357,7 +399,9 @@ def test_version_5_is_read_without_trips_of_golden_runs(tmp_path, monkeypatch):
 
 def test_foreign_parquet_is_refused(tmp_path):
     path = tmp_path / "part-000000000-000000002.parquet"
-    pq.write_table(schema.conform(FRAME.iloc[:3], synthetic.shape()).replace_schema_metadata({}), path)
+    pq.write_table(
+        schema.conform(FRAME.iloc[:3], synthetic.shape()).replace_schema_metadata({}), path
+    )
     with pytest.raises(StoreError, match="not a ravenjax result part"):
         parts.read(path)
 
@@ -381,13 +425,17 @@ def test_no_result_folder(tmp_path):
         read_all(tmp_path)
 
 
-# --- checks before work -----------------------------------------------------------------------------------------------
+# --- checks before work
+# -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"config": {"duration_s": 4.0}, "config_hash": "0"}, "config.duration_s: 3.0 here, 4.0 asked for"),
+        (
+            {"config": {"duration_s": 4.0}, "config_hash": "0"},
+            "config.duration_s: 3.0 here, 4.0 asked for",
+        ),
         ({"seed": 8}, "seed: 7 here, 8 asked for"),
         ({"engine": "mjx"}, 'engine: "xla" here, "mjx" asked for'),
         ({"code_hash": "f" * 64}, "code: "),
@@ -450,14 +498,18 @@ def test_failures_are_counted_by_cause_in_each_record(tmp_path):
     assert manifests.read(tmp_path).failures == ({"nan": failed} if failed else {})
     recorded = [part.failed for part in manifests.read(tmp_path).parts]
     (tmp_path / "parts.jsonl").unlink()
-    assert [part.failed for part in ResultFolder.open(tmp_path, wanted()).manifest.parts] == recorded
+    assert [
+        part.failed for part in ResultFolder.open(tmp_path, wanted()).manifest.parts
+    ] == recorded
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write to a read-only folder")
 def test_read_only_folder(tmp_path):
     tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
     try:
-        with pytest.raises(StoreError, match=r"cannot be written to \(Permission denied\).*No run was started"):
+        with pytest.raises(
+            StoreError, match=r"cannot be written to \(Permission denied\).*No run was started"
+        ):
             ResultFolder.open(tmp_path / "out", wanted())
     finally:
         tmp_path.chmod(stat.S_IRWXU)
@@ -472,20 +524,26 @@ def test_output_folder_that_refuses_files(tmp_path):
 
 def test_full_disk_leaves_the_old_file(tmp_path, monkeypatch):
     folder = fill(tmp_path, chunk=40)
-    before = {tmp_path / name: (tmp_path / name).read_bytes() for name in ("manifest.json", "parts.jsonl")}
+    before = {
+        tmp_path / name: (tmp_path / name).read_bytes() for name in ("manifest.json", "parts.jsonl")
+    }
 
     def full(_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StoreError, match=r"parts.jsonl: cannot be written \(No space left on device\)"):
+    with pytest.raises(
+        StoreError, match=r"parts.jsonl: cannot be written \(No space left on device\)"
+    ):
         manifests.write(tmp_path, folder.manifest)
     assert {p: p.read_bytes() for p in before} == before
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
 def test_manifest_hashes():
-    assert manifests.config_hash({"a": 1, "b": {"c": 2.5}}) == manifests.config_hash({"b": {"c": 2.5}, "a": 1})
+    assert manifests.config_hash({"a": 1, "b": {"c": 2.5}}) == manifests.config_hash(
+        {"b": {"c": 2.5}, "a": 1}
+    )
     assert manifests.config_hash({"a": 1}) != manifests.config_hash({"a": 2})
     assert len(manifests.code_hash()) == 64
     assert {"python", "ravenjax", "jax", "mujoco", "numpy"} <= manifests.package_versions().keys()

@@ -26,9 +26,9 @@ def test_each_column_is_named_once_and_described(form):
     names = [c.name for c in columns]
     assert len(set(names)) == len(names)
     assert all(c.meaning for c in columns)
-    assert all(c.unit for c in columns if c.dtype.startswith(("float", "int")) and c.name not in UNITLESS), (
-        "unit missing"
-    )
+    assert all(
+        c.unit for c in columns if c.dtype.startswith(("float", "int")) and c.name not in UNITLESS
+    ), "unit missing"
 
 
 UNITLESS = {"index", "pair", "seed", "end_runlevel"} | {f"cue{k}_count" for k in range(9)}
@@ -36,7 +36,12 @@ UNITLESS |= {f"detector{d}_threshold{k}_alarms" for d in range(9) for k in range
 
 
 def test_repeated_columns_follow_the_shape():
-    names = {c.name for c in schema.columns(schema.Shape(arms=("gold", "green"), slots=2, cues=3, checks=("estop",)))}
+    names = {
+        c.name
+        for c in schema.columns(
+            schema.Shape(arms=("gold", "green"), slots=2, cues=3, checks=("estop",))
+        )
+    }
     assert {"fault1_site", "cue2_first_ms", "check_estop_margin", "peak_dac_green_grasp2"} <= names
     assert not {"fault2_site", "cue3_first_ms", "check_ik_reject_margin"} & names
 
@@ -45,7 +50,10 @@ def test_conform_gives_exactly_the_schema():
     frame = synthetic.frame(50)
     table = schema.conform(frame[frame.columns[::-1]], SHAPE)
     assert table.schema.equals(schema.arrow_schema(SHAPE), check_metadata=True)
-    assert table["fault0_value"].type == pa.float64() and table["peak_dac_gold_elbow"].type == pa.int32()
+    assert (
+        table["fault0_value"].type == pa.float64()
+        and table["peak_dac_gold_elbow"].type == pa.int32()
+    )
     assert table["run_id"].to_pylist() == list(frame["run_id"])
 
 
@@ -57,11 +65,15 @@ def test_missing_text_becomes_empty():
 
 def test_misspelt_column_is_named_with_a_suggestion():
     frame = synthetic.frame(3).rename(columns={"tissue_depth_mm": "tissue_deph_mm"})
-    with pytest.raises(StoreError, match="unknown result column 'tissue_deph_mm', did you mean 'tissue_depth_mm'"):
+    with pytest.raises(
+        StoreError, match="unknown result column 'tissue_deph_mm', did you mean 'tissue_depth_mm'"
+    ):
         schema.conform(frame, SHAPE)
 
 
-@pytest.mark.parametrize(("name", "value"), [("response_ms", np.nan), ("response_ms", 2.5), ("active_ticks", 2.0**40)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("response_ms", np.nan), ("response_ms", 2.5), ("active_ticks", 2.0**40)]
+)
 def test_value_that_the_type_cannot_hold_is_refused(name, value):
     frame = synthetic.frame(3).astype({name: float})
     frame.loc[1, name] = value
@@ -70,14 +82,29 @@ def test_value_that_the_type_cannot_hold_is_refused(name, value):
 
 
 def test_results_readme_describes_each_column():
-    text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(encoding="utf-8")
-    names = {"arms": ("<arm>",), "joints": ("<joint>",), "checks": ("<check>",), "parameters": ("<path>",)}
+    text = (Path(__file__).resolve().parents[2] / "results" / "README.md").read_text(
+        encoding="utf-8"
+    )
+    names = {
+        "arms": ("<arm>",),
+        "joints": ("<joint>",),
+        "checks": ("<check>",),
+        "parameters": ("<path>",),
+    }
     own = (checks.of_own("mine", "usb_out", "stop"),)
     form = schema.Shape(
-        **names, reacts=True, hand_yields=True, cables=True, detectors=(1,), observes=True, own_checks=own
+        **names,
+        reacts=True,
+        hand_yields=True,
+        cables=True,
+        detectors=(1,),
+        observes=True,
+        own_checks=own,
     )
     for column in schema.columns(form):
-        name = re.sub("(fault|cue|applied|threshold)0", r"\1<k>", column.name).replace("detector0", "detector<d>")
+        name = re.sub("(fault|cue|applied|threshold)0", r"\1<k>", column.name).replace(
+            "detector0", "detector<d>"
+        )
         if name.startswith(schema.GOLDEN):
             assert f"`{name.removeprefix(schema.GOLDEN)}`" in text.partition("`golden_<column>`")[2]
         else:
@@ -89,5 +116,7 @@ def test_results_readme_describes_each_column():
 
 @pytest.mark.slow
 def test_reading_results_needs_no_jax():
-    code = "import sys, ravenjax.report.page, ravenjax.report.run.plot; sys.exit('jax' in sys.modules)"
+    code = (
+        "import sys, ravenjax.report.page, ravenjax.report.run.plot; sys.exit('jax' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

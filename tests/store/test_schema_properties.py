@@ -1,4 +1,6 @@
-"""Whatever the shape and the values: what fits comes back to the bit, what does not is refused by name."""
+"""Whatever the shape and the values: what fits comes back to the bit, what does not is refused
+by name.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def test_names_are_unique_and_types_known(shape):
 def test_a_part_gives_back_what_went_in(tmp_path, shape, rows, seed, random):
     frame = made_up_rows.frame(shape, rows, seed)
     shuffled = random.sample(list(frame.columns), len(frame.columns))
-    as_written = random.choice([frame[shuffled], {name: frame[name].to_numpy() for name in shuffled}])
+    as_written = random.choice(
+        [frame[shuffled], {name: frame[name].to_numpy() for name in shuffled}]
+    )
     written = parts.write(tmp_path, as_written, shape, "of this campaign")
     table = parts.read(tmp_path / written.file, "of this campaign", written)
     assert table.schema.equals(schema.arrow_schema(shape))
@@ -61,7 +65,11 @@ def test_a_part_gives_back_what_went_in(tmp_path, shape, rows, seed, random):
 
 def _bits(values):
     plain = values.to_numpy()
-    return np.where(np.isnan(plain), np.inf, plain).view(f"i{plain.itemsize}") if plain.dtype.kind == "f" else plain
+    return (
+        np.where(np.isnan(plain), np.inf, plain).view(f"i{plain.itemsize}")
+        if plain.dtype.kind == "f"
+        else plain
+    )
 
 
 @FEW
@@ -69,7 +77,9 @@ def _bits(values):
 def test_columns_that_lack_or_are_too_many_are_named(shape, data):
     frame = made_up_rows.frame(shape, 2)
     lost = data.draw(st.lists(st.sampled_from(list(frame.columns)), unique=True, max_size=3))
-    more = data.draw(st.lists(names.filter(lambda name: name not in frame), unique=True, max_size=2))
+    more = data.draw(
+        st.lists(names.filter(lambda name: name not in frame), unique=True, max_size=2)
+    )
     changed = frame.drop(columns=lost).assign(**dict.fromkeys(more, 0))
     if not lost and not more:
         assert schema.conform(changed, shape).num_rows == 2
@@ -95,17 +105,24 @@ JUNK = st.one_of(
 
 @pytest.mark.slow
 @settings(FEW, max_examples=200)
-@given(st.sampled_from([c.name for c in schema.columns(schema.Shape(checks=(), parameters=("p",)))]), st.data())
+@given(
+    st.sampled_from([c.name for c in schema.columns(schema.Shape(checks=(), parameters=("p",)))]),
+    st.data(),
+)
 def test_any_value_at_all_is_taken_as_it_is_or_refused_by_name(name, data):
     shape = schema.Shape(checks=(), parameters=("p",))
     frame = made_up_rows.frame(shape, 3)
     junk = data.draw(st.lists(JUNK, min_size=3, max_size=3))
     try:
-        table = schema.conform(frame.astype({name: object}).assign(**{name: pd.Series(junk, dtype=object)}), shape)
+        table = schema.conform(
+            frame.astype({name: object}).assign(**{name: pd.Series(junk, dtype=object)}), shape
+        )
     except StoreError as wrong:
         assert repr(name) in str(wrong)
         return
     got, kind = table[name], table.schema.field(name).type
     assert got.null_count == 0
     if pa.types.is_integer(kind) or pa.types.is_boolean(kind):
-        assert [int(one) for one in got.to_pylist()] == [float(one) for one in junk], "none becomes another one"
+        assert [int(one) for one in got.to_pylist()] == [float(one) for one in junk], (
+            "none becomes another one"
+        )

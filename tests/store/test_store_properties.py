@@ -1,4 +1,6 @@
-"""A result folder under any history: parts added, ends without a word, damage, more rows asked for. One table."""
+"""A result folder under any history: parts added, ends without a word, damage, more rows asked
+for. One table.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ class Histories(RuleBasedStateMachine):
         assert read_all(self.path).equals(expected())
         record = manifests.read(self.path)
         assert record.finished is not None and record.done == RUNS
-        assert sorted(row for part in record.parts for row in part.rows) == list(range(RUNS)), "none twice, none lost"
+        assert sorted(row for part in record.parts for row in part.rows) == list(range(RUNS)), (
+            "none twice, none lost"
+        )
         assert not list((self.path / "parts").glob(".*")), "nothing half written stays"
 
     # --- what a campaign does
@@ -92,16 +96,24 @@ class Histories(RuleBasedStateMachine):
     @precondition(lambda self: self.folder is not None)
     @rule(torn=st.integers(0, 200), half=st.booleans())
     def crash(self, torn, half):
-        """End without a word; the last lines of the list may be lost with what the disk had not written."""
+        """End without a word; the last lines of the list may be lost with what the disk had not
+        written.
+        """
         listed = self.path / manifests.PARTS_FILE
         content = listed.read_bytes() if listed.exists() else b""
         listed.write_bytes(content[: max(0, len(content) - torn)])
         if half:
-            (self.path / "parts" / ".part-000000003-000000005.parquet.tmp").write_bytes(b"PAR1 half written")
+            (self.path / "parts" / ".part-000000003-000000005.parquet.tmp").write_bytes(
+                b"PAR1 half written"
+            )
         self.folder = None
 
     @precondition(lambda self: self.folder is None and self._parts())
-    @rule(which=st.integers(0, 30), how=st.sampled_from(["flip", "cut", "empty", "lose"]), at=st.floats(0, 0.999))
+    @rule(
+        which=st.integers(0, 30),
+        how=st.sampled_from(["flip", "cut", "empty", "lose"]),
+        at=st.floats(0, 0.999),
+    )
     def damage(self, which, how, at):
         """A part is changed or lost between two starts."""
         path = self._parts()[which % len(self._parts())]
@@ -125,7 +137,9 @@ class Histories(RuleBasedStateMachine):
     def another_campaign(self):
         """A start with another config changes nothing."""
         before = self._content()
-        with pytest.raises(StoreError, match=r"holds .* of 24 runs of campaign 'synthetic', which differs"):
+        with pytest.raises(
+            StoreError, match=r"holds .* of 24 runs of campaign 'synthetic', which differs"
+        ):
             ResultFolder.open(self.path, wanted(config={"name": "another"}, config_hash="0" * 64))
         assert self._content() == before
 
@@ -140,7 +154,9 @@ class Histories(RuleBasedStateMachine):
 
     @invariant()
     def nothing_is_thrown_away(self):
-        """What cannot be used is kept aside, outside the folder that any tool may read as a whole."""
+        """What cannot be used is kept aside, outside the folder that any tool may read as a
+        whole.
+        """
         if hasattr(self, "path") and (self.path / SET_ASIDE).exists():
             assert (self.path / SET_ASIDE).parent == self.path
 

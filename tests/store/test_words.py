@@ -27,7 +27,9 @@ def test_words_are_those_of_pandas_and_of_arrow():
     assert column.equal("c").tolist() == [True, False, True, False] and not column.equal("d").any()
     assert column.counts() == {"c": 2, "": 1, "b": 1} and next(iter(column.counts())) == "c"
     assert column[1:3].tolist() == ["", "c"] and np.asarray(column).tolist() == column.tolist()
-    chunks = pa.chunked_array([words.arrow(column), words.arrow(words.column(places, ("x", "b", "", "d")))])
+    chunks = pa.chunked_array(
+        [words.arrow(column), words.arrow(words.column(places, ("x", "b", "", "d")))]
+    )
     assert words.of_arrow(chunks).tolist() == [*column.tolist(), "", "x", "", "b"]
     assert words.of_arrow(chunks[:0]).tolist() == []
 

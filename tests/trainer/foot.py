@@ -1,7 +1,8 @@
-"""A foot on the page's pedal, the space bar, as a person's: lifted and pressed again where the pedal did not count.
+"""A foot on the page's pedal, the space bar, as a person's: lifted and pressed again where the
+pedal did not count.
 
-On a busy machine a page is silent now and then for longer than a session waits for a console. Its pedal then has to be
-seen up first, so that a key that is only held waits for ever.
+On a busy machine a page is silent now and then for longer than a session waits for a console. Its
+pedal then has to be seen up first, so that a key that is only held waits for ever.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""An ITP console written from the protocol's description alone: raven2 `include/itp_teleoperation.h`, packed,
-little-endian, UDP. It shares no code with the package."""
+"""An ITP console written from the protocol's description alone: raven2
+`include/itp_teleoperation.h`, packed, little-endian, UDP. It shares no code with the package."""
 
 import socket
 import struct
@@ -11,9 +11,18 @@ STILL = (0, 0, 0)
 
 
 def datagram(
-    sequence, gold=STILL, green=STILL, quats=(IDENTITY, IDENTITY), grasp=(0, 0), surgeon_mode=1, pactyp=0, version=0
+    sequence,
+    gold=STILL,
+    green=STILL,
+    quats=(IDENTITY, IDENTITY),
+    grasp=(0, 0),
+    surgeon_mode=1,
+    pactyp=0,
+    version=0,
 ):
-    """u_struct: increments (um) and quaternions (x, y, z, w) of the gold and the green arm; 124 bytes."""
+    """u_struct: increments (um) and quaternions (x, y, z, w) of the gold and the green arm; 124
+    bytes.
+    """
     parts = [struct.pack("<III", sequence, pactyp, version)]
     parts += [struct.pack("<ii", gold[axis], green[axis]) for axis in range(3)]
     parts += [struct.pack("<dd", quats[0][i], quats[1][i]) for i in range(4)]
@@ -29,7 +38,16 @@ def force(packet):
     """v_struct: what came back, 52 bytes."""
     assert len(packet) == 52
     forces = [f"f{axis}{arm}" for axis in "xyz" for arm in (0, 1)]
-    names = ["sequence", "last_sequence", "pactyp", "version", *forces, "runlevel", "jointflags", "checksum"]
+    names = [
+        "sequence",
+        "last_sequence",
+        "pactyp",
+        "version",
+        *forces,
+        "runlevel",
+        "jointflags",
+        "checksum",
+    ]
     fields = dict(zip(names, struct.unpack("<IIIIiiiiiiiIi", packet), strict=True))
     fields["gold"] = tuple(fields.pop(f"f{axis}0") for axis in "xyz")
     fields["green"] = tuple(fields.pop(f"f{axis}1") for axis in "xyz")

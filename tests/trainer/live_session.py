@@ -1,6 +1,8 @@
-"""A session as a user starts one, `ravenjax train` as a process of its own, and a console over the network beside it.
+"""A session as a user starts one, `ravenjax train` as a process of its own, and a console over the
+network beside it.
 
-The console speaks the protocol's description alone (`itp_client`); it sends a packet a few milliseconds, from a thread.
+The console speaks the protocol's description alone (`itp_client`); it sends a packet a few
+milliseconds, from a thread.
 """
 
 from __future__ import annotations
@@ -16,10 +18,22 @@ from itp_client import Console
 
 
 class LiveSession:
-    """`lines` as they are printed; the addresses of its roles and of its console's port, once they are known."""
+    """`lines` as they are printed; the addresses of its roles and of its console's port, once
+    they are known.
+    """
 
     def __init__(self, scenario, folder, *options):
-        command = [sys.executable, "-m", "ravenjax.cli", "train", str(scenario), "--out", str(folder), "--port", "0"]
+        command = [
+            sys.executable,
+            "-m",
+            "ravenjax.cli",
+            "train",
+            str(scenario),
+            "--out",
+            str(folder),
+            "--port",
+            "0",
+        ]
         self.folder, self.lines = folder, []
         self._process = subprocess.Popen(
             [*command, "--itp-port", "0", "--linger", "1", *options],
@@ -59,7 +73,9 @@ class LiveSession:
 
 
 class HeldConsole:
-    """An ITP console whose foot does what `pedal` says and whose hand goes `um` along its first axis in each packet."""
+    """An ITP console whose foot does what `pedal` says and whose hand goes `um` along its first
+    axis in each packet.
+    """
 
     EVERY_S = 0.004
 

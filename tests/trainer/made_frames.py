@@ -46,7 +46,9 @@ def from_world(arm, point):
 def put(frame, arm, point):
     """Put the jaws where they close at a point of the world, m."""
     way = along(arm, frame[f"{arm}/link_jpos"].tolist())
-    frame[f"{arm}/tip"] = [x - JAW_LENGTH * w for x, w in zip(from_world(arm, point), way, strict=True)]
+    frame[f"{arm}/tip"] = [
+        x - JAW_LENGTH * w for x, w in zip(from_world(arm, point), way, strict=True)
+    ]
 
 
 def made(**keys):

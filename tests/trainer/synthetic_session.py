@@ -1,4 +1,6 @@
-"""Folders of sessions that never were: smooth motion, hazards that strike, an operator who answers or not."""
+"""Folders of sessions that never were: smooth motion, hazards that strike, an operator who
+answers or not.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +20,34 @@ NAMES = {"C09": "Encoder scaled", "L7": "Cable breaks", "M2": "Packets repeat"}
 
 
 def hazard(
-    number=0, *, struck=2000.0, cue=90.0, response=430.0, known=35.0, alarm=None, off=6.5, ok=True, what="", **more
+    number=0,
+    *,
+    struck=2000.0,
+    cue=90.0,
+    response=430.0,
+    known=35.0,
+    alarm=None,
+    off=6.5,
+    ok=True,
+    what="",
+    **more,
 ):
-    """A row of hazards.csv; cue, response, known, alarm in ms after the strike, None where it never came.
+    """A row of hazards.csv; cue, response, known, alarm in ms after the strike, None where it never
+    came.
 
-    off: unintended motion of the live robot, mm. what: the response, where it is not to lift the pedal.
+    off: unintended motion of the live robot, mm. what: the response, where it is not to lift the
+    pedal.
     """
     name = list(NAMES)[number % len(NAMES)]
     first = min((one for one in (cue, alarm, known) if one is not None), default=None)
     absolute = {
         key: None if value is None or struck is None else struck + value
-        for key, value in (("knowable_ms", known), ("cue_ms", cue), ("alarm_ms", alarm), ("response_ms", response))
+        for key, value in (
+            ("knowable_ms", known),
+            ("cue_ms", cue),
+            ("alarm_ms", alarm),
+            ("response_ms", response),
+        )
     }
     values = {
         "session": "s",
@@ -80,7 +99,13 @@ def rows(layout, hazards, seconds):
     time = np.arange(T)
     frame = Frame(layout, np.zeros((T, layout.size), np.float32).T)  # channel by channel
     frame["tick"] = frame["session_tick"] = time
-    frame["runlevel"], frame["surgeon_mode"], frame["pedal"], frame["phase"], frame["live"] = 3, 1, 1, 1, 1
+    frame["runlevel"], frame["surgeon_mode"], frame["pedal"], frame["phase"], frame["live"] = (
+        3,
+        1,
+        1,
+        1,
+        1,
+    )
     frame["pedal"][:, :400], frame["runlevel"][:, :400], frame["phase"][:, :400] = 0, 2, 0
     frame["live"][:, :400] = 0
     frame["progress"] = np.linspace(0, 0.8, T)
@@ -93,7 +118,11 @@ def rows(layout, hazards, seconds):
             continue
         start, end = int(one.struck_ms), int(one.response_ms or one.struck_ms + 1500)
         after = np.clip((time - start) / max(1, end - start), 0, None)
-        off += one.unintended_mm * np.where(after < 1, after, np.exp(-(after - 1) * 2)) * (time >= start)
+        off += (
+            one.unintended_mm
+            * np.where(after < 1, after, np.exp(-(after - 1) * 2))
+            * (time >= start)
+        )
         frame["fault_active"][:, start:end] = 1
         frame["hazard"][:, start:end] = one.number
         if one.response_ms is not None:
@@ -102,14 +131,18 @@ def rows(layout, hazards, seconds):
     for i, arm in enumerate(layout.arms):
         phase = time / 700 + i
         mine = off if i == 0 else 0 * off
-        path = np.stack([0.02 * np.sin(phase), 0.015 * np.cos(phase), -0.1 + 0.004 * np.sin(2.3 * phase)])
+        path = np.stack(
+            [0.02 * np.sin(phase), 0.015 * np.cos(phase), -0.1 + 0.004 * np.sin(2.3 * phase)]
+        )
         frame[f"{arm}/model_tip"] = path
         frame[f"{arm}/position"] = path + 1e-3 * np.stack([0.8 * mine, 0 * mine, 0 * mine])
         frame[f"{arm}/tip"] = path + 1e-3 * np.stack([mine, 0 * mine, 0 * mine])
         frame[f"{arm}/unintended_mm"], frame[f"{arm}/known_mm"] = mine, 0.8 * mine
         frame[f"{arm}/error_mm"] = 0.8 * mine + 0.15 + 0.1 * np.sin(phase * 3)
         frame[f"{arm}/depth_mm"] = mine - 5
-        frame[f"{arm}/force"] = np.stack([0.4 * np.maximum(frame[f"{arm}/error_mm"][0] - 3, 0), 0 * mine, 0 * mine])
+        frame[f"{arm}/force"] = np.stack(
+            [0.4 * np.maximum(frame[f"{arm}/error_mm"][0] - 3, 0), 0 * mine, 0 * mine]
+        )
     return np.ascontiguousarray(frame.row.T)
 
 

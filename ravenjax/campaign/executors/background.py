@@ -1,4 +1,6 @@
-"""Bounded background queue that re-raises what a worker raised: a few threads, few calls waiting."""
+"""Bounded background queue that re-raises what a worker raised: a few threads, few calls
+waiting.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ class BackgroundQueue:
         self._pool.shutdown(wait=True)
 
     def call(self, function: Callable[..., Any], *given: Any) -> None:
-        """Call it soon; waits where too much is under way, and raises what an earlier call raised."""
+        """Call it soon; waits where too much is under way, and raises what an earlier call
+        raised.
+        """
         while self._under_way and (len(self._under_way) >= self._most or self._under_way[0].done()):
             interruption.result(self._under_way.popleft())
         self._under_way.append(self._pool.submit(function, *given))

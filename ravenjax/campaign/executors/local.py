@@ -1,7 +1,9 @@
-"""Executor `local`: this process. Threads inside the engine compute, others pack and deliver behind them.
+"""Executor `local`: this process. Threads inside the engine compute, others pack and deliver behind
+them.
 
-Blocks are cut from whatever rows are missing, as large as the engine likes them, across the borders of chunks. What is
-under way between plan and disk is bounded: memory grows with the number of runs by the plan alone.
+Blocks are cut from whatever rows are missing, as large as the engine likes them, across the borders
+of chunks. What is under way between plan and disk is bounded: memory grows with the number of runs
+by the plan alone.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """What an executor is: chunks of a plan in, each chunk's finished part out, in whatever order.
 
-A chunk is a range of rows. Wherever it is computed, its rows are the same, and so are the bytes of its part. Only the
-coordinator, the process that the user started, ever touches the result folder: others hand it the bytes of finished
-parts, which it writes aside, flushes, renames and records. So no worker needs to see the folder, one that dies or comes
-back from the dead cannot spoil it, and whatever a disk refuses is met in one place.
+A chunk is a range of rows. Wherever it is computed, its rows are the same, and so are the bytes of
+its part. Only the coordinator, the process that the user started, ever touches the result folder:
+others hand it the bytes of finished parts, which it writes aside, flushes, renames and records. So
+no worker needs to see the folder, one that dies or comes back from the dead cannot spoil it, and
+whatever a disk refuses is met in one place.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from ravenjax.engines.interface import Engine
 T = TypeVar("T")
 
 Pack = Callable[[Mapping[str, Any]], T]
-"""Makes what is kept of a chunk from the columns of its rows. It travels to where the chunk is computed."""
+"""Makes what is kept of a chunk from the columns of its rows. It travels to where the chunk is
+computed.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +63,8 @@ class Executor(Protocol):
     def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
         """Compute and deliver every chunk, each exactly once.
 
-        A chunk that fails time and again does not hold up the others: UserError names it and why once they are
-        delivered. What ends the work early (a signal, an error of `deliver`) leaves what is delivered as it is.
+        A chunk that fails time and again does not hold up the others: UserError names it and why
+        once they are delivered. What ends the work early (a signal, an error of `deliver`) leaves
+        what is delivered as it is.
         """
         ...

@@ -1,7 +1,8 @@
 """A chunk outside the process that planned it: what travels there, and how its rows are computed.
 
-A worker gets the `Head` once, all that the runs of a campaign share, and then a `Share` a chunk: its rows of the fault
-table and of the arrays, some 100 B a run. It plans nothing and never holds more than two chunks.
+A worker gets the `Head` once, all that the runs of a campaign share, and then a `Share` a chunk:
+its rows of the fault table and of the arrays, some 100 B a run. It plans nothing and never holds
+more than two chunks.
 """
 
 from __future__ import annotations
@@ -93,7 +94,9 @@ class Bench:
         """The outcomes of a chunk, and the plan of its rows alone: what `chunk.finished` takes."""
         ready = _with(self._head.ready, given)
         if self._computation is None:
-            self._computation = Computation(ready, self._engine, self._progress, self._head.chunk, self._threads)
+            self._computation = Computation(
+                ready, self._engine, self._progress, self._head.chunk, self._threads
+            )
             self._computation.compile()
         rows = [range(ready.runs)]
         return ready, next(assembly.parts(rows, self._computation.of(ready).blocks(rows)))
@@ -104,18 +107,22 @@ class Bench:
 
 
 def _with(ready: Plan, rows: Share) -> Plan:
-    return dataclasses.replace(ready, rows=rows.table, faults=rows.faults, varied=rows.varied, golden=rows.golden)
+    return dataclasses.replace(
+        ready, rows=rows.table, faults=rows.faults, varied=rows.varied, golden=rows.golden
+    )
 
 
 def _require_same(given: Head, device: str) -> None:
-    here = {"code": manifest.code_hash(given.ready.config.robot)[:16], "device": _kinds(device)} | dict(
-        manifest.package_versions()
-    )
+    here = {
+        "code": manifest.code_hash(given.ready.config.robot)[:16],
+        "device": _kinds(device),
+    } | dict(manifest.package_versions())
     there = {"code": given.code_hash[:16], "device": _kinds(given.device)} | dict(given.versions)
     other = [
         f"{name}: {here.get(name)} there, {there.get(name)} at the coordinator"
         for name in sorted(here.keys() | there.keys())
-        if here.get(name) != there.get(name) and not (name == "device" and here[name] <= there[name])
+        if here.get(name) != there.get(name)
+        and not (name == "device" and here[name] <= there[name])
     ]
     if other:
         raise UserError(

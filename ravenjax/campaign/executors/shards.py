@@ -1,6 +1,7 @@
 """One share of a campaign for each job of a batch scheduler: `--shard 2/7`.
 
-Chunks are dealt out in turn, chunk k to shard k mod N, so that a shard has rows of every group and all end together.
+Chunks are dealt out in turn, chunk k to shard k mod N, so that a shard has rows of every group and
+all end together.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ class Shard(NamedTuple):
         return f"shard-{self.number}-of-{self.of}"
 
     def chunk(self, runs: int, chunk: int) -> int:
-        """Rows of a chunk, `chunk` where that is small enough to share a campaign of so many runs out evenly."""
+        """Rows of a chunk, `chunk` where that is small enough to share a campaign of so many
+        runs out evenly.
+        """
         return min(chunk, max(FEWEST_ROWS, -(-runs // (CHUNKS * self.of))))
 
     def rows(self, runs: int, chunk: int) -> list[range]:
@@ -47,4 +50,6 @@ def parse(text: str) -> Shard:
         shard = Shard(int(match[1]), int(match[2]))
         if 1 <= shard.number <= shard.of:
             return shard
-    raise UserError(f"--shard {shown(text)}: expected i/N with 1 <= i <= N, as 2/7 for the second of seven")
+    raise UserError(
+        f"--shard {shown(text)}: expected i/N with 1 <= i <= N, as 2/7 for the second of seven"
+    )

@@ -1,8 +1,10 @@
-"""Points in the unit cube, spread evenly: what SciPy's `qmc` draws, bit for bit, without its second of import.
+"""Points in the unit cube, spread evenly: what SciPy's `qmc` draws, bit for bit, without its second
+of import.
 
-The scrambled Sobol' sequence has the direction numbers of S. Joe, F. Y. Kuo, "Constructing Sobol sequences with better
-two-dimensional projections", SIAM J. Sci. Comput. 30 (2008) 2635, a linear matrix scramble and a digital shift, as
-`scipy.stats.qmc.Sobol` has them. SciPy itself draws where the table below ends.
+The scrambled Sobol' sequence has the direction numbers of S. Joe, F. Y. Kuo, "Constructing Sobol
+sequences with better two-dimensional projections", SIAM J. Sci. Comput. 30 (2008) 2635, a linear
+matrix scramble and a digital shift, as `scipy.stats.qmc.Sobol` has them. SciPy itself draws where
+the table below ends.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ import warnings
 import numpy as np
 
 _BITS = 30  # of a coordinate
-_DIRECTIONS = (  # a dimension each, from the second on: its primitive polynomial, then its first direction numbers
+# a dimension each, from the second on: its primitive polynomial, then its first direction numbers
+_DIRECTIONS = (
     (3, 1),
     (7, 1, 3),
     (11, 1, 3, 1),
@@ -32,7 +35,9 @@ _DIRECTIONS = (  # a dimension each, from the second on: its primitive polynomia
 
 
 def latin_hypercube(rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
-    """[rows, dimensions] in [0, 1]: along each dimension one point in each of `rows` equal intervals."""
+    """[rows, dimensions] in [0, 1]: along each dimension one point in each of `rows` equal
+    intervals.
+    """
     own = rng.spawn(1)[0]
     within = own.uniform(size=(rows, dimensions))
     intervals = np.tile(np.arange(1, rows + 1), (dimensions, 1))
@@ -46,7 +51,9 @@ def sobol(rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
     if dimensions > len(_DIRECTIONS) + 1 or rows > 2**_BITS:
         return _by_scipy(rows, dimensions, rng)
     own = rng.spawn(1)[0]
-    shift = own.integers(0, 2, size=(dimensions, _BITS), dtype=np.uint32) @ (1 << np.arange(_BITS, dtype=np.uint32))
+    shift = own.integers(0, 2, size=(dimensions, _BITS), dtype=np.uint32) @ (
+        1 << np.arange(_BITS, dtype=np.uint32)
+    )
     lower = np.tril(own.integers(0, 2, size=(dimensions, _BITS, _BITS), dtype=np.uint32))
     directions = _scrambled(_directions(dimensions), lower)
     number = np.arange(rows, dtype=np.uint32)
@@ -72,7 +79,9 @@ def _directions(dimensions: int) -> np.ndarray:
 
 
 def _scrambled(directions: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """The numbers, as vectors of bits, times a lower triangular matrix of bits a dimension, its diagonal ones."""
+    """The numbers, as vectors of bits, times a lower triangular matrix of bits a dimension, its
+    diagonal ones.
+    """
     places = np.arange(_BITS - 1, -1, -1, dtype=np.uint32)
     bits = directions[:, :, None] >> places & 1  # the greatest first
     matrix = lower | np.eye(_BITS, dtype=np.uint32)
@@ -84,5 +93,7 @@ def _by_scipy(rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarra
     from scipy.stats import qmc  # slow to import
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # balance properties of counts that are no power of two
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # balance properties of counts that are no power of two
         return qmc.Sobol(dimensions, rng=rng).random(rows)

@@ -1,9 +1,10 @@
 """Expands a campaign into its fault table: one row per run, every input of the run in columns.
 
-Deterministic: a group's draws depend on the campaign's seed, the group's name and design alone, not on other groups, on
-chunk size or on the order in which anything is kept. `run_id` hashes the content of the row and of all that the
-campaign fixes, so the same run has the same id wherever it stands. Everything is computed by columns: a campaign of
-millions of runs is as many numbers, not as many objects.
+Deterministic: a group's draws depend on the campaign's seed, the group's name and design alone, not
+on other groups, on chunk size or on the order in which anything is kept. `run_id` hashes the
+content of the row and of all that the campaign fixes, so the same run has the same id wherever it
+stands. Everything is computed by columns: a campaign of millions of runs is as many numbers, not as
+many objects.
 """
 
 from __future__ import annotations
@@ -42,12 +43,16 @@ _PARAMETER = -1
 
 
 class _Piece(NamedTuple):
-    """Runs of one group, or of one entry of design "list", by columns: [runs], or [] where all runs agree."""
+    """Runs of one group, or of one entry of design "list", by columns: [runs], or [] where all
+    runs agree.
+    """
 
     runs: int
     group: str
     seed: np.ndarray  # int64
-    behind: int  # rows back to the one that differs in crossed parameters alone; 0: this is the first of its kind
+    # rows back to the one that differs in crossed parameters alone; 0: this is the first of its
+    # kind
+    behind: int
     faults: list[dict[str, np.ndarray]]  # by slot
     parameters: dict[str, np.ndarray]  # path -> values
 
@@ -58,11 +63,12 @@ def expand(config: CampaignConfig) -> pd.DataFrame:
 
 
 def rows(config: CampaignConfig) -> FaultTable:
-    """The whole fault table, columns as in `ravenjax.store.schema`; `run_id` is a number (uint64). With [stop] it
-    stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see `runner`.
+    """The whole fault table, columns as in `ravenjax.store.schema`; `run_id` is a number (uint64).
+    With [stop] it stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see
+    `runner`.
 
-    A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises UserError for drawn values
-    that the channel cannot take.
+    A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises
+    UserError for drawn values that the channel cannot take.
     """
     moments = Moments(config)
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
@@ -73,19 +79,30 @@ def rows(config: CampaignConfig) -> FaultTable:
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
         for name, vocabulary in words_of(config.robot).items():
-            words[f"fault{s}_{name}"] = _words(pieces, [fault.get(name, 0) for fault in faults], vocabulary)
+            words[f"fault{s}_{name}"] = _words(
+                pieces, [fault.get(name, 0) for fault in faults], vocabulary
+            )
         for name, (dtype, empty) in NUMBERS.items():
-            numbers[f"fault{s}_{name}"] = _joined(pieces, [fault.get(name, empty) for fault in faults], dtype)
+            numbers[f"fault{s}_{name}"] = _joined(
+                pieces, [fault.get(name, empty) for fault in faults], dtype
+            )
     parameters = {
-        f"param:{path}": _joined(pieces, [piece.parameters.get(path, math.nan) for piece in pieces], np.float64)
+        f"param:{path}": _joined(
+            pieces, [piece.parameters.get(path, math.nan) for piece in pieces], np.float64
+        )
         for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
     }
     groups = list(dict.fromkeys(piece.group for piece in pieces))
     counted = slices.joined(
-        lambda some: {name: _of_faults(words, name, values, some) for name, values in numbers.items()}, runs
+        lambda some: {
+            name: _of_faults(words, name, values, some) for name, values in numbers.items()
+        },
+        runs,
     )
     ids = run_id.of(_common(config), words, {"seed": seed} | counted | parameters)
-    pair = np.arange(runs, dtype=np.int32) - _joined(pieces, [piece.behind for piece in pieces], np.int32)
+    pair = np.arange(runs, dtype=np.int32) - _joined(
+        pieces, [piece.behind for piece in pieces], np.int32
+    )
     table: dict[str, Column] = {
         "run_id": ids,
         "index": np.arange(runs, dtype=np.int32),
@@ -93,7 +110,11 @@ def rows(config: CampaignConfig) -> FaultTable:
         "group": _words(pieces, [groups.index(piece.group) for piece in pieces], groups),
         "seed": seed,
         "operator": _words(pieces, [0] * len(pieces), [config.operator_label]),
-        **{f"fault{s}_{name}": (words | numbers)[f"fault{s}_{name}"] for s in range(config.slots) for name in FIELDS},
+        **{
+            f"fault{s}_{name}": (words | numbers)[f"fault{s}_{name}"]
+            for s in range(config.slots)
+            for name in FIELDS
+        },
         **parameters,
         **({SHARED: ids[pair]} if any(piece.behind for piece in pieces) else {}),
     }
@@ -102,7 +123,9 @@ def rows(config: CampaignConfig) -> FaultTable:
 
 
 def count(config: CampaignConfig) -> int:
-    """Rows of the fault table, without expanding them; of them `campaign.limit` asks for the first."""
+    """Rows of the fault table, without expanding them; of them `campaign.limit` asks for the
+    first.
+    """
     return sum(counts(config).values())
 
 
@@ -114,9 +137,11 @@ def due(config: CampaignConfig) -> int:
 def counts(config: CampaignConfig) -> dict[str, int]:
     """Rows of each group, in order, without expanding them."""
     return {
-        group.name: group.repeats
-        * len(_crossings(config, group))
-        * sum(sampling.count(group, axes) for _, axes in faults_and_axes(config, group))
+        group.name: (
+            group.repeats
+            * len(_crossings(config, group))
+            * sum(sampling.count(group, axes) for _, axes in faults_and_axes(config, group))
+        )
         for group in config.group
     }
 
@@ -131,7 +156,9 @@ def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.
             first = end - piece.runs
             here = slice(max(first, rows.start), min(end, rows.stop))
             if here.start < here.stop:
-                whole[here] = values[here.start - first : here.stop - first] if np.ndim(values) else values
+                whole[here] = (
+                    values[here.start - first : here.stop - first] if np.ndim(values) else values
+                )
 
     slices.each(put, len(whole))
     return whole
@@ -147,22 +174,32 @@ def _words(pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str
     return WordColumn(codes, categories)
 
 
-def _of_faults(words: dict[str, WordColumn], name: str, values: np.ndarray, rows: slice) -> np.ndarray:
+def _of_faults(
+    words: dict[str, WordColumn], name: str, values: np.ndarray, rows: slice
+) -> np.ndarray:
     """A number of a fault slot of some rows, NaN where the slot is empty."""
     site = words[f"{name.partition('_')[0]}_site"]
-    return np.where(site[rows].equal(""), np.nan, values[rows]) if "" in site.categories else values[rows]
+    return (
+        np.where(site[rows].equal(""), np.nan, values[rows])
+        if "" in site.categories
+        else values[rows]
+    )
 
 
-# --- what a run id hashes beside the row ------------------------------------------------------------------------------
+# --- what a run id hashes beside the row
+# ------------------------------------------------------------------------------
 
 
 def _common(config: CampaignConfig) -> str:
     """Hash of what decides the outcome of every run alike."""
     content = config.deciding()
-    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
-# --- one group --------------------------------------------------------------------------------------------------------
+# --- one group ------------------------------------------------------------------------------------
+# --------------------
 
 
 def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[_Piece]:
@@ -170,9 +207,14 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
     for faults, written in faults_and_axes(config, group):
         axes = moments.placed(written, group.name)
         runs, repeat, places = sampling.sample(group, axes, rng)
-        slots = [_slot(config, fault, _of_slot(axes, f), _of_slot(places, f), runs) for f, fault in enumerate(faults)]
+        slots = [
+            _slot(config, fault, _of_slot(axes, f), _of_slot(places, f), runs)
+            for f, fault in enumerate(faults)
+        ]
         if complaints := [
-            (one_slot.complaint[0], f, one_slot.complaint[1]) for f, one_slot in enumerate(slots) if one_slot.complaint
+            (one_slot.complaint[0], f, one_slot.complaint[1])
+            for f, one_slot in enumerate(slots)
+            if one_slot.complaint
         ]:
             _, f, complaint = min(complaints)
             raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
@@ -189,7 +231,11 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _slot(
-    config: CampaignConfig, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], runs: int
+    config: CampaignConfig,
+    fault: Fault,
+    axes: Mapping[str, Axis],
+    places: Mapping[str, np.ndarray],
+    runs: int,
 ) -> Slot:
     """`slot.slot`, of slices of the runs."""
     complaints = []
@@ -203,7 +249,9 @@ def _slot(
     return Slot(slices.joined(columns, runs), min(complaints, default=None))
 
 
-def _parameters(axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], runs: int) -> dict[str, np.ndarray]:
+def _parameters(
+    axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], runs: int
+) -> dict[str, np.ndarray]:
     """Values of each varied parameter, [runs] or []."""
 
     def columns(rows: slice) -> dict[str, np.ndarray]:
@@ -218,18 +266,29 @@ def _of_rows(places: Mapping[str, np.ndarray], rows: slice) -> dict[str, np.ndar
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Path -> value ([]) of each combination of the group's crossed parameters, the last varying fastest."""
+    """Path -> value ([]) of each combination of the group's crossed parameters, the last varying
+    fastest.
+    """
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
-    return [{path: np.asarray(float(value)) for path, value in zip(axes, row, strict=True)} for row in rows]
+    return [
+        {path: np.asarray(float(value)) for path, value in zip(axes, row, strict=True)}
+        for row in rows
+    ]
 
 
-def faults_and_axes(config: CampaignConfig, group: Group) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
-    """Of a group, or of each entry of design "list": its faults, and every axis in its order: slot by slot, field by
-    field, then the parameters."""
+def faults_and_axes(
+    config: CampaignConfig, group: Group
+) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
+    """Of a group, or of each entry of design "list": its faults, and every axis in its order: slot
+    by slot, field by field, then the parameters."""
     for run in group.run or [Run()]:
         faults = group.faults_of(run)
-        axes = {(f, name): axis for f, fault in enumerate(faults) for name, axis in _of_fault(config, fault).items()}
+        axes = {
+            (f, name): axis
+            for f, fault in enumerate(faults)
+            for name, axis in _of_fault(config, fault).items()
+        }
         parameters = {**config.parameters, **group.parameters, **run.parameters}
         yield faults, axes | {(_PARAMETER, path): axis for path, axis in parameters.items()}
 
@@ -242,7 +301,13 @@ def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
     every = Axis(kind="list", values=names)
     resolved = {
         "arm": fault.arm or fixed(config.campaign.arms[0] if site.per_arm else ""),
-        "channel": sole if fault.channel is None else every if fault.channel.listed == (ALL,) else fault.channel,
+        "channel": (
+            sole
+            if fault.channel is None
+            else every
+            if fault.channel.listed == (ALL,)
+            else fault.channel
+        ),
         "value": fault.value or fixed(math.nan),
     }
     return {name: resolved.get(name) or getattr(fault, name) for name in FIELDS if name != "site"}

@@ -28,9 +28,11 @@ class FaultTable:
         """The table of a DataFrame that `frame` made, or of some of its rows."""
         return FaultTable(
             {
-                str(name): WordColumn(values.cat.codes.to_numpy(), tuple(values.cat.categories))
-                if values.dtype == "category"
-                else values.to_numpy()
+                str(name): (
+                    WordColumn(values.cat.codes.to_numpy(), tuple(values.cat.categories))
+                    if values.dtype == "category"
+                    else values.to_numpy()
+                )
                 for name, values in frame.items()
             }
         )
@@ -73,5 +75,8 @@ class FaultTable:
         """As a DataFrame; words are categorical."""
         import pandas as pd  # runs need none of it
 
-        columns = {name: v.categorical() if isinstance(v, WordColumn) else v for name, v in self.columns.items()}
+        columns = {
+            name: v.categorical() if isinstance(v, WordColumn) else v
+            for name, v in self.columns.items()
+        }
         return pd.DataFrame(columns, copy=False)

@@ -1,4 +1,6 @@
-"""Onsets in a phase of the operation as milliseconds: by what a campaign's robot makes of the operator's motion."""
+"""Onsets in a phase of the operation as milliseconds: by what a campaign's robot makes of the
+operator's motion.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,19 @@ class Moments:
 
     @cached_property
     def phases(self) -> Mapping[str, np.ndarray]:
-        """Of each phase the stretches of its ticks, int [stretches, 2]: the first, and the first beyond."""
+        """Of each phase the stretches of its ticks, int [stretches, 2]: the first, and the first
+        beyond.
+        """
         return self._config.robot.part("campaign").phases(self._config)
 
     def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
-        """The axes of a group in which onsets are milliseconds. Raises UserError for a phase that never comes."""
-        return {key: self._axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}") for key, axis in axes.items()}
+        """The axes of a group in which onsets are milliseconds. Raises UserError for a phase
+        that never comes.
+        """
+        return {
+            key: self._axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}")
+            for key, axis in axes.items()
+        }
 
     def _axis(self, axis: Axis, where: str) -> Axis:
         if axis.kind == PHASE:
@@ -35,7 +44,9 @@ class Moments:
             return Axis(kind=PHASE, values=(axis.values[0], *map(tuple, stretches.tolist())))
         if not axis.phases:
             return axis
-        return axis.model_copy(update={"values": tuple(self._value(value, where) for value in axis.values)})
+        return axis.model_copy(
+            update={"values": tuple(self._value(value, where) for value in axis.values)}
+        )
 
     def _value(self, value: Any, where: str) -> Any:
         if not isinstance(value, Moment):
@@ -51,9 +62,10 @@ class Moments:
         if not len(stretches):
             there = ", ".join(name for name, some in self.phases.items() if len(some))
             raise UserError(
-                f"{where}: phase {phase!r} ({self._config.robot.phases[phase]}) never comes in the "
-                f"{self._config.campaign.ticks} ms of this operation; expected one that does: {there}. Write that, or "
-                "take another motion, a longer campaign.duration_s or another scale"
+                f"{where}: phase {phase!r} ({self._config.robot.phases[phase]}) never comes in the"
+                f" {self._config.campaign.ticks} ms of this operation; expected one that does:"
+                f" {there}. Write that, or take another motion, a longer campaign.duration_s or"
+                " another scale"
             )
         return stretches
 
@@ -61,5 +73,7 @@ class Moments:
 def uses(config: CampaignConfig) -> Iterator[str]:
     """Phases that onsets of a campaign name, each once."""
     faults = [fault for group in config.group for fault in group.fault]
-    faults += [fault for group in config.group for run in group.run for fault in group.faults_of(run)]
+    faults += [
+        fault for group in config.group for run in group.run for fault in group.faults_of(run)
+    ]
     yield from dict.fromkeys(phase for fault in faults for phase in fault.start_ms.phases)

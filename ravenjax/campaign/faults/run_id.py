@@ -1,9 +1,9 @@
 """Run ids: 64 bits, a hash of all that decides a run's outcome, written as 16 hex digits.
 
-Each column of a row is hashed by its name and value under a key that the campaign's common part gives, and the sum is
-hashed again: the order of columns does not count, nor does a column in which a row has nothing (NaN, or an empty word).
-The hash of a number is the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number
-generators", 2014).
+Each column of a row is hashed by its name and value under a key that the campaign's common part
+gives, and the sum is hashed again: the order of columns does not count, nor does a column in which
+a row has nothing (NaN, or an empty word). The hash of a number is the finaliser of SplitMix64
+(Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
 """
 
 from __future__ import annotations
@@ -24,14 +24,20 @@ _BITS = 6
 """The highest of an id, by which millions of them are sorted side by side."""
 
 
-def of(common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Ids [rows], uint64: of rows with these columns, one of numbers at least; `common` decides every run alike.
+def of(
+    common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """Ids [rows], uint64: of rows with these columns, one of numbers at least; `common` decides
+    every run alike.
 
-    Numbers count as float64, so that 1 is 1.0 and -0.0 is 0.0. Of rows with the same content the first has the id of
-    the content, each further one another that its place among them decides.
+    Numbers count as float64, so that 1 is 1.0 and -0.0 is 0.0. Of rows with the same content the
+    first has the id of the content, each further one another that its place among them decides.
     """
     of_words = {
-        name: np.array([_salt(f"{common}/{name}/{word}") if word else 0 for word in column.categories], np.uint64)
+        name: np.array(
+            [_salt(f"{common}/{name}/{word}") if word else 0 for word in column.categories],
+            np.uint64,
+        )
         for name, column in words.items()
     }
     salts = {name: _salt(f"{common}/{name}") for name in numbers}
@@ -50,7 +56,9 @@ def of(common: str, words: Mapping[str, WordColumn], numbers: Mapping[str, np.nd
 
 
 def mixed(numbers: np.ndarray) -> np.ndarray:
-    """uint64 of the same shape, 1-D: SplitMix64's finaliser, which takes no two numbers to the same one."""
+    """uint64 of the same shape, 1-D: SplitMix64's finaliser, which takes no two numbers to the
+    same one.
+    """
     z = numbers ^ (numbers >> np.uint64(30))
     z *= np.uint64(0xBF58476D1CE4E5B9)
     z ^= z >> np.uint64(27)
@@ -85,7 +93,9 @@ def beginning(ids: np.ndarray, digits: str) -> np.ndarray:
     """Rows whose id begins with these hex digits, ascending; none where they are no hex digits."""
     if not 0 < len(digits) <= DIGITS or set(digits) - set("0123456789abcdef"):
         return np.zeros(0, np.int64)
-    return np.flatnonzero(ids >> np.uint64(4 * (DIGITS - len(digits))) == np.uint64(int(digits, 16)))
+    return np.flatnonzero(
+        ids >> np.uint64(4 * (DIGITS - len(digits))) == np.uint64(int(digits, 16))
+    )
 
 
 def _salt(text: str) -> np.uint64:
@@ -102,7 +112,9 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
 
 
 def _several(ids: np.ndarray) -> np.ndarray:
-    """Those that more than one row has, ascending. Slices are sorted, then what lies between the same bounds."""
+    """Those that more than one row has, ascending. Slices are sorted, then what lies between the
+    same bounds.
+    """
     bits = _BITS if len(ids) > slices.ROWS else 0
     bounds = np.arange(1, 2**bits, dtype=np.uint64) << np.uint64(64 - _BITS)  # ids are even
 
@@ -114,7 +126,9 @@ def _several(ids: np.ndarray) -> np.ndarray:
         ordered = np.sort(np.concatenate(some))
         return np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
 
-    return np.concatenate(threads.mapped(repeated, list(zip(*slices.each(split, len(ids)), strict=True))))
+    return np.concatenate(
+        threads.mapped(repeated, list(zip(*slices.each(split, len(ids)), strict=True)))
+    )
 
 
 def _told_apart(ids: np.ndarray) -> np.ndarray:
@@ -132,7 +146,9 @@ def _told_apart(ids: np.ndarray) -> np.ndarray:
     rows = np.concatenate(slices.each(among, len(ids)))
     rows = rows[np.argsort(ids[rows], kind="stable")]
     first = np.flatnonzero(np.r_[True, ids[rows][1:] != ids[rows][:-1]])
-    copy = np.arange(len(rows)) - np.repeat(first, np.diff(np.r_[first, len(rows)]))  # of each row before it
+    copy = np.arange(len(rows)) - np.repeat(
+        first, np.diff(np.r_[first, len(rows)])
+    )  # of each row before it
     further = rows[copy > 0]
     ids[further] = mixed(ids[further] ^ mixed(copy[copy > 0].astype(np.uint64)))
     return ids

@@ -1,4 +1,6 @@
-"""Where each run of a group stands on each axis: what a design is, apart from what the axes mean."""
+"""Where each run of a group stands on each axis: what a design is, apart from what the axes
+mean.
+"""
 
 from __future__ import annotations
 
@@ -18,28 +20,43 @@ Key = tuple[int, str]
 
 
 class Sample(NamedTuple):
-    """The runs of a group, or of one entry of design "list"; repeats vary fastest, then the last list."""
+    """The runs of a group, or of one entry of design "list"; repeats vary fastest, then the last
+    list.
+    """
 
     runs: int
-    repeat: np.ndarray  # int64 [runs], which repeat of its place in the design a run is; [] of the only one
-    places: dict[Key, np.ndarray]  # of each axis [runs] as `Axis.at` takes them; [] of an axis of one value
+    repeat: (
+        np.ndarray
+    )  # int64 [runs], which repeat of its place in the design a run is; [] of the only one
+    places: dict[
+        Key, np.ndarray
+    ]  # of each axis [runs] as `Axis.at` takes them; [] of an axis of one value
 
 
 def count(group: Group, axes: Mapping[Key, Axis]) -> int:
-    """How many runs `sample` gives, repeats apart. Raises UserError for lists that cannot go side by side."""
+    """How many runs `sample` gives, repeats apart. Raises UserError for lists that cannot go
+    side by side.
+    """
     if group.design in SAMPLED:
         return group.runs or 0
     lengths = {key: len(axis.values) for key, axis in axes.items() if axis.kind == "list"}
     if group.design != "zip":
         return math.prod(lengths.values())
     if len({length for length in lengths.values() if length > 1}) > 1:
-        sizes = ", ".join(f"{name} of slot {f}: {n}" if f >= 0 else f"{name}: {n}" for (f, name), n in lengths.items())
-        raise UserError(f"group {group.name!r}: design 'zip' needs lists of one length, got {sizes}")
+        sizes = ", ".join(
+            f"{name} of slot {f}: {n}" if f >= 0 else f"{name}: {n}"
+            for (f, name), n in lengths.items()
+        )
+        raise UserError(
+            f"group {group.name!r}: design 'zip' needs lists of one length, got {sizes}"
+        )
     return max(lengths.values(), default=1)
 
 
 def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
-    """Runs of `group` over these axes. What is drawn depends on the axes' order and on `rng` alone."""
+    """Runs of `group` over these axes. What is drawn depends on the axes' order and on `rng`
+    alone.
+    """
     different = count(group, axes)
     runs = different * group.repeats
     place, repeat = np.arange(runs), np.zeros((), np.int64)
@@ -62,15 +79,22 @@ def sample(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> 
     return Sample(runs, repeat, places)
 
 
-def _draws(design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator) -> dict[Key, np.ndarray]:
+def _draws(
+    design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
+) -> dict[Key, np.ndarray]:
     """Places [rows] on each axis, drawn."""
     columns = _dimensions(axes)
     unit = _unit(design, rows, 1 + max(columns.values(), default=-1), rng)
-    return slices.joined(lambda some: {key: axis.places(unit[some, columns[key]]) for key, axis in axes.items()}, rows)
+    return slices.joined(
+        lambda some: {key: axis.places(unit[some, columns[key]]) for key, axis in axes.items()},
+        rows,
+    )
 
 
 def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
-    """Which dimension of the unit cube each axis is drawn along, from 0; axes of kind together share one."""
+    """Which dimension of the unit cube each axis is drawn along, from 0; axes of kind together
+    share one.
+    """
     numbers: dict[Key, int] = {}
     shared: int | None = None
     free = 0

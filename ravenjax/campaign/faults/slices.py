@@ -1,4 +1,6 @@
-"""Work on millions of rows: slices of them side by side in threads. NumPy gives the interpreter lock back meanwhile."""
+"""Work on millions of rows: slices of them side by side in threads. NumPy gives the interpreter
+lock back meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,17 @@ ROWS = 2**17
 
 def each(function: Callable[[slice], T], rows: int) -> list[T]:
     """`function` of slices that hold so many rows, in order; of one slice at least."""
-    return threads.mapped(function, [slice(first, first + ROWS) for first in range(0, max(rows, 1), ROWS)])
+    return threads.mapped(
+        function, [slice(first, first + ROWS) for first in range(0, max(rows, 1), ROWS)]
+    )
 
 
-def joined(function: Callable[[slice], Mapping[Name, np.ndarray]], rows: int) -> dict[Name, np.ndarray]:
-    """The columns that `function` makes of slices, put together: [rows, ...], or [] of what all rows agree on."""
+def joined(
+    function: Callable[[slice], Mapping[Name, np.ndarray]], rows: int
+) -> dict[Name, np.ndarray]:
+    """The columns that `function` makes of slices, put together: [rows, ...], or [] of what all
+    rows agree on.
+    """
     first = slice(0, ROWS)
     begin = function(first)
     whole = {

@@ -1,4 +1,6 @@
-"""When the faults of a run can act at the earliest, and when they have ended: what decides which of its ticks run."""
+"""When the faults of a run can act at the earliest, and when they have ended: what decides which
+of its ticks run.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,19 @@ _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pe
 
 
 def acts(faults: Faults, ticks: int, clocks: Clocks | None = None) -> np.ndarray:
-    """The first tick in which a fault of each run may act, int32 [runs]; up to there it is its golden run to the bit.
+    """The first tick in which a fault of each run may act, int32 [runs]; up to there it is its
+    golden run to the bit.
 
-    Where no fault acts in a run of `ticks`: that. Without `clocks` a window that counts packets or time in pedal-down
-    opens as if each tick brought a packet, or the pedal had been down from the beginning.
+    Where no fault acts in a run of `ticks`: that. Without `clocks` a window that counts packets or
+    time in pedal-down opens as if each tick brought a packet, or the pedal had been down from the
+    beginning.
     """
     if clocks is not None:
         return _acts(faults, ticks, clocks)
-    parts = slices.each(lambda rows: _acts({name: v[rows] for name, v in faults.items()}, ticks), len(faults["code"]))
+    parts = slices.each(
+        lambda rows: _acts({name: v[rows] for name, v in faults.items()}, ticks),
+        len(faults["code"]),
+    )
     return np.concatenate(parts)
 
 
@@ -42,12 +49,16 @@ def _acts(faults: Faults, ticks: int, clocks: Clocks | None = None) -> np.ndarra
     return np.clip(first, 0, ticks).min(axis=1, initial=ticks).astype(np.int32)
 
 
-def ends(faults: Faults, ticks: int, observe: int | None, clocks: Clocks | None = None) -> np.ndarray:
-    """The first tick that each run is not observed, int32 [runs]: `observe` ticks after its last fault ended.
+def ends(
+    faults: Faults, ticks: int, observe: int | None, clocks: Clocks | None = None
+) -> np.ndarray:
+    """The first tick that each run is not observed, int32 [runs]: `observe` ticks after its last
+    fault ended.
 
-    A run goes on to its end, `ticks`, where nothing says when its last fault has ended before it runs: a fault lasts,
-    or counts time in pedal-down where a fault of the run may move the pedal; without `clocks` any that counts packets
-    or time in pedal-down. So does one without a fault, and any where `observe` is None.
+    A run goes on to its end, `ticks`, where nothing says when its last fault has ended before it
+    runs: a fault lasts, or counts time in pedal-down where a fault of the run may move the pedal;
+    without `clocks` any that counts packets or time in pedal-down. So does one without a fault, and
+    any where `observe` is None.
     """
     shape = faults["code"].shape
     if observe is None:
@@ -68,9 +79,13 @@ def ends(faults: Faults, ticks: int, observe: int | None, clocks: Clocks | None 
 
 
 def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
-    """Of each trigger that some fault has: (code, places [runs, slots] of its faults, their runs, their windows)."""
+    """Of each trigger that some fault has: (code, places [runs, slots] of its faults, their
+    runs, their windows).
+    """
     for trigger in (_TIME, _PACKET, _PEDAL):
         where = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
         if len(where[0]):
-            columns = (faults[name][where].astype(np.int64) for name in ("start", "duration", "every"))
+            columns = (
+                faults[name][where].astype(np.int64) for name in ("start", "duration", "every")
+            )
             yield trigger, where, where[0], Opening(*columns)

@@ -1,4 +1,6 @@
-"""From the fault table to what an engine takes: the static `Injection`, and plain arrays with one row per run."""
+"""From the fault table to what an engine takes: the static `Injection`, and plain arrays with
+one row per run.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ ARRAYS = {
 """The numbers of a fault, as `faults.fault.FaultSlot` has them."""
 
 SHARED = "shared_id"
-"""Column of a fault table with crossed parameters: the id of the first of the runs that differ in those alone."""
+"""Column of a fault table with crossed parameters: the id of the first of the runs that differ
+in those alone.
+"""
 
 Target = tuple[str, str, str]
 """Site, arm ("" where the site has none), channel."""
@@ -44,23 +48,41 @@ def slots(table: FaultTable) -> int:
 
 
 def injection(table: FaultTable, robot: Robot) -> Injection:
-    """The fault machinery that the table needs, in the order of the robot's sites: the rows' order does not count."""
+    """The fault machinery that the table needs, in the order of the robot's sites: the rows'
+    order does not count.
+    """
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
     for slot in range(slots(table)):
-        parts = slices.each(lambda rows, slot=slot: _Words(table.take(rows), slot).combinations.values(), len(table))
-        for site, arm, channel, effect, trigger in dict.fromkeys(itertools.chain.from_iterable(parts)):
+        parts = slices.each(
+            lambda rows, slot=slot: _Words(table.take(rows), slot).combinations.values(), len(table)
+        )
+        for site, arm, channel, effect, trigger in dict.fromkeys(
+            itertools.chain.from_iterable(parts)
+        ):
             if site:
-                effects.setdefault((site, arm, channel), set()).add(NETWORK_EFFECTS.get(effect, ("", effect))[1])
+                effects.setdefault((site, arm, channel), set()).add(
+                    NETWORK_EFFECTS.get(effect, ("", effect))[1]
+                )
                 triggers.add(trigger)
     uses = []
     for name, site in robot.sites.items():
         arms = robot.arms if site.per_arm else ("",)
-        targets = [(arm, c.name) for arm in arms for c in site.channels if (name, arm, c.name) in effects]
+        targets = [
+            (arm, c.name) for arm in arms for c in site.channels if (name, arm, c.name) in effects
+        ]
         if targets:
             used = set().union(*(effects[name, *target] for target in targets))
-            uses.append(SiteUse(name, tuple(targets), tuple(effect for effect in EFFECT_CODES if effect in used)))
-    return Injection(slots(table), tuple(uses), tuple(trigger for trigger in TRIGGER_CODES if trigger in triggers))
+            uses.append(
+                SiteUse(
+                    name, tuple(targets), tuple(effect for effect in EFFECT_CODES if effect in used)
+                )
+            )
+    return Injection(
+        slots(table),
+        tuple(uses),
+        tuple(trigger for trigger in TRIGGER_CODES if trigger in triggers),
+    )
 
 
 def targets(injection: Injection) -> list[Target]:
@@ -71,8 +93,9 @@ def targets(injection: Injection) -> list[Target]:
 def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
     """The faults of each run, arrays [runs, injection.slots]; an empty slot has code 0.
 
-    code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1 ms (start in packets
-    with trigger "packet"); key uint32, the stream of random numbers of that run and slot.
+    code, effect, trigger int32; value float32; start, duration, every, period int32 in ticks of 1
+    ms (start in packets with trigger "packet"); key uint32, the stream of random numbers of that
+    run and slot.
     """
     return slices.joined(lambda rows: _arrays(table.take(rows), injection), len(table))
 
@@ -87,9 +110,15 @@ def _arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
         for number, (site, arm, channel, effect, trigger) in words.combinations.items():
             if site:
                 _, plain, value = NETWORK_EFFECTS.get(effect, ("", effect, None))
-                meant[:, number] = code_of[site, arm, channel], EFFECT_CODES[plain], TRIGGER_CODES[trigger]
+                meant[:, number] = (
+                    code_of[site, arm, channel],
+                    EFFECT_CODES[plain],
+                    TRIGGER_CODES[trigger],
+                )
                 constant[number] = math.nan if value is None else value
-        out["code"][:, slot], out["effect"][:, slot], out["trigger"][:, slot] = meant[:, words.number]
+        out["code"][:, slot], out["effect"][:, slot], out["trigger"][:, slot] = meant[
+            :, words.number
+        ]
         of_effect = constant[words.number]
         value = np.where(np.isnan(of_effect), table.numbers(f"fault{slot}_value"), of_effect)
         out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
@@ -102,18 +131,24 @@ def _arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
 
 
 def shared_ids(table: FaultTable) -> np.ndarray:
-    """What random numbers follow from, uint64 [rows]: each run's id, or its first sibling's where they are crossed."""
+    """What random numbers follow from, uint64 [rows]: each run's id, or its first sibling's
+    where they are crossed.
+    """
     return table.numbers(SHARED if SHARED in table else "run_id")
 
 
 class _Words:
-    """The words of one slot: each row as the number of its combination, and what the combinations are."""
+    """The words of one slot: each row as the number of its combination, and what the
+    combinations are.
+    """
 
     def __init__(self, table: FaultTable, slot: int) -> None:
         columns = [table.words(f"fault{slot}_{name}") for name in WORDS]
         sizes = [len(column.categories) for column in columns]
         self.size = math.prod(sizes)
-        self.number = np.ravel_multi_index([column.codes for column in columns], sizes)  # int64 [rows]
+        self.number = np.ravel_multi_index(
+            [column.codes for column in columns], sizes
+        )  # int64 [rows]
         present = np.flatnonzero(np.bincount(self.number, minlength=self.size))
         places = np.stack(np.unravel_index(present, sizes), axis=1)
         self.combinations = {

@@ -1,6 +1,7 @@
 """An axis of a campaign: one value, a list of values, or a distribution to draw from.
 
-A list may be written `{ list = [..] }`, too: the same values, told apart from one value for each number of a vector.
+A list may be written `{ list = [..] }`, too: the same values, told apart from one value for each
+number of a vector.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ DISTRIBUTIONS = {
     "loguniform": "[low, high], both above 0",
     "normal": "[mean, standard deviation]",
     "choice": "[value, value, ..], each equally likely",
-    "together": "[value, value, ..], drawn in one with all parameters that say together: the n-th value of each",
+    "together": (
+        "[value, value, ..], drawn in one with all parameters that say together: the n-th value of"
+        " each"
+    ),
 }
 
 
@@ -48,9 +52,10 @@ class Moment(NamedTuple):
 class Axis(BaseModel):
     """Values of one field over the runs of a group.
 
-    `fixed` holds one value; `list` is enumerated by grid and zip and drawn from by random, lhs and sobol; the others
-    are always drawn from. `phase` holds the phase's name; where its motion is known, then (begin, end) of each stretch
-    of its milliseconds, int, ascending, from begin to before end.
+    `fixed` holds one value; `list` is enumerated by grid and zip and drawn from by random, lhs and
+    sobol; the others are always drawn from. `phase` holds the phase's name; where its motion is
+    known, then (begin, end) of each stretch of its milliseconds, int, ascending, from begin to
+    before end.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -83,16 +88,21 @@ class Axis(BaseModel):
         """The phases that its values are places in, each once."""
         if self.kind == PHASE:
             return self.values[:1]
-        return tuple(dict.fromkeys(value.phase for value in self.values if isinstance(value, Moment)))
+        return tuple(
+            dict.fromkeys(value.phase for value in self.values if isinstance(value, Moment))
+        )
 
     def places(self, unit: np.ndarray) -> np.ndarray:
-        """The quantiles `unit` [n] in [0, 1) as `at` takes them: each listed value has an equal share of them."""
+        """The quantiles `unit` [n] in [0, 1) as `at` takes them: each listed value has an equal
+        share of them.
+        """
         if not self.listed:
             return unit
         return np.minimum((unit * len(self.values)).astype(np.int64), len(self.values) - 1)
 
     def at(self, places: np.ndarray, whole: bool = False) -> np.ndarray:
-        """The numbers at `places`, float64 of the same shape: numbers of listed values, else quantiles in [0, 1).
+        """The numbers at `places`, float64 of the same shape: numbers of listed values, else
+        quantiles in [0, 1).
 
         whole: drawn numbers are rounded to whole ones; listed ones stay as they were written.
         """
@@ -102,7 +112,9 @@ class Axis(BaseModel):
             begins, ends = np.array(self.values[1:], np.int64).T
             after = np.cumsum(ends - begins)
             place = np.minimum((places * after[-1]).astype(np.int64), after[-1] - 1)
-            return ((ends - after)[np.searchsorted(after, place, side="right")] + place).astype(np.float64)
+            return ((ends - after)[np.searchsorted(after, place, side="right")] + place).astype(
+                np.float64
+            )
         low, high = (float(v) for v in self.values)
         if self.kind == "normal":
             from scipy.special import ndtri  # slow to import
@@ -111,7 +123,9 @@ class Axis(BaseModel):
         elif self.kind == "loguniform":
             numbers = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
         elif whole:
-            numbers = np.minimum(np.floor(low) + np.floor(places * (math.floor(high) - math.floor(low) + 1.0)), high)
+            numbers = np.minimum(
+                np.floor(low) + np.floor(places * (math.floor(high) - math.floor(low) + 1.0)), high
+            )
         else:
             numbers = low + places * (high - low)
         return np.rint(numbers) if whole else numbers
@@ -153,14 +167,21 @@ def _distribution(kind: Any, raw: Any, types: tuple[type, ...], expected: str) -
             raise ValueError(f"{kind} takes a list with at least one {expected}, got {raw!r}")
         return Axis(kind=kind, values=tuple(_value(v, types, expected) for v in raw))
     if str in types and float not in types and int not in types:
-        raise ValueError(f"{kind} draws numbers and this key takes {expected}; write {{choice = [..]}}")
+        raise ValueError(
+            f"{kind} draws numbers and this key takes {expected}; write {{choice = [..]}}"
+        )
     if not isinstance(raw, list | tuple) or len(raw) != 2:
         raise ValueError(f"{kind} takes {DISTRIBUTIONS[kind]}, got {raw!r}")
     first, second = (_value(v, (int, float), "a number") for v in raw)
     if kind == "normal" and second < 0:
-        raise ValueError(f"normal = [mean, standard deviation]: the deviation must not be negative, got {second!r}")
+        raise ValueError(
+            "normal = [mean, standard deviation]: the deviation must not be negative, got"
+            f" {second!r}"
+        )
     if kind != "normal" and not first <= second:
-        raise ValueError(f"{kind} = [low, high]: low must not exceed high, got [{first!r}, {second!r}]")
+        raise ValueError(
+            f"{kind} = [low, high]: low must not exceed high, got [{first!r}, {second!r}]"
+        )
     if kind == "loguniform" and first <= 0:
         raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
     return Axis(kind=kind, values=(first, second))
@@ -185,7 +206,9 @@ _FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in FORMS.items())
 
 
 def forms_schema(expected: str, value: dict[str, Any], drawn: bool = True) -> dict[str, Any]:
-    """JSON Schema of what a file may write, `value` being one value; drawn: whether distributions of numbers fit."""
+    """JSON Schema of what a file may write, `value` being one value; drawn: whether
+    distributions of numbers fit.
+    """
     some = {"type": "array", "items": value, "minItems": 1}
     pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
     tables = [_table(kind, some if kind in _LISTS else pair) for kind in FORMS]
@@ -195,7 +218,12 @@ def forms_schema(expected: str, value: dict[str, Any], drawn: bool = True) -> di
 
 def _table(kind: str, values: dict[str, Any]) -> dict[str, Any]:
     one = {"description": FORMS[kind], **values}
-    return {"type": "object", "properties": {kind: one}, "required": [kind], "additionalProperties": False}
+    return {
+        "type": "object",
+        "properties": {kind: one},
+        "required": [kind],
+        "additionalProperties": False,
+    }
 
 
 def _number(raw: Any) -> Axis:
@@ -217,8 +245,12 @@ def _schema(expected: str, value: dict[str, Any], drawn: bool = True) -> WithJso
     return WithJsonSchema(forms_schema(expected, value, drawn))
 
 
-Number = Annotated[Axis, BeforeValidator(_number), _schema("a number", {"type": ["number", "boolean"]})]
+Number = Annotated[
+    Axis, BeforeValidator(_number), _schema("a number", {"type": ["number", "boolean"]})
+]
 Milliseconds = Annotated[
-    Axis, BeforeValidator(milliseconds), _schema("a whole number of milliseconds", {"type": "integer"})
+    Axis,
+    BeforeValidator(milliseconds),
+    _schema("a whole number of milliseconds", {"type": "integer"}),
 ]
 Word = Annotated[Axis, BeforeValidator(_word), _schema("a name", {"type": "string"}, drawn=False)]

@@ -1,4 +1,6 @@
-"""What each parameter of a campaign may be, as the records of its robot say, and the check of an axis against it."""
+"""What each parameter of a campaign may be, as the records of its robot say, and the check of an
+axis against it.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +15,16 @@ from ravenjax.numbers.quantity import Quantity
 from ravenjax.vocabulary.robot import Robot
 
 TAIL = 7.04
-"""Standard deviations: `Axis.at` of a normal distribution never goes farther (quantiles from 1e-12)."""
+"""Standard deviations: `Axis.at` of a normal distribution never goes farther (quantiles from
+1e-12).
+"""
 
 
 @functools.cache
 def rows(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """(path as `plain` gives it, what it may be) of each parameter, in order; two where joints are unlike."""
+    """(path as `plain` gives it, what it may be) of each parameter, in order; two where joints
+    are unlike.
+    """
     return tuple(quantity.quantities(robot.part("campaign").Params))
 
 
@@ -30,7 +36,9 @@ def names(robot: Robot) -> frozenset[str]:
 
 @functools.cache
 def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
-    """(path, why) of parameters, or all that begin so, that a campaign must leave alone; longer paths first."""
+    """(path, why) of parameters, or all that begin so, that a campaign must leave alone; longer
+    paths first.
+    """
     rows_of = quantity.reserved(robot.part("campaign").Params)
     return tuple(sorted(rows_of, key=lambda row: len(row[0]), reverse=True))
 
@@ -45,23 +53,32 @@ Ranges = tuple[tuple[str, Quantity], ...]
 
 
 def of(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
-    """What `path` may be: one for a single number, more where it names a whole vector of unlike ones.
+    """What `path` may be: one for a single number, more where it names a whole vector of unlike
+    ones.
 
     more: parameters that a campaign has beside those of its robot.
     """
     kind, last = plain(robot, path), path.rpartition(".")[2]
     matches = [row for name, row in (*rows(robot), *more) if name == kind]
-    return [row for row in matches if last in row.joints or not row.joints or last not in robot.joints]
+    return [
+        row for row in matches if last in row.joints or not row.joints or last not in robot.joints
+    ]
 
 
 def reserved(robot: Robot, path: str) -> str:
-    """Why a campaign must leave a parameter alone, and what to write instead; "" for one that it may vary."""
+    """Why a campaign must leave a parameter alone, and what to write instead; "" for one that it
+    may vary.
+    """
     kind = plain(robot, path)
-    return next((why for name, why in _reserved(robot) if kind == name or kind.startswith(f"{name}.")), "")
+    return next(
+        (why for name, why in _reserved(robot) if kind == name or kind.startswith(f"{name}.")), ""
+    )
 
 
 def complaints(robot: Robot, path: str, axis: Axis, more: Ranges = ()) -> Iterator[str]:
-    """What is wrong with the values that a parameter would take; nothing for a path that no record knows."""
+    """What is wrong with the values that a parameter would take; nothing for a path that no
+    record knows.
+    """
     if why := reserved(robot, path):
         yield f"cannot be set: {why}"
     for row in of(robot, path, more):
@@ -97,4 +114,6 @@ def _hint(row: Quantity, axis: Axis) -> str:
         return ""
     room = min(axis.values[0] - row.low, row.high - axis.values[0]) / TAIL
     smaller = f" up to {math.floor(room * 1e4) / 1e4:g}" if room >= 1e-4 else ""
-    return f"; take a standard deviation{smaller} that cannot leave it, or {{uniform = [low, high]}}"
+    return (
+        f"; take a standard deviation{smaller} that cannot leave it, or {{uniform = [low, high]}}"
+    )

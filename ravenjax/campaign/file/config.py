@@ -32,17 +32,25 @@ class CampaignConfig(Section):
 
     campaign: CampaignSection
     parameters: dict[str, Number] = Field(
-        default_factory=dict, description="path = value, list or distribution; from = a file of robots"
+        default_factory=dict,
+        description="path = value, list or distribution; from = a file of robots",
     )
     cross: Cross = Field(
         default_factory=dict,
-        description="path = list: every run once with each value, all else alike, random numbers too; for pairs",
+        description=(
+            "path = list: every run once with each value, all else alike, random numbers too; for"
+            " pairs"
+        ),
     )
     haptics: Haptics = Haptics()
     detector: tuple[Detector, ...] = Field(default=(), description="observers that are scored")
-    check: tuple[OwnCheck, ...] = Field(default=(), description="checks of your own that stand in the loop")
+    check: tuple[OwnCheck, ...] = Field(
+        default=(), description="checks of your own that stand in the loop"
+    )
     outcomes: Outcomes = Outcomes()
-    stop: Stop | None = Field(default=None, description="when to stop; without it the whole table is computed")
+    stop: Stop | None = Field(
+        default=None, description="when to stop; without it the whole table is computed"
+    )
     group: tuple[Group, ...] = Field(min_length=1, description="the runs")
     _source: Path | None = PrivateAttr(None)
 
@@ -55,7 +63,9 @@ class CampaignConfig(Section):
     @classmethod
     def _judged(cls, groups: tuple[Group, ...], info: ValidationInfo) -> tuple[Group, ...]:
         if info.data.get("stop") is not None and not any(group.fault for group in groups):
-            raise ValueError("no group has a fault: there is nothing that [stop] could judge; remove it")
+            raise ValueError(
+                "no group has a fault: there is nothing that [stop] could judge; remove it"
+            )
         return groups
 
     @field_validator("stop")
@@ -64,8 +74,8 @@ class CampaignConfig(Section):
         campaign = info.data.get("campaign")
         if stop is not None and campaign is not None and campaign.limit is not None:
             raise ValueError(
-                f"campaign.limit = {campaign.limit} would cut the groups that the looks are shares of; "
-                "to compute less write a smaller last look, such as looks = [0.01, 0.05]"
+                f"campaign.limit = {campaign.limit} would cut the groups that the looks are shares"
+                " of; to compute less write a smaller last look, such as looks = [0.01, 0.05]"
             )
         return stop
 
@@ -75,31 +85,42 @@ class CampaignConfig(Section):
         return self._source
 
     def with_source(self, path: Path) -> CampaignConfig:
-        """Itself, read from `path`, and the files that it names taken from there. Raises UserError."""
+        """Itself, read from `path`, and the files that it names taken from there. Raises
+        UserError.
+        """
         new = self.with_files(path.parent)
         new._source = path
         return new
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Itself, the files that it names taken from `folder`. Raises UserError for one that cannot be used."""
+        """Itself, the files that it names taken from `folder`. Raises UserError for one that
+        cannot be used.
+        """
         if not self.check and all(one.file is None for one in self.detector):
             return self
         detectors = tuple(one.found(folder) for one in self.detector)
         return self.model_copy(
-            update={"detector": detectors, "check": tuple(one.located(folder) for one in self.check)}
+            update={
+                "detector": detectors,
+                "check": tuple(one.located(folder) for one in self.check),
+            }
         )
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:
         """(name, detector, thresholds) of every one, in order."""
-        return tuple((name, use, one.threshold) for one in self.detector for name, use in one.uses())
+        return tuple(
+            (name, use, one.threshold) for one in self.detector for name, use in one.uses()
+        )
 
     @property
     def rules(self) -> events.Rules:
         """What it chooses of the definitions of outcomes."""
         built_in = built_in_column(self.own_checks, self.stops)
         cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
-        return events.Rules(cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm, built_in)
+        return events.Rules(
+            cue, self.haptics.cues()[cue].threshold_m * 1e3, jump, self.outcomes.limit_mm, built_in
+        )
 
     @property
     def robot(self) -> Robot:
@@ -135,12 +156,16 @@ class CampaignConfig(Section):
 
     @classmethod
     def words(cls) -> dict[str, dict[str, Iterable[str]]]:
-        """Model of a table -> key -> the words that it takes, where the models leave that to `complaints`."""
+        """Model of a table -> key -> the words that it takes, where the models leave that to
+        `complaints`.
+        """
         return {}
 
     @classmethod
     def ranges(cls) -> dict[str, dict[str, tuple[float, float]]]:
-        """Model of a table -> key -> least and largest number, where the models leave that to a validator."""
+        """Model of a table -> key -> least and largest number, where the models leave that to a
+        validator.
+        """
         return {}
 
     @property
@@ -153,7 +178,10 @@ class CampaignConfig(Section):
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
         yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
         if self.campaign.observe_ms is not None:
-            yield "observed", f"until {self.campaign.observe_ms:,} ms after a run's last fault ended"
+            yield (
+                "observed",
+                f"until {self.campaign.observe_ms:,} ms after a run's last fault ended",
+            )
 
     def settings(self) -> dict[str, Any]:
         """The same as JSON has it."""
@@ -189,7 +217,9 @@ class CampaignConfig(Section):
         return iter(())
 
     def unread(self, path: str) -> str:
-        """Why nothing reads the parameter of that path in this campaign; "" where something does."""
+        """Why nothing reads the parameter of that path in this campaign; "" where something
+        does.
+        """
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
@@ -197,21 +227,33 @@ class CampaignConfig(Section):
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """What decides the outcome of every run alike, for run ids. What is at its default is left out."""
+        """What decides the outcome of every run alike, for run ids. What is at its default is
+        left out.
+        """
         # A key that is added later then changes no id of before.
         deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
         return {
-            "campaign": self.campaign.model_dump(mode="json", exclude=deciding_nothing, exclude_defaults=True),
+            "campaign": self.campaign.model_dump(
+                mode="json", exclude=deciding_nothing, exclude_defaults=True
+            ),
             "cues": self.haptics.cues(),
-            "outcomes": {"jump": "code", "cue": 0, **self.outcomes.model_dump(exclude_defaults=True)},
+            "outcomes": {
+                "jump": "code",
+                "cue": 0,
+                **self.outcomes.model_dump(exclude_defaults=True),
+            },
             **({"stops": stops} if (stops := self._stops()) else {}),
             **({"checks": acting} if (acting := self._acting_checks()) else {}),
         }
 
     @property
     def own_ranges(self) -> bounds.Ranges:
-        """(path, what it may be) of each parameter of parts with a file. Raises UserError for an unusable one."""
-        thresholds = tuple((f"checks.threshold.{one.name}", own_checks.THRESHOLD) for one in self.check)
+        """(path, what it may be) of each parameter of parts with a file. Raises UserError for an
+        unusable one.
+        """
+        thresholds = tuple(
+            (f"checks.threshold.{one.name}", own_checks.THRESHOLD) for one in self.check
+        )
         return thresholds + tuple(
             (f"{above}.{path}", limits)
             for above, source in self.own_parts()
@@ -219,7 +261,9 @@ class CampaignConfig(Section):
         )
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(beginning of its parameters' paths, code) of every file of one's own. Raises UserError."""
+        """(beginning of its parameters' paths, code) of every file of one's own. Raises
+        UserError.
+        """
         for one in self.detector:
             if (source := one.part) is not None:
                 yield f"detectors.own.{one.name}", source
@@ -237,7 +281,14 @@ class CampaignConfig(Section):
     def _acting_checks(self) -> list[Any]:
         """Checks of one's own that do something."""
         return [
-            [one.name, part.digest(one.part), one.at, one.acts, one.consecutive, one.threshold]  # paths have the name
+            [
+                one.name,
+                part.digest(one.part),
+                one.at,
+                one.acts,
+                one.consecutive,
+                one.threshold,
+            ]  # paths have the name
             for one in self.check
             if one.acts != "watch"
         ]
@@ -256,5 +307,7 @@ def config_class_of(robot: Robot) -> type[CampaignConfig]:
 
 
 def validated(raw: Any) -> CampaignConfig:
-    """The campaign of nested tables, as a manifest holds them. Raises ValidationError and UserError."""
+    """The campaign of nested tables, as a manifest holds them. Raises ValidationError and
+    UserError.
+    """
     return config_class_of(robot_of(raw)).model_validate(raw)

@@ -1,4 +1,6 @@
-"""A group of runs: its fault slots, its design, and what a file may write for each. Pydantic models."""
+"""A group of runs: its fault slots, its design, and what a file may write for each. Pydantic
+models.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,16 @@ from pydantic import (
     model_validator,
 )
 
-from ravenjax.campaign.file.axis import FORMS, PHASE, Axis, Milliseconds, Moment, Number, Word, fixed
+from ravenjax.campaign.file.axis import (
+    FORMS,
+    PHASE,
+    Axis,
+    Milliseconds,
+    Moment,
+    Number,
+    Word,
+    fixed,
+)
 from ravenjax.campaign.file.bounds import extent
 from ravenjax.campaign.file.onset import Onset
 from ravenjax.errors import shown
@@ -35,12 +46,18 @@ LEAST_MS = {"start_ms": 0, "duration_ms": 1, "every_ms": 0, "period_ms": 0}
 
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
 DESIGNS: dict[Design, str] = {
-    "grid": "every combination of the lists, the last key varying fastest; each distribution is drawn once a run",
+    "grid": (
+        "every combination of the lists, the last key varying fastest; each distribution is drawn"
+        " once a run"
+    ),
     "zip": "lists side by side, first with first; all of one length, or single values",
     "list": "each [[group.run]] in turn, with the group's values where it says nothing",
     "random": "`runs` draws from every list and distribution, independent of each other",
     "lhs": "`runs` draws as a Latin hypercube: each key's values are spread evenly",
-    "sobol": "`runs` draws as a scrambled Sobol sequence: all keys together are spread evenly; best is a power of two",
+    "sobol": (
+        "`runs` draws as a scrambled Sobol sequence: all keys together are spread evenly; best is a"
+        " power of two"
+    ),
 }
 """How lists and distributions become runs."""
 
@@ -63,7 +80,9 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _true_is_no_number(cls, raw: Any) -> Any:
-        """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says where it stands."""
+        """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says
+        where it stands.
+        """
         if not isinstance(raw, dict):
             return raw
         return raw | {
@@ -92,7 +111,10 @@ def flatten_parameters(raw: Any) -> Any:
                 out[f"{path}{key}"] = value
         return out
 
-    return {**raw, **{name: flat(raw[name], "") for name in PATHS if isinstance(raw.get(name), dict)}}
+    return {
+        **raw,
+        **{name: flat(raw[name], "") for name in PATHS if isinstance(raw.get(name), dict)},
+    }
 
 
 def crossed(axes: dict[str, Axis]) -> dict[str, Axis]:
@@ -100,7 +122,8 @@ def crossed(axes: dict[str, Axis]) -> dict[str, Axis]:
     for path, axis in axes.items():
         if axis.drawn:
             raise ValueError(
-                f"{path}: got {axis.kind}, expected a list: every run is done once with each of its values"
+                f"{path}: got {axis.kind}, expected a list: every run is done once with each of its"
+                " values"
             )
     return axes
 
@@ -118,7 +141,8 @@ def _is_distribution(table: dict[str, Any]) -> bool:
     Nearer to the word than any joint of a robot is: `wrist` is like `list`.
     """
     return len(table) == 1 and all(
-        key in FORMS or (isinstance(value, list) and difflib.get_close_matches(key, FORMS, cutoff=_MISSPELT))
+        key in FORMS
+        or (isinstance(value, list) and difflib.get_close_matches(key, FORMS, cutoff=_MISSPELT))
         for key, value in table.items()
     )
 
@@ -146,49 +170,71 @@ def _written(plain: Any) -> Any:
 
 
 def _require_times(axis: Axis, least: int, endless: bool = False) -> None:
-    """ValueError unless each value, or end of what is drawn, is a time from `least` on; `endless`: or UNTIL_END."""
+    """ValueError unless each value, or end of what is drawn, is a time from `least` on;
+    `endless`: or UNTIL_END.
+    """
     if axis.kind == PHASE:
         return
     for value in axis.listed or extent(axis):
         if isinstance(value, Moment):
             continue
         open_end = endless and axis.listed and value == UNTIL_END
-        too_early = axis.kind != "normal" and value < least and not open_end  # the tail of a bell is cut at `least`
+        too_early = (
+            axis.kind != "normal" and value < least and not open_end
+        )  # the tail of a bell is cut at `least`
         if too_early or abs(value) > LONGEST_MS:
             raise ValueError(
-                f"got {shown(value)}, expected a whole number of milliseconds from {least} to {LONGEST_MS}"
+                f"got {shown(value)}, expected a whole number of milliseconds from {least} to"
+                f" {LONGEST_MS}"
             )
 
 
 class Fault(Section):
-    """[[group.fault]]: one fault slot. Each key but site takes a value, a list or a distribution."""
+    """[[group.fault]]: one fault slot. Each key but site takes a value, a list or a
+    distribution.
+    """
 
     site: str = Field(description="where: a fault site, see `ravenjax faults`")
-    arm: Word | None = Field(default=None, description="gold or green; may be left out with one arm")
+    arm: Word | None = Field(
+        default=None, description="gold or green; may be left out with one arm"
+    )
     channel: Word | None = Field(
         default=None,
-        description='joint, axis or field of the site; "*": each of them; may be left out where it has one',
+        description=(
+            'joint, axis or field of the site; "*": each of them; may be left out where it has one'
+        ),
     )
     effect: Word = Field(description="what becomes of the number, see Effects")
     value: Number | None = Field(
         default=None,
-        description="in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets; stuck, drop "
-        "and duplicate take none",
+        description=(
+            "in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets;"
+            " stuck, drop and duplicate take none"
+        ),
     )
-    trigger: Word = Field(default=fixed("time"), description="what start_ms counts from: time, packet or pedal")
+    trigger: Word = Field(
+        default=fixed("time"), description="what start_ms counts from: time, packet or pedal"
+    )
     start_ms: Onset = Field(
-        description="onset: ms, packets or ms since pedal-down, as the trigger says; or a place in a phase of the "
-        "operation, see Phases"
+        description=(
+            "onset: ms, packets or ms since pedal-down, as the trigger says; or a place in a phase"
+            " of the operation, see Phases"
+        )
     )
     duration_ms: Annotated[Milliseconds, BeforeValidator(_duration)] = Field(
-        default=fixed(UNTIL_END), description='length of the window, ms or packets; "end": until the run ends'
+        default=fixed(UNTIL_END),
+        description='length of the window, ms or packets; "end": until the run ends',
     )
-    every_ms: Milliseconds = Field(default=fixed(0), description="the window opens again after each, 0: never")
+    every_ms: Milliseconds = Field(
+        default=fixed(0), description="the window opens again after each, 0: never"
+    )
     period_ms: Milliseconds = Field(default=fixed(0), description="period of effect periodic, ms")
     wraps: bool = Field(
         default=False,
-        description="a value beyond 16 bits is meant, and stored as the word holds it; without it such a value is "
-        "refused, but at usb_out where campaign.dac_words is set",
+        description=(
+            "a value beyond 16 bits is meant, and stored as the word holds it; without it such a"
+            " value is refused, but at usb_out where campaign.dac_words is set"
+        ),
     )
 
     @field_serializer("duration_ms")
@@ -208,9 +254,9 @@ class Fault(Section):
 class Run(Section):
     """[[group.run]]: one run of design "list": what differs from the group, single values only."""
 
-    fault: tuple[dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...] = Field(
-        default=(), description="per slot, the keys to replace"
-    )
+    fault: tuple[
+        dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...
+    ] = Field(default=(), description="per slot, the keys to replace")
     parameters: dict[str, Number] = Field(default_factory=dict, description="path = value")
 
     @model_validator(mode="before")
@@ -230,12 +276,16 @@ class Group(Section):
         le=100_000_000,
         description="how many are drawn; of designs random, lhs, sobol, and only there",
     )
-    repeats: int = Field(default=1, ge=1, le=1_000_000, description="each run so many times, with seeds of its own")
+    repeats: int = Field(
+        default=1, ge=1, le=1_000_000, description="each run so many times, with seeds of its own"
+    )
     fault: tuple[Fault, ...] = Field(
         default=(), description="faults that strike in the same run; none: fault-free runs"
     )
     run: tuple[Run, ...] = Field(default=(), description="the runs of design list")
-    parameters: dict[str, Number] = Field(default_factory=dict, description="as [parameters], for this group alone")
+    parameters: dict[str, Number] = Field(
+        default_factory=dict, description="as [parameters], for this group alone"
+    )
     cross: Cross = Field(default_factory=dict, description="as [cross], for this group alone")
 
     @model_validator(mode="before")
@@ -248,7 +298,10 @@ class Group(Section):
         if self.design in SAMPLED and self.runs is None:
             raise ValueError(f"design = {self.design!r} needs runs, the number of runs to draw")
         if self.design not in SAMPLED and self.runs is not None:
-            raise ValueError(f"design = {self.design!r} sets the number of runs itself: remove runs, or use repeats")
+            raise ValueError(
+                f"design = {self.design!r} sets the number of runs itself: remove runs, or use"
+                " repeats"
+            )
         if (self.design == "list") != bool(self.run):
             raise ValueError(
                 "design = 'list' needs at least one [[group.run]]"
@@ -261,13 +314,19 @@ class Group(Section):
             except ValidationError as error:
                 first = error.errors()[0]
                 at = ".".join(str(part) for part in first["loc"])
-                raise ValueError(f"run[{r}]: {at}: {first['msg'].removeprefix('Value error, ')}") from None
+                raise ValueError(
+                    f"run[{r}]: {at}: {first['msg'].removeprefix('Value error, ')}"
+                ) from None
         return self
 
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
         """The group's faults with what one run of design "list" replaces."""
         return tuple(
-            Fault.model_validate({**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced})
-            for fault, replaced in itertools.zip_longest(self.fault, run.fault[: len(self.fault)], fillvalue={})
+            Fault.model_validate(
+                {**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced}
+            )
+            for fault, replaced in itertools.zip_longest(
+                self.fault, run.fault[: len(self.fault)], fillvalue={}
+            )
             if isinstance(fault, Fault)
         )

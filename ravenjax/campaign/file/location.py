@@ -1,5 +1,5 @@
-"""Finds and reads a TOML file; on which line of it a key is written, which tomllib does not say; complaints that name
-it."""
+"""Finds and reads a TOML file; on which line of it a key is written, which tomllib does not say;
+complaints that name it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from ravenjax.bundled import resources
 from ravenjax.errors import UserError, shown, suggestion
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
-_KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_KEY = re.compile(
+    r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
+)
 _PART = re.compile(r""""([^"]*)"|'([^']*)'|([A-Za-z0-9_-]+)""")
 
 SUFFIX = ".toml"
@@ -29,12 +31,16 @@ MOST_COMPLAINTS = 12
 
 
 def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
-    """The file that `path` names: as it is, in ./`folder`, or a bundled one; .toml may be left out. Raises UserError.
+    """The file that `path` names: as it is, in ./`folder`, or a bundled one; .toml may be left out.
+    Raises UserError.
 
-    what: "campaign", "search" ..; listing: the command that lists the bundled ones, where an error does not.
+    what: "campaign", "search" ..; listing: the command that lists the bundled ones, where an error
+    does not.
     """
     if not isinstance(path, str | os.PathLike) or not str(path):
-        raise UserError(f"got {shown(path)}, expected the path of a {what} file or the name of a bundled {what}")
+        raise UserError(
+            f"got {shown(path)}, expected the path of a {what} file or the name of a bundled {what}"
+        )
     name = Path(path)
     for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
         try:
@@ -45,8 +51,14 @@ def find(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
             raise UserError(f"{shown(str(path))}: cannot be read ({error.strerror})") from None
     names = [file.stem for file in resources.bundled(folder, f"*{SUFFIX}")]
     problem = f"is a folder, expected a {what} file" if name.is_dir() else f"no such {what} file"
-    others = f"`{listing}` lists the bundled ones" if listing else f"bundled are {', '.join(names) or 'none'}"
-    raise UserError(f"{path}: {problem}; {others}{suggestion(name.name.removesuffix(SUFFIX), names)}")
+    others = (
+        f"`{listing}` lists the bundled ones"
+        if listing
+        else f"bundled are {', '.join(names) or 'none'}"
+    )
+    raise UserError(
+        f"{path}: {problem}; {others}{suggestion(name.name.removesuffix(SUFFIX), names)}"
+    )
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:
@@ -62,30 +74,45 @@ def parsed(text: str, name: str) -> dict[str, Any]:
     """The tables of a text in TOML; `name` says what it is of. Raises UserError."""
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError also where a number has thousands of digits
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # ValueError also where a number has thousands of digits
         raise UserError(f"{name}: not valid TOML: {error}") from None
 
 
 def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
-    """What is wrong by an error of pydantic's in a table of this model; hint: where an unknown key belongs."""
+    """What is wrong by an error of pydantic's in a table of this model; hint: where an unknown
+    key belongs.
+    """
     kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
     if kind == "extra_forbidden":
         keys = list(model.model_fields)
         return f"unknown key, expected one of {', '.join(keys)}{hint or suggestion(key, keys)}"
     if kind == "missing":
         field = model.model_fields.get(key)
-        return "missing" + (f": {field.description}" if field is not None and field.description else "")
+        return "missing" + (
+            f": {field.description}" if field is not None and field.description else ""
+        )
     if kind == "too_short":
         least = error["ctx"]["min_length"]
-        return f"got {shown(error['input'])}, expected a list with at least {least} {'item' if least == 1 else 'items'}"
+        return (
+            f"got {shown(error['input'])}, expected a list with at least {least}"
+            f" {'item' if least == 1 else 'items'}"
+        )
     text = error["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return text
-    return f"got {shown(error['input'])}, expected {text.removeprefix('Input should be ').replace('String', 'text')}"
+    return (
+        f"got {shown(error['input'])}, expected"
+        f" {text.removeprefix('Input should be ').replace('String', 'text')}"
+    )
 
 
 def dotted(key: Key) -> str:
-    """`group[0].fault[1].site` of a key; a part that holds dots itself reads the same as nested tables."""
+    """`group[0].fault[1].site` of a key; a part that holds dots itself reads the same as nested
+    tables.
+    """
     text = ""
     for part in key:
         if isinstance(part, int):
@@ -96,7 +123,8 @@ def dotted(key: Key) -> str:
 
 
 def lines(text: str) -> dict[str, int]:
-    """Line number, from 1, of each table header and key, by dotted key; entries of arrays of tables count from 0.
+    """Line number, from 1, of each table header and key, by dotted key; entries of arrays of tables
+    count from 0.
 
     Keys inside inline tables and within multi-line strings are not told apart: ask `nearest`.
     """
@@ -123,11 +151,16 @@ def nearest(found: dict[str, int], key: Key) -> int | None:
 
 
 def _parts(dotted: str) -> Key:
-    return tuple(next(group for group in match.groups() if group is not None) for match in _PART.finditer(dotted))
+    return tuple(
+        next(group for group in match.groups() if group is not None)
+        for match in _PART.finditer(dotted)
+    )
 
 
 def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
-    """The key of the table that a header opens; a part that names an array of tables stands for its latest entry."""
+    """The key of the table that a header opens; a part that names an array of tables stands for
+    its latest entry.
+    """
     key: Key = ()
     for i, part in enumerate(parts):
         key = (*key, part)
@@ -139,11 +172,15 @@ def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
 
 
 class Where:
-    """Turns (key, message) into a line of an error: of which file, on which line, or from which override."""
+    """Turns (key, message) into a line of an error: of which file, on which line, or from which
+    override.
+    """
 
     def __init__(self, source: Path | None, lines: dict[str, int], replaced: Sequence[Key]) -> None:
         self.source, self.lines, self.replaced = source, lines, [dotted(key) for key in replaced]
-        self.written: list[int] = []  # of each group, the number of the one in the file that it comes from
+        self.written: list[
+            int
+        ] = []  # of each group, the number of the one in the file that it comes from
         self.names: list[str] = []  # of each group
         self.groups: Sequence[Any] = ()  # the groups of the file, as they are written there
 
@@ -151,14 +188,21 @@ class Where:
         """All of them as one error, in the order of the file, each told once."""
         unique = dict.fromkeys(self._in_file(key, message) for key, message in complaints)
         in_order = sorted(unique, key=lambda complaint: nearest(self.lines, complaint[0]) or 0)
-        rows = [f"{self._place(key)}{dotted(key) or 'the file'}: {message}" for key, message in in_order]
+        rows = [
+            f"{self._place(key)}{dotted(key) or 'the file'}: {message}" for key, message in in_order
+        ]
         more = f"\n.. and {len(rows) - MOST_COMPLAINTS} more" if len(rows) > MOST_COMPLAINTS else ""
         return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
 
     def _in_file(self, key: Key, message: str) -> Complaint:
-        """A complaint with the key that stands in the file; one of a fault that the hazard library wrote names the
-        hazard and the key of the group that decides it."""
-        if len(key) < 2 or key[0] != "group" or not isinstance(key[1], int) or key[1] >= len(self.written):
+        """A complaint with the key that stands in the file; one of a fault that the hazard library
+        wrote names the hazard and the key of the group that decides it."""
+        if (
+            len(key) < 2
+            or key[0] != "group"
+            or not isinstance(key[1], int)
+            or key[1] >= len(self.written)
+        ):
             return key, message
         number = self.written[key[1]]
         group = self.groups[number] if number < len(self.groups) else {}
@@ -173,7 +217,9 @@ class Where:
         own = dotted(key)
         if any(own.startswith(replaced) for replaced in self.replaced):
             return "--set: "
-        if own not in self.lines and any(replaced.startswith((f"{own}.", f"{own}[")) for replaced in self.replaced):
+        if own not in self.lines and any(
+            replaced.startswith((f"{own}.", f"{own}[")) for replaced in self.replaced
+        ):
             return "--set: "  # a table that only an override has opened
         if self.source is None:
             return ""

@@ -17,7 +17,10 @@ MOST_PARTS = 24
 def listed(overrides: Sequence[str]) -> Sequence[str]:
     """The overrides themselves. UserError unless they are a list of texts."""
     if isinstance(overrides, str) or not all(isinstance(override, str) for override in overrides):
-        raise UserError(f"overrides are {shown(overrides)}, expected a list of texts such as ['campaign.seed=1']")
+        raise UserError(
+            f"overrides are {shown(overrides)}, expected a list of texts such as"
+            " ['campaign.seed=1']"
+        )
     return overrides
 
 
@@ -31,16 +34,19 @@ def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
 
 
 def applied(raw: dict[str, Any], override: str) -> tuple[dict[str, Any], Key]:
-    """`raw` with `key.path=value` entered, and its key; the value is TOML, or text. Entries of arrays go by number or
-    name."""
+    """`raw` with `key.path=value` entered, and its key; the value is TOML, or text. Entries of
+    arrays go by number or name."""
     path, equals, text = override.partition("=")
     parts = [part.strip() for part in path.strip().split(".")]
     if not equals or not all(parts):
-        raise UserError(f"--set {override}: expected key.path=value, such as campaign.duration_s=5 or group.0.runs=100")
+        raise UserError(
+            f"--set {override}: expected key.path=value, such as campaign.duration_s=5 or"
+            " group.0.runs=100"
+        )
     if len(parts) > MOST_PARTS:
         raise UserError(
-            f"--set {shown(override)}: got a path of {len(parts)} keys, expected at most {MOST_PARTS}, such as "
-            "campaign.duration_s=5 or group.0.runs=100"
+            f"--set {shown(override)}: got a path of {len(parts)} keys, expected at most"
+            f" {MOST_PARTS}, such as campaign.duration_s=5 or group.0.runs=100"
         )
     try:
         value = tomllib.loads(f"x = {text}")["x"]
@@ -72,5 +78,10 @@ def _index(table: list[Any], part: str, override: str) -> int:
         return names.index(part)
     if part.isdecimal() and int(part) < len(table):
         return int(part)
-    expected = f"a number 0..{len(table) - 1}" + (f" or a name of {', '.join(map(str, names))}" if any(names) else "")
-    raise UserError(f"--set {override}: got {part!r}, expected {expected}{suggestion(part, [str(n) for n in names])}")
+    expected = f"a number 0..{len(table) - 1}" + (
+        f" or a name of {', '.join(map(str, names))}" if any(names) else ""
+    )
+    raise UserError(
+        f"--set {override}: got {part!r}, expected"
+        f" {expected}{suggestion(part, [str(n) for n in names])}"
+    )

@@ -16,7 +16,10 @@ from ravenjax.vocabulary.parts import OwnSource
 class OwnCheck(Section):
     """[[check]]: a check of your own at a seam of the tick; it acts in the same millisecond."""
 
-    name: str = Field(description="what it is called in tables, where its columns are check_own_NAME_..", max_length=60)
+    name: str = Field(
+        description="what it is called in tables, where its columns are check_own_NAME_..",
+        max_length=60,
+    )
     file: Path = Field(description="a Python file with the check, from this file's folder")
     sha256: str | None = Field(
         default=None,
@@ -30,18 +33,24 @@ class OwnCheck(Section):
         + "; ".join(f"{word}: {meaning}" for word, meaning in DOES.items()),
     )
     threshold: float = Field(
-        default=1.0, ge=0.0, le=1e6, description="it trips above it; varied as checks.threshold.NAME"
+        default=1.0,
+        ge=0.0,
+        le=1e6,
+        description="it trips above it; varied as checks.threshold.NAME",
     )
     consecutive: int = Field(
-        default=1, ge=1, le=8, description="milliseconds in a row above the threshold in which it trips from then on"
+        default=1,
+        ge=1,
+        le=8,
+        description="milliseconds in a row above the threshold in which it trips from then on",
     )
 
     @model_validator(mode="after")
     def _named(self) -> OwnCheck:
         if not own_part.IDENTIFIER.fullmatch(self.name):
             raise ValueError(
-                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters of its file are "
-                "called checks.own.NAME"
+                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters"
+                " of its file are called checks.own.NAME"
             )
         return self
 

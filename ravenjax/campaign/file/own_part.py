@@ -20,7 +20,9 @@ CONTENT = "and what it takes from its folder; another content is refused. Left o
 
 
 def source(name: str, file: Path, sha256: str | None, what: str = "detector") -> OwnSource:
-    """The code of a file. Raises UserError for one that is unusable, or has another content than `sha256`."""
+    """The code of a file. Raises UserError for one that is unusable, or has another content than
+    `sha256`.
+    """
     code = _read(name, file.absolute(), what)
     if sha256 not in (None, own := part.digest(code)):
         raise UserError(

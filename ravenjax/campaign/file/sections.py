@@ -1,4 +1,5 @@
-"""Sections of a campaign file that every robot has: [campaign], [haptics], [[detector]], [outcomes], [stop].
+"""Sections of a campaign file that every robot has: [campaign], [haptics], [[detector]],
+[outcomes], [stop].
 
 Keys, with units and ranges. Groups of runs are in `group`.
 """
@@ -35,7 +36,8 @@ class CampaignSection(Section):
     """[campaign]: what holds for every run. A robot may have more keys here: see its own."""
 
     robot: str = Field(
-        default=robots.DEFAULT, description="kind of robot, or the Python module of one's own that declares ROBOT"
+        default=robots.DEFAULT,
+        description="kind of robot, or the Python module of one's own that declares ROBOT",
     )
     name: str = Field(
         description="short name; also names the default output folder",
@@ -43,25 +45,36 @@ class CampaignSection(Section):
         max_length=100,
     )
     description: str = Field(default="", description="what the campaign asks")
-    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects")
+    seed: int = Field(
+        default=0, ge=0, lt=2**31, description="seed of designs, noise and random effects"
+    )
     duration_s: float = Field(default=3.0, gt=0.0, le=3600.0, description="length of each run, s")
     observe_ms: int | None = Field(
         default=None,
         ge=1,
         le=3_600_000,
-        description="end a run so long after its last fault ended, outcomes are those until then; left out, each goes "
-        "on for duration_s, as any does with a fault of no certain end: that lasts, or counts time in pedal-down where "
-        "a fault may move the pedal",
+        description=(
+            "end a run so long after its last fault ended, outcomes are those until then; left out,"
+            " each goes on for duration_s, as any does with a fault of no certain end: that lasts,"
+            " or counts time in pedal-down where a fault may move the pedal"
+        ),
     )
     arms: tuple[str, ...] = Field(
-        default_factory=lambda known: robots.find(known["robot"]).arms[:1], min_length=1, description="arms, in order"
+        default_factory=lambda known: robots.find(known["robot"]).arms[:1],
+        min_length=1,
+        description="arms, in order",
     )
     noise: bool = Field(default=False, description="draw the robot's noise, anew each run")
     limit: int | None = Field(
-        default=None, ge=1, description="compute only the first so many runs; a start with more, or with all, goes on"
+        default=None,
+        ge=1,
+        description="compute only the first so many runs; a start with more, or with all, goes on",
     )
     chunk: int | None = Field(
-        default=None, ge=1, le=1_000_000, description="rows per Parquet part; default: by the number of runs"
+        default=None,
+        ge=1,
+        le=1_000_000,
+        description="rows per Parquet part; default: by the number of runs",
     )
 
     @property
@@ -75,7 +88,8 @@ class CampaignSection(Section):
         ticks = round(duration * 1000.0)
         if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
             raise ValueError(
-                f"got {duration:.10g} s, expected whole milliseconds from 0.001 on, such as {max(1, ticks) / 1000:g}"
+                f"got {duration:.10g} s, expected whole milliseconds from 0.001 on, such as"
+                f" {max(1, ticks) / 1000:g}"
             )
         return duration
 
@@ -100,7 +114,9 @@ def _listed(raw: Any) -> Any:
 
 _Least0 = Annotated[float, Field(ge=0.0, le=1e6)]
 _Numbers = Annotated[
-    tuple[_Least0, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[_Least0]), Field(min_length=1)
+    tuple[_Least0, ...],
+    BeforeValidator(_listed, json_schema_input_type=OneOrMore[_Least0]),
+    Field(min_length=1),
 ]
 """A number or a list of numbers, none negative."""
 
@@ -117,30 +133,46 @@ class Haptics(Section):
     kp_per_mm: _Numbers = Field(default=(0.0045,), description="spring, device units per mm")
     kd_per_mm_s: _Numbers = Field(default=(0.00009,), description="damper, device units per mm/s")
     cap: _Numbers = Field(default=(0.05,), description="largest force, device units")
-    combine: Literal["grid", "zip"] = Field(default="grid", description="grid: every combination; zip: side by side")
+    combine: Literal["grid", "zip"] = Field(
+        default="grid", description="grid: every combination; zip: side by side"
+    )
 
     @model_validator(mode="after")
     def _same_length(self) -> Haptics:
         lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
         if self.combine == "zip" and len(set(lengths.values())) > 1:
-            raise ValueError(f"combine = 'zip' needs lists of one length (or single numbers), got lengths {lengths}")
-        sets = max(lengths.values(), default=1) if self.combine == "zip" else math.prod(lengths.values())
+            raise ValueError(
+                "combine = 'zip' needs lists of one length (or single numbers), got lengths"
+                f" {lengths}"
+            )
+        sets = (
+            max(lengths.values(), default=1)
+            if self.combine == "zip"
+            else math.prod(lengths.values())
+        )
         if sets > MOST_CUES:
             raise ValueError(f"the lists make {sets} haptic sets, expected at most {MOST_CUES}")
         return self
 
     def _lists(self) -> dict[str, tuple[float, ...]]:
-        return {name: getattr(self, name) for name in ("threshold_mm", "kp_per_mm", "kd_per_mm_s", "cap")}
+        return {
+            name: getattr(self, name)
+            for name in ("threshold_mm", "kp_per_mm", "kd_per_mm_s", "cap")
+        }
 
     def cues(self) -> tuple[CueSet, ...]:
         """Every set, in the order of the lists, the last list varying fastest."""
         lists = list(self._lists().values())
         if self.combine == "zip":
             longest = max(len(values) for values in lists)
-            rows = zip(*(values * longest if len(values) == 1 else values for values in lists), strict=True)
+            rows = zip(
+                *(values * longest if len(values) == 1 else values for values in lists), strict=True
+            )
         else:
             rows = itertools.product(*lists)
-        return tuple(CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows)
+        return tuple(
+            CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows
+        )
 
 
 MOST_THRESHOLDS = 64
@@ -150,17 +182,26 @@ _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 
 class Detector(Section):
-    """[[detector]]: an observer that is scored. Lists of `fusion` and `consecutive` make one detector of each pair."""
+    """[[detector]]: an observer that is scored. Lists of `fusion` and `consecutive` make one
+    detector of each pair.
+    """
 
     name: str = Field(
-        description="what it is called in tables", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60
+        description="what it is called in tables",
+        pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$",
+        max_length=60,
     )
     kind: BuiltInKind | None = Field(
-        default=None, description="; ".join(f"{kind}: {meaning}" for kind, meaning in MEANINGS.items() if kind != "own")
+        default=None,
+        description="; ".join(
+            f"{kind}: {meaning}" for kind, meaning in MEANINGS.items() if kind != "own"
+        ),
     )
     file: Path | None = Field(
         default=None,
-        description="in place of kind: a Python file with a detector of your own, from this file's folder",
+        description=(
+            "in place of kind: a Python file with a detector of your own, from this file's folder"
+        ),
     )
     sha256: str | None = Field(
         default=None,
@@ -169,17 +210,32 @@ class Detector(Section):
     )
     acts: Literal["watch", "stop"] = Field(
         default="watch",
-        description="of a file: watch; or stop: an alarm at its first threshold presses the E-stop a millisecond later",
+        description=(
+            "of a file: watch; or stop: an alarm at its first threshold presses the E-stop a"
+            " millisecond later"
+        ),
     )
     fusion: Annotated[
-        tuple[Fusion, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]), Field(min_length=1)
+        tuple[Fusion, ...],
+        BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]),
+        Field(min_length=1),
     ] = Field(
-        default=("all",), description="of steps: which of the three must be over; all, two, any, or one of them alone"
+        default=("all",),
+        description=(
+            "of steps: which of the three must be over; all, two, any, or one of them alone"
+        ),
     )
     consecutive: Annotated[
-        tuple[int, ...], BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]), Field(min_length=1)
-    ] = Field(default=(1,), description="milliseconds in a row above the threshold that make an alarm, 1 to 8")
-    threshold: _Numbers = Field(default=(1.0,), description="alarm above it; all evaluated in the same run")
+        tuple[int, ...],
+        BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]),
+        Field(min_length=1),
+    ] = Field(
+        default=(1,),
+        description="milliseconds in a row above the threshold that make an alarm, 1 to 8",
+    )
+    threshold: _Numbers = Field(
+        default=(1.0,), description="alarm above it; all evaluated in the same run"
+    )
     former: ClassVar[Mapping[str, str]] = {"level": "threshold"}
 
     @model_validator(mode="after")
@@ -191,17 +247,20 @@ class Detector(Section):
             raise ValueError("acts and sha256 belong to a detector with a file: remove them")
         if self.file is not None and not own_part.IDENTIFIER.fullmatch(self.name):
             raise ValueError(
-                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters of its file are "
-                "called detectors.own.NAME"
+                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters"
+                " of its file are called detectors.own.NAME"
             )
         if self.kind != "steps" and self.fusion != ("all",):
             raise ValueError(
-                f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind {self.kind or 'file'!r}: remove it"
+                f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind"
+                f" {self.kind or 'file'!r}: remove it"
             )
         if not all(1 <= count <= 8 for count in self.consecutive):
             raise ValueError(f"consecutive = {list(self.consecutive)}, expected 1 to 8")
         if len(self.threshold) > MOST_THRESHOLDS:
-            raise ValueError(f"threshold has {len(self.threshold)} numbers, expected at most {MOST_THRESHOLDS}")
+            raise ValueError(
+                f"threshold has {len(self.threshold)} numbers, expected at most {MOST_THRESHOLDS}"
+            )
         return self
 
     def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
@@ -209,8 +268,17 @@ class Detector(Section):
         many_fusions, many_counts = len(self.fusion) > 1, len(self.consecutive) > 1
         return tuple(
             (
-                self.name + (f"/{fusion}" if many_fusions else "") + (f"/{count}" if many_counts else ""),
-                DetectorUse(self.kind or "own", fusion, count, len(self.threshold), self.part, self.acts == "stop"),
+                self.name
+                + (f"/{fusion}" if many_fusions else "")
+                + (f"/{count}" if many_counts else ""),
+                DetectorUse(
+                    self.kind or "own",
+                    fusion,
+                    count,
+                    len(self.threshold),
+                    self.part,
+                    self.acts == "stop",
+                ),
             )
             for fusion in self.fusion
             for count in self.consecutive
@@ -218,7 +286,9 @@ class Detector(Section):
 
     @property
     def part(self) -> OwnSource | None:
-        """The code of its file; None for a built-in one. Raises UserError for one that is unusable or changed."""
+        """The code of its file; None for a built-in one. Raises UserError for one that is
+        unusable or changed.
+        """
         if self.file is None:
             return None
         return own_part.source(self.name, self.file, self.sha256)
@@ -234,7 +304,9 @@ class Detector(Section):
 
     @model_serializer(mode="wrap")
     def _without_what_is_not_there(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A built-in detector says nothing of files, as before there were any: hashes of campaigns stay."""
+        """A built-in detector says nothing of files, as before there were any: hashes of
+        campaigns stay.
+        """
         content = handler(self)
         of_files = () if self.file is not None else ("file", "sha256", "acts")
         return {key: value for key, value in content.items() if key not in of_files}
@@ -245,7 +317,10 @@ def _rate(raw: Any) -> Any:
     if isinstance(raw, str) and raw not in events.EVENTS:
         if raw in events.FORMER:
             raise ValueError(f"got {raw!r}, which is now called {events.FORMER[raw]!r}: write that")
-        raise ValueError(f"got {raw!r}, expected one of {', '.join(events.EVENTS)}{suggestion(raw, events.EVENTS)}")
+        raise ValueError(
+            f"got {raw!r}, expected one of"
+            f" {', '.join(events.EVENTS)}{suggestion(raw, events.EVENTS)}"
+        )
     return raw
 
 
@@ -258,15 +333,23 @@ class Outcomes(Section):
 
     jump: Literal["code", "text"] = Field(
         default="code",
-        description="code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not; text: true "
-        "tip > large_jump_mm within 2 ms",
+        description=(
+            "code: measured tip steps > jump_step_mm on two packets in a row, the golden run's not;"
+            " text: true tip > large_jump_mm within 2 ms"
+        ),
     )
     cue: int = Field(default=0, ge=0, description="number of the haptic set, from 0")
     jump_step_mm: float = Field(
-        default=0.1, gt=0.0, le=1000.0, description="of rule code: step of the measured tip per packet, mm"
+        default=0.1,
+        gt=0.0,
+        le=1000.0,
+        description="of rule code: step of the measured tip per packet, mm",
     )
     large_jump_mm: float = Field(
-        default=1.0, gt=0.0, le=1000.0, description="of rule text: motion of the true tip within 2 ms, mm"
+        default=1.0,
+        gt=0.0,
+        le=1000.0,
+        description="of rule text: motion of the true tip within 2 ms, mm",
     )
     limit_mm: float = Field(
         default=LIMIT_MM,
@@ -277,34 +360,53 @@ class Outcomes(Section):
 
 
 class Stop(Section):
-    """[stop]: compute the table by looks that are planned here, and stop once every rate is known well enough.
+    """[stop]: compute the table by looks that are planned here, and stop once every rate is known
+    well enough.
 
     Groups without faults are computed as a whole and not judged.
     """
 
-    half_width: float = Field(gt=0.0, lt=0.5, description="stop once each rate is known within +- this fraction")
+    half_width: float = Field(
+        gt=0.0, lt=0.5, description="stop once each rate is known within +- this fraction"
+    )
     rates: tuple[Rate, ...] = Field(
-        default=("evades", "unintended_motion"), min_length=1, description="which rates: " + ", ".join(events.EVENTS)
+        default=("evades", "unintended_motion"),
+        min_length=1,
+        description="which rates: " + ", ".join(events.EVENTS),
     )
     of: Literal["groups", "whole"] = Field(
-        default="groups", description="groups: the rates of each group; whole: those of the whole table"
+        default="groups",
+        description="groups: the rates of each group; whole: those of the whole table",
     )
     looks: tuple[float, ...] = Field(
         default=(0.1, 0.2, 0.4, 0.7, 1.0),
         min_length=1,
         max_length=100,
-        description="shares of each group after which one looks, increasing; no more than the last is computed",
+        description=(
+            "shares of each group after which one looks, increasing; no more than the last is"
+            " computed"
+        ),
     )
-    confidence: float = Field(default=0.95, gt=0.0, lt=1.0, description="with which all intervals of all looks hold")
+    confidence: float = Field(
+        default=0.95, gt=0.0, lt=1.0, description="with which all intervals of all looks hold"
+    )
     allocation: Literal["proportional", "neyman"] = Field(
         default="proportional",
-        description="proportional: as many of each group; neyman: after the first look where it narrows most",
+        description=(
+            "proportional: as many of each group; neyman: after the first look where it narrows"
+            " most"
+        ),
     )
 
     @model_validator(mode="after")
     def _increasing(self) -> Stop:
-        if list(self.looks) != sorted(set(self.looks)) or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0:
-            raise ValueError(f"looks = {list(self.looks)}, expected increasing shares, above 0 and at most 1")
+        if (
+            list(self.looks) != sorted(set(self.looks))
+            or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0
+        ):
+            raise ValueError(
+                f"looks = {list(self.looks)}, expected increasing shares, above 0 and at most 1"
+            )
         if len(set(self.rates)) < len(self.rates):
             raise ValueError(f"rates = {list(self.rates)}, expected each once")
         return self

@@ -1,7 +1,8 @@
-"""The words of a campaign: whether its sites, channels, effects, arms and times exist and fit together.
+"""The words of a campaign: whether its sites, channels, effects, arms and times exist and fit
+together.
 
-What pydantic cannot say because it takes two sections, or the robot's declared sites, to see it. Of values that are
-drawn the ends are looked at here, each one when the fault table is made.
+What pydantic cannot say because it takes two sections, or the robot's declared sites, to see it. Of
+values that are drawn the ends are looked at here, each one when the fault table is made.
 """
 
 from __future__ import annotations
@@ -39,23 +40,36 @@ def complaints(config: CampaignConfig) -> Iterator[Complaint]:
     names = [group.name for group in config.group]
     for g, group in enumerate(config.group):
         if names.index(group.name) != g:
-            yield ("group", g, "name"), f"got {group.name!r} twice, expected a name of its own for each group"
+            yield (
+                ("group", g, "name"),
+                f"got {group.name!r} twice, expected a name of its own for each group",
+            )
         yield from _group(config, group, ("group", g))
     for key, table in parameter_tables(config):
         for path, axis in table.items():
             more = config.own_ranges if OWN.match(path) else ()
-            yield from (((*key, path), message) for message in bounds.complaints(config.robot, path, axis, more))
+            yield from (
+                ((*key, path), message)
+                for message in bounds.complaints(config.robot, path, axis, more)
+            )
 
 
 def unfit_parameters(config: CampaignConfig, names: Iterable[str]) -> Iterator[Complaint]:
-    """(key, message) of each varied parameter that is not a path in `known`, or whose list reads like a vector."""
+    """(key, message) of each varied parameter that is not a path in `known`, or whose list reads
+    like a vector.
+    """
     names = list(names)
     for key, table in parameter_tables(config):
         for path, axis in table.items():
             if path not in names:
-                yield (*key, path), f"unknown parameter{_section_of(path, names) or suggestion(path, names)}"
+                yield (
+                    (*key, path),
+                    f"unknown parameter{_section_of(path, names) or suggestion(path, names)}",
+                )
             elif axis.kind == "list" and not axis.explicit:
-                parts = [full.rpartition(".")[2] for full in names if full.rpartition(".")[0] == path]
+                parts = [
+                    full.rpartition(".")[2] for full in names if full.rpartition(".")[0] == path
+                ]
                 parts = [part for part in parts if part in paths.components(config.robot.joints)]
                 if len(axis.values) == len(parts):
                     yield (*key, path), _ambiguous(path, axis, parts)
@@ -77,12 +91,14 @@ def _section_of(path: str, names: Sequence[str]) -> str:
 
 
 def _ambiguous(path: str, axis: Axis, parts: Sequence[str]) -> str:
-    each = ", ".join(f"{path}.{part} = {value:g}" for part, value in zip(parts, axis.values, strict=True))
+    each = ", ".join(
+        f"{path}.{part} = {value:g}" for part, value in zip(parts, axis.values, strict=True)
+    )
     levels = ", ".join(f"{value:g}" for value in axis.values)
     return (
-        f"got a list of {len(parts)} for a vector of {len(parts)} numbers ({', '.join(parts)}), which may be meant in "
-        f"two ways. One number each: write {each}. {len(parts)} levels, each for all of them: write "
-        f"{{ list = [{levels}] }}"
+        f"got a list of {len(parts)} for a vector of {len(parts)} numbers ({', '.join(parts)}),"
+        f" which may be meant in two ways. One number each: write {each}. {len(parts)} levels, each"
+        f" for all of them: write {{ list = [{levels}] }}"
     )
 
 
@@ -93,39 +109,67 @@ def parameter_tables(config: CampaignConfig) -> Iterator[tuple[Key, dict[str, Ax
     for g, group in enumerate(config.group):
         yield ("group", g, "parameters"), group.parameters
         yield ("group", g, "cross"), group.cross
-        yield from ((("group", g, "run", r, "parameters"), run.parameters) for r, run in enumerate(group.run))
+        yield from (
+            (("group", g, "run", r, "parameters"), run.parameters)
+            for r, run in enumerate(group.run)
+        )
 
 
 def _together(config: CampaignConfig) -> Iterator[Complaint]:
-    """Lists that are drawn in one need one length; a fault has none, whose runs would then be those of few robots."""
+    """Lists that are drawn in one need one length; a fault has none, whose runs would then be
+    those of few robots.
+    """
     for g, group in enumerate(config.group):
         axes = {**config.parameters, **group.parameters}
         lengths = {path: len(axis.values) for path, axis in axes.items() if axis.kind == "together"}
         if len({*lengths.values()}) > 1:
-            path, other = min(lengths, key=lengths.__getitem__), max(lengths, key=lengths.__getitem__)
-            key = ("group", g, "parameters", path) if path in group.parameters else ("parameters", path)
+            path, other = (
+                min(lengths, key=lengths.__getitem__),
+                max(lengths, key=lengths.__getitem__),
+            )
+            key = (
+                ("group", g, "parameters", path)
+                if path in group.parameters
+                else ("parameters", path)
+            )
             yield (
                 key,
-                f"has {lengths[path]} values, drawn together with {lengths[other]} of {other}: write as many",
+                (
+                    f"has {lengths[path]} values, drawn together with {lengths[other]} of {other}:"
+                    " write as many"
+                ),
             )
         for f, fault in enumerate(group.fault):
             for name in type(fault).model_fields:
                 if isinstance(axis := getattr(fault, name), Axis) and axis.kind == "together":
-                    yield ("group", g, "fault", f, name), "got together, which parameters alone can be; write choice"
+                    yield (
+                        ("group", g, "fault", f, name),
+                        "got together, which parameters alone can be; write choice",
+                    )
 
 
 def _campaign(config: CampaignConfig) -> Iterator[Complaint]:
     arms, names = config.campaign.arms, config.robot.arms
     if list(arms) != [arm for arm in names if arm in arms]:
-        yield ("campaign", "arms"), f"got {list(arms)}, expected each arm once, in the order {list(names)}"
+        yield (
+            ("campaign", "arms"),
+            f"got {list(arms)}, expected each arm once, in the order {list(names)}",
+        )
     yield from config.complaints()
     yield from _checks(config)
     yield from _together(config)
     if config.outcomes.cue >= len(config.haptics.cues()):
         count = len(config.haptics.cues())
-        yield ("outcomes", "cue"), f"got {config.outcomes.cue}, expected 0..{count - 1}: [haptics] makes {count} sets"
+        yield (
+            ("outcomes", "cue"),
+            f"got {config.outcomes.cue}, expected 0..{count - 1}: [haptics] makes {count} sets",
+        )
 
-    if config.stop is not None and "cable_overload" in config.stop.rates and not config.watches_cables:
+    if (
+        config.stop is not None
+        and "cable_overload" in config.stop.rates
+        and not config.watches_cables
+    ):
         yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
 
 
@@ -136,12 +180,18 @@ def _checks(config: CampaignConfig) -> Iterator[Complaint]:
         if not seams:
             yield (
                 ("check", c),
-                f"robot {config.robot.name!r} has no seam where a check of one's own may stand: remove it",
+                (
+                    f"robot {config.robot.name!r} has no seam where a check of one's own may stand:"
+                    " remove it"
+                ),
             )
         elif check.at not in seams:
             yield ("check", c, "at"), unknown("seam", check.at, seams)
         if names.index(check.name) != c:
-            yield ("check", c, "name"), f"got {check.name!r} twice, expected a name of its own for each check"
+            yield (
+                ("check", c, "name"),
+                f"got {check.name!r} twice, expected a name of its own for each check",
+            )
         if check.name in config.robot.arms:
             yield (
                 ("check", c, "name"),
@@ -151,21 +201,36 @@ def _checks(config: CampaignConfig) -> Iterator[Complaint]:
 
 def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:
     if len(group.fault) > MAX_SLOTS:
-        yield (*key, "fault"), f"got {len(group.fault)} faults, expected at most {MAX_SLOTS} in one run"
-    slots = [((*key, "fault", f), fault) for f, fault in enumerate(group.fault if not group.run else ())]
+        yield (
+            (*key, "fault"),
+            f"got {len(group.fault)} faults, expected at most {MAX_SLOTS} in one run",
+        )
+    slots = [
+        ((*key, "fault", f), fault) for f, fault in enumerate(group.fault if not group.run else ())
+    ]
     for r, run in enumerate(group.run):
-        slots += [((*key, "run", r, "fault", f), fault) for f, fault in enumerate(group.faults_of(run))]
+        slots += [
+            ((*key, "run", r, "fault", f), fault) for f, fault in enumerate(group.faults_of(run))
+        ]
     for slot, fault in slots:
         errors = list(_fault(config, fault, slot))
         yield from errors or _value(config, fault, slot, paired=group.design == "zip")
     for r, run in enumerate(group.run):
         if len(run.fault) > len(group.fault):
-            yield (*key, "run", r, "fault"), f"got {len(run.fault)} faults, the group has {len(group.fault)}"
+            yield (
+                (*key, "run", r, "fault"),
+                f"got {len(run.fault)} faults, the group has {len(group.fault)}",
+            )
         for path, axis in run.parameters.items():
             if axis.kind != "fixed":
-                yield (*key, "run", r, "parameters", path), "a run of design 'list' takes single values"
+                yield (
+                    (*key, "run", r, "parameters", path),
+                    "a run of design 'list' takes single values",
+                )
     if group.design == "zip":
-        lengths = {name: len(axis.values) for name, axis in _axes(config, group) if axis.kind == "list"}
+        lengths = {
+            name: len(axis.values) for name, axis in _axes(config, group) if axis.kind == "list"
+        }
         if len({length for length in lengths.values() if length > 1}) > 1:
             yield (*key, "design"), f"'zip' needs lists of one length, got lengths {lengths}"
     is_random = any(axis.drawn for _, axis in _axes(config, group))
@@ -180,10 +245,14 @@ def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint
 
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
-    """Whether two runs of a group with the same row but another seed may differ: by noise, packets, or an effect."""
+    """Whether two runs of a group with the same row but another seed may differ: by noise,
+    packets, or an effect.
+    """
     varied = {**config.parameters, **group.parameters}
     parameters = {bounds.plain(config.robot, path): axis for path, axis in varied.items()}
-    silent = all(name in parameters and parameters[name].values == (0,) for name in config.robot.noise)
+    silent = all(
+        name in parameters and parameters[name].values == (0,) for name in config.robot.noise
+    )
     draws = (config.campaign.noise and not silent) or config.random_packets
     return draws or any("random" in fault.effect.listed for fault in group.fault)
 
@@ -217,14 +286,22 @@ def _arm(config: CampaignConfig, fault: Fault, site: Site, key: Key) -> Iterator
     arms = config.campaign.arms
     if fault.arm is None:
         if site.per_arm and len(arms) > 1:
-            yield (*key, "arm"), f"missing: site {site.name} is on each arm; write one of {', '.join(arms)} or a list"
+            yield (
+                (*key, "arm"),
+                (
+                    f"missing: site {site.name} is on each arm; write one of {', '.join(arms)} or a"
+                    " list"
+                ),
+            )
         return
     if not site.per_arm:
         yield (*key, "arm"), f"site {site.name} belongs to no arm: remove the key"
         return
     for arm in fault.arm.listed:
         if arm not in arms:
-            absent = f"arm {arm!r} is not in this campaign: expected one of campaign.arms = {list(arms)}"
+            absent = (
+                f"arm {arm!r} is not in this campaign: expected one of campaign.arms = {list(arms)}"
+            )
             yield (*key, "arm"), absent if arm in config.robot.arms else unknown("arm", arm, arms)
 
 
@@ -233,7 +310,10 @@ def _channel(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
     if fault.channel is None:
         needed = [effect for effect in fault.effect.listed if effect not in NETWORK_EFFECTS]
         if len(names) > 1 and needed:
-            yield (*key, "channel"), f"missing: site {site.name} has {', '.join(names)}; write one, a list, or {ALL!r}"
+            yield (
+                (*key, "channel"),
+                f"missing: site {site.name} has {', '.join(names)}; write one, a list, or {ALL!r}",
+            )
         return
     for name in fault.channel.listed:
         if name not in names and not (name == ALL and fault.channel.kind == "fixed"):
@@ -242,9 +322,14 @@ def _channel(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
 
 def _effect(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
     effects = fault.effect.listed
-    needs_value = [effect for effect in effects if effect in EFFECTS and effect not in WITHOUT_VALUE]
+    needs_value = [
+        effect for effect in effects if effect in EFFECTS and effect not in WITHOUT_VALUE
+    ]
     if fault.value is None and needs_value:
-        yield (*key, "value"), f"missing: effect {needs_value[0]!r} takes a value ({EFFECTS[needs_value[0]].meaning})"
+        yield (
+            (*key, "value"),
+            f"missing: effect {needs_value[0]!r} takes a value ({EFFECTS[needs_value[0]].meaning})",
+        )
     for effect in effects:
         if effect in NETWORK_EFFECTS and site.name != "network":
             yield (*key, "effect"), f"{effect!r} belongs to site 'network', got site {site.name!r}"
@@ -253,18 +338,23 @@ def _effect(fault: Fault, site: Site, key: Key) -> Iterator[Complaint]:
 
 
 def _value(config: CampaignConfig, fault: Fault, key: Key, paired: bool) -> Iterator[Complaint]:
-    """The first value, or end of what is drawn, that one of the channels cannot take. Lists that are `paired` side by
-    side meet only in the fault table, which looks at each of its values again."""
+    """The first value, or end of what is drawn, that one of the channels cannot take. Lists that
+    are `paired` side by side meet only in the fault table, which looks at each of its values again.
+    """
     if fault.value is None:
         return
     site, beyond = config.robot.sites[fault.site], config.says_beyond(fault)
-    named = fault.channel.listed if fault.channel is not None and fault.channel.listed != (ALL,) else ()
+    named = (
+        fault.channel.listed if fault.channel is not None and fault.channel.listed != (ALL,) else ()
+    )
     effects = [effect for effect in fault.effect.listed if effect not in WITHOUT_VALUE]
     channels = [channel for channel in site.channels if not named or channel.name in named]
     if paired and sum(len(items) > 1 for items in (effects, channels, fault.value.values)) > 1:
         return
     for effect in effects:
-        aimed = [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else channels
+        aimed = (
+            [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else channels
+        )
         for channel in aimed:
             for value in fault.value.listed or extent(fault.value):
                 is_random = not fault.value.listed
@@ -273,12 +363,16 @@ def _value(config: CampaignConfig, fault: Fault, key: Key, paired: bool) -> Iter
                     return
 
 
-def _value_complaint(site: Site, channel: Channel, effect: str, value: float, drawn: bool, beyond: bool) -> str | None:
+def _value_complaint(
+    site: Site, channel: Channel, effect: str, value: float, drawn: bool, beyond: bool
+) -> str | None:
     if not abs(value) <= LARGEST:
         return f"got {shown(value)}, expected a number of single precision, at most {LARGEST:.4g}"
     rule = legal(channel, effect, beyond)
     value = math.floor(value) if drawn and rule.rounded else value
-    if not rule.low <= value <= rule.high or (rule.whole and not drawn and value != math.floor(value)):
+    if not rule.low <= value <= rule.high or (
+        rule.whole and not drawn and value != math.floor(value)
+    ):
         return complaint(site, channel, effect, value, beyond)
     field = channel.field
     if field and EFFECTS[effect].value == "number" and not field.low <= value <= field.high:
@@ -296,15 +390,20 @@ def _times(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint
         expected = f"less than the run{of}" if of else f"less than the run's {ticks} ms"
         yield (
             (*key, "start_ms"),
-            f"got {start}, expected {expected}: it would never strike. Write an earlier start_ms, or a longer "
-            "campaign.duration_s",
+            (
+                f"got {start}, expected {expected}: it would never strike. Write an earlier"
+                " start_ms, or a longer campaign.duration_s"
+            ),
         )
     every, durations = fault.every_ms.listed or extent(fault.every_ms), fault.duration_ms.listed
     durations = durations or tuple(math.floor(end) for end in extent(fault.duration_ms))
     if any(e > 0 for e in every):
         longest = max(durations)
         if min(durations) < 0 or any(0 < e < longest for e in every):
-            yield (*key, "every_ms"), "a window that opens again needs a duration_ms that is not longer than every_ms"
+            yield (
+                (*key, "every_ms"),
+                "a window that opens again needs a duration_ms that is not longer than every_ms",
+            )
 
 
 def _phases(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]:
@@ -314,7 +413,10 @@ def _phases(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complain
         if not names:
             yield (
                 (*key, "start_ms"),
-                f"got phase {phase!r}, but robot {config.robot.name!r} has none: write a time in ms",
+                (
+                    f"got phase {phase!r}, but robot {config.robot.name!r} has none: write a time"
+                    " in ms"
+                ),
             )
             return
         if phase not in names:
@@ -324,8 +426,10 @@ def _phases(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complain
             others = [trigger for trigger in fault.trigger.listed if trigger != "time"]
             yield (
                 (*key, "start_ms"),
-                f"got phase {phase!r} with trigger {others[0]!r}, expected trigger = 'time': the milliseconds of a "
-                "phase count from the beginning of the run",
+                (
+                    f"got phase {phase!r} with trigger {others[0]!r}, expected trigger = 'time':"
+                    " the milliseconds of a phase count from the beginning of the run"
+                ),
             )
             return
 
@@ -337,7 +441,12 @@ def last_start(config: CampaignConfig, fault: Fault, key: Key) -> int:
         return ticks - 1
     group = config.group[key[1]] if key[:1] == ("group",) and isinstance(key[1], int) else None
     tables = [config.parameters, config.cross, *([group.parameters, group.cross] if group else [])]
-    cycles = [axis for table in tables for path, axis in table.items() if path == config.robot.packet_cycles]
+    cycles = [
+        axis
+        for table in tables
+        for path, axis in table.items()
+        if path == config.robot.packet_cycles
+    ]
     least = min((value for axis in cycles[-1:] for value in axis.listed or axis.values), default=1)
     return math.ceil(ticks / max(config.cycles_a_packet, least)) - 1
 

@@ -1,1 +1,3 @@
-"""Looks at a campaign before it runs and at its runs afterwards; nothing here decides an outcome."""
+"""Looks at a campaign before it runs and at its runs afterwards; nothing here decides an
+outcome.
+"""

@@ -1,8 +1,8 @@
 """How long a campaign will take and how much memory it needs, before anything is computed.
 
-A model of a few terms, fitted by hand to campaigns of one machine (2 cores of an AMD EPYC, `znver4`, AVX-512, other
-work beside it, CPU time counted rather than time on the clock; Python 3.11, JAX 0.10). Nanoseconds of one core for one
-millisecond of one run, 16 robots a vector:
+A model of a few terms, fitted by hand to campaigns of one machine (2 cores of an AMD EPYC,
+`znver4`, AVX-512, other work beside it, CPU time counted rather than time on the clock; Python
+3.11, JAX 0.10). Nanoseconds of one core for one millisecond of one run, 16 robots a vector:
 
 | campaign | measured | here |
 |---|---|---|
@@ -18,9 +18,10 @@ millisecond of one run, 16 robots a vector:
 | bundled haptic_sweep (126 sets) | 413 | 296 |
 | bundled safecomp45 (18 sites, both arms) | 229 | 251 |
 
-Other CPUs count by the width of their vectors and the number of their cores. Engine cuda: 3.2 G ticks a second on an
-NVIDIA H200 (`analysis/engines/gpu.md`); xla and mjx: 200 and 3 000 times slower than simd (`analysis/engines`).
-Expect it to be right within a factor of two on a machine with nothing else to do.
+Other CPUs count by the width of their vectors and the number of their cores. Engine cuda: 3.2 G
+ticks a second on an NVIDIA H200 (`analysis/engines/gpu.md`); xla and mjx: 200 and 3 000 times
+slower than simd (`analysis/engines`). Expect it to be right within a factor of two on a machine
+with nothing else to do.
 """
 
 from __future__ import annotations
@@ -59,12 +60,12 @@ BYTES_RUN, BYTES_SLOT = 60.0, 35.0
 BYTES_SERIES = 24
 """Bytes of a golden run's time series, an arm and a tick."""
 MOST_SERIES_MIB = 1536.0
-"""MiB of time series that are held at a time: of two stretches, and a copy where no two runs share one; twice that with
-a GPU. See `computation`."""
+"""MiB of time series that are held at a time: of two stretches, and a copy where no two runs share
+one; twice that with a GPU. See `computation`."""
 
 BASIS = (
-    "model fitted on 2 cores of an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled by cores and vector "
-    "width; right within a factor of two on an idle machine"
+    "model fitted on 2 cores of an AMD EPYC with AVX-512 (campaign/inspection/estimate.py), scaled"
+    " by cores and vector width; right within a factor of two on an idle machine"
 )
 
 
@@ -122,7 +123,9 @@ def tick_ns(work: CostFactors) -> float:
     """ns of one core for a tick of one run."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = NS_ARM + NS_FURTHER_ARM * (work.arms - 1)
-    ns += NS_SITE * max(0, work.sites - 1) * work.arms + NS_SUBSTEP * (work.substeps - 1) * work.arms
+    ns += (
+        NS_SITE * max(0, work.sites - 1) * work.arms + NS_SUBSTEP * (work.substeps - 1) * work.arms
+    )
     ns += NS_CUE * max(0, work.cues - 1) + NS_THRESHOLD * work.thresholds
     return ns if shared else ns * UNSHARED
 

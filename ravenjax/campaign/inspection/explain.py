@@ -1,7 +1,7 @@
 """Runs of a campaign again, in bulk, each compared with its golden run at every seam of the tick.
 
-The robot's own observer (`prepared`, `explained`) takes part in the tick; runs go through the campaign's computation
-like any others. Ten thousand runs of 3 s take seconds on two cores.
+The robot's own observer (`prepared`, `explained`) takes part in the tick; runs go through the
+campaign's computation like any others. Ten thousand runs of 3 s take seconds on two cores.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ from ravenjax.errors import UserError, suggestion
 from ravenjax.store import manifest
 
 ENGINES = ("simd", "xla", "cuda")
-"""Those that compute links by single numbers, as the tick's other parts: their runs can be compared bit by bit."""
+"""Those that compute links by single numbers, as the tick's other parts: their runs can be
+compared bit by bit.
+"""
 MOST = 200_000
 """Runs that are explained together: their ticks take a gigabyte."""
 FEW = 64
@@ -42,7 +44,9 @@ class Explained(NamedTuple):
     """Runs, each one row of both tables, in the order in which they were asked for."""
 
     results: pd.DataFrame  # their rows of the result table, computed anew
-    ticks: pd.DataFrame  # run_id, index, harm_ms; differs:, leaves: of each number, ms; near: and so on of each check
+    ticks: (
+        pd.DataFrame
+    )  # run_id, index, harm_ms; differs:, leaves: of each number, ms; near: and so on of each check
     engine: str  # engine and device, in words
 
 
@@ -54,8 +58,9 @@ class Explainer:
         part = config.robot.part("campaign")
         if not hasattr(part, "explained"):
             raise UserError(
-                f"robot {config.campaign.robot!r} declares no seams, so its runs cannot be explained: expected a robot "
-                "whose part `campaign` has `explained`, as raven2; look at single runs with `ravenjax trace`"
+                f"robot {config.campaign.robot!r} declares no seams, so its runs cannot be"
+                " explained: expected a robot whose part `campaign` has `explained`, as raven2;"
+                " look at single runs with `ravenjax trace`"
             )
         require_engine(engine)
         compile_cache.enable()
@@ -74,8 +79,9 @@ class Explainer:
         record = manifest.read(folder)
         if engine == "auto" and record.engine not in ENGINES:
             raise UserError(
-                f"{folder} was computed by engine {record.engine}, whose runs cannot be explained: write "
-                "--engine simd, which computes the same campaign with results that differ in the last digits"
+                f"{folder} was computed by engine {record.engine}, whose runs cannot be explained:"
+                " write --engine simd, which computes the same campaign with results that differ"
+                " in the last digits"
             )
         if engine == "auto":
             engine = "auto" if record.engine == "cuda" else record.engine
@@ -94,8 +100,12 @@ class Explainer:
         """Indices of the runs with a fault."""
         return np.flatnonzero((self.plan.faults["code"] != 0).any(axis=1))
 
-    def explain(self, rows: Sequence[int] | np.ndarray, on_progress: OnProgress | None = None) -> Explained:
-        """Compute these rows of the fault table again. UserError for none, or for more than MOST."""
+    def explain(
+        self, rows: Sequence[int] | np.ndarray, on_progress: OnProgress | None = None
+    ) -> Explained:
+        """Compute these rows of the fault table again. UserError for none, or for more than
+        MOST.
+        """
         if not len(rows):
             raise UserError("no run to explain: expected runs with a fault")
         if len(rows) > MOST:
@@ -112,13 +122,19 @@ class Explainer:
         progress.rows(some.runs, 0)
         progress.tell("done")
         own, golden = (_joined([table[place] for table in tables]) for place in (0, 1))
-        observed = {name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)}
+        observed = {
+            name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
+        }
         results = outcomes.frame(self.config, some.rows, own, golden)
-        ticks = pd.DataFrame({"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed})
+        ticks = pd.DataFrame(
+            {"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed}
+        )
         return Explained(results, ticks, self.engine)
 
     def _together(self, some: Plan) -> int:
-        """Runs that blocks are sized for: few where each has a golden run of its own, whose series are long."""
+        """Runs that blocks are sized for: few where each has a golden run of its own, whose
+        series are long.
+        """
         if some.golden.max() < FEW:
             return some.runs
         program = some.program
@@ -131,8 +147,8 @@ def require_engine(engine: str) -> None:
     """UserError for an engine whose runs cannot be explained."""
     if engine != "auto" and engine not in ENGINES:
         raise UserError(
-            f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)}, which compare every number "
-            f"of the tick bit by bit{suggestion(engine, ENGINES)}"
+            f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)}, which"
+            f" compare every number of the tick bit by bit{suggestion(engine, ENGINES)}"
         )
 
 

@@ -1,7 +1,9 @@
-"""More fault-free motion of a campaign's robot, until there are enough hours to state how often a cue is false.
+"""More fault-free motion of a campaign's robot, until there are enough hours to state how often a
+cue is false.
 
-Each folder holds one motion that the campaign did not have: generated anew from another seed, since a golden run is
-shared by all runs of one operator and robot, and the same seed for longer begins with the same motion.
+Each folder holds one motion that the campaign did not have: generated anew from another seed, since
+a golden run is shared by all runs of one operator and robot, and the same seed for longer begins
+with the same motion.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from ravenjax.store.access.fault_free import FOLDER, UNVARIED
 from ravenjax.store.manifest import Manifest
 
 SHORTEST_S, LONGEST_S = 60, 600
-"""Length of a run, s: longer ones cost memory, and a cue that has once come hides what would come after it."""
+"""Length of a run, s: longer ones cost memory, and a cue that has once come hides what would
+come after it.
+"""
 UNTIL_LIVE_S = 1
 """In which the pedal goes down, rounded up."""
 MOTIONS = 10
@@ -30,7 +34,9 @@ MOTIONS = 10
 DRAWN = 4
 """Runs of each motion where parameters of the robot are drawn."""
 ENOUGH, LITTLE = 10, 0.1
-"""So many motions with less than this share of them in pedal-down: something stops the robot soon in each."""
+"""So many motions with less than this share of them in pedal-down: something stops the robot
+soon in each.
+"""
 MS_PER_HOUR = 3.6e6
 
 
@@ -43,11 +49,12 @@ def extend(
     on_progress: OnProgress | None = None,
     command: Sequence[str] = (),
 ) -> float:
-    """Compute fault-free motion beside the result in `folder` until there are `hours` of it in pedal-down, what is
-    there already counted in; the hours then there, those of the campaign's own golden runs not among them.
+    """Compute fault-free motion beside the result in `folder` until there are `hours` of it in
+    pedal-down, what is there already counted in; the hours then there, those of the campaign's own
+    golden runs not among them.
 
-    on_motion: told the hours that are there, and the folder that comes next. Raises UserError and StoreError for what
-    the user can mend; finished motions stay, and the same call goes on.
+    on_motion: told the hours that are there, and the folder that comes next. Raises UserError and
+    StoreError for what the user can mend; finished motions stay, and the same call goes on.
     """
     record = manifest.read(folder)
     _require(record, hours)
@@ -63,12 +70,14 @@ def extend(
             raw = earlier.config
         on_motion(there, path)
         config = validated(raw)
-        runner.run_campaign(config, path, _engine(engine, record), on_progress=on_progress, command=command)
+        runner.run_campaign(
+            config, path, _engine(engine, record), on_progress=on_progress, command=command
+        )
         before, there = there, _hours(folder, record)
         if not there > before:
             raise UserError(
-                f"{path}: {seconds} s of fault-free motion added nothing: the robot was never in pedal-down, "
-                "so there is nothing in which a cue could be false"
+                f"{path}: {seconds} s of fault-free motion added nothing: the robot was never in"
+                " pedal-down, so there is nothing in which a cue could be false"
             )
         motions += 1
         _require_much(folder, motions, seconds, there - begun)
@@ -76,12 +85,15 @@ def extend(
 
 
 def _require_much(folder: Path, motions: int, seconds: int, hours: float) -> None:
-    """UserError where motions of so many seconds added few hours: more of them would take for ever."""
+    """UserError where motions of so many seconds added few hours: more of them would take for
+    ever.
+    """
     if motions >= ENOUGH and hours * 3600 < LITTLE * motions * seconds:
         raise UserError(
-            f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had {hours * 3600:.3g} s of pedal-down: "
-            "something stops the robot without a fault, as a check or detector of your own may. What is there says how "
-            f"often (ravenjax report {folder}); for more hours raise its threshold, and run the campaign anew"
+            f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had {hours * 3600:.3g}"
+            " s of pedal-down: something stops the robot without a fault, as a check or detector"
+            f" of your own may. What is there says how often (ravenjax report {folder}); for more"
+            " hours raise its threshold, and run the campaign anew"
         )
 
 
@@ -91,8 +103,8 @@ def _require(record: Manifest, hours: float) -> None:
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")
     if record.code_hash != manifest.code_hash(record.robot):
         raise UserError(
-            "the result was computed by another version of the code, whose false cues may be others; "
-            "run the campaign anew into another folder first"
+            "the result was computed by another version of the code, whose false cues may be"
+            " others; run the campaign anew into another folder first"
         )
     require_others(record.config)
 
@@ -102,29 +114,47 @@ def require_others(config: Mapping[str, Any]) -> None:
     operator = config["operator"]
     if operator.get("file"):
         raise UserError(
-            f"the operator is a recording ({operator['file']}), which has no other motion to generate. "
-            f"Put other recordings beside the result: ravenjax run FILE --set operator.file=OTHER --out "
-            f"RESULT/{FOLDER}/NAME, with FILE the campaign without its faults"
+            f"the operator is a recording ({operator['file']}), which has no other motion to"
+            " generate. Put other recordings beside the result: ravenjax run FILE --set"
+            f" operator.file=OTHER --out RESULT/{FOLDER}/NAME, with FILE the campaign without its"
+            " faults"
         )
     if operator.get("motion") in UNVARIED:
         raise UserError(
-            f"operator.motion = {operator['motion']!r} is the same motion for every seed: no more to compute"
+            f"operator.motion = {operator['motion']!r} is the same motion for every seed: no more"
+            " to compute"
         )
 
 
 def campaigns(own: Mapping[str, Any], seconds: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name and configuration of the fault-free campaign of each further motion, without end; `own`: the campaign."""
+    """Name and configuration of the fault-free campaign of each further motion, without end;
+    `own`: the campaign.
+    """
     group: dict[str, Any] = {"name": "fault_free"}
-    if any(isinstance(value, dict) for table in ("parameters", "cross") for value in own.get(table, {}).values()):
+    if any(
+        isinstance(value, dict)
+        for table in ("parameters", "cross")
+        for value in own.get(table, {}).values()
+    ):
         group |= {"design": "random", "runs": DRAWN}  # a distribution: draw the robots
-    base = {**own} | {name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")}
+    base = {**own} | {
+        name: fault_free.without_reaction(own.get(name, {})) for name in ("parameters", "cross")
+    }
     base |= {"reaction": None, "stop": None, "group": [group]}
     motion, seed = own["operator"].get("motion") or "suture", int(own["operator"]["seed"])
     while True:
         seed = (seed + 1) % 2**31
-        changes = {"name": f"{motion}_{seed}", "description": "fault-free motion", "seed": seed, "limit": None}
+        changes = {
+            "name": f"{motion}_{seed}",
+            "description": "fault-free motion",
+            "seed": seed,
+            "limit": None,
+        }
         campaign = own["campaign"] | changes | {"duration_s": float(seconds)}
-        yield changes["name"], base | {"campaign": campaign, "operator": own["operator"] | {"seed": seed}}
+        yield (
+            changes["name"],
+            base | {"campaign": campaign, "operator": own["operator"] | {"seed": seed}},
+        )
 
 
 def _record(path: Path) -> Manifest | None:
@@ -144,7 +174,9 @@ def _hours(folder: Path, record: Manifest) -> float:
     total_ms = 0.0
     for one in fault_free.find(folder, record).motions:
         with query.open_folder(one.path) as table:
-            (pedal_ms,) = table.row(f"SELECT sum(pedal_down_ms) FROM {query.RESULTS} WHERE failed = ''")
+            (pedal_ms,) = table.row(
+                f"SELECT sum(pedal_down_ms) FROM {query.RESULTS} WHERE failed = ''"
+            )
         total_ms += float(pedal_ms or 0)
     return total_ms / MS_PER_HOUR
 

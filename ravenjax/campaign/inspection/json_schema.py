@@ -1,7 +1,8 @@
-"""JSON Schema of campaign files, by which an editor completes keys and marks mistakes while a file is written.
+"""JSON Schema of campaign files, by which an editor completes keys and marks mistakes while a file
+is written.
 
-Written from the models that `loading` checks a file with. It knows keys, types, single ranges and words; what several
-keys decide together, and the ranges of parameters, only `ravenjax check` tells.
+Written from the models that `loading` checks a file with. It knows keys, types, single ranges and
+words; what several keys decide together, and the ranges of parameters, only `ravenjax check` tells.
 """
 
 from __future__ import annotations
@@ -48,7 +49,10 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
         for key, words in vocabulary.get(name, {}).items():
             table["properties"][key] = _among(table["properties"][key], words)
         for key, (low, high) in ranges.get(name, {}).items():
-            _numbers(table["properties"][key], lambda node, a=low, b=high: node | {"minimum": a, "maximum": b})
+            _numbers(
+                table["properties"][key],
+                lambda node, a=low, b=high: node | {"minimum": a, "maximum": b},
+            )
     if "Fault" in definitions:
         _times(definitions["Fault"]["properties"])
     for table in (whole, *definitions.values()):
@@ -66,8 +70,15 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
 
 
 def _words(robot: Robot) -> dict[str, dict[str, Iterable[str]]]:
-    """Definition -> key -> the words that it takes, where the models leave that to a later check."""
-    fault: dict[str, Iterable[str]] = {"site": robot.sites, "arm": robot.arms, "effect": EFFECTS, "trigger": TRIGGERS}
+    """Definition -> key -> the words that it takes, where the models leave that to a later
+    check.
+    """
+    fault: dict[str, Iterable[str]] = {
+        "site": robot.sites,
+        "arm": robot.arms,
+        "effect": EFFECTS,
+        "trigger": TRIGGERS,
+    }
     if robot.phases:
         fault["start_ms"] = robot.phases
     return {
@@ -103,7 +114,11 @@ def _replaced(node: Any, fits: Callable[[Schema], bool], by: Callable[[Schema], 
 
 def _among(node: Schema, words: Iterable[str]) -> Schema:
     """A schema whose texts are among `words`."""
-    return _replaced(node, lambda inner: inner.get("type") == "string", lambda inner: inner | {"enum": list(words)})
+    return _replaced(
+        node,
+        lambda inner: inner.get("type") == "string",
+        lambda inner: inner | {"enum": list(words)},
+    )
 
 
 def _numbers(node: Schema, by: Callable[[Schema], Schema]) -> None:
@@ -117,7 +132,10 @@ def _times(fault: dict[str, Schema]) -> None:
     """Ranges of a fault's times, and the word for no end."""
     for key, least in LEAST_MS.items():
         span = {"minimum": least, "maximum": LONGEST_MS}
-        options = [{"type": "integer", **span}, *([{"const": "end"}] if key == "duration_ms" else [])]
+        options = [
+            {"type": "integer", **span},
+            *([{"const": "end"}] if key == "duration_ms" else []),
+        ]
         fault[key] = _replaced(
             fault[key],
             lambda node: node.get("type") == "integer",
@@ -126,7 +144,8 @@ def _times(fault: dict[str, Schema]) -> None:
     fault["duration_ms"]["default"] = "end"
 
 
-# --- parameters -------------------------------------------------------------------------------------------------------
+# --- parameters -----------------------------------------------------------------------------------
+# --------------------
 
 
 def _paths(robot: Robot) -> Schema:
@@ -137,7 +156,9 @@ def _paths(robot: Robot) -> Schema:
 
 
 def _parameters(robot: Robot, any_path: Schema) -> Schema:
-    """A table of parameters: paths, dotted or as tables in tables, of the first words that there are."""
+    """A table of parameters: paths, dotted or as tables in tables, of the first words that there
+    are.
+    """
     tree: Schema = {}
     for path, row in bounds.rows(robot):
         if not bounds.reserved(robot, path):
@@ -147,7 +168,10 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
             of = f" ({', '.join(row.joints)})" if row.joints else ""
             node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
     table = _node(tree, any_path)
-    table["properties"][KEY] = {"description": "in [parameters]: a file whose robots are drawn", "type": "string"}
+    table["properties"][KEY] = {
+        "description": "in [parameters]: a file whose robots are drawn",
+        "type": "string",
+    }
     first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
     return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}|^{_OWN}$"}}
 
@@ -161,7 +185,12 @@ def _node(tree: Schema, any_path: Schema) -> Schema:
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
     inner = {word: _node(below, any_path) for word, below in tree.items()}
-    return {"type": "object", "properties": inner, "additionalProperties": _REST, "propertyNames": any_path}
+    return {
+        "type": "object",
+        "properties": inner,
+        "additionalProperties": _REST,
+        "propertyNames": any_path,
+    }
 
 
 _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs/ParameterPath"}]}
@@ -169,17 +198,27 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 
 def _path(any_path: Schema) -> Schema:
     """The rest of a path whose beginning names an arm, a joint or an axis."""
-    return {"type": "object", "additionalProperties": _REST, "propertyNames": any_path, "minProperties": 1}
+    return {
+        "type": "object",
+        "additionalProperties": _REST,
+        "propertyNames": any_path,
+        "minProperties": 1,
+    }
 
 
-# --- groups that name hazards -----------------------------------------------------------------------------------------
+# --- groups that name hazards
+# -----------------------------------------------------------------------------------------
 
 
 def _groups(found: Schema) -> None:
-    """Let a group name hazards of the library in place of faults, and then only the keys that such a group takes."""
+    """Let a group name hazards of the library in place of faults, and then only the keys that
+    such a group takes.
+    """
     group, fault = found["$defs"]["Group"], found["$defs"]["Fault"]["properties"]
     words = {"type": "string", "enum": expansion.words()}
-    keys: Schema = {expansion.KEY: {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}}
+    keys: Schema = {
+        expansion.KEY: {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
+    }
     keys |= {key: copy.deepcopy(fault[key]) for key in expansion.OVERRIDES}
     for key, schema in keys.items():
         schema["description"] = f"of a group that names hazards: {expansion.KEYS[key]}"

@@ -1,4 +1,6 @@
-"""What a campaign would run, as `ravenjax check` shows it: expanded and checked as for a run, and nothing computed."""
+"""What a campaign would run, as `ravenjax check` shows it: expanded and checked as for a run,
+and nothing computed.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,13 @@ from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.file import location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Group
-from ravenjax.campaign.inspection.estimate import BASIS, CostEstimate, CostFactors, Machine, estimate
+from ravenjax.campaign.inspection.estimate import (
+    BASIS,
+    CostEstimate,
+    CostFactors,
+    Machine,
+    estimate,
+)
 from ravenjax.errors import StoreError
 from ravenjax.numbers import paths
 from ravenjax.store import manifest
@@ -92,7 +100,9 @@ class Preview(NamedTuple):
 
 
 def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Preview:
-    """Look at a campaign that is to go to `folder`. Raises UserError for whatever `ravenjax run` would refuse."""
+    """Look at a campaign that is to go to `folder`. Raises UserError for whatever `ravenjax run`
+    would refuse.
+    """
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
@@ -144,8 +154,12 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
 
 
 def _require_parameters(config: CampaignConfig) -> None:
-    """UserError for a path that names no parameter, a list that reads like a vector, a motion that cannot be read."""
-    bare = config.model_copy(update={"group": (Group(name="bare"),), "parameters": {}, "cross": {}, "stop": None})
+    """UserError for a path that names no parameter, a list that reads like a vector, a motion
+    that cannot be read.
+    """
+    bare = config.model_copy(
+        update={"group": (Group(name="bare"),), "parameters": {}, "cross": {}, "stop": None}
+    )
     program = plan.make(bare).program
     loading.check_parameters(config, plan.known_parameters(program.params, program.setup))
 
@@ -165,19 +179,26 @@ def _group(config: CampaignConfig, group: Group, runs: int) -> GroupRow:
 def _phases(config: CampaignConfig) -> Iterator[PhaseRow]:
     phases = Moments(config).phases if (names := list(moments.uses(config))) else {}
     for name in names:
-        yield PhaseRow(name, int((phases[name][:, 1] - phases[name][:, 0]).sum()), len(phases[name]))
+        yield PhaseRow(
+            name, int((phases[name][:, 1] - phases[name][:, 0]).sum()), len(phases[name])
+        )
 
 
 def _checks(config: CampaignConfig, ready: plan.Plan | None) -> Iterator[OwnCheckPreview]:
-    """What each looks at and does, with its numbers; those that vary with least and largest. Of a campaign that is not
-    expanded the numbers of the files are left out."""
+    """What each looks at and does, with its numbers; those that vary with least and largest. Of a
+    campaign that is not expanded the numbers of the files are left out."""
     numbers: dict[str, str] = {}
     if config.check and ready is not None:
         params, setup = ready.program.params, ready.program.setup
-        numbers = {path: f"{float(value):g}" for path, value in paths.leaves(params.checks, setup, "checks")}
+        numbers = {
+            path: f"{float(value):g}"
+            for path, value in paths.leaves(params.checks, setup, "checks")
+        }
         for column in ready.table.filter(regex=r"^param:checks\."):
             path, values = str(column).removeprefix("param:"), ready.table[column]
-            least, most = (f"{value:g}" for value in (values.min(), values.max()))  # NaN: the file's
+            least, most = (
+                f"{value:g}" for value in (values.min(), values.max())
+            )  # NaN: the file's
             numbers[path] = least if least == most else f"{least} to {most}, varied"
     for one in config.check:
         own = f"checks.own.{one.name}."
@@ -193,14 +214,20 @@ def _checks(config: CampaignConfig, ready: plan.Plan | None) -> Iterator[OwnChec
 
 
 def _sites(config: CampaignConfig, rows: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame({slot: rows[f"fault{slot}_site"].astype(str) for slot in range(config.slots)}, index=rows.index)
+    return pd.DataFrame(
+        {slot: rows[f"fault{slot}_site"].astype(str) for slot in range(config.slots)},
+        index=rows.index,
+    )
 
 
 def _faults(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[FaultRow]:
     """By the robot's order of sites; a run that is struck twice in the same way counts once."""
     hits: dict[tuple[str, str], np.ndarray] = {}
     for slot in range(config.slots):
-        site, effect = rows[f"fault{slot}_site"].astype(str), rows[f"fault{slot}_effect"].astype(str)
+        site, effect = (
+            rows[f"fault{slot}_site"].astype(str),
+            rows[f"fault{slot}_effect"].astype(str),
+        )
         for pair in set(zip(site, effect, strict=True)) - {("", "")}:
             hit = ((site == pair[0]) & (effect == pair[1])).to_numpy()
             hits[pair] = hits.get(pair, np.zeros(len(rows), bool)) | hit
@@ -235,8 +262,12 @@ def _notices(config: CampaignConfig) -> Iterator[str]:
         yield f"{location.dotted(key)}: {message}"
 
 
-def _expected(work: CostFactors, machine: Machine, name: str, folder: Path) -> tuple[CostEstimate, str]:
-    """What it will cost, by what the folder's last start measured where it holds a part of such a campaign."""
+def _expected(
+    work: CostFactors, machine: Machine, name: str, folder: Path
+) -> tuple[CostEstimate, str]:
+    """What it will cost, by what the folder's last start measured where it holds a part of such
+    a campaign.
+    """
     cost, record = estimate(work, machine), _record(folder)
     alike = record is not None and (record.campaign, record.engine, record.duration_ms) == (
         name,
@@ -247,7 +278,10 @@ def _expected(work: CostFactors, machine: Machine, name: str, folder: Path) -> t
         return cost, BASIS
     left = max(0, work.runs - record.done)
     speed = f"{record.runs_per_s:.0f} runs/s, measured at the folder's last start"
-    return cost._replace(run_s=left / record.runs_per_s), f"{speed}; {left} of {work.runs} runs left"
+    return (
+        cost._replace(run_s=left / record.runs_per_s),
+        f"{speed}; {left} of {work.runs} runs left",
+    )
 
 
 def _record(folder: Path) -> manifest.Manifest | None:
@@ -264,7 +298,10 @@ def _state(folder: Path) -> str:
     record = _record(folder)
     if record is None:
         return "a result that this version does not read"
-    return f"{record.done} of {record.runs} runs of campaign {record.campaign}; a run goes on where it is the same one"
+    return (
+        f"{record.done} of {record.runs} runs of campaign {record.campaign}; a run goes on where it"
+        " is the same one"
+    )
 
 
 def _width(device: str) -> int:
@@ -305,7 +342,12 @@ def as_json(view: Preview, faults: Sequence[str]) -> dict[str, Any]:
         "groups": [row._asdict() for row in view.groups],
         "faults": None if view.faults is None else [row._asdict() for row in view.faults],
         "sample": [
-            {"index": int(row["index"]), "run_id": row["run_id"], "group": str(row["group"]), "fault": words}
+            {
+                "index": int(row["index"]),
+                "run_id": row["run_id"],
+                "group": str(row["group"]),
+                "fault": words,
+            }
             for row, words in zip(sample.to_dict("records"), faults, strict=True)
         ],
         "notices": list(view.notices),

@@ -1,6 +1,8 @@
-"""The reference of campaign files, as Markdown: every key with its type, unit, range, default and meaning.
+"""The reference of campaign files, as Markdown: every key with its type, unit, range, default and
+meaning.
 
-Written from the models, so that it cannot say otherwise than what is checked; `campaigns/REFERENCE.md` holds it.
+Written from the models, so that it cannot say otherwise than what is checked;
+`campaigns/REFERENCE.md` holds it.
 """
 
 from __future__ import annotations
@@ -34,17 +36,31 @@ WORDS = {
     "run": "one simulated operation of `duration_s`, from a homed robot with the pedal up",
     "group": "runs that share a design; each `[[group]]` of a file is one",
     "arm": "gold or green: each has its own motors, gains of the control software and USB board",
-    "golden run": "the same run without its faults: same operator, same parameters, same random numbers; each run is "
-    "compared with its own (in names of columns: `golden`)",
-    "nominal model": "a model of the robot that is fed the operator's clean input; the haptic cue pulls when the "
-    "robot's reported tip leaves it",
-    "haptic set": "one threshold, spring, damper and cap of the cue; all are evaluated in the same run",
+    "golden run": (
+        "the same run without its faults: same operator, same parameters, same random numbers; each"
+        " run is compared with its own (in names of columns: `golden`)"
+    ),
+    "nominal model": (
+        "a model of the robot that is fed the operator's clean input; the haptic cue pulls when the"
+        " robot's reported tip leaves it"
+    ),
+    "haptic set": (
+        "one threshold, spring, damper and cap of the cue; all are evaluated in the same run"
+    ),
     "layer": "part of the loop from the operator to the mechanics, L1 to L10",
     "site": "a place on the loop where a fault can strike; a channel is one number there",
     "effect": "what a fault does to the number while its window is open",
-    "window": "from `start_ms` after the trigger's clock began, for `duration_ms`, again after each `every_ms`",
-    "hazard": "an entry of the library: a published fault with values, times and source, run by its id",
-    "parameter": "a number of the robot, its software, the model or the operator that a campaign may vary, by its path",
+    "window": (
+        "from `start_ms` after the trigger's clock began, for `duration_ms`, again after each"
+        " `every_ms`"
+    ),
+    "hazard": (
+        "an entry of the library: a published fault with values, times and source, run by its id"
+    ),
+    "parameter": (
+        "a number of the robot, its software, the model or the operator that a campaign may vary,"
+        " by its path"
+    ),
     "detector": "an observer that watches a run and is scored; it does not act",
 }
 
@@ -74,27 +90,33 @@ def _parts(robot: Robot) -> Iterator[str]:
     config = config_class_of(robot)
     yield "# Campaign files: every key"
     yield (
-        f"Written by `{COMMAND}` from what is checked; a test holds it up to date. `ravenjax check FILE` says what a "
-        "file would run, `ravenjax faults` and `ravenjax parameters` list the words below with more about each.\n\n"
-        "A campaign is a TOML file. Its tables stand in any order; a table in double brackets may come several times. "
-        "`--set key.path=value` on the command line replaces one key: `--set campaign.duration_s=5`, "
-        "`--set group.NAME.runs=100`, `--set group.0.fault.0.value=[1, 2]`."
+        f"Written by `{COMMAND}` from what is checked; a test holds it up to date. `ravenjax check"
+        " FILE` says what a file would run, `ravenjax faults` and `ravenjax parameters` list the"
+        " words below with more about each.\n\nA campaign is a TOML file. Its tables stand in any"
+        " order; a table in double brackets may come several times. `--set key.path=value` on the"
+        " command line replaces one key: `--set campaign.duration_s=5`, `--set"
+        " group.NAME.runs=100`, `--set group.0.fault.0.value=[1, 2]`."
     )
     yield "## Words"
     yield markdown_table(("word", "meaning"), WORDS.items())
     yield "## Values, lists and distributions"
     yield (
-        "A key whose type is marked *axis* takes one value, a list, or one of these tables. What they become in the "
-        "runs of a group is its `design`."
+        "A key whose type is marked *axis* takes one value, a list, or one of these tables. What"
+        " they become in the runs of a group is its `design`."
     )
-    yield markdown_table(("table", "meaning"), ((f"`{{ {name} = .. }}`", what) for name, what in FORMS.items()))
+    yield markdown_table(
+        ("table", "meaning"), ((f"`{{ {name} = .. }}`", what) for name, what in FORMS.items())
+    )
     yield (
-        "A list for a parameter that is a vector (one number a joint or axis) could be meant in two ways when it is as "
-        f"long as the vector, and is refused: write one path a number, or `{{ {LIST} = [..] }}` for values that each "
-        f"hold for all of them. Names take lists and `{{ choice = [..] }}`; whole numbers drawn from "
-        f"{', '.join(name for name in DISTRIBUTIONS if name != 'choice')} are rounded."
+        "A list for a parameter that is a vector (one number a joint or axis) could be meant in"
+        " two ways when it is as long as the vector, and is refused: write one path a number, or"
+        f" `{{ {LIST} = [..] }}` for values that each hold for all of them. Names take lists and"
+        " `{ choice = [..] }`; whole numbers drawn from"
+        f" {', '.join(name for name in DISTRIBUTIONS if name != 'choice')} are rounded."
     )
-    yield markdown_table(("design", "runs of a group"), ((f"`{name}`", what) for name, what in DESIGNS.items()))
+    yield markdown_table(
+        ("design", "runs of a group"), ((f"`{name}`", what) for name, what in DESIGNS.items())
+    )
     for path, model in tables_of(config):
         if path:
             yield f"## {header(path)}"
@@ -103,18 +125,22 @@ def _parts(robot: Robot) -> Iterator[str]:
         if path == ("group", "run"):
             yield "## [[group]] that names hazards"
             yield (
-                "In place of `[[group.fault]]` a group may name hazards of the library; each becomes one group, or one "
-                "a case and an arm. Other keys of `[[group]]` it does not take."
+                "In place of `[[group.fault]]` a group may name hazards of the library; each"
+                " becomes one group, or one a case and an arm. Other keys of `[[group]]` it does"
+                " not take."
             )
-            yield markdown_table(("key", "meaning"), ((f"`{key}`", what) for key, what in KEYS.items()))
+            yield markdown_table(
+                ("key", "meaning"), ((f"`{key}`", what) for key, what in KEYS.items())
+            )
     yield "## [parameters], [cross]"
     yield (
-        "`[parameters]` sets or varies numbers of the robot for every group, `[group.parameters]` for one; "
-        "`[cross]` runs every fault once with each value and all else alike, random numbers too. Keys are paths, each "
-        "an axis of numbers (a list in `[cross]`). After `plant`, `nominal`, `control.estimator` and "
-        "`control.motor_control` a path may name the arm (`plant.gold.friction_scale`); a vector's path may end in a "
-        "joint or an axis (`nominal.gold.kp.elbow`), and means all of them without. `ravenjax parameters` prints the "
-        "values that they have."
+        "`[parameters]` sets or varies numbers of the robot for every group, `[group.parameters]`"
+        " for one; `[cross]` runs every fault once with each value and all else alike, random"
+        " numbers too. Keys are paths, each an axis of numbers (a list in `[cross]`). After"
+        " `plant`, `nominal`, `control.estimator` and `control.motor_control` a path may name the"
+        " arm (`plant.gold.friction_scale`); a vector's path may end in a joint or an axis"
+        " (`nominal.gold.kp.elbow`), and means all of them without. `ravenjax parameters` prints"
+        " the values that they have."
     )
     yield markdown_table(("path", "range", "meaning"), _parameters(robot))
     yield "## Layers and sites"
@@ -131,22 +157,34 @@ def _parts(robot: Robot) -> Iterator[str]:
     )
     yield markdown_table(("site", "layer", "channels", "on each arm", "where"), rows)
     yield "## Effects"
-    yield markdown_table(("effect", "meaning"), ((f"`{effect.name}`", effect.meaning) for effect in EFFECTS.values()))
+    yield markdown_table(
+        ("effect", "meaning"), ((f"`{effect.name}`", effect.meaning) for effect in EFFECTS.values())
+    )
     yield "## Triggers"
-    yield markdown_table(("trigger", "start_ms counts"), ((f"`{name}`", what) for name, what in TRIGGERS.items()))
+    yield markdown_table(
+        ("trigger", "start_ms counts"), ((f"`{name}`", what) for name, what in TRIGGERS.items())
+    )
     if robot.phases:
         yield "## Phases"
         yield (
-            "With trigger `time`, `start_ms` may be a place in a phase of the operation. Which milliseconds belong to "
-            "it follows from the operator's motion at the campaign's setup, before any fault and the same for all "
-            "runs; the result table has the milliseconds. `ravenjax check` tells how many there are."
+            "With trigger `time`, `start_ms` may be a place in a phase of the operation. Which"
+            " milliseconds belong to it follows from the operator's motion at the campaign's setup,"
+            " before any fault and the same for all runs; the result table has the milliseconds."
+            " `ravenjax check` tells how many there are."
         )
-        yield markdown_table(("`start_ms`", "meaning"), ((f"`{form}`", what) for form, what in MEANINGS.items()))
-        yield markdown_table(("phase", "when"), ((f"`{name}`", when) for name, when in robot.phases.items()))
+        yield markdown_table(
+            ("`start_ms`", "meaning"), ((f"`{form}`", what) for form, what in MEANINGS.items())
+        )
+        yield markdown_table(
+            ("phase", "when"), ((f"`{name}`", when) for name, when in robot.phases.items())
+        )
     for table, words in config.words().items():
         if "motion" in words:
             yield "## Motions"
-            yield f"`[{table.lower()}] motion` is one of {', '.join(f'`{name}`' for name in words['motion'])}."
+            yield (
+                f"`[{table.lower()}] motion` is one of"
+                f" {', '.join(f'`{name}`' for name in words['motion'])}."
+            )
 
 
 def sentence(model: type[BaseModel]) -> str:
@@ -157,7 +195,9 @@ def sentence(model: type[BaseModel]) -> str:
 
 
 def keys(model: type[BaseModel], ranges: Ranges | None = None) -> Iterator[tuple[str, ...]]:
-    """One row of COLUMNS for each key of a table but tables inside it. ranges: `CampaignConfig.ranges`."""
+    """One row of COLUMNS for each key of a table but tables inside it. ranges:
+    `CampaignConfig.ranges`.
+    """
     schema = model.model_json_schema()
     for name, field in model.model_fields.items():
         written = schema["properties"][name]
@@ -187,7 +227,12 @@ def _type(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
         return f"{_axis(schema, model, name)}, axis"
     if "anyOf" in schema:
         return ", or ".join(_type(name, option, model) for option in schema["anyOf"])
-    kinds = {"integer": "whole number", "number": "number", "boolean": "true or false", "string": "text"}
+    kinds = {
+        "integer": "whole number",
+        "number": "number",
+        "boolean": "true or false",
+        "string": "text",
+    }
     if "const" in schema:
         return f"`{schema['const']}`"
     if "enum" in schema:
@@ -217,7 +262,10 @@ def _unit(name: str) -> str:
 
 
 def _range(
-    name: str, schema: Mapping[str, Any], model: type[BaseModel], ranges: Mapping[str, tuple[float, float]]
+    name: str,
+    schema: Mapping[str, Any],
+    model: type[BaseModel],
+    ranges: Mapping[str, tuple[float, float]],
 ) -> str:
     if model is Fault and name in LEAST_MS:
         return f"{LEAST_MS[name]} to {LONGEST_MS}" + (', or "end"' if name == "duration_ms" else "")
@@ -266,5 +314,6 @@ def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str
     """A table in Markdown."""
     cells = [columns, tuple("---" for _ in columns), *rows]
     return "\n".join(
-        "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in row) + " |" for row in cells
+        "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in row) + " |"
+        for row in cells
     )

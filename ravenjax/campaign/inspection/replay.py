@@ -19,7 +19,9 @@ from ravenjax.store import manifest, schema
 from ravenjax.store.logs.trace.log import Base
 
 LANES = 16
-"""Lanes of a replay's block: one vector, so that the run takes the same vector code as in its campaign."""
+"""Lanes of a replay's block: one vector, so that the run takes the same vector code as in its
+campaign.
+"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,7 +29,9 @@ class Replay:
     """One run, computed again."""
 
     row: pd.Series  # the run's row of the result table, computed anew
-    series: dict[str, np.ndarray]  # name -> [ticks] or [ticks, ...], those of `ravenjax.store.logs.time_series`
+    series: dict[
+        str, np.ndarray
+    ]  # name -> [ticks] or [ticks, ...], those of `ravenjax.store.logs.time_series`
     golden: dict[str, Any]  # the golden run's outcomes, as the engine counts them
     bases: dict[str, Base]  # of each arm, in the world
     engine: str  # engine and device, in words
@@ -73,13 +77,19 @@ class Replayer:
         end = int(self._plan.ends[row])
         ends = np.full(LANES, end)
         golden, result, signals = self._tracer.run(
-            Block(varied, harmless, None, ends=ends), Block(varied, faults, None, ends=ends), self._plan.columns
+            Block(varied, harmless, None, ends=ends),
+            Block(varied, faults, None, ends=ends),
+            self._plan.columns,
         )
-        own, fault_free = ({name: values[:1] for name, values in one.outcomes.items()} for one in (result, golden))
+        own, fault_free = (
+            {name: values[:1] for name, values in one.outcomes.items()} for one in (result, golden)
+        )
         if program.ends:
             own[schema.OBSERVED] = self._plan.ends[[row]]
         series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
-        frame = outcomes.frame(self.config, self._plan.rows.take(slice(row, row + 1)), own, fault_free)
+        frame = outcomes.frame(
+            self.config, self._plan.rows.take(slice(row, row + 1)), own, fault_free
+        )
         return Replay(
             row=frame.iloc[0],
             series={name: values[:end] for name, values in series.items()},
@@ -90,12 +100,16 @@ class Replayer:
 
 
 def replay(config: CampaignConfig, run: str | int, engine: str = "auto") -> Replay:
-    """Run one row of a campaign: `run` is its run id (or the beginning of one that no other has) or its index."""
+    """Run one row of a campaign: `run` is its run id (or the beginning of one that no other has)
+    or its index.
+    """
     return Replayer(config, engine).replay(run)
 
 
 def find(ids: np.ndarray, run: str | int) -> int:
-    """Index of a run by id, beginning of an id, or index; `ids` as in the fault table. Raises UserError."""
+    """Index of a run by id, beginning of an id, or index; `ids` as in the fault table. Raises
+    UserError.
+    """
     if isinstance(run, int) or (run.isdecimal() and len(run) < run_id.DIGITS):
         index = int(run)
         if not 0 <= index < len(ids):

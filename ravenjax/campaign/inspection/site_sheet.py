@@ -1,4 +1,6 @@
-"""What may be written of one fault site: its channels, and the values that each effect takes there."""
+"""What may be written of one fault site: its channels, and the values that each effect takes
+there.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ def channels(robot: Robot, site: Site) -> list[tuple[str, ...]]:
 
 
 def effects(site: Site) -> list[tuple[str, ...]]:
-    """One row an effect that the site takes: name, meaning, and what its value may be, channel by channel."""
+    """One row an effect that the site takes: name, meaning, and what its value may be, channel
+    by channel.
+    """
     return [
         (effect.name, effect.meaning, values(site, effect.name))
         for effect in EFFECTS.values()
@@ -33,7 +37,9 @@ def values(site: Site, effect: str) -> str:
     """What the value of an effect may be at the channels of a site, in words."""
     if effect in WITHOUT_VALUE:
         return "takes none"
-    aimed = [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else site.channels
+    aimed = (
+        [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else site.channels
+    )
     spans: dict[str, list[str]] = {}
     for channel in aimed:
         spans.setdefault(_span(site, channel, effect), []).append(channel.name)

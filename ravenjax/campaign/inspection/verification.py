@@ -1,9 +1,11 @@
-"""Whether a result folder can be believed: what lies in it is checked, and a random sample of its runs is made again.
+"""Whether a result folder can be believed: what lies in it is checked, and a random sample of its
+runs is made again.
 
-A campaign is a function of its file, the seed, the code and the engine. So the fault table is expanded anew and must
-have the ids that the folder has; and runs made again on the same engine, device, code and packages must be equal to the
-bit. On another engine numbers may differ, and it is told by how much. They are made from their beginning, also where
-the campaign let runs go on from their golden run.
+A campaign is a function of its file, the seed, the code and the engine. So the fault table is
+expanded anew and must have the ids that the folder has; and runs made again on the same engine,
+device, code and packages must be equal to the bit. On another engine numbers may differ, and it is
+told by how much. They are made from their beginning, also where the campaign let runs go on from
+their golden run.
 """
 
 from __future__ import annotations
@@ -42,14 +44,17 @@ class ColumnAgreement(NamedTuple):
 
     name: str
     equal: int  # rows that are equal to the bit
-    largest: float  # largest difference, in the column's unit; NaN of words, and where a number is NaN on one side
+    # largest difference, in the column's unit; NaN of words, and where a number is NaN on one side
+    largest: float
 
 
 class Rerun(NamedTuple):
     """A sample of runs made again."""
 
     engine: str  # engine and device, in words
-    other: list[str]  # what is not as it was when the folder was computed: differences do not show an error then
+    other: list[
+        str
+    ]  # what is not as it was when the folder was computed: differences do not show an error then
     rows: np.ndarray  # indices, ascending
     verdicts: int  # rows with the same verdict
     columns: list[ColumnAgreement]  # every column of the table
@@ -57,7 +62,9 @@ class Rerun(NamedTuple):
     @property
     def differing(self) -> list[ColumnAgreement]:
         """Columns that are not equal in every row, those that differ in most rows first."""
-        return sorted((one for one in self.columns if one.equal < len(self.rows)), key=lambda one: one.equal)
+        return sorted(
+            (one for one in self.columns if one.equal < len(self.rows)), key=lambda one: one.equal
+        )
 
 
 class Verification(NamedTuple):
@@ -81,22 +88,31 @@ def verify(
 ) -> Verification:
     """Check a result folder and make `sample` of its runs again, drawn with `seed`; 0: none.
 
-    engine: "auto" is the one that the folder was computed on; a folder of a GPU is taken to the fastest engine where
-    there is none. Raises StoreError where the folder holds no result, UserError for an engine that is not here.
+    engine: "auto" is the one that the folder was computed on; a folder of a GPU is taken to the
+    fastest engine where there is none. Raises StoreError where the folder holds no result,
+    UserError for an engine that is not here.
     """
     if sample < 0:
         raise UserError(f"--sample {sample}: expected a number of runs, 0 for none")
     record = manifest.read(folder)
     if not record.parts:
-        raise StoreError(f"{folder}: holds no finished part yet; start or resume it with `ravenjax run`")
+        raise StoreError(
+            f"{folder}: holds no finished part yet; start or resume it with `ravenjax run`"
+        )
     parts, whole = checking.files(folder, record)
     checks = [parts, checking.rows(record), *checking.values(folder, record, whole)]
     compile_cache.enable()
     try:
         ready = plan.make(validated(record.config))
-    except ValueError as error:  # UserError, and pydantic's: a config that this version does not read
+    except (
+        ValueError
+    ) as error:  # UserError, and pydantic's: a config that this version does not read
         return Verification(
-            [*checks, FolderCheck("campaign", "the manifest's campaign, expanded again", [str(error)])], None
+            [
+                *checks,
+                FolderCheck("campaign", "the manifest's campaign, expanded again", [str(error)]),
+            ],
+            None,
         )
     checks.append(_campaign(folder, record, ready, whole))
     if not sample or not checks[-1].fine or not whole:
@@ -106,55 +122,89 @@ def verify(
 
 
 def _campaign(folder: Path, record: Manifest, ready: Plan, whole: Sequence[Part]) -> FolderCheck:
-    """That the campaign of the manifest, expanded again, has the hash and the run ids that the folder has."""
+    """That the campaign of the manifest, expanded again, has the hash and the run ids that the
+    folder has.
+    """
     ids = ready.rows.numbers("run_id")
     complaints = []
     if ready.runs != record.runs:
-        complaints.append(f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}")
+        complaints.append(
+            f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}"
+        )
     elif record.config_hash not in (
-        manifest.campaign_hash(record.config, operator, run_id.digest(ids)) for operator in (record.operator, None)
+        manifest.campaign_hash(record.config, operator, run_id.digest(ids))
+        for operator in (record.operator, None)
     ):  # None: as versions wrote it to which a recording was its path
-        complaints.append(f"{manifest.FILE}: config_hash is not that of its config and of the runs that it expands to")
+        complaints.append(
+            f"{manifest.FILE}: config_hash is not that of its config and of the runs that it"
+            " expands to"
+        )
     else:
         for part in whole:
-            stored = pq.read_table(folder / PARTS / part.file, columns=["run_id"]).column(0).to_pylist()
+            stored = (
+                pq.read_table(folder / PARTS / part.file, columns=["run_id"]).column(0).to_pylist()
+            )
             if stored != run_id.text(ids[part.first : part.last + 1]).to_pylist():
                 complaints.append(
-                    f"{part.file}: its run ids are not those of the campaign's rows {part.first} to {part.last}"
+                    f"{part.file}: its run ids are not those of the campaign's rows {part.first} to"
+                    f" {part.last}"
                 )
     rows = sum(len(part.rows) for part in whole)
     return FolderCheck(
-        "campaign", f"expanded again, {rows:,} run ids and the config hash compared", complaints[: checking.MOST]
+        "campaign",
+        f"expanded again, {rows:,} run ids and the config hash compared",
+        complaints[: checking.MOST],
     )
 
 
 def _drawn(whole: Sequence[Part], sample: int, seed: int) -> np.ndarray:
     """Indices of `sample` different rows of these parts, or all of them, ascending."""
     sizes = np.array([len(part.rows) for part in whole])
-    places = np.random.default_rng(seed).choice(sizes.sum(), min(sample, int(sizes.sum())), replace=False)
+    places = np.random.default_rng(seed).choice(
+        sizes.sum(), min(sample, int(sizes.sum())), replace=False
+    )
     part = np.searchsorted(np.cumsum(sizes), places, side="right")
     before = np.cumsum(sizes) - sizes
     return np.sort(np.array([one.first for one in whole])[part] + places - before[part])
 
 
 def _again(
-    folder: Path, record: Manifest, ready: Plan, rows: np.ndarray, engine: str, on_progress: OnProgress | None
+    folder: Path,
+    record: Manifest,
+    ready: Plan,
+    rows: np.ndarray,
+    engine: str,
+    on_progress: OnProgress | None,
 ) -> Rerun:
     if engine == "auto" and record.engine != "cuda":
         engine = record.engine
     backend = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
     computed = compute(ready, backend, rows, on_progress)
     if not record.shape.golden_checks:
-        computed = {name: values for name, values in computed.items() if not name.startswith("golden_check_")}
+        computed = {
+            name: values
+            for name, values in computed.items()
+            if not name.startswith("golden_check_")
+        }
     new = schema.conform(computed, record.shape)
     old = stored(folder, record, rows)
     columns = [_column(name, old.column(name), new.column(name)) for name in old.column_names]
     equal = {one.name: one.equal for one in columns}
-    return Rerun(f"{backend.name} on {backend.device}", _other(record, ready, backend), rows, equal["verdict"], columns)
+    return Rerun(
+        f"{backend.name} on {backend.device}",
+        _other(record, ready, backend),
+        rows,
+        equal["verdict"],
+        columns,
+    )
 
 
-def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None) -> dict[str, Any]:
-    """Columns of the result table of these rows (int [n], ascending) of a plan, computed together and each whole."""
+def compute(
+    ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None
+) -> dict[str, Any]:
+    """Columns of the result table of these rows (int [n], ascending) of a plan, computed
+    together and each whole.
+    """
     words = f"{engine.name} on {engine.device}"
     progress = Progress(words, len(rows), len(rows), ready.program.ticks, on_progress)
     computation = Computation(ready, engine, progress, whole=True)
@@ -163,7 +213,10 @@ def compute(ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgre
         blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
     progress.tell("done")
     columns, golden_runs = (
-        {name: np.concatenate([block[table][name] for block in blocks]) for name in blocks[0][table]}
+        {
+            name: np.concatenate([block[table][name] for block in blocks])
+            for name in blocks[0][table]
+        }
         for table in (0, 1)
     )
     return outcomes.columns(ready.config, ready.rows.take(rows), columns, golden_runs)
@@ -210,13 +263,20 @@ def _check(rerun: Rerun, ready: Plan) -> FolderCheck:
     """What of a rerun is wrong: any difference where nothing else differs, of the inputs always."""
     inputs = set(ready.rows)
     unequal = [one for one in rerun.differing if not rerun.other or one.name in inputs]
-    complaints = [f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows" for one in unequal]
-    more = [f"and {len(complaints) - checking.MOST} more columns"] if len(complaints) > checking.MOST else []
+    complaints = [
+        f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows"
+        for one in unequal
+    ]
+    more = (
+        [f"and {len(complaints) - checking.MOST} more columns"]
+        if len(complaints) > checking.MOST
+        else []
+    )
     n = len(rerun.rows)
     equal = len(rerun.columns) - len(rerun.differing)
     looked_at = (
-        f"{n} run{'s' if n > 1 else ''} on {rerun.engine}: {equal} of {len(rerun.columns)} columns equal to the bit, "
-        f"{rerun.verdicts} of {n} verdicts alike"
+        f"{n} run{'s' if n > 1 else ''} on {rerun.engine}: {equal} of {len(rerun.columns)} columns"
+        f" equal to the bit, {rerun.verdicts} of {n} verdicts alike"
     )
     if rerun.other:
         looked_at += f" ({'; '.join(rerun.other)}, so numbers may differ)"

@@ -33,7 +33,9 @@ class Status:
 
     @property
     def runs_per_s(self) -> float | None:
-        """Runs of this start per second of execution, ticks of unfinished ones included; None where none has begun."""
+        """Runs of this start per second of execution, ticks of unfinished ones included; None
+        where none has begun.
+        """
         started = self.run_s > 0.0 and self.progress > 0.0
         return (self.total - self.earlier) * self.progress / self.run_s if started else None
 
@@ -54,10 +56,17 @@ class Progress:
         workers: int = 1,
         notes: tuple[str, ...] = (),
     ) -> None:
-        """engine: in words. total: runs of the campaign, of which this start computes `rows`, of so many ticks each."""
+        """engine: in words. total: runs of the campaign, of which this start computes `rows`, of
+        so many ticks each.
+        """
         self.stored = self.failed = 0
         self.compile_s = self.run_s = 0.0
-        self._engine, self._total, self._earlier, self._on_progress = engine, total, total - rows, on_progress
+        self._engine, self._total, self._earlier, self._on_progress = (
+            engine,
+            total,
+            total - rows,
+            on_progress,
+        )
         self._ticks_done, self._ticks_due = 0, max(1, rows * ticks)
         self.workers, self._notes = workers, notes
         self._parts, self._failures = 0, dict[str, int]()
@@ -65,13 +74,17 @@ class Progress:
         self._lock = threading.RLock()
 
     def began(self, compile_s: float) -> None:
-        """The code is compiled, the clock of the runs starts; where several compile, with the first."""
+        """The code is compiled, the clock of the runs starts; where several compile, with the
+        first.
+        """
         if not self._began:
             self.compile_s, self._began = compile_s, time.perf_counter()
         self.tell("run")
 
     def more_due(self, ticks: int) -> None:
-        """There are ticks to compute that no row asked for: of golden runs, of lanes that only fill a block."""
+        """There are ticks to compute that no row asked for: of golden runs, of lanes that only
+        fill a block.
+        """
         with self._lock:
             self._ticks_due += ticks
 

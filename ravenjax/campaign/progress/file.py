@@ -1,7 +1,8 @@
 """progress.json in a result folder: how far the campaign is, for whatever watches it from outside.
 
-It is replaced in one step, at most once a second, and never holds up or ends a campaign. `phase` is that of `Status`;
-a start that was killed leaves its last one behind, with the process that wrote it and when (`pid`, `host`, `updated`).
+It is replaced in one step, at most once a second, and never holds up or ends a campaign. `phase` is
+that of `Status`; a start that was killed leaves its last one behind, with the process that wrote it
+and when (`pid`, `host`, `updated`).
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ EVERY_S = 1.0
 
 
 class ProgressFile:
-    """Keeps progress.json of a folder up to date; call it with each `Status`, which it passes on to `then`."""
+    """Keeps progress.json of a folder up to date; call it with each `Status`, which it passes on
+    to `then`.
+    """
 
     def __init__(self, folder: Path, then: OnProgress | None = None) -> None:
         self._then = then

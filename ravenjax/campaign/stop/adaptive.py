@@ -1,7 +1,8 @@
 """Runs a campaign that stops when it knows enough: look by look, by the rule of its [stop] section.
 
-How far it goes follows from the finished rows alone, so a campaign that was interrupted takes the same way again, to
-the byte. `decisions.jsonl` in the result folder says what each look found; it is written anew and never relied upon.
+How far it goes follows from the finished rows alone, so a campaign that was interrupted takes the
+same way again, to the byte. `decisions.jsonl` in the result folder says what each look found; it is
+written anew and never relied upon.
 """
 
 from __future__ import annotations
@@ -35,19 +36,27 @@ def run(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run `config`, or finish it where `out` holds a part of it, as far as its stop rule asks where it has one.
+    """Run `config`, or finish it where `out` holds a part of it, as far as its stop rule asks where
+    it has one.
 
-    Arguments and errors are those of `runner.run_campaign`; UserError for a shard of a campaign that may stop.
+    Arguments and errors are those of `runner.run_campaign`; UserError for a shard of a campaign
+    that may stop.
     """
     compute = functools.partial(
-        runner.run_campaign, config, out, engine, on_progress=on_progress, executor=executor, command=command
+        runner.run_campaign,
+        config,
+        out,
+        engine,
+        on_progress=on_progress,
+        executor=executor,
+        command=command,
     )
     if config.stop is None:
         return compute(shard=shard)
     if shard is not None:
         raise UserError(
-            f"--shard {shard}: a campaign with [stop] decides by all its rows how far it goes, and a shard has a part "
-            "of them. Take --executor ray or processes, or remove [stop]"
+            f"--shard {shard}: a campaign with [stop] decides by all its rows how far it goes, and"
+            " a shard has a part of them. Take --executor ray or processes, or remove [stop]"
         )
     rule, draws = strata.rule(config), strata.draws(config)
     marks = Marks(draws[-1].range(draws[-1].number).stop, rule.rates, config.rules)
@@ -80,4 +89,6 @@ def _rows(draws: Sequence[Draws], before: np.ndarray, taken: np.ndarray) -> list
 def _joined(found: Sequence[Results]) -> Results:
     """What several calls kept in memory, in the order of the table."""
     tables = [table for results in found for table in results.tables]
-    return Results(found[0].shape, None, tuple(sorted(tables, key=lambda table: table["index"][0].as_py())))
+    return Results(
+        found[0].shape, None, tuple(sorted(tables, key=lambda table: table["index"][0].as_py()))
+    )

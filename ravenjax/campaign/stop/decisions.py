@@ -1,4 +1,6 @@
-"""decisions.jsonl of a result folder: what each look of a stop rule found and decided, one line each."""
+"""decisions.jsonl of a result folder: what each look of a stop rule found and decided, one line
+each.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def write(folder: Path, looks: Sequence[Look]) -> None:
 
 
 def read(folder: Path) -> list[Look]:
-    """The looks of a folder, none where its campaign has no stop rule. StoreError for a file that cannot be read."""
+    """The looks of a folder, none where its campaign has no stop rule. StoreError for a file
+    that cannot be read.
+    """
     path = folder / FILE
     try:
         return [sequential.parse(line) for line in path.read_text(encoding="utf-8").splitlines()]
@@ -28,12 +32,14 @@ def read(folder: Path) -> list[Look]:
         return []
     except (OSError, ValueError) as error:
         raise StoreError(
-            f"{path}: cannot be read ({error}). It follows from the parts: delete it and start the same "
-            "`ravenjax run` again, which writes it anew."
+            f"{path}: cannot be read ({error}). It follows from the parts: delete it and start the"
+            " same `ravenjax run` again, which writes it anew."
         ) from error
 
 
 def sentence(folder: Path) -> str:
-    """Why the campaign of a folder stopped, "" where it has no stop rule. Raises StoreError as `read`."""
+    """Why the campaign of a folder stopped, "" where it has no stop rule. Raises StoreError as
+    `read`.
+    """
     looks = read(folder)
     return sequential.sentence(looks) if looks else ""

@@ -1,4 +1,6 @@
-"""What a stop rule keeps of the rows that are finished: a few bits of each, so that no look reads a row again."""
+"""What a stop rule keeps of the rows that are finished: a few bits of each, so that no look
+reads a row again.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ class Marks:
         self._read: set[str] = set()
 
     def take(self, results: Results) -> None:
-        """Mark the rows of `results` that are not marked yet. Raises StoreError for parts that cannot be read."""
+        """Mark the rows of `results` that are not marked yet. Raises StoreError for parts that
+        cannot be read.
+        """
         tables = results.tables if results.path is None else self._new(results.path)
         for table in tables:
             self._mark(table)
@@ -37,9 +41,11 @@ class Marks:
         return all(self.seen[span.start : span.stop].all() for span in rows)
 
     def counts(self, draws: Sequence[Draws], taken: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each group.
+        """(cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each
+        group.
 
-        A draw is what its first row with an outcome says: of repeats the first, of crossed variants the first.
+        A draw is what its first row with an outcome says: of repeats the first, of crossed variants
+        the first.
         """
         k, n = np.zeros((len(self.rates), len(draws)), np.int64), np.zeros(len(draws), np.int64)
         for g, (of, number) in enumerate(zip(draws, taken.tolist(), strict=True)):

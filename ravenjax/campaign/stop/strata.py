@@ -1,4 +1,6 @@
-"""What a stop rule sees of a campaign: each group as a stratum of draws, and where they stand in the fault table."""
+"""What a stop rule sees of a campaign: each group as a stratum of draws, and where they stand in
+the fault table.
+"""
 
 from __future__ import annotations
 
@@ -37,6 +39,9 @@ def rule(config: CampaignConfig) -> Sequential:
     if (stop := config.stop) is None:
         raise ValueError(f"campaign {config.campaign.name!r} has no [stop] section")
     strata = tuple(
-        Stratum(group.name, of.number, bool(group.fault)) for group, of in zip(config.group, draws(config), strict=True)
+        Stratum(group.name, of.number, bool(group.fault))
+        for group, of in zip(config.group, draws(config), strict=True)
     )
-    return Sequential(strata, stop.rates, stop.half_width, stop.looks, stop.confidence, stop.of, stop.allocation)
+    return Sequential(
+        strata, stop.rates, stop.half_width, stop.looks, stop.confidence, stop.of, stop.allocation
+    )

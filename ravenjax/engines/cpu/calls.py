@@ -1,7 +1,8 @@
-"""Calls of a kernel's functions, written down and then made by compiled code: no Python runs between them.
+"""Calls of a kernel's functions, written down and then made by compiled code: no Python runs
+between them.
 
-A thread that calls compiled code by itself hundreds of times a second waits for the interpreter's lock as often, and
-with many threads longer than it computes.
+A thread that calls compiled code by itself hundreds of times a second waits for the interpreter's
+lock as often, and with many threads longer than it computes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ NAME = "make_calls"
 _NUMBERS = {name: number for number, name in enumerate(ARGUMENTS)}
 _SIZE = 1 + max(map(len, ARGUMENTS.values()))  # numbers of a call: which, and its arguments
 POINTERS = np.array(
-    [[False, *(kind == "ptr" for kind in (*kinds, *("",) * (_SIZE - 1 - len(kinds))))] for kinds in ARGUMENTS.values()]
+    [
+        [False, *(kind == "ptr" for kind in (*kinds, *("",) * (_SIZE - 1 - len(kinds))))]
+        for kinds in ARGUMENTS.values()
+    ]
 )
 """Which numbers of a call are addresses, bool [functions, numbers]."""
 
@@ -61,11 +65,24 @@ def print_calls() -> str:
             lines.append(f"  {value} = load {kind}, ptr {value}p, align 8")
             values.append(f"{kind} {value}")
         lines += [f"  call void @{name}({', '.join(values)})", "  br label %made"]
-    return "\n".join([*lines, "made:", "  %next = add i64 %k, 1", "  br label %again", "end:", "  ret void", "}", ""])
+    return "\n".join(
+        [
+            *lines,
+            "made:",
+            "  %next = add i64 %k, 1",
+            "  br label %again",
+            "end:",
+            "  ret void",
+            "}",
+            "",
+        ]
+    )
 
 
 class CallList:
-    """Calls to be made of the functions of a module; what their addresses point to must live until they are made."""
+    """Calls to be made of the functions of a module; what their addresses point to must live
+    until they are made.
+    """
 
     def __init__(self, space: Workspace) -> None:
         """space: of a module with `NAME`; its own buffers are what addresses may point to."""

@@ -19,9 +19,13 @@ from ravenjax.engines.trunk import Trunk
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 500
-"""Ticks between two looks at the next vector of lanes: a group's rows for so many stay in the second-level cache."""
+"""Ticks between two looks at the next vector of lanes: a group's rows for so many stay in the
+second-level cache.
+"""
 AT_ONCE = 2**18
-"""Ticks of vectors that compiled code runs in one call, about: tenths of a second, so that progress can be told."""
+"""Ticks of vectors that compiled code runs in one call, about: tenths of a second, so that
+progress can be told.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +55,8 @@ class LaneCourse:
 class VectorCode:
     """`loop` compiled for `width` lanes side by side.
 
-    grouped: the first `shared` inputs of its lanes, and what enters a tick, are alike. The tick's own number always is.
+    grouped: the first `shared` inputs of its lanes, and what enters a tick, are alike. The tick's
+    own number always is.
     """
 
     def __init__(
@@ -64,7 +69,9 @@ class VectorCode:
         printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
         target: CodeTarget | None = None,
     ) -> None:
-        """printed: the kernel as it was printed before, or `make()`. target: this machine's CPU if left out."""
+        """printed: the kernel as it was printed before, or `make()`. target: this machine's CPU
+        if left out.
+        """
         target = target or jit.host()
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.width = grouped, width
@@ -84,17 +91,27 @@ class VectorCode:
     def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
         """Run one group from the beginning; its results, each [lanes]."""
         size = len(lanes.inputs[0]) if lanes.inputs else self.width
-        return self.follow(lanes, LaneCourse(np.zeros(size // self.width, np.int64), np.full(size, ticks)), progress)
+        return self.follow(
+            lanes,
+            LaneCourse(np.zeros(size // self.width, np.int64), np.full(size, ticks)),
+            progress,
+        )
 
-    def follow(self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None) -> list[np.ndarray]:
+    def follow(
+        self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
+    ) -> list[np.ndarray]:
         """Run one group along `course`; its results, each [lanes]."""
         vectors = len(course.begins)
         marks, mark = np.unique(course.ends, return_inverse=True)
         pairs, place = np.unique(
-            np.stack([np.repeat(np.arange(vectors), self.width), mark], axis=1), axis=0, return_inverse=True
+            np.stack([np.repeat(np.arange(vectors), self.width), mark], axis=1),
+            axis=0,
+            return_inverse=True,
         )
         of_vector = np.searchsorted(pairs[:, 0], np.arange(1, vectors))
-        stops = [part.tolist() for part in np.split(pairs[:, 1], of_vector)]  # marks at which lanes of a vector end
+        stops = [
+            part.tolist() for part in np.split(pairs[:, 1], of_vector)
+        ]  # marks at which lanes of a vector end
         row_of = {(v, m): row for row, (v, m) in enumerate(pairs.tolist())}
         with self._module.workspace() as space:
             group = LaneGroup(self.kernel, space, lanes, vectors, CHUNK, len(pairs))
@@ -137,7 +154,8 @@ class VectorCode:
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
         """Run a vector of lanes that are all the same golden run.
 
-        Its snapshots before tick `last`, and its results at each of `ends` (ascending), each [ends].
+        Its snapshots before tick `last`, and its results at each of `ends` (ascending), each
+        [ends].
         """
         state_words = self._state_words[0]
         shared_words = self.kernel.group_state.bytes // 4
@@ -159,7 +177,10 @@ class VectorCode:
                     group.finish(0, row_of[mark])
                 if mark < last and mark % every == 0:
                     group.go()
-                    snapshots.lane[mark // every], snapshots.group[mark // every] = state[state_words], shared
+                    snapshots.lane[mark // every], snapshots.group[mark // every] = (
+                        state[state_words],
+                        shared,
+                    )
             group.go()
             return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
 
@@ -169,9 +190,13 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _go_on(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk) -> None:
-        """Put vectors where their golden run was at `course.begins`, and what they share where it was at the first."""
+        """Put vectors where their golden run was at `course.begins`, and what they share where
+        it was at the first.
+        """
         if course.first:
-            group.group_state.view(np.uint32)[0] = golden_run.group[course.first // golden_run.every]
+            group.group_state.view(np.uint32)[0] = golden_run.group[
+                course.first // golden_run.every
+            ]
         states = group.state.view(np.uint32)
         for v, begin in enumerate(course.begins.tolist()):
             if begin:

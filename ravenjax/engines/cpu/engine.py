@@ -1,8 +1,10 @@
-"""Engine `simd`: the tick printed as vector code, the time loop inside, compiled in process, one robot a vector lane.
+"""Engine `simd`: the tick printed as vector code, the time loop inside, compiled in process, one
+robot a vector lane.
 
-Lanes that share their varied parameters form a group: what does not differ between them (the clean packet, the nominal
-model, clocks) is computed once for all of them. Where groups would be too small, parameters are taken as the lanes'
-own. Both ways give the same bits, as do all vector widths, so a lane's result depends on its inputs alone.
+Lanes that share their varied parameters form a group: what does not differ between them (the clean
+packet, the nominal model, clocks) is computed once for all of them. Where groups would be too
+small, parameters are taken as the lanes' own. Both ways give the same bits, as do all vector
+widths, so a lane's result depends on its inputs alone.
 """
 
 from __future__ import annotations
@@ -24,15 +26,17 @@ from ravenjax.engines.lanes import Lanes
 from ravenjax.engines.trunk import Trunk
 
 MIN_LANES, MAX_LANES = 256, 1024
-"""Lanes of a block: with fewer what their group shares is no small part of the work, and with many threads Python is
-busier with the next block than they are with theirs; with more the last blocks leave threads idle."""
+"""Lanes of a block: with fewer what their group shares is no small part of the work, and with many
+threads Python is busier with the next block than they are with theirs; with more the last blocks
+leave threads idle."""
 BLOCKS = 8
 """Blocks for each thread, at least, where they have more than the fewest lanes."""
 
 REPAID = 400_000
-"""Ticks of vectors that a kernel runs in vain, at most, for want of a second form of its code: to print and compile one
-takes 1.3 s, and a tick of a vector 3.3 us (`quick.toml`, AVX-512 at 2 GHz). Who pays for lack of a form what it costs,
-and only then buys it, pays at most twice what the cheaper would have been, however much is still to be run."""
+"""Ticks of vectors that a kernel runs in vain, at most, for want of a second form of its code: to
+print and compile one takes 1.3 s, and a tick of a vector 3.3 us (`quick.toml`, AVX-512 at 2 GHz).
+Who pays for lack of a form what it costs, and only then buys it, pays at most twice what the
+cheaper would have been, however much is still to be run."""
 UNSHARED = 0.5
 """By how much a vector takes longer, about, that computes by itself what its group could share."""
 
@@ -48,15 +52,16 @@ class SimdKernel:
         signals: bool = False,
         target: CodeTarget | None = None,
     ) -> None:
-        """signals: every signal goes out in each tick, and lanes run one by one. target: this machine's CPU if left
-        out."""
+        """signals: every signal goes out in each tick, and lanes run one by one. target: this
+        machine's CPU if left out."""
         self.program, self.lanes, self.signals = program, lanes, signals
         self._target: CodeTarget = target or jit.host()
         self.width = 1 if signals else self._target.width
         self._objects = objects
         self._forms: traced.Forms | None = None
         self._dtype = np.dtype(program.setup.precision.real)
-        self._vain = 0.0  # ticks of vectors run so far for want of a form; blocks side by side may count too few
+        # ticks of vectors run so far for want of a form; blocks side by side may count too few
+        self._vain = 0.0
         self._joined: tuple[tuple[np.ndarray, ...], np.ndarray] | None = None
         self.branches = 0 if signals else self.width
 
@@ -70,7 +75,9 @@ class SimdKernel:
         for part in self._plan(traced.inputs(self.program, block)).parts:
             self._code(block, motion, part.grouped)
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
+    ) -> BlockResult:
         """See `interface.Kernel`. Lanes with equal inputs are computed once."""
         return self._run(block, motion, progress)[0]
 
@@ -85,7 +92,12 @@ class SimdKernel:
         """See `interface.Kernel`."""
         code, inputs = self._code(block, motion, True), traced.inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        some = Lanes(inputs, self._given(block, np.arange(self.width), True, 0, until), self._tables(motion), None)
+        some = Lanes(
+            inputs,
+            self._given(block, np.arange(self.width), True, 0, until),
+            self._tables(motion),
+            None,
+        )
         trunk, columns = code.trunk(some, last, ends)
         return trunk, dict(zip(self._traced.outcomes, columns, strict=True))
 
@@ -97,13 +109,19 @@ class SimdKernel:
         plan = self._plan(inputs if block.ends is None else [*inputs, block.ends])
         self._vain += plan.vain * ticks
         codes = {part.grouped: self._code(block, motion, part.grouped) for part in plan.parts}
-        lanes, outputs, tables = len(plan.place), next(iter(codes.values())).outputs, self._tables(motion)
+        lanes, outputs, tables = (
+            len(plan.place),
+            next(iter(codes.values())).outputs,
+            self._tables(motion),
+        )
         keep = self.signals or block.reference is None
         dtype = np.uint64 if self.signals else self._dtype
         record: np.ndarray | None = None
         outcomes: list[np.ndarray] = []
         for part in plan.parts:
-            filled = np.minimum(np.arange(-(-len(part.lanes) // self.width) * self.width), len(part.lanes) - 1)
+            filled = np.minimum(
+                np.arange(-(-len(part.lanes) // self.width) * self.width), len(part.lanes) - 1
+            )
             some = plan.first[part.lanes[filled]]
             course = self._course(block, some, part.grouped)
             first, last = (0, ticks) if keep else (course.first, course.last)
@@ -127,11 +145,15 @@ class SimdKernel:
         named = dict(zip(self._traced.outcomes, outcomes, strict=True))
         reference = record[:, : self._traced.series]
         if self.signals:
-            reference = np.ascontiguousarray(reference).view(self._dtype)[:, :, :: 8 // self._dtype.itemsize]
+            reference = np.ascontiguousarray(reference).view(self._dtype)[
+                :, :, :: 8 // self._dtype.itemsize
+            ]
         return BlockResult(named, reference), record
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        """From where to where whole vectors of lanes run; those of a group have the same golden run."""
+        """From where to where whole vectors of lanes run; those of a group have the same golden
+        run.
+        """
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         trunk = block.trunk(int(lanes[0])) if grouped else None
@@ -139,13 +161,19 @@ class SimdKernel:
             begins = trunk.begins(block.acts[lanes].reshape(-1, self.width).min(axis=1))
         return LaneCourse(begins, ends, trunk)
 
-    def _given(self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int) -> np.ndarray:
-        """The golden runs' series in these ticks: of a group, whose lanes share one, or of each lane."""
+    def _given(
+        self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
+    ) -> np.ndarray:
+        """The golden runs' series in these ticks: of a group, whose lanes share one, or of each
+        lane.
+        """
         series = self._traced.series
         if not block.compared or block.reference is None:
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
         some = dataclasses.replace(block, reference=block.reference[first:last])
-        return np.ascontiguousarray(some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes))
+        return np.ascontiguousarray(
+            some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes)
+        )
 
     def _plan(self, inputs: list[np.ndarray]) -> _Plan:
         # Runs without faults of their own and without varied parameters are all alike.
@@ -156,17 +184,23 @@ class SimdKernel:
         return _Plan(first, place, *self._at_hand(_parts(group, self.width), group))
 
     def _at_hand(self, parts: list[_Part], group: np.ndarray) -> tuple[list[_Part], float]:
-        """`parts`, or the same lanes by one form of code where a second one would not be repaid; and the vectors,
-        about, that are run in vain by that."""
+        """`parts`, or the same lanes by one form of code where a second one would not be repaid;
+        and the vectors, about, that are run in vain by that."""
         ways = (False, True)
-        there = [way for way in ways if self._forms is not None and self._forms.holds(self._key(way))]
+        there = [
+            way for way in ways if self._forms is not None and self._forms.holds(self._key(way))
+        ]
         if len({part.grouped for part in parts} | {*there}) == 1 or len(there) == 2 or self.signals:
             return parts, 0.0
         lanes = [sum(len(part.lanes) for part in parts if part.grouped == way) for way in ways]
         (way,) = there or [lanes[True] >= lanes[False]]
         groups = [_Part(np.flatnonzero(group == g), True) for g in range(group.max() + 1)]
         others = groups if way else [_Part(np.arange(len(group)), False)]
-        vain = self._vectors(others) - self._vectors(parts) + (0.0 if way else UNSHARED * self._vectors(parts))
+        vain = (
+            self._vectors(others)
+            - self._vectors(parts)
+            + (0.0 if way else UNSHARED * self._vectors(parts))
+        )
         if self._vain + vain * self.program.ticks > REPAID or self._is_kept(not way):
             return parts, 0.0
         return others, vain
@@ -181,7 +215,10 @@ class SimdKernel:
     def _tables(self, motion: tuple[np.ndarray, ...]) -> np.ndarray:
         """The columns of the motion one after the other."""
         if self._joined is None or self._joined[0] is not motion:
-            self._joined = motion, np.concatenate([np.ascontiguousarray(column) for column in motion])
+            self._joined = (
+                motion,
+                np.concatenate([np.ascontiguousarray(column) for column in motion]),
+            )
         return self._joined[1]
 
     @property
@@ -203,7 +240,9 @@ class SimdKernel:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
             printed = functools.partial(forms.printed, VectorKernel, self._key(grouped))
             shared = len(self.program.varied)
-            return VectorCode(loop, shared, grouped, self.width, self._objects, printed, self._target)
+            return VectorCode(
+                loop, shared, grouped, self.width, self._objects, printed, self._target
+            )
 
         return forms.code(self._key(grouped), make)
 
@@ -226,7 +265,9 @@ class _Plan:
 
 
 def _parts(group: np.ndarray, width: int) -> list[_Part]:
-    """Each group by itself, but those of a few lanes, which would leave most of a vector empty, all together."""
+    """Each group by itself, but those of a few lanes, which would leave most of a vector empty,
+    all together.
+    """
     sizes = np.bincount(group)
     few = 2 * sizes < width
     if few.sum() < 3:
@@ -236,11 +277,19 @@ def _parts(group: np.ndarray, width: int) -> list[_Part]:
 
 
 def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Of rows of these columns that are equal bit by bit: where each first occurs, and for each row which it is."""
-    words = [np.ascontiguousarray(c).view(f"u{c.dtype.itemsize}").astype(np.uint64) for c in columns]
-    if any(len(np.unique(column)) == len(column) for column in words):  # as drawn values are, which costs less to see
+    """Of rows of these columns that are equal bit by bit: where each first occurs, and for each
+    row which it is.
+    """
+    words = [
+        np.ascontiguousarray(c).view(f"u{c.dtype.itemsize}").astype(np.uint64) for c in columns
+    ]
+    if any(
+        len(np.unique(column)) == len(column) for column in words
+    ):  # as drawn values are, which costs less to see
         return np.arange(len(words[0])), np.arange(len(words[0]))
-    _, first, place = np.unique(np.stack(words, axis=1), axis=0, return_index=True, return_inverse=True)
+    _, first, place = np.unique(
+        np.stack(words, axis=1), axis=0, return_index=True, return_inverse=True
+    )
     order = np.argsort(first)  # as they come
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -249,7 +298,9 @@ def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Numbers that stand in slots of 64 bits each."""
-    return column.view(np.int32 if dtype.kind == "b" else dtype)[:: 8 // max(4, dtype.itemsize)].astype(dtype)
+    return column.view(np.int32 if dtype.kind == "b" else dtype)[
+        :: 8 // max(4, dtype.itemsize)
+    ].astype(dtype)
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:
@@ -277,7 +328,9 @@ class SimdEngine:
         return len(os.sched_getaffinity(0))
 
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
-        """See `interface.Engine`. The block never depends on the chunk that results are stored in."""
+        """See `interface.Engine`. The block never depends on the chunk that results are stored
+        in.
+        """
         lanes = lanes_of_block(runs, self.threads, jit.host().width)
         return SimdKernel(traced.printable(program), lanes, self.objects)
 

@@ -18,30 +18,50 @@ _SLOT = 8  # bytes, of the widest number
 class LaneGroup:
     """Vectors of lanes before their first tick, and what they share; rows of some ticks at a time.
 
-    Ticks count from the beginning of a run, whichever of them is the first here. What is to be done is written down,
-    and done by `go`.
+    Ticks count from the beginning of a run, whichever of them is the first here. What is to be done
+    is written down, and done by `go`.
     """
 
     def __init__(
-        self, kernel: VectorKernel, space: Workspace, lanes: Lanes, vectors: int, rows: int, results: int
+        self,
+        kernel: VectorKernel,
+        space: Workspace,
+        lanes: Lanes,
+        vectors: int,
+        rows: int,
+        results: int,
     ) -> None:
-        """rows, results: how many there is room for at a time. What was written is there once `space` is closed."""
+        """rows, results: how many there is room for at a time. What was written is there once
+        `space` is closed.
+        """
         self._calls, self._lanes, self._width = CallList(space), lanes, kernel.inputs.width
         self._layout = kernel.results
         self._inputs = space.reads(packed(kernel.inputs, lanes.inputs, vectors))
-        self._group_inputs = space.reads(packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1))
-        self.state, self._prologue = (space.buffer(vectors, one.bytes) for one in (kernel.state, kernel.prologue))
+        self._group_inputs = space.reads(
+            packed(kernel.group_inputs, [column[:1] for column in lanes.inputs], 1)
+        )
+        self.state, self._prologue = (
+            space.buffer(vectors, one.bytes) for one in (kernel.state, kernel.prologue)
+        )
         self.group_state, self.results = (
-            space.buffer(count, one.bytes) for count, one in ((1, kernel.group_state), (results, kernel.results))
+            space.buffer(count, one.bytes)
+            for count, one in ((1, kernel.group_state), (results, kernel.results))
         )
         self._rows, self._row_tick = space.buffer(rows, kernel.row.bytes), 0
-        nowhere = space.buffer(1, kernel.outputs * self._width * _SLOT).reshape(1, kernel.outputs, -1)
+        nowhere = space.buffer(1, kernel.outputs * self._width * _SLOT).reshape(
+            1, kernel.outputs, -1
+        )
         self._out = nowhere if lanes.out is None else space.writes(lanes.out)
-        self._read = space.reads(lanes.tick_inputs), space.reads(lanes.tables)  # they live as long as this
+        self._read = (
+            space.reads(lanes.tick_inputs),
+            space.reads(lanes.tables),
+        )  # they live as long as this
         self._tables, self._shared = self._read[1].ctypes.data, at(self.group_state)
         mine = at(self._inputs), at(self._prologue), at(self.state)
         sizes = self._inputs.shape[1], self._prologue.shape[1], self.state.shape[1]
-        self._of_vector = [tuple(a + v * n for a, n in zip(mine, sizes, strict=True)) for v in range(vectors)]
+        self._of_vector = [
+            tuple(a + v * n for a, n in zip(mine, sizes, strict=True)) for v in range(vectors)
+        ]
         self._entering_at, self._row_at = self._read[0].ctypes.data, at(self._rows)
         self._leaving_at, self._results_at = self._out.ctypes.data, at(self.results)
         self._calls.add("shared_begin", at(self._group_inputs), self._shared)
@@ -57,11 +77,20 @@ class LaneGroup:
         self._row_tick = tick
 
     def share(self, first: int, until: int, after: int | None = None) -> None:
-        """Make the rows of these ticks, for which there must be room; copy the group's state to address `after`."""
+        """Make the rows of these ticks, for which there must be room; copy the group's state to
+        address `after`.
+        """
         row = self._row_at + (first - self._row_tick) * self._rows.shape[1]
         entering = self._entering(first)
         self._calls.add(
-            "shared_run", at(self._group_inputs), self._shared, self._tables, *entering, row, first, until - first
+            "shared_run",
+            at(self._group_inputs),
+            self._shared,
+            self._tables,
+            *entering,
+            row,
+            first,
+            until - first,
         )
         if after is not None and self.group_state.size:
             self._calls.add("copy_bytes", after, self._shared, self.group_state.size)
@@ -79,20 +108,28 @@ class LaneGroup:
         row = self._row_at + (first - self._row_tick) * self._rows.shape[1]
         strides = 0 if stays else out.strides[0], out.strides[1]
         mine = inputs, prologue, state, self._tables
-        self._calls.add("lane_run", *mine, entering, stride, step, row, leaving, *strides, until - first)
+        self._calls.add(
+            "lane_run", *mine, entering, stride, step, row, leaving, *strides, until - first
+        )
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
-        """Write the results that vector `v` has now to a row of `results`; group_state: address, if not the present."""
+        """Write the results that vector `v` has now to a row of `results`; group_state: address,
+        if not the present.
+        """
         inputs, _, state = self._of_vector[v]
         shared = self._shared if group_state is None else group_state
-        self._calls.add("lane_finish", inputs, state, shared, self._results_at + row * self.results.shape[1])
+        self._calls.add(
+            "lane_finish", inputs, state, shared, self._results_at + row * self.results.shape[1]
+        )
 
     def columns(self) -> list[np.ndarray]:
         """The results, each [rows * width]."""
         return unpacked(self._layout, self.results)
 
     def _entering(self, tick: int) -> tuple[int, int, int]:
-        """Where what enters a tick stands, bytes to that of the next one, and to the next number."""
+        """Where what enters a tick stands, bytes to that of the next one, and to the next
+        number.
+        """
         series = self._read[0]
         stride = series.strides[0] if len(series) > 1 else 0
         return self._entering_at + (tick - self._lanes.first) * stride, stride, series.strides[1]

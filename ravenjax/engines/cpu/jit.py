@@ -1,4 +1,6 @@
-"""Printed LLVM IR to functions that can be called, on this machine's CPU; compiled code may outlive the process."""
+"""Printed LLVM IR to functions that can be called, on this machine's CPU; compiled code may
+outlive the process.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from ravenjax.engines.cpu import memory
 _OPTIMISATION = 1
 """Of code generation; the IR itself needs no passes. A higher level gives the same code."""
 _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
-"""Operations stay in the order in which they are printed: `schedule` has put them there. For the whole process."""
+"""Operations stay in the order in which they are printed: `schedule` has put them there. For the
+whole process.
+"""
 
 Objects = MutableMapping[str, bytes]
 """Compiled objects by the hash of what they were compiled from."""
@@ -49,7 +53,9 @@ class Host:
         """Features as LLVM takes them."""
         return ",".join(f"+{name}" for name in sorted(self.features))
 
-    def compiled(self, text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:
+    def compiled(
+        self, text: str, names: Sequence[str], objects: Objects | None = None
+    ) -> HostModule:
         """See `target.CodeTarget`; code is always made for this very machine."""
         return compile(text, names, objects)
 
@@ -74,7 +80,8 @@ class HostModule:
     """Compiled functions, for as long as this object lives."""
 
     def __init__(self, code: bytes, names: Sequence[str]) -> None:
-        # JITLink puts code and constants side by side; the older loader may not, and then aborts the process.
+        # JITLink puts code and constants side by side; the older loader may not, and then aborts
+        # the process.
         self._jit = llvm.create_lljit_compiler(_machine(host()), use_jit_link=True)
         builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
         for name in names:
@@ -82,8 +89,8 @@ class HostModule:
         self._library = builder.link(self._jit, "kernel")
 
     def function(self, name: str, arguments: Sequence[Any], brief: bool = False) -> Any:
-        """One of its functions, of no result; ctypes gives the GIL away while it runs, but not to a `brief` one: who
-        gives it away may wait milliseconds until it is his again."""
+        """One of its functions, of no result; ctypes gives the GIL away while it runs, but not to a
+        `brief` one: who gives it away may wait milliseconds until it is his again."""
         kind = ctypes.PYFUNCTYPE if brief else ctypes.CFUNCTYPE
         return kind(None, *arguments)(self._library[name])
 
@@ -113,7 +120,9 @@ class HostWorkspace:
 
 
 def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:
-    """Compile functions `names` of a module's text, or take them from `objects`, where they are left otherwise."""
+    """Compile functions `names` of a module's text, or take them from `objects`, where they are
+    left otherwise.
+    """
     target = host()
     source = (llvmlite.__version__, target.cpu, target.text, *_OPTIONS, str(_OPTIMISATION), text)
     key = hashlib.sha256("\n".join(source).encode()).hexdigest()

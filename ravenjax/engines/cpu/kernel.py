@@ -6,8 +6,8 @@ lane_begin    state and held numbers of `width` lanes from their inputs
 lane_run      the same ticks of these lanes, reading the rows
 lane_finish   their results
 
-Another makes calls of these, see `calls`. Buffers of lanes hold `width` numbers after another for each number; those of
-groups hold one.
+Another makes calls of these, see `calls`. Buffers of lanes hold `width` numbers after another for
+each number; those of groups hold one.
 """
 
 from __future__ import annotations
@@ -56,11 +56,19 @@ class _LlvmModule:
         def typed(numbers: tuple[int, ...]) -> tuple[str, ...]:
             return tuple(self.step.operations[i].dtype for i in numbers)
 
-        self.inputs, self.group_inputs = BufferLayout(self.begin.inputs, width), BufferLayout(self.begin.inputs, 1)
+        self.inputs, self.group_inputs = (
+            BufferLayout(self.begin.inputs, width),
+            BufferLayout(self.begin.inputs, 1),
+        )
         self.state = BufferLayout(tuple(types[k] for k in self.lane_state), width)
         self.group_state = BufferLayout(tuple(types[k] for k in split.shared_state), 1)
-        self.prologue, self.row = BufferLayout(typed(split.prologue_results), width), BufferLayout(typed(split.row), 1)
-        self.results = BufferLayout(tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width)
+        self.prologue, self.row = (
+            BufferLayout(typed(split.prologue_results), width),
+            BufferLayout(typed(split.row), 1),
+        )
+        self.results = BufferLayout(
+            tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width
+        )
         self.declared: set[str] = set()
         self.functions: list[str] = []
 
@@ -71,8 +79,19 @@ class _LlvmModule:
         self._lane_run()
         self._lane_finish()
         bits = self.width * 32
-        attributes = f'attributes #0 = {{ nounwind "min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}'
-        text = "\n".join([*self.functions, calls.print_calls(), *sorted(self.declared), attributes, BRANCH_WEIGHTS])
+        attributes = (
+            f'attributes #0 = {{ nounwind "min-legal-vector-width"="{bits}"'
+            f' "prefer-vector-width"="{bits}" }}'
+        )
+        text = "\n".join(
+            [
+                *self.functions,
+                calls.print_calls(),
+                *sorted(self.declared),
+                attributes,
+                BRANCH_WEIGHTS,
+            ]
+        )
         return VectorKernel(
             text=text,
             inputs=self.inputs,
@@ -87,7 +106,9 @@ class _LlvmModule:
 
     # --- where inputs stand ---
 
-    def _sources(self, program: Program, inputs: list[Place], state: dict[int, Place]) -> dict[int, Place]:
+    def _sources(
+        self, program: Program, inputs: list[Place], state: dict[int, Place]
+    ) -> dict[int, Place]:
         first = len(inputs)
         places = dict(enumerate(inputs)) | {first + k: place for k, place in state.items()}
         return {
@@ -100,7 +121,11 @@ class _LlvmModule:
         """Places of the lanes' state, and of their group's if it is at hand."""
         places = dict(zip(self.lane_state, self.state.places(pointer), strict=True))
         if group:
-            places |= dict(zip(self.split.shared_state, self.group_state.places(group, splat=True), strict=True))
+            places |= dict(
+                zip(
+                    self.split.shared_state, self.group_state.places(group, splat=True), strict=True
+                )
+            )
         return places
 
     def _group(self, pointer: str) -> dict[int, Place]:
@@ -110,11 +135,17 @@ class _LlvmModule:
 
     def _function(self, name: str, parameters: str, printer: LlvmPrinter) -> None:
         body = "\n".join(f"  {line}" for line in printer.lines)
-        self.functions.append(f"define void @{name}({parameters}) #0 {{\nentry:\n{body}\n  ret void\n}}\n")
+        self.functions.append(
+            f"define void @{name}({parameters}) #0 {{\nentry:\n{body}\n  ret void\n}}\n"
+        )
         self.declared |= printer.declared
 
-    def _loop(self, name: str, parameters: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
-        """A function that repeats its body %count times; pointers of `steps` move by so many bytes each time."""
+    def _loop(
+        self, name: str, parameters: str, printer: LlvmPrinter, steps: dict[str, str]
+    ) -> None:
+        """A function that repeats its body %count times; pointers of `steps` move by so many
+        bytes each time.
+        """
         self.functions.append(repeated(name, parameters, printer, steps, " #0"))
         self.declared |= printer.declared
 
@@ -136,12 +167,16 @@ class _LlvmModule:
         order = arrange(step.operations, split.shared, [i for i, _ in results])
         printer.run(step, order, sources, results, "%tables", tick_values)
         parameters = (
-            "ptr noalias %inputs, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, i64 %in_stride, "
-            "i64 %in_step, ptr noalias %row0, i32 %first"
+            "ptr noalias %inputs, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, i64"
+            " %in_stride, i64 %in_step, ptr noalias %row0, i32 %first"
         )
-        self._loop("shared_run", parameters, printer, {"in": "%in_stride", "row": str(self.row.bytes)})
+        self._loop(
+            "shared_run", parameters, printer, {"in": "%in_stride", "row": str(self.row.bytes)}
+        )
 
-    def _of_this_tick(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool) -> dict[int, str]:
+    def _of_this_tick(
+        self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool
+    ) -> dict[int, str]:
         """Adds the sources of what enters a tick; returns the tick's number, which is a value."""
         first = self.split.loop.lane_inputs + self.split.loop.states
         tick_values: dict[int, str] = {}
@@ -165,9 +200,13 @@ class _LlvmModule:
         results = [(self.begin.outputs[k], place) for k, place in state.items()]
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
         sources = self._sources(self.step, inputs, state)
-        results_read = list(zip(self.split.prologue_results, self.prologue.places("%held"), strict=True))
+        results_read = list(
+            zip(self.split.prologue_results, self.prologue.places("%held"), strict=True)
+        )
         printer.run(self.step, self.split.prologue, sources, results_read)
-        self._function("lane_begin", "ptr noalias %inputs, ptr noalias %state, ptr noalias %held", printer)
+        self._function(
+            "lane_begin", "ptr noalias %inputs, ptr noalias %state, ptr noalias %held", printer
+        )
 
     def _lane_run(self) -> None:
         printer = LlvmPrinter(self.width, self.features, "again")
@@ -181,19 +220,26 @@ class _LlvmModule:
         for k, i in enumerate(step.outputs[split.loop.states :]):
             offset = printer.op(f"mul i64 %out_step, {k}")
             results.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
-        order = schedule(step.operations, arrange(step.operations, split.lane, [i for i, _ in results]))
+        order = schedule(
+            step.operations, arrange(step.operations, split.lane, [i for i, _ in results])
+        )
         printer.run(step, order, sources, results, "%tables")
         parameters = (
-            "ptr noalias %inputs, ptr noalias %held, ptr noalias %state, ptr noalias %tables, ptr noalias %in0, "
-            "i64 %in_stride, i64 %in_step, ptr noalias %row0, ptr noalias %out0, i64 %out_stride, i64 %out_step"
+            "ptr noalias %inputs, ptr noalias %held, ptr noalias %state, ptr noalias %tables, ptr"
+            " noalias %in0, i64 %in_stride, i64 %in_step, ptr noalias %row0, ptr noalias %out0, i64"
+            " %out_stride, i64 %out_step"
         )
         steps = {"in": "%in_stride", "row": str(self.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", parameters, printer, steps)
 
     def _lane_finish(self) -> None:
         printer = LlvmPrinter(self.width, self.features)
-        sources = self._sources(self.finish, self.inputs.places("%inputs"), self._state("%state", "%group"))
+        sources = self._sources(
+            self.finish, self.inputs.places("%inputs"), self._state("%state", "%group")
+        )
         results = list(zip(self.finish.outputs, self.results.places("%results"), strict=True))
         printer.run(self.finish, self.finish.needed(), sources, results)
-        parameters = "ptr noalias %inputs, ptr noalias %state, ptr noalias %group, ptr noalias %results"
+        parameters = (
+            "ptr noalias %inputs, ptr noalias %state, ptr noalias %group, ptr noalias %results"
+        )
         self._function("lane_finish", parameters, printer)

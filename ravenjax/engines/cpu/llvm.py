@@ -1,9 +1,11 @@
-"""Straight-line programs printed as LLVM IR: one instruction or so an operation, `width` lanes side by side.
+"""Straight-line programs printed as LLVM IR: one instruction or so an operation, `width` lanes side
+by side.
 
-Where numbers live in memory is told by `Place`s. Every float operation is printed as it stands: LLVM may neither fuse
-nor reassociate, so that all widths and CPUs give the same bits (but where the CPU has no fused multiply-add: there
-`fma` rounds twice). A program that was lowered with functions of the C library calls them, one lane wide: the very
-functions of this process, which Python's `math` calls, too.
+Where numbers live in memory is told by `Place`s. Every float operation is printed as it stands:
+LLVM may neither fuse nor reassociate, so that all widths and CPUs give the same bits (but where the
+CPU has no fused multiply-add: there `fma` rounds twice). A program that was lowered with functions
+of the C library calls them, one lane wide: the very functions of this process, which Python's
+`math` calls, too.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ _FUSED = frozenset(("fma", "neon", "fp-armv8"))
 
 
 class LlvmPrinter(Printing[Place]):
-    """Lines of one function body, for `width` lanes (1: scalar code) on a CPU with these features."""
+    """Lines of one function body, for `width` lanes (1: scalar code) on a CPU with these
+    features.
+    """
 
     def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
         """block: label of the block that the lines begin in."""
@@ -59,7 +63,9 @@ class LlvmPrinter(Printing[Place]):
             logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
             if logic and dtype in ("int32", "uint32") and self.width > 1:
                 return self._chosen_apart(dtype, inputs)
-            return self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}")
+            return self.op(
+                f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}"
+            )
         constants = [program.operations[o].name == "constant" for o in operands]
         return self._computed(name, dtype, program.operations[operands[0]].dtype, inputs, constants)
 
@@ -71,14 +77,20 @@ class LlvmPrinter(Printing[Place]):
         self._count += 1
         outer, self.block = self.block, f"rare{self._count}"
         after = f"after{self._count}"
-        self.lines += [f"br i1 {condition}, label %{self.block}, label %{after}, !prof !0", f"{self.block}:"]
+        self.lines += [
+            f"br i1 {condition}, label %{self.block}, label %{after}, !prof !0",
+            f"{self.block}:",
+        ]
         return outer, after, types
 
     def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
         outer, after, types = begun
         self.lines += [f"br label %{after}", f"{after}:"]
         values = [
-            self.op(f"phi {self.type(dtype)} [ {x}, %{self.block} ], [ {self._constant(dtype, 0)}, %{outer} ]")
+            self.op(
+                f"phi {self.type(dtype)} [ {x}, %{self.block} ], [ {self._constant(dtype, 0)},"
+                f" %{outer} ]"
+            )
             for dtype, x in zip(types, results, strict=True)
         ]
         self.block = after
@@ -107,7 +119,9 @@ class LlvmPrinter(Printing[Place]):
         """Call a function or intrinsic, given type and text of each argument."""
         types = ", ".join(dtype for dtype, _ in arguments)
         self.declared.add(f"declare {result} @{name}({types})")
-        return self.op(f"call {result} @{name}({', '.join(f'{dtype} {text}' for dtype, text in arguments)})")
+        return self.op(
+            f"call {result} @{name}({', '.join(f'{dtype} {text}' for dtype, text in arguments)})"
+        )
 
     def _constant(self, dtype: str, value: Any) -> str:
         """Text of a constant."""
@@ -121,7 +135,11 @@ class LlvmPrinter(Printing[Place]):
 
     def address(self, place: Place) -> str:
         """Pointer to a place."""
-        return self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}") if place.offset else place.pointer
+        return (
+            self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}")
+            if place.offset
+            else place.pointer
+        )
 
     def _load(self, dtype: str, place: Place) -> str:
         """The number at a place."""
@@ -131,7 +149,9 @@ class LlvmPrinter(Printing[Place]):
             one = self.op(f"load {scalar}, ptr {address}, align {size(dtype)}")
             start = self.op(f"insertelement {self._wide(scalar)} poison, {scalar} {one}, i64 0")
             order = f"<{self.width} x i32> zeroinitializer"
-            value = self.op(f"shufflevector {self._wide(scalar)} {start}, {self._wide(scalar)} poison, {order}")
+            value = self.op(
+                f"shufflevector {self._wide(scalar)} {start}, {self._wide(scalar)} poison, {order}"
+            )
         else:
             value = self.op(f"load {self._wide(scalar)}, ptr {address}, align {size(dtype)}")
         if dtype != "bool":
@@ -148,14 +168,17 @@ class LlvmPrinter(Printing[Place]):
     # --- operations ---
 
     def _chosen_apart(self, dtype: str, inputs: list[str]) -> str:
-        """A choice between bits, as one between floats. With AVX-512, LLVM 22.1 makes logic with a constant and the
-        choice after it into one instruction (a masked vpternlog) that may take the wrong bits."""
+        """A choice between bits, as one between floats. With AVX-512, LLVM 22.1 makes logic with a
+        constant and the choice after it into one instruction (a masked vpternlog) that may take the
+        wrong bits."""
         wide, real = self.type(dtype), self.type("float32")
         sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]
         result = self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair('float32', sides)}")
         return self.op(f"bitcast {real} {result} to {wide}")
 
-    def _computed(self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]) -> str:
+    def _computed(
+        self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]
+    ) -> str:
         real = dtype.startswith("float")
         wide = self.type(dtype)
         if name in _ARITHMETIC:
@@ -165,7 +188,9 @@ class LlvmPrinter(Printing[Place]):
         if name in ("and", "or", "xor"):
             return self.op(f"{name} {wide} {', '.join(x)}")
         if name == "not":
-            return self.op(f"xor {wide} {x[0]}, {self._constant(dtype, True if dtype == 'bool' else -1)}")
+            return self.op(
+                f"xor {wide} {x[0]}, {self._constant(dtype, True if dtype == 'bool' else -1)}"
+            )
         if name == "bitcast":
             return (
                 x[0]
@@ -187,21 +212,35 @@ class LlvmPrinter(Printing[Place]):
                 product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
                 return self.op(f"fadd {wide} {product}, {x[2]}")
             case "fma":
-                return self.call(wide, f"llvm.fma.{self._suffix(dtype)}", *((wide, operand) for operand in x))
+                return self.call(
+                    wide, f"llvm.fma.{self._suffix(dtype)}", *((wide, operand) for operand in x)
+                )
             case "neg":
-                return self.op(f"fneg {wide} {x[0]}" if real else f"sub {wide} {self._constant(dtype, 0)}, {x[0]}")
+                return self.op(
+                    f"fneg {wide} {x[0]}"
+                    if real
+                    else f"sub {wide} {self._constant(dtype, 0)}, {x[0]}"
+                )
             case "abs":
-                return self.call(wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false"))
+                return self.call(
+                    wide, f"llvm.abs.{self._suffix(dtype)}", (wide, x[0]), ("i1", "false")
+                )
             case "max" | "min" if real:
-                condition = self.op(f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}")
+                condition = self.op(
+                    f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}"
+                )
                 best = self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, x)}")
                 if constants[0]:
                     return best
                 unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
-                return self.op(f"select {self.type('bool')} {unknown}, {self.pair(dtype, [x[0], best])}")
+                return self.op(
+                    f"select {self.type('bool')} {unknown}, {self.pair(dtype, [x[0], best])}"
+                )
             case "max" | "min":
                 kind = "s" if _signed(dtype) else "u"
-                return self.call(wide, f"llvm.{kind}{name}.{self._suffix(dtype)}", (wide, x[0]), (wide, x[1]))
+                return self.call(
+                    wide, f"llvm.{kind}{name}.{self._suffix(dtype)}", (wide, x[0]), (wide, x[1])
+                )
             case "convert":
                 return self._converted(dtype, source, x[0])
             case "truncate":
@@ -216,14 +255,19 @@ class LlvmPrinter(Printing[Place]):
         real, signed, unsigned = _COMPARED[name]
         if source.startswith("float"):
             return self.op(f"fcmp {real} {self.type(source)} {', '.join(x)}")
-        return self.op(f"icmp {signed if _signed(source) else unsigned} {self.type(source)} {', '.join(x)}")
+        return self.op(
+            f"icmp {signed if _signed(source) else unsigned} {self.type(source)} {', '.join(x)}"
+        )
 
     def _shifted(self, name: str, dtype: str, x: list[str], constant: bool) -> str:
         wide, bits = self.type(dtype), size(dtype) * 8
         by = x[1]
         if name == "sar":
             by = self.call(
-                wide, f"llvm.umin.{self._suffix(dtype)}", (wide, by), (wide, self._constant(dtype, bits - 1))
+                wide,
+                f"llvm.umin.{self._suffix(dtype)}",
+                (wide, by),
+                (wide, self._constant(dtype, bits - 1)),
             )
             return self.op(f"ashr {wide} {x[0]}, {by}")
         if constant:  # inside the width, or `simplify` would have taken it
@@ -231,20 +275,31 @@ class LlvmPrinter(Printing[Place]):
         inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
         amount = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
         moved = self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {amount}")
-        return self.op(f"select {self.type('bool')} {inside}, {self.pair(dtype, [moved, self._constant(dtype, 0)])}")
+        return self.op(
+            f"select {self.type('bool')} {inside},"
+            f" {self.pair(dtype, [moved, self._constant(dtype, 0)])}"
+        )
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
-        """Through float64, where the quotient of two 32-bit integers truncates right; CPUs have no vector division."""
+        """Through float64, where the quotient of two 32-bit integers truncates right; CPUs have
+        no vector division.
+        """
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
         signed = "s" if dtype == "int32" else "u"
         none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
-        by = self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self._constant(dtype, 1), x[1]])}")
+        by = self.op(
+            f"select {self.type('bool')} {none},"
+            f" {self.pair(dtype, [self._constant(dtype, 1), x[1]])}"
+        )
         a, b = (self.op(f"{signed}itofp {wide} {operand} to {double}") for operand in (x[0], by))
         exact = self.op(f"fptosi {double} {self.op(f'fdiv {double} {a}, {b}')} to {long}")
         quotient = self.op(f"trunc {long} {exact} to {wide}")
         if name == "rem":
             return self.op(f"sub {wide} {x[0]}, {self.op(f'mul {wide} {quotient}, {x[1]}')}")
-        return self.op(f"select {self.type('bool')} {none}, {self.pair(dtype, [self._constant(dtype, -1), quotient])}")
+        return self.op(
+            f"select {self.type('bool')} {none},"
+            f" {self.pair(dtype, [self._constant(dtype, -1), quotient])}"
+        )
 
     def _converted(self, dtype: str, source: str, x: str) -> str:
         wide, before = self.type(dtype), self.type(source)
@@ -256,7 +311,11 @@ class LlvmPrinter(Printing[Place]):
             return self._resized(dtype, source, x)
         if dtype != "int32":
             kind = "si" if _signed(dtype) else "ui"
-            return self.call(wide, f"llvm.fpto{kind}.sat.{self._suffix(dtype)}.{self._suffix(source)}", (before, x))
+            return self.call(
+                wide,
+                f"llvm.fpto{kind}.sat.{self._suffix(dtype)}.{self._suffix(source)}",
+                (before, x),
+            )
         best = self._truncated(source, x)  # right but for NaN and what is too large
         for condition, value in (
             (f"oge {before} {x}, {self._constant(source, 2147483648.0)}", 2**31 - 1),
@@ -264,7 +323,8 @@ class LlvmPrinter(Printing[Place]):
         ):
             outside = self.op(f"fcmp {condition}")
             best = self.op(
-                f"select {self.type('bool')} {outside}, {self.pair(dtype, [self._constant(dtype, value), best])}"
+                f"select {self.type('bool')} {outside},"
+                f" {self.pair(dtype, [self._constant(dtype, value), best])}"
             )
         return best
 
@@ -292,16 +352,21 @@ class LlvmPrinter(Printing[Place]):
             return self.call(wide, "llvm.x86.avx.cvtt.ps2dq.256", (before, x))
         if source == "float32" and self.width == 4 and "sse2" in self.features:
             return self.call(wide, "llvm.x86.sse2.cvttps2dq", (before, x))
-        near = self.call(wide, f"llvm.fptosi.sat.{self._suffix('int32')}.{self._suffix(source)}", (before, x))
+        near = self.call(
+            wide, f"llvm.fptosi.sat.{self._suffix('int32')}.{self._suffix(source)}", (before, x)
+        )
         fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
         return self.op(
-            f"select {self.type('bool')} {fits}, {self.pair('int32', [near, self._constant('int32', -(2**31))])}"
+            f"select {self.type('bool')} {fits},"
+            f" {self.pair('int32', [near, self._constant('int32', -(2**31))])}"
         )
 
     def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
         """One number of a table; the tables stand one after the other in memory."""
         dtype = program.tables[table][0]
-        start = self.address(Place(tables, sum(size(d) * length for d, length in program.tables[:table])))
+        start = self.address(
+            Place(tables, sum(size(d) * length for d, length in program.tables[:table]))
+        )
         scalar = _STORED[dtype]
         at = self.op(f"getelementptr {scalar}, ptr {start}, {self.type('int32')} {index}")
         if self.width == 1:
@@ -319,19 +384,24 @@ BRANCH_WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 2000}'
 """A region is seldom entered: to stand in every module that has one."""
 
 
-def repeated(name: str, parameters: str, printer: LlvmPrinter, steps: Mapping[str, str], attributes: str = "") -> str:
+def repeated(
+    name: str, parameters: str, printer: LlvmPrinter, steps: Mapping[str, str], attributes: str = ""
+) -> str:
     """A function that repeats the lines of a printer (block "again") %count times; %tick counts.
 
-    Pointers of `steps` begin at their parameter, the name with a 0, and move by so many bytes each time.
+    Pointers of `steps` begin at their parameter, the name with a 0, and move by so many bytes each
+    time.
     """
     body = "\n".join(f"  {line}" for line in printer.lines)
-    pointers = "".join(f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{printer.block} ]\n" for p in steps)
+    pointers = "".join(
+        f"  %{p} = phi ptr [ %{p}0, %entry ], [ %{p}1, %{printer.block} ]\n" for p in steps
+    )
     moved = "".join(f"  %{p}1 = getelementptr i8, ptr %{p}, i64 {by}\n" for p, by in steps.items())
     return (
-        f"define void @{name}({parameters}, i64 %count){attributes} {{\nentry:\n  br label %again\nagain:\n"
-        f"  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block} ]\n{pointers}{body}\n{moved}"
-        "  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next, %count\n"
-        "  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"
+        f"define void @{name}({parameters}, i64 %count){attributes} {{\nentry:\n  br label"
+        f" %again\nagain:\n  %tick = phi i64 [ 0, %entry ], [ %next, %{printer.block}"
+        f" ]\n{pointers}{body}\n{moved}  %next = add i64 %tick, 1\n  %more = icmp ult i64 %next,"
+        " %count\n  br i1 %more, label %again, label %end\nend:\n  ret void\n}\n"
     )
 
 

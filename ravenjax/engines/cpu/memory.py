@@ -11,7 +11,9 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """An address, a pointer of the function plus a constant of bytes; `splat`: one number for all lanes."""
+    """An address, a pointer of the function plus a constant of bytes; `splat`: one number for
+    all lanes.
+    """
 
     pointer: str
     offset: int = 0
@@ -28,7 +30,9 @@ class BufferLayout:
     @cached_property
     def offsets(self) -> tuple[int, ...]:
         """Bytes from the start, one entry a number."""
-        return tuple(np.cumsum([0, *(size(dtype) * self.width for dtype in self.types)])[:-1].tolist())
+        return tuple(
+            np.cumsum([0, *(size(dtype) * self.width for dtype in self.types)])[:-1].tolist()
+        )
 
     @cached_property
     def bytes(self) -> int:
@@ -40,7 +44,9 @@ class BufferLayout:
         return [Place(pointer, offset, splat) for offset in self.offsets]
 
     def words(self, lane: int) -> np.ndarray:
-        """Where the 32-bit words of one lane's numbers stand: one after the other they are a buffer of width 1."""
+        """Where the 32-bit words of one lane's numbers stand: one after the other they are a
+        buffer of width 1.
+        """
         sizes = np.array([size(dtype) // 4 for dtype in self.types], np.int64)
         first = np.array(self.offsets, np.int64) // 4 + lane * sizes
         within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -69,7 +75,14 @@ class RowLayout:
         """A row as NumPy reads it, one field a number; a truth value is an int32."""
         formats = [stored(dtype) for dtype in self.types]
         names = [f"f{k}" for k in range(len(formats))]
-        return np.dtype({"names": names, "formats": formats, "offsets": list(self.offsets), "itemsize": self.bytes})
+        return np.dtype(
+            {
+                "names": names,
+                "formats": formats,
+                "offsets": list(self.offsets),
+                "itemsize": self.bytes,
+            }
+        )
 
     def places(self, pointer: str) -> list[Place]:
         """The place of each number."""

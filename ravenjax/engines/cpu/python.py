@@ -1,9 +1,11 @@
-"""A function of single numbers as straight-line Python: every operation one IEEE operation, nothing fused.
+"""A function of single numbers as straight-line Python: every operation one IEEE operation, nothing
+fused.
 
-XLA may contract a product and a sum into one rounding, and evaluates sines by its own polynomials; code that has to
-meet another program bit by bit must do neither. `compile` prints a closed jaxpr as one Python function without loops or
-branches and runs that. Numbers are Python `float` (float64), `numpy.float32`, Python `int` (integers, wrapped to their
-width) and `bool`; functions are those of the C library. Tables are 1-D arrays.
+XLA may contract a product and a sum into one rounding, and evaluates sines by its own polynomials;
+code that has to meet another program bit by bit must do neither. `compile` prints a closed jaxpr as
+one Python function without loops or branches and runs that. Numbers are Python `float` (float64),
+`numpy.float32`, Python `int` (integers, wrapped to their width) and `bool`; functions are those of
+the C library. Tables are 1-D arrays.
 """
 
 from __future__ import annotations
@@ -63,7 +65,9 @@ def represent(dtype: np.dtype, value: Any) -> Number:
 
 
 def compile(jaxpr: core.ClosedJaxpr) -> ScalarFunction:
-    """Print a closed jaxpr of single numbers (`jax.make_jaxpr(f)(...)`) and make a function of it."""
+    """Print a closed jaxpr of single numbers (`jax.make_jaxpr(f)(...)`) and make a function of
+    it.
+    """
     program = lower(jaxpr, functions="library")
     arguments, body, scope = _printed(program, [bool(var.aval.shape) for var in jaxpr.jaxpr.invars])
     unpacked = [f"    {', '.join(arguments)}, = numbers"] if arguments else []
@@ -84,8 +88,12 @@ def compile(jaxpr: core.ClosedJaxpr) -> ScalarFunction:
     )
 
 
-def _printed(program: Program, tables: Sequence[bool]) -> tuple[list[str], list[str], dict[str, Any]]:
-    """Names of the arguments (`tables`: which of them are tables), statements, and the scope that they run in."""
+def _printed(
+    program: Program, tables: Sequence[bool]
+) -> tuple[list[str], list[str], dict[str, Any]]:
+    """Names of the arguments (`tables`: which of them are tables), statements, and the scope
+    that they run in.
+    """
     scope: dict[str, Any] = dict(_RUNTIME)
     text: dict[int, str] = {}
     body: list[str] = []
@@ -109,7 +117,9 @@ def _constant(operation: Operation, scope: dict[str, Any]) -> str:
     """Text of a constant; a name of the scope for what Python's literals cannot say."""
     dtype = np.dtype(operation.dtype)
     value = represent(dtype, number(operation.dtype, operation.detail))
-    if dtype.kind in "biu" or (dtype == np.float64 and math.isfinite(value) and math.copysign(1.0, value) > 0):
+    if dtype.kind in "biu" or (
+        dtype == np.float64 and math.isfinite(value) and math.copysign(1.0, value) > 0
+    ):
         return repr(value)
     name = f"c{operation.detail}_{operation.dtype}"
     scope[name] = value
@@ -117,7 +127,9 @@ def _constant(operation: Operation, scope: dict[str, Any]) -> str:
 
 
 def _statement(operation: Operation, sources: list[str], scope: dict[str, Any]) -> str:
-    """The operation on operands {0}, {1}.. of types `sources`; what has no short form is left to `semantics`."""
+    """The operation on operands {0}, {1}.. of types `sources`; what has no short form is left to
+    `semantics`.
+    """
     name, dtype = operation.name, np.dtype(operation.dtype)
     if name == "lookup":
         return f"{_READ.get(operation.dtype, 'int')}(t{operation.detail}[{{0}}])"
@@ -156,11 +168,18 @@ def _form(name: str, dtype: np.dtype, source: np.dtype) -> str | None:
         case "abs":
             return "abs({0})"
         case "div":
-            return ("{0} / {1}" if dtype == np.float32 else "_div({0}, {1})") if real else "_quotient({0}, {1})"
+            return (
+                ("{0} / {1}" if dtype == np.float32 else "_div({0}, {1})")
+                if real
+                else "_quotient({0}, {1})"
+            )
         case "rem":
             return "{0} - _quotient({0}, {1}) * {1} if {1} else {0}"
         case "max" | "min":
-            return f"({{0}} if {{0}} {'>' if name == 'max' else '<'} {{1}} or {{0}} != {{0}} else {{1}})"
+            return (
+                f"({{0}} if {{0}} {'>' if name == 'max' else '<'} {{1}} or {{0}} != {{0}} else"
+                " {1})"
+            )
         case "select" | "rarely":
             return "({1} if {0} else {2})"
         case "convert" if dtype.kind == "b":
@@ -182,13 +201,18 @@ def _width(dtype: np.dtype) -> str:
 
 def _meant(operation: Operation, sources: list[str]) -> Callable[..., Number]:
     def evaluate(*operands: Number) -> Number:
-        typed = tuple(np.asarray(x, source)[()] for x, source in zip(operands, sources, strict=True))
-        return represent(np.dtype(operation.dtype), semantics.evaluate(operation.name, operation.dtype, typed))
+        typed = tuple(
+            np.asarray(x, source)[()] for x, source in zip(operands, sources, strict=True)
+        )
+        return represent(
+            np.dtype(operation.dtype), semantics.evaluate(operation.name, operation.dtype, typed)
+        )
 
     return evaluate
 
 
-# --- what the statements call -----------------------------------------------------------------------------------------
+# --- what the statements call
+# -----------------------------------------------------------------------------------------
 
 
 def _div(a: float, b: float) -> float:
@@ -215,7 +239,9 @@ def _wrap(x: int, bits: int, signed: bool) -> int:
 
 
 def _to_integer(x: float, bits: int, signed: bool) -> int:
-    """Truncation toward zero; 0 for NaN and the nearest end for what does not fit, as XLA has it."""
+    """Truncation toward zero; 0 for NaN and the nearest end for what does not fit, as XLA has
+    it.
+    """
     if x != x:
         return 0
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
@@ -228,7 +254,9 @@ def _whole(function: Callable[[float], float]) -> Callable[..., float]:
 
 
 _READ = {"bool": "bool", "float32": "", "float64": "float"}
-_RUNTIME: dict[str, Any] = {f"_{name}": function for name, function in elementary.FUNCTIONS.items()} | {
+_RUNTIME: dict[str, Any] = {
+    f"_{name}": function for name, function in elementary.FUNCTIONS.items()
+} | {
     "_float32": np.float32,
     "_sqrt": elementary.guarded(math.sqrt, lambda x: math.nan),
     "_floor": _whole(math.floor),

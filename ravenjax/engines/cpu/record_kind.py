@@ -12,7 +12,9 @@ from ravenjax.numbers.lazy import jax
 
 
 class RecordKind:
-    """The shape of a record of NumPy numbers: its tree, its number types and where they stand in memory."""
+    """The shape of a record of NumPy numbers: its tree, its number types and where they stand in
+    memory.
+    """
 
     def __init__(self, example: Any) -> None:
         leaves: list[Any]
@@ -22,14 +24,19 @@ class RecordKind:
         self.layout = RowLayout.packed(self.types)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, RecordKind) and (self.tree, self.types) == (other.tree, other.types)
+        return isinstance(other, RecordKind) and (self.tree, self.types) == (
+            other.tree,
+            other.types,
+        )
 
     def __hash__(self) -> int:
         return hash((self.tree, self.types))
 
     def abstract(self) -> Any:
         """The record as tracing takes it."""
-        return jax.tree.unflatten(self.tree, [jax.ShapeDtypeStruct((), dtype) for dtype in self.types])
+        return jax.tree.unflatten(
+            self.tree, [jax.ShapeDtypeStruct((), dtype) for dtype in self.types]
+        )
 
     def row(self, value: Any) -> np.ndarray:
         """A record's numbers in memory."""

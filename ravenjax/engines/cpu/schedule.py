@@ -1,9 +1,10 @@
 """An order of operations in which a CPU finds enough to do while it waits for results.
 
-Code is traced one joint, one arm, one stage after the other: long chains, each operation waiting for the one before. A
-CPU looks some hundred operations ahead at most. `schedule` moves operations of later chains up to where an earlier one
-would wait, as far as a window reaches: a wider one finds more work, but keeps more numbers alive than there are
-registers. Measured on a tick of 4 250 vector operations: 4 450 cycles as traced, 3 950 with this window.
+Code is traced one joint, one arm, one stage after the other: long chains, each operation waiting
+for the one before. A CPU looks some hundred operations ahead at most. `schedule` moves operations
+of later chains up to where an earlier one would wait, as far as a window reaches: a wider one finds
+more work, but keeps more numbers alive than there are registers. Measured on a tick of 4 250 vector
+operations: 4 450 cycles as traced, 3 950 with this window.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ LATENCIES = {
     "rem": 60,
 }
 """Cycles until a result is there, of 512-bit operations, loads and stores between included."""
-_SLOW = frozenset(("lt", "le", "eq", "ne", "max", "min", "convert", "truncate", "round", "floor", "ceil"))
+_SLOW = frozenset(
+    ("lt", "le", "eq", "ne", "max", "min", "convert", "truncate", "round", "floor", "ceil")
+)
 
 
 def latency(name: str) -> int:
@@ -42,7 +45,9 @@ def latency(name: str) -> int:
 def schedule(
     operations: Sequence[Operation], arranged: Iterable[int | Region], window: int = WINDOW
 ) -> list[int | Region]:
-    """Operations in an order that can be run, rearranged between regions and within each; one is begun each cycle."""
+    """Operations in an order that can be run, rearranged between regions and within each; one is
+    begun each cycle.
+    """
     out: list[int | Region] = []
     between: list[int] = []
     for item in arranged:
@@ -55,10 +60,17 @@ def schedule(
     return out + list(_straight(operations, between, window))
 
 
-def _straight(operations: Sequence[Operation], order: Sequence[int], window: int) -> tuple[int, ...]:
-    """Of those whose operands are begun, the window's first that need not wait, else the first that waits least."""
+def _straight(
+    operations: Sequence[Operation], order: Sequence[int], window: int
+) -> tuple[int, ...]:
+    """Of those whose operands are begun, the window's first that need not wait, else the first
+    that waits least.
+    """
     place = {i: k for k, i in enumerate(order)}  # everything below goes by places in `order`
-    missing, ready = [0] * len(order), [0] * len(order)  # operands not begun yet; when those that are will be there
+    missing, ready = (
+        [0] * len(order),
+        [0] * len(order),
+    )  # operands not begun yet; when those that are will be there
     readers: list[list[int]] = [[] for _ in order]
     for k, i in enumerate(order):
         for operand in operations[i].operands:

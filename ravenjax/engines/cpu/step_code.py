@@ -1,7 +1,7 @@
 """Beginning, tick and end of one robot that is stepped from outside, traced and printed.
 
-What was printed is kept by a key of all that decides it, so that the next process finds it and neither traces nor
-prints. Functions of this package are traced without JAX where that is enough.
+What was printed is kept by a key of all that decides it, so that the next process finds it and
+neither traces nor prints. Functions of this package are traced without JAX where that is enough.
 """
 
 from __future__ import annotations
@@ -69,17 +69,22 @@ class _StepText:
     shared_state: tuple[int, ...]
 
 
-def form(functions: StepFunctions, types: StepTypes, objects: jit.Objects | None, key: str) -> StepForm:
+def form(
+    functions: StepFunctions, types: StepTypes, objects: jit.Objects | None, key: str
+) -> StepForm:
     """What `functions` are for these types, as it was kept or made now.
 
-    key: hash of all that decides the functions, besides this package's lower floors; "": nothing is kept, and they may
-    be anyone's, so that JAX traces them. Raises TypeError where something else than float32 goes out of a tick.
+    key: hash of all that decides the functions, besides this package's lower floors; "": nothing is
+    kept, and they may be anyone's, so that JAX traces them. Raises TypeError where something else
+    than float32 goes out of a tick.
     """
     if not key or objects is None or not sources.unchanged():
         return _made(functions, types, bool(key))
     place = _place(types, key)
     if (content := objects.get(place)) is not None:
-        with contextlib.suppress(zlib.error, ValidationError, ValueError, KeyError):  # of another version: made anew
+        with contextlib.suppress(
+            zlib.error, ValidationError, ValueError, KeyError
+        ):  # of another version: made anew
             text = TypeAdapter(_StepText).validate_json(zlib.decompress(content))
             return StepForm(**{**vars(text), "state": traced_tick.of_json(json.loads(text.state))})
     result = _made(functions, types, ours=True)
@@ -90,10 +95,14 @@ def form(functions: StepFunctions, types: StepTypes, objects: jit.Objects | None
 
 
 def _place(types: StepTypes, key: str) -> str:
-    """The key of what is kept: types and code, versions, and the CPU, whose instructions are printed."""
+    """The key of what is kept: types and code, versions, and the CPU, whose instructions are
+    printed.
+    """
     names = tree.mapped(lambda dtype: np.dtype(dtype).str, (types.inputs, types.entering))
     cpu = tuple(sorted(jit.host().features))
-    return trace_key.of("step", key, names, types.tables, cpu, sources.AT_IMPORT, trace_key.versions())
+    return trace_key.of(
+        "step", key, names, types.tables, cpu, sources.AT_IMPORT, trace_key.versions()
+    )
 
 
 def _made(functions: StepFunctions, types: StepTypes, ours: bool) -> StepForm:
@@ -102,7 +111,9 @@ def _made(functions: StepFunctions, types: StepTypes, ours: bool) -> StepForm:
         raise TypeError("what goes out of a tick is float32")
     parts = split(loop, (), (0,))
     kernel = print_kernel(parts, 1, jit.host().features)
-    return StepForm(state, names, len(out), kernel, (*parts.lane_state, *parts.held_state), parts.shared_state)
+    return StepForm(
+        state, names, len(out), kernel, (*parts.lane_state, *parts.held_state), parts.shared_state
+    )
 
 
 _Traced = tuple[TimeLoop, Any, list[np.dtype], tuple[str, ...]]
@@ -118,7 +129,9 @@ def _traced(functions: StepFunctions, types: StepTypes, ours: bool) -> _Traced:
 
 def _directly(functions: StepFunctions, types: StepTypes) -> _Traced:
     inputs, entering = (tree.mapped(kind_of, numbers) for numbers in (types.inputs, types.entering))
-    columns = tuple(direct.ColumnInput(np.broadcast_to(np.float32(0.0), (length,))) for length in types.tables)
+    columns = tuple(
+        direct.ColumnInput(np.broadcast_to(np.float32(0.0), (length,))) for length in types.tables
+    )
     first, state = direct.written(functions.begin, (inputs,))
     kinds = tree.mapped(direct.kind, state)
     middle, (_, out) = direct.written(functions.step, (inputs, kinds, INT, entering, columns))
@@ -132,12 +145,22 @@ def _through_jax(functions: StepFunctions, types: StepTypes) -> _Traced:
     from ravenjax.ir import lowering  # imports JAX
 
     number = jax.ShapeDtypeStruct
-    inputs, entering = (tree.mapped(lambda dtype: number((), dtype), part) for part in (types.inputs, types.entering))
+    inputs, entering = (
+        tree.mapped(lambda dtype: number((), dtype), part)
+        for part in (types.inputs, types.entering)
+    )
     columns = tuple(number((length,), np.float32) for length in types.tables)
     first, state = jax.make_jaxpr(functions.begin, return_shape=True)(inputs)
     tick = number((), np.int32)
-    middle, (_, out) = jax.make_jaxpr(functions.step, return_shape=True)(inputs, state, tick, entering, columns)
+    middle, (_, out) = jax.make_jaxpr(functions.step, return_shape=True)(
+        inputs, state, tick, entering, columns
+    )
     last, outcomes = jax.make_jaxpr(functions.finish, return_shape=True)(inputs, state)
     loop = TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in (first, middle, last)))
     structure = tree.mapped(lambda leaf: np.dtype(leaf.dtype), state)
-    return loop, structure, [np.dtype(leaf.dtype) for leaf in tree.leaves(out)], tuple(sorted(outcomes))
+    return (
+        loop,
+        structure,
+        [np.dtype(leaf.dtype) for leaf in tree.leaves(out)],
+        tuple(sorted(outcomes)),
+    )

@@ -1,4 +1,6 @@
-"""What vector code is compiled for, and where it works: this machine's CPU, or a WebAssembly runtime on it."""
+"""What vector code is compiled for, and where it works: this machine's CPU, or a WebAssembly
+runtime on it.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,11 @@ import numpy as np
 
 
 class Workspace(Protocol):
-    """The memory in which compiled code works on one group of lanes, and what makes its calls there.
+    """The memory in which compiled code works on one group of lanes, and what makes its calls
+    there.
 
-    Only arrays that it has made or taken may be pointed at by calls; all are gone when it is closed.
+    Only arrays that it has made or taken may be pointed at by calls; all are gone when it is
+    closed.
     """
 
     def buffer(self, rows: int, size: int) -> np.ndarray:
@@ -24,7 +28,9 @@ class Workspace(Protocol):
         ...
 
     def writes(self, array: np.ndarray) -> np.ndarray:
-        """An array of its shape and type that calls write; `array` has the same once the workspace is closed."""
+        """An array of its shape and type that calls write; `array` has the same once the
+        workspace is closed.
+        """
         ...
 
     def make(self, calls: np.ndarray) -> None:
@@ -66,5 +72,7 @@ class CodeTarget(Protocol):
     def compiled(
         self, text: str, names: Sequence[str], objects: MutableMapping[str, bytes] | None = None
     ) -> CodeModule:
-        """Functions `names` of a module's text; objects: where compiled code is kept between processes."""
+        """Functions `names` of a module's text; objects: where compiled code is kept between
+        processes.
+        """
         ...

@@ -1,8 +1,10 @@
-"""A state that moves a step at a time by functions of single numbers: (fixed, state, entering) -> (state, leaving).
+"""A state that moves a step at a time by functions of single numbers: (fixed, state, entering) ->
+(state, leaving).
 
-All numbers stand in memory, one row of bytes for each of the four; what enters and what leaves may be many rows, one a
-step. Every operation is one IEEE operation, nothing is fused, and functions are those of the C library. `Compiled` and
-`Interpreted` have the same bits: the second is `python`'s printed code, to check the first by.
+All numbers stand in memory, one row of bytes for each of the four; what enters and what leaves may
+be many rows, one a step. Every operation is one IEEE operation, nothing is fused, and functions are
+those of the C library. `Compiled` and `Interpreted` have the same bits: the second is `python`'s
+printed code, to check the first by.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from ravenjax.ir.lowering import lower
 from ravenjax.ir.regions import arrange
 
 _CALL = ("fixed", "state", "entering0", "entering_bytes", "leaving0", "leaving_bytes", "count")
-"""What a call's block of 64-bit numbers holds: one argument instead of seven, which Python would convert each time."""
+"""What a call's block of 64-bit numbers holds: one argument instead of seven, which Python would
+convert each time.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +46,9 @@ class StateTransition:
 
 
 class Memory(NamedTuple):
-    """What transitions work on, bytes each: what is fixed, the state, which they overwrite, and rows in and out."""
+    """What transitions work on, bytes each: what is fixed, the state, which they overwrite, and
+    rows in and out.
+    """
 
     fixed: np.ndarray  # [bytes]
     state: np.ndarray  # [bytes]
@@ -90,7 +96,9 @@ class Interpreted:
     """Transitions as printed Python."""
 
     def __init__(self, transitions: Mapping[str, StateTransition]) -> None:
-        self._functions = {name: (one, python.compile(one.jaxpr)) for name, one in transitions.items()}
+        self._functions = {
+            name: (one, python.compile(one.jaxpr)) for name, one in transitions.items()
+        }
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
         """See `TransitionMachine`."""
@@ -100,7 +108,9 @@ class Interpreted:
 
         def run() -> None:
             for inputs, outputs in zip(memory.entering, memory.leaving, strict=True):
-                after = function([*fixed, *read(one.state, memory.state), *read(one.entering, inputs)])
+                after = function(
+                    [*fixed, *read(one.state, memory.state), *read(one.entering, inputs)]
+                )
                 write(one.state, memory.state, after[:states])
                 write(leaving, outputs, after[states:])
 
@@ -110,9 +120,13 @@ class Interpreted:
 class Compiled:
     """Transitions as machine code, all in one module."""
 
-    def __init__(self, transitions: Mapping[str, StateTransition], objects: jit.Objects | None = None) -> None:
+    def __init__(
+        self, transitions: Mapping[str, StateTransition], objects: jit.Objects | None = None
+    ) -> None:
         """objects: where compiled code is kept."""
-        text = "\n".join([module_text(transitions, jit.host().features), *map(_called, transitions)])
+        text = "\n".join(
+            [module_text(transitions, jit.host().features), *map(_called, transitions)]
+        )
         self._module = module = jit.compile(text, list(transitions), objects)
         self._functions = {
             (name, brief): module.function(name, [ctypes.c_void_p], brief)
@@ -124,7 +138,9 @@ class Compiled:
         """See `TransitionMachine`."""
         fixed, state, entering, leaving = memory
         inside = entering.ctypes.data, entering.strides[0], leaving.ctypes.data, leaving.strides[0]
-        block = np.array([fixed.ctypes.data, state.ctypes.data, *inside, len(entering)], np.uintp)  # as _CALL names it
+        block = np.array(
+            [fixed.ctypes.data, state.ctypes.data, *inside, len(entering)], np.uintp
+        )  # as _CALL names it
         function, address = self._functions[name, len(entering) == 1], block.ctypes.data
 
         def run(_alive: Any = (block, memory, self)) -> None:
@@ -134,7 +150,9 @@ class Compiled:
 
 
 def module_text(transitions: Mapping[str, StateTransition], features: Set[str]) -> str:
-    """LLVM IR of a function NAME_steps for each transition, for a CPU with these features; see `STEPS`."""
+    """LLVM IR of a function NAME_steps for each transition, for a CPU with these features; see
+    `STEPS`.
+    """
     texts, declared = [], set[str]()
     for name, transition in transitions.items():
         printer = _printed(transition, features)
@@ -148,10 +166,12 @@ def _nothing() -> None:
 
 
 STEPS = (
-    "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr noalias %leaving0, "
-    "i64 %leaving_bytes"
+    "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
+    " noalias %leaving0, i64 %leaving_bytes"
 )
-"""Parameters of NAME_steps before `i64 %count`: what is fixed, the state, rows in and out and bytes between two."""
+"""Parameters of NAME_steps before `i64 %count`: what is fixed, the state, rows in and out and
+bytes between two.
+"""
 _MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
 
 
@@ -165,7 +185,9 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
         *transition.state.places("%state"),
         *transition.entering.places("%entering"),
     ]
-    sources = {i: sources_of[op.detail] for i, op in enumerate(program.operations) if op.name == "input"}
+    sources = {
+        i: sources_of[op.detail] for i, op in enumerate(program.operations) if op.name == "input"
+    }
     targets = [*transition.state.places("%state"), *transition.leaving.places("%leaving")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
@@ -177,11 +199,15 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
 def _called(name: str) -> str:
     """The function that Python calls: takes its arguments from a block."""
     loads = "".join(
-        f"  %at{k} = getelementptr i64, ptr %block, i64 {k}\n  %{what} = load {_kind(what)}, ptr %at{k}\n"
+        f"  %at{k} = getelementptr i64, ptr %block, i64 {k}\n  %{what} = load {_kind(what)}, ptr"
+        f" %at{k}\n"
         for k, what in enumerate(_CALL)
     )
     arguments = ", ".join(f"{_kind(what)} %{what}" for what in _CALL)
-    return f"define void @{name}(ptr %block) {{\n{loads}  call void @{name}_steps({arguments})\n  ret void\n}}\n"
+    return (
+        f"define void @{name}(ptr %block) {{\n{loads}  call void @{name}_steps({arguments})\n  ret"
+        " void\n}\n"
+    )
 
 
 def _kind(what: str) -> str:

@@ -22,8 +22,8 @@ from ravenjax.engines.trunk import Trunk
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 1000
-"""Ticks that one launch takes, at most, but as many as there is room for where blocks run at different times: one waits
-for another no earlier than at the end of a launch."""
+"""Ticks that one launch takes, at most, but as many as there is room for where blocks run at
+different times: one waits for another no earlier than at the end of a launch."""
 ROW_WORDS = 2**25
 """Words that the rows of a chunk may take, at most."""
 
@@ -37,7 +37,11 @@ def form_for(device: Device) -> Form:
 
 def words(column: np.ndarray) -> np.ndarray:
     """A column as 32-bit words."""
-    return column.astype(np.uint32) if column.dtype == bool else np.ascontiguousarray(column).view(np.uint32)
+    return (
+        column.astype(np.uint32)
+        if column.dtype == bool
+        else np.ascontiguousarray(column).view(np.uint32)
+    )
 
 
 def typed(column: np.ndarray, dtype: str) -> np.ndarray:
@@ -48,8 +52,8 @@ def typed(column: np.ndarray, dtype: str) -> np.ndarray:
 class CudaCode:
     """`loop` compiled for a device.
 
-    grouped: the first `shared` inputs of a group's lanes, and what enters a tick, are alike. The tick's own number
-    always is.
+    grouped: the first `shared` inputs of a group's lanes, and what enters a tick, are alike. The
+    tick's own number always is.
     """
 
     def __init__(
@@ -73,13 +77,24 @@ class CudaCode:
         self.source = printed(make)
         cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, cubins)
         module = cuda_device.DeviceModule(device, cubin)
-        self.shared_begin, self.shared_run = module.function("shared_begin"), module.function("shared_run")
-        self.lane_begin, self.lane_finish = module.function("lane_begin"), module.function("lane_finish")
+        self.shared_begin, self.shared_run = (
+            module.function("shared_begin"),
+            module.function("shared_run"),
+        )
+        self.lane_begin, self.lane_finish = (
+            module.function("lane_begin"),
+            module.function("lane_finish"),
+        )
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
         self.lane_branch = module.function("lane_branch")
-        self.group_snapshot, self.lane_snapshot = module.function("group_snapshot"), module.function("lane_snapshot")
+        self.group_snapshot, self.lane_snapshot = (
+            module.function("group_snapshot"),
+            module.function("lane_snapshot"),
+        )
 
-    def run(self, lanes: Lanes, places: Places, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
+    def run(
+        self, lanes: Lanes, places: Places, ticks: int, progress: Progress | None = None
+    ) -> list[np.ndarray]:
         """Run lanes from the beginning; their results, each [lanes]."""
         return self.follow(lanes, places, whole(places, self.form.threads, ticks), progress)
 
@@ -87,24 +102,44 @@ class CudaCode:
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
         """Run lanes along `course`; their results, each [lanes]."""
-        chunk = course.last - course.first if self.grouped and course.scattered and lanes.out is None else CHUNK
+        chunk = (
+            course.last - course.first
+            if self.grouped and course.scattered and lanes.out is None
+            else CHUNK
+        )
         with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, course, chunk).results(progress)
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
-        """Run lanes of one group that are all the same golden run; its snapshots before tick `last`."""
+        """Run lanes of one group that are all the same golden run; its snapshots before tick
+        `last`.
+        """
         with DeviceSession(self.device) as session:
-            return _Run(self, session, lanes, places, whole(places, self.form.threads, max(last, 1)), EVERY).trunk()
+            return _Run(
+                self, session, lanes, places, whole(places, self.form.threads, max(last, 1)), EVERY
+            ).trunk()
 
 
 class _Run:
     """One way of lanes through the ticks."""
 
     def __init__(
-        self, code: CudaCode, session: DeviceSession, lanes: Lanes, places: Places, course: BlockCourse, chunk: int
+        self,
+        code: CudaCode,
+        session: DeviceSession,
+        lanes: Lanes,
+        places: Places,
+        course: BlockCourse,
+        chunk: int,
     ) -> None:
         """chunk: ticks that one launch takes, at most."""
-        self.code, self.session, self.lanes, self.places, self.course = code, session, lanes, places, course
+        self.code, self.session, self.lanes, self.places, self.course = (
+            code,
+            session,
+            lanes,
+            places,
+            course,
+        )
         source = code.source
         self.threads = source.form.threads
         self.total, self.blocks = len(places.lane), len(places.lane) // self.threads
@@ -122,15 +157,24 @@ class _Run:
         for k, column in enumerate(columns):
             of_groups[:, k] = column[places.first]
         self.inputs, self.group_inputs = session.upload(packed), session.upload(of_groups)
-        self.tables, self.group = session.upload(words(lanes.tables)), session.upload(places.group.view(np.uint32))
-        self.spans, self.ends = (session.upload(ticks.view(np.uint32)) for ticks in (course.spans, course.ends))
+        self.tables, self.group = (
+            session.upload(words(lanes.tables)),
+            session.upload(places.group.view(np.uint32)),
+        )
+        self.spans, self.ends = (
+            session.upload(ticks.view(np.uint32)) for ticks in (course.spans, course.ends)
+        )
         self.saved = session.room(self.total * source.saved)
         self.state = session.room(self.blocks * source.state * self.threads)
         self.group_state = session.room(self.groups * source.group_state)
         self.rows = [session.room(self.groups * self.chunk * source.row) for _ in range(2)]
         entering = self.groups if code.grouped else self.total
         self.given = [session.room(entering * self.chunk * source.tick_inputs) for _ in range(2)]
-        self.out = session.room(self.total * self.chunk * len(source.outputs)) if lanes.out is not None else None
+        self.out = (
+            session.room(self.total * self.chunk * len(source.outputs))
+            if lanes.out is not None
+            else None
+        )
         self.snapshots: tuple[object, ...] = ()  # rooms for those of the group and of the lane
 
     def results(self, progress: Progress | None) -> list[np.ndarray]:
@@ -154,7 +198,9 @@ class _Run:
         main = session.main
         self._begin()
         if progress is not None:  # what nobody has to run is done
-            idle = course.last * len(self.places.thread) - course.lane_ticks(self.places, 0, course.last)
+            idle = course.last * len(self.places.thread) - course.lane_ticks(
+                self.places, 0, course.last
+            )
             progress(idle) if idle else None
         starts = range(course.first, course.last, self.chunk)
         marks = [self._make_rows(0, course.first)]
@@ -167,11 +213,28 @@ class _Run:
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
             self._leave_snapshot(1, code.lane_snapshot, code.source.state, main, self.state, k)
-            buffers = self.tables, self.given[k % 2], self.rows[k % 2], self.group, self.spans, self.ends, self.saved
+            buffers = (
+                self.tables,
+                self.given[k % 2],
+                self.rows[k % 2],
+                self.group,
+                self.spans,
+                self.ends,
+                self.saved,
+            )
             session.launch(
-                code.lane_run, self.blocks, self.threads, main, self.inputs, self.state, *buffers, self.out,
-                self.total, first, count,
-            )  # fmt: skip
+                code.lane_run,
+                self.blocks,
+                self.threads,
+                main,
+                self.inputs,
+                self.state,
+                *buffers,
+                self.out,
+                self.total,
+                first,
+                count,
+            )
             finished.append(session.mark(main))
             if self.lanes.out is not None:
                 self._take_out(first, count)
@@ -183,32 +246,55 @@ class _Run:
         """Put groups and lanes where they begin, or where their golden runs were."""
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
-            self._by_group(code.shared_begin, session.urgent, self.group_inputs, self.group_state, self.groups)
+            self._by_group(
+                code.shared_begin, session.urgent, self.group_inputs, self.group_state, self.groups
+            )
         else:
             session.write(self.group_state, course.group_state, session.urgent)
         where = self.blocks, self.threads, session.main
         session.launch(code.lane_begin, *where, self.inputs, self.state, self.total)
         if len(course.snapshots):
-            snapshots, own = session.upload(course.snapshots), session.upload(course.snapshot.view(np.uint32))
+            snapshots, own = (
+                session.upload(course.snapshots),
+                session.upload(course.snapshot.view(np.uint32)),
+            )
             session.launch(code.lane_branch, *where, snapshots, own, self.state)
 
     def _leave_snapshot(
-        self, which: int, function: cuda_device.Function, words: int, stream: object, state: object, row: int
+        self,
+        which: int,
+        function: cuda_device.Function,
+        words: int,
+        stream: object,
+        state: object,
+        row: int,
     ) -> None:
         """Copy a state to where snapshots are collected, if they are."""
         if self.snapshots and words:
-            self.session.launch(function, -(-words // WARP), WARP, stream, state, self.snapshots[which], row)
+            self.session.launch(
+                function, -(-words // WARP), WARP, stream, state, self.snapshots[which], row
+            )
 
     def _by_group(self, function: cuda_device.Function, stream: object, *arguments: object) -> None:
         self.session.launch(function, -(-self.groups // WARP), WARP, stream, *arguments)
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start the rows of chunk `k`; the point where they are there."""
-        count, tick_inputs, rows = min(self.chunk, self.course.last - first), self.given[k % 2], self.rows[k % 2]
+        count, tick_inputs, rows = (
+            min(self.chunk, self.course.last - first),
+            self.given[k % 2],
+            self.rows[k % 2],
+        )
         urgent, entering, code = self.session.urgent, self.lanes.tick_inputs, self.code
-        self._leave_snapshot(0, code.group_snapshot, code.source.group_state, urgent, self.group_state, k)
+        self._leave_snapshot(
+            0, code.group_snapshot, code.source.group_state, urgent, self.group_state, k
+        )
         if code.source.tick_inputs and len(entering):
-            here = entering[:, first : first + count] if code.grouped else entering[first : first + count]
+            here = (
+                entering[:, first : first + count]
+                if code.grouped
+                else entering[first : first + count]
+            )
             self.session.write(tick_inputs, words(np.ascontiguousarray(here)), urgent)
         buffers = self.group_inputs, self.group_state, self.tables, tick_inputs, rows
         self._by_group(code.shared_run, urgent, *buffers, self.groups, first, count)
@@ -225,7 +311,9 @@ class _Run:
         session, types = self.session, self.code.source.results
         results = session.room(len(types) * self.total)
         buffers = self.inputs, self.state, self.saved, results
-        session.launch(self.code.lane_finish, self.blocks, self.threads, session.main, *buffers, self.total)
+        session.launch(
+            self.code.lane_finish, self.blocks, self.threads, session.main, *buffers, self.total
+        )
         block = np.empty((len(types), self.total), np.uint32)
         session.read(block, results, session.main)
         lanes = slice(len(self.places.thread)) if self.places.in_order else self.places.thread

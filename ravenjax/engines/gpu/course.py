@@ -1,7 +1,8 @@
-"""From which tick to which the blocks of threads of one launch run, and from which snapshots they go on.
+"""From which tick to which the blocks of threads of one launch run, and from which snapshots they
+go on.
 
-A block's threads begin a tick together, so a block begins with its earliest lane and stops with its last one. Before
-that a lane is its golden run; after its own end it waits.
+A block's threads begin a tick together, so a block begins with its earliest lane and stops with its
+last one. Before that a lane is its golden run; after its own end it waits.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ EVERY = 100
 class BlockCourse:
     """Of the blocks of a launch."""
 
-    spans: np.ndarray  # int32 [blocks, 2]: the first tick of each, and the first that it does not run
+    spans: (
+        np.ndarray
+    )  # int32 [blocks, 2]: the first tick of each, and the first that it does not run
     ends: np.ndarray  # int32 [threads]: the first tick that the thread's lane does not run
     snapshots: np.ndarray  # uint32 [snapshots, words], states of a lane from which warps go on
     snapshot: np.ndarray  # int32 [warps], that of each; -1: it begins as lanes do
@@ -49,15 +52,30 @@ class BlockCourse:
         """Ticks of all lanes together from tick `first` to before `until`."""
         blocks = len(self.spans)
         lanes = np.bincount(places.thread // (len(places.lane) // blocks), minlength=blocks)
-        return int(lanes @ np.maximum(np.minimum(self.spans[:, 1], until) - np.maximum(self.spans[:, 0], first), 0))
+        return int(
+            lanes
+            @ np.maximum(
+                np.minimum(self.spans[:, 1], until) - np.maximum(self.spans[:, 0], first), 0
+            )
+        )
 
 
 def whole(places: Places, threads: int, ticks: int, ends: np.ndarray | None = None) -> BlockCourse:
-    """Every block from the first tick to before tick `ticks`, or its last lane's of `ends` (int [lanes])."""
+    """Every block from the first tick to before tick `ticks`, or its last lane's of `ends` (int
+    [lanes]).
+    """
     blocks = len(places.lane) // threads
-    own_ends = np.full(len(places.lane), ticks, np.int32) if ends is None else ends[places.lane].astype(np.int32)
-    spans = np.stack([np.zeros(blocks, np.int32), own_ends.reshape(blocks, threads).max(axis=1)], axis=1)
-    return BlockCourse(spans, own_ends, np.zeros((0, 0), np.uint32), np.full(len(places.group), -1, np.int32), None)
+    own_ends = (
+        np.full(len(places.lane), ticks, np.int32)
+        if ends is None
+        else ends[places.lane].astype(np.int32)
+    )
+    spans = np.stack(
+        [np.zeros(blocks, np.int32), own_ends.reshape(blocks, threads).max(axis=1)], axis=1
+    )
+    return BlockCourse(
+        spans, own_ends, np.zeros((0, 0), np.uint32), np.full(len(places.group), -1, np.int32), None
+    )
 
 
 def between(
@@ -65,7 +83,8 @@ def between(
 ) -> BlockCourse:
     """Each block from the last snapshot before any of its lanes acts to the last of their ends.
 
-    acts, ends: int [lanes], as in `interface.Block`; trunks: of each group, with snapshots every `EVERY` ticks.
+    acts, ends: int [lanes], as in `interface.Block`; trunks: of each group, with snapshots every
+    `EVERY` ticks.
     """
     own_ends = ends[places.lane].astype(np.int32)
     earliest = np.minimum(acts[places.lane], own_ends - 1).reshape(-1, WARP).min(axis=1)
@@ -79,10 +98,16 @@ def between(
 
     at = np.repeat(begins // EVERY, threads // WARP)
     pairs, snapshot = np.unique(np.stack([places.group, at], axis=1), axis=0, return_inverse=True)
-    states = [trunk.lane[row] for group, row in pairs.tolist() if row and (trunk := trunks[group]) is not None]
+    states = [
+        trunk.lane[row]
+        for group, row in pairs.tolist()
+        if row and (trunk := trunks[group]) is not None
+    ]
     order = np.cumsum(pairs[:, 1] > 0) - 1
     snapshot = np.where(at > 0, order[snapshot.reshape(-1)], -1).astype(np.int32)
     first = int(begins.min()) // EVERY
-    shared = np.stack([trunk.group[first] for trunk in trunks if trunk is not None]) if first else None
+    shared = (
+        np.stack([trunk.group[first] for trunk in trunks if trunk is not None]) if first else None
+    )
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
     return BlockCourse(spans, own_ends, snapshots, snapshot, shared)

@@ -1,8 +1,8 @@
 """Straight-line programs printed as CUDA C: one statement an operation, one robot a thread.
 
-The text calls no mathematical library. Every float operation is rounded as it stands if the compiler neither fuses nor
-flushes (`OPTIONS`), so that all devices give the same bits, a NaN's payload aside. Numbers have 32 bits; there is no
-float64.
+The text calls no mathematical library. Every float operation is rounded as it stands if the
+compiler neither fuses nor flushes (`OPTIONS`), so that all devices give the same bits, a NaN's
+payload aside. Numbers have 32 bits; there is no float64.
 """
 
 from __future__ import annotations
@@ -19,8 +19,18 @@ OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
 """What the compiler must be told."""
 
 TYPES = {"float32": "float", "int32": "int", "uint32": "unsigned", "bool": "bool"}
-_READ = {"float32": "__uint_as_float({})", "int32": "(int)({})", "uint32": "{}", "bool": "({}) != 0u"}
-_WRITTEN = {"float32": "__float_as_uint({})", "int32": "(unsigned)({})", "uint32": "{}", "bool": "(unsigned)({})"}
+_READ = {
+    "float32": "__uint_as_float({})",
+    "int32": "(int)({})",
+    "uint32": "{}",
+    "bool": "({}) != 0u",
+}
+_WRITTEN = {
+    "float32": "__float_as_uint({})",
+    "int32": "(unsigned)({})",
+    "uint32": "{}",
+    "bool": "(unsigned)({})",
+}
 _COMPARED = {"eq": "==", "ne": "!=", "lt": "<", "le": "<="}
 _WRAPPED = {"add": "+", "sub": "-", "mul": "*"}
 _BITWISE = {"and": "&", "or": "|", "xor": "^"}
@@ -62,7 +72,7 @@ INLINE unsigned rest(unsigned a, unsigned b) { return b == 0 ? a : a % b; }
 INLINE unsigned left(unsigned x, unsigned by) { return by < 32u ? x << by : 0u; }
 INLINE unsigned right(unsigned x, unsigned by) { return by < 32u ? x >> by : 0u; }
 INLINE int signed_right(int x, unsigned by) { return x >> (by < 31u ? by : 31u); }
-"""
+"""  # noqa: E501
 """What the statements call."""
 
 
@@ -133,8 +143,11 @@ def constant(dtype: str, value: Any) -> str:
     return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
 
 
-def expression(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any = None) -> str:
-    """Text of one operation on operands `x` of types `sources`; known: the first one's value, if it is a constant.
+def expression(
+    name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any = None
+) -> str:
+    """Text of one operation on operands `x` of types `sources`; known: the first one's value, if it
+    is a constant.
 
     Raises NotImplementedError for an operation that has no form here.
     """
@@ -178,7 +191,11 @@ def expression(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], 
         case "truncate":
             return f"truncated({x[0]})"
         case "bitcast":
-            return x[0] if source == dtype else f"{_BITCASTS.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
+            return (
+                x[0]
+                if source == dtype
+                else f"{_BITCASTS.get((source, dtype), f'({TYPES[dtype]})')}({x[0]})"
+            )
         case "convert" if dtype == "bool":
             return f"{x[0]} != 0"
         case "convert":

@@ -1,7 +1,7 @@
 """NVIDIA GPUs through NVIDIA's own bindings: what is there, compiling for it, memory and launches.
 
-The packages are optional and looked for when first asked. Every call is checked; what a user can mend is a UserError
-of one line.
+The packages are optional and looked for when first asked. Every call is checked; what a user can
+mend is a UserError of one line.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ def _bindings() -> tuple[Any, Any]:
     try:
         from cuda.bindings import driver, nvrtc  # type: ignore[import-not-found]
     except ImportError as error:
-        raise UserError(f"engine 'cuda' needs the package cuda-bindings ({error}): {INSTALL}") from None
+        raise UserError(
+            f"engine 'cuda' needs the package cuda-bindings ({error}): {INSTALL}"
+        ) from None
     return driver, nvrtc
 
 
@@ -44,14 +46,18 @@ def _call(name: str, *arguments: Any) -> Any:
 
 @cache
 def devices() -> tuple[Device, ...]:
-    """Every GPU that this process may use. Raises UserError where there is none, or no driver or package."""
+    """Every GPU that this process may use. Raises UserError where there is none, or no driver or
+    package.
+    """
     _bindings()
     try:
         _call("cuInit", 0)
         gpus = tuple(Device(k) for k in range(_call("cuDeviceGetCount")))
     except Exception as error:  # the bindings raise their own kinds where the driver is absent
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UserError(f"engine 'cuda' finds no NVIDIA driver ({reason}); engine 'simd' needs none") from None
+        raise UserError(
+            f"engine 'cuda' finds no NVIDIA driver ({reason}); engine 'simd' needs none"
+        ) from None
     if not gpus:
         raise UserError("engine 'cuda' finds no NVIDIA GPU; engine 'simd' needs none")
     return gpus
@@ -85,7 +91,7 @@ class Device:
     @cached_property
     def architecture(self) -> str:
         """As NVRTC takes it: "sm_90"."""
-        return f"sm_{self._attribute('COMPUTE_CAPABILITY_MAJOR')}{self._attribute('COMPUTE_CAPABILITY_MINOR')}"
+        return f"sm_{self._attribute('COMPUTE_CAPABILITY_MAJOR')}{self._attribute('COMPUTE_CAPABILITY_MINOR')}"  # noqa: E501
 
     @cached_property
     def multiprocessors(self) -> int:
@@ -104,8 +110,12 @@ def require() -> None:
         _compiler_for(device.architecture)
 
 
-def compile(text: str, architecture: str, options: Sequence[str], cubins: Cubins | None = None) -> bytes:
-    """Machine code of a module's text, or from `cubins`, where it is left otherwise. Raises UserError, RuntimeError."""
+def compile(
+    text: str, architecture: str, options: Sequence[str], cubins: Cubins | None = None
+) -> bytes:
+    """Machine code of a module's text, or from `cubins`, where it is left otherwise. Raises
+    UserError, RuntimeError.
+    """
     nvrtc, version = _compiler_for(architecture)
     flags = [f"--gpu-architecture={architecture}", "--std=c++17", "--disable-warnings", *options]
     key = hashlib.sha256("\n".join((str(version), *flags, text)).encode()).hexdigest()
@@ -118,13 +128,17 @@ def compile(text: str, architecture: str, options: Sequence[str], cubins: Cubins
 
 
 def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
-    """Module `nvrtc` and the compiler's version. Raises UserError where there is none that knows the architecture."""
+    """Module `nvrtc` and the compiler's version. Raises UserError where there is none that knows
+    the architecture.
+    """
     _, nvrtc = _bindings()
     try:
         _, major, minor = nvrtc.nvrtcVersion()
         architectures = nvrtc.nvrtcGetSupportedArchs()[1]
     except Exception as error:  # the bindings raise their own kinds where the library is absent
-        raise UserError(f"engine 'cuda' finds no NVRTC ({str(error).splitlines()[0]}): {INSTALL}") from None
+        raise UserError(
+            f"engine 'cuda' finds no NVRTC ({str(error).splitlines()[0]}): {INSTALL}"
+        ) from None
     if int(architecture[3:]) not in architectures:
         raise UserError(
             f"engine 'cuda' cannot compile for {architecture}: NVRTC {major}.{minor} knows "
@@ -192,7 +206,10 @@ class DeviceSession:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         for stream in (self.main, self.urgent):
             _call("cuStreamSynchronize", stream)
@@ -231,8 +248,12 @@ class DeviceSession:
             _call("cuMemcpyDtoHAsync", words.ctypes.data, place, words.nbytes, stream)
         _call("cuStreamSynchronize", stream)
 
-    def launch(self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any) -> None:
-        """Start a kernel; whole numbers are ints, everything else addresses, None that of nothing."""
+    def launch(
+        self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any
+    ) -> None:
+        """Start a kernel; whole numbers are ints, everything else addresses, None that of
+        nothing.
+        """
         values = tuple(0 if a is None else int(a) for a in arguments)
         types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
         _call(

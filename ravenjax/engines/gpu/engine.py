@@ -1,8 +1,10 @@
-"""Engine `cuda`: the tick printed as CUDA C with the time loop inside, compiled by NVRTC, one robot a thread.
+"""Engine `cuda`: the tick printed as CUDA C with the time loop inside, compiled by NVRTC, one robot
+a thread.
 
-Lanes that share their varied parameters form a group, as in engine `simd`: what does not differ between them is
-computed once for all of them. Every visible GPU takes blocks. The same operations in the same order as in `simd`, each
-rounded alike: where the CPU fuses multiply-adds, too, both engines give the same bits.
+Lanes that share their varied parameters form a group, as in engine `simd`: what does not differ
+between them is computed once for all of them. Every visible GPU takes blocks. The same operations
+in the same order as in `simd`, each rounded alike: where the CPU fuses multiply-adds, too, both
+engines give the same bits.
 """
 
 from __future__ import annotations
@@ -53,7 +55,9 @@ class CudaKernel:
         self._cubins: Cubins = {} if cubins is None else cubins
         self._forms: traced.Forms | None = None
         self._seats: queue.Queue[Device] = queue.Queue()
-        first = next(_KERNELS) % len(devices)  # kernels that run one block each, side by side, use all devices
+        first = next(_KERNELS) % len(
+            devices
+        )  # kernels that run one block each, side by side, use all devices
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
         self.branches = 0 if signals else wave(devices)
@@ -63,20 +67,28 @@ class CudaKernel:
         return min(self.lanes, -(-rows // WARP) * WARP)
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Trace and compile for blocks and motions like these, and load the code on every device."""
+        """Trace and compile for blocks and motions like these, and load the code on every
+        device.
+        """
         inputs = traced.inputs(self.program, block)
         for device in self.devices:
             self._code(block, motion, self._placed(inputs, device)[1], device)
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
-        """See `interface.Kernel`. A block may have any number of lanes; each is computed, alike or not."""
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
+    ) -> BlockResult:
+        """See `interface.Kernel`. A block may have any number of lanes; each is computed, alike
+        or not.
+        """
         return self._run(block, motion, progress)[0]
 
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
         assert self._forms is not None
-        return result, self._forms.traced.signals_of(out, lambda column, dtype: typed(column, dtype.name))
+        return result, self._forms.traced.signals_of(
+            out, lambda column, dtype: typed(column, dtype.name)
+        )
 
     def trunk(
         self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
@@ -86,8 +98,13 @@ class CudaKernel:
         inputs, tables = traced.inputs(self.program, golden_run), _joined(motion)
         device = self._seats.get()
         try:
-            places, code = self._placed(inputs, device)[0], self._code(golden_run, motion, True, device)
-            trunk = code.trunk(Lanes(inputs, _given(golden_run, places, True), tables, None), places, last)
+            places, code = (
+                self._placed(inputs, device)[0],
+                self._code(golden_run, motion, True, device),
+            )
+            trunk = code.trunk(
+                Lanes(inputs, _given(golden_run, places, True), tables, None), places, last
+            )
         finally:
             self._seats.put(device)
         if len(ends):
@@ -112,24 +129,37 @@ class CudaKernel:
             out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
             tick_inputs = _given(block, places, grouped)
             course = self._course(block, places, grouped, code, keep)
-            outcomes = code.follow(Lanes(inputs, tick_inputs, tables, out), places, course, progress)
+            outcomes = code.follow(
+                Lanes(inputs, tick_inputs, tables, out), places, course, progress
+            )
         finally:
             self._seats.put(device)
         if out is None:
             out = np.empty((0, series, lanes), np.uint32)
-        return BlockResult(dict(zip(own.outcomes, outcomes, strict=True)), out[:, :series].view(np.float32)), out
+        return (
+            BlockResult(
+                dict(zip(own.outcomes, outcomes, strict=True)), out[:, :series].view(np.float32)
+            ),
+            out,
+        )
 
     def _placed(self, inputs: list[np.ndarray], device: Device) -> tuple[Places, bool]:
-        """Where lanes are computed, and whether by group: if that fits the device at once, or wastes half at most."""
+        """Where lanes are computed, and whether by group: if that fits the device at once, or
+        wastes half at most.
+        """
         form = form_for(device)
-        lanes = len(inputs[0]) if inputs else self.lanes  # without faults and parameters, a block says no number
+        lanes = (
+            len(inputs[0]) if inputs else self.lanes
+        )  # without faults and parameters, a block says no number
         group = _groups(inputs[: len(self.program.varied)], lanes)
         warps = int((-(-np.bincount(group) // WARP)).sum())
         at_once = device.multiprocessors * form.threads // WARP
         grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
         return place(group if grouped else np.zeros_like(group), form.threads), grouped
 
-    def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode, keep: bool) -> BlockCourse:
+    def _course(
+        self, block: Block, places: Places, grouped: bool, code: CudaCode, keep: bool
+    ) -> BlockCourse:
         """keep: what goes out in each tick is asked for, from the first on."""
         lanes, ticks = len(places.thread), self.program.ticks
         if keep:
@@ -139,13 +169,17 @@ class CudaKernel:
         trunks = [block.trunk(lane) if grouped else None for lane in places.first.tolist()]
         return between(places, code.form.threads, acts, ends, trunks)
 
-    def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device) -> CudaCode:
+    def _code(
+        self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device
+    ) -> CudaCode:
         self._forms = forms = self._forms or traced.forms(self.program, block, motion, self._cubins)
 
         def make() -> CudaCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
             shared, form = len(self.program.varied), form_for(device)
-            printed = functools.partial(forms.printed, KernelSource, ("cuda", self.signals, grouped, form))
+            printed = functools.partial(
+                forms.printed, KernelSource, ("cuda", self.signals, grouped, form)
+            )
             return CudaCode(loop, shared, grouped, device, form, self._cubins, printed)
 
         return forms.code(("cuda", self.signals, grouped, device), make)
@@ -175,7 +209,9 @@ def _ending(block: Block, ends: np.ndarray) -> Block:
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
-    """Lanes of a block: each device gets as many blocks, and all but the last lanes fill it a whole number of times."""
+    """Lanes of a block: each device gets as many blocks, and all but the last lanes fill it a
+    whole number of times.
+    """
     wave = devices[0].multiprocessors * form_for(devices[0]).threads
     share = -(-runs // len(devices))
     blocks = -(-share // (wave * WAVES))
@@ -213,7 +249,9 @@ class CudaEngine:
     def device(self) -> str:
         """The GPUs in words."""
         counts = collections.Counter(device.name for device in cuda_device.devices())
-        return ", ".join(f"{count} x {name}" if count > 1 else name for name, count in counts.items())
+        return ", ".join(
+            f"{count} x {name}" if count > 1 else name for name, count in counts.items()
+        )
 
     @property
     def threads(self) -> int:
@@ -224,12 +262,18 @@ class CudaEngine:
         """See `interface.Engine`. Raises UserError where no GPU can run it."""
         require_float32(program.setup.precision)
         devices = cuda_device.devices()
-        return CudaKernel(traced.printable(program), block_lanes(runs, devices), devices, self.cubins)
+        return CudaKernel(
+            traced.printable(program), block_lanes(runs, devices), devices, self.cubins
+        )
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`; the same bits as in a campaign."""
         require_float32(program.setup.precision)
-        return Tracer(CudaKernel(traced.printable(program), 1, cuda_device.devices()[:1], self.cubins, signals=True))
+        return Tracer(
+            CudaKernel(
+                traced.printable(program), 1, cuda_device.devices()[:1], self.cubins, signals=True
+            )
+        )
 
 
 def require_float32(precision: Precision) -> None:

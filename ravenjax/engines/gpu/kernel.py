@@ -1,21 +1,21 @@
 """A split time loop as one CUDA C module, and how the buffers of its kernels are laid out.
 
-shared_begin    state of each group from its inputs; one thread a group
-shared_run      some ticks of each group: advances its state, writes a row of numbers a tick
-lane_begin      state of each lane from its inputs; one thread a lane
-lane_branch     state of the lanes of some warps from snapshots
-lane_run        the same ticks of each lane, reading its group's rows, from where its block begins to the lane's own end
-lane_finish     results of each lane
-group_snapshot  copies the state of the first group; one thread a number
-lane_snapshot   copies the state of the first lane; one thread a number
+shared_begin    state of each group from its inputs; one thread a group shared_run      some ticks
+of each group: advances its state, writes a row of numbers a tick lane_begin      state of each lane
+from its inputs; one thread a lane lane_branch     state of the lanes of some warps from snapshots
+lane_run        the same ticks of each lane, reading its group's rows, from where its block begins
+to the lane's own end lane_finish     results of each lane group_snapshot  copies the state of the
+first group; one thread a number lane_snapshot   copies the state of the first lane; one thread a
+number
 
-A lane that has ended waits for the others of its block. What it shares with its group goes on, so its last tick leaves
-those numbers of the group's state that its results need in `saved`: a row has them, too.
+A lane that has ended waits for the others of its block. What it shares with its group goes on, so
+its last tick leaves those numbers of the group's state that its results need in `saved`: a row has
+them, too.
 
-Every number takes a 32-bit word. Lanes come in whole blocks of threads, and the lanes of a warp are of one group.
-Inputs, `saved` and results of lanes are [number, lane], their state is [block, number, thread]; buffers of groups are
-[group, number], rows [group, tick, number]. What goes in and out in each tick is [tick, number, lane], or [group, tick,
-number] where it is alike in a group.
+Every number takes a 32-bit word. Lanes come in whole blocks of threads, and the lanes of a warp are
+of one group. Inputs, `saved` and results of lanes are [number, lane], their state is [block,
+number, thread]; buffers of groups are [group, number], rows [group, tick, number]. What goes in and
+out in each tick is [tick, number, lane], or [group, tick, number] where it is alike in a group.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ VECTOR = 4
 """Words that one instruction moves."""
 
 _MOST_PLAIN = 128
-"""Words of state in device memory; with more, accesses are assembly: 2 % slower, but compiled in 2 s, not in 13."""
+"""Words of state in device memory; with more, accesses are assembly: 2 % slower, but compiled in
+2 s, not in 13.
+"""
 
 _POINTERS = """\
 typedef const unsigned* __restrict__ Words;
@@ -55,21 +57,25 @@ struct Far {
   void operator=(unsigned x) { *at = x; }
 #endif
 };
-"""
+"""  # noqa: E501
 
 
 @dataclasses.dataclass(frozen=True)
 class Form:
     """How `lane_run` uses a multiprocessor, which is to hold one block of it.
 
-    No number of the state lives in a register from one tick to the next: registers are for what a tick computes.
-    Measured (analysis/engines/gpu.md).
+    No number of the state lives in a register from one tick to the next: registers are for what a
+    tick computes. Measured (analysis/engines/gpu.md).
     """
 
     threads: int = 384  # of a block; 168 registers each
-    shared_words: int = 148  # words of a thread's state in shared memory, at most; the others stay in device memory
-    region: int = 1000  # statements across which the compiler may move memory accesses, or it holds too much at once
-    in_step_from: int = 5000  # operations of a tick from which warps begin it together, to share fetched instructions
+    shared_words: int = (
+        148  # words of a thread's state in shared memory, at most; the others stay in device memory
+    )
+    # statements across which the compiler may move memory accesses, or it holds too much at once
+    region: int = 1000
+    # operations of a tick from which warps begin it together, to share fetched instructions
+    in_step_from: int = 5000
 
     @property
     def bounds(self) -> str:
@@ -95,7 +101,9 @@ class KernelSource:
 
 
 def print_loop(split: Split, form: Form, given_by_group: bool) -> KernelSource:
-    """Print `split`; given_by_group: what enters a tick is alike in a group. Raises NotImplementedError for float64."""
+    """Print `split`; given_by_group: what enters a tick is alike in a group. Raises
+    NotImplementedError for float64.
+    """
     return _CudaModule(split, form, given_by_group).source()
 
 
@@ -114,10 +122,18 @@ class _CudaModule:
         self.lane_state = (*self.far, *self.in_shared)
         for program in (self.step, self.begin, self.finish):
             if "float64" in {operation.dtype for operation in program.operations}:
-                raise NotImplementedError("a program with float64 numbers; CUDA kernels keep every number in 32 bits")
+                raise NotImplementedError(
+                    "a program with float64 numbers; CUDA kernels keep every number in 32 bits"
+                )
 
     def source(self) -> KernelSource:
-        kernels = [self._shared_begin(), self._shared_run(), self._lane_begin(), self._lane_run(), self._lane_finish()]
+        kernels = [
+            self._shared_begin(),
+            self._shared_run(),
+            self._lane_begin(),
+            self._lane_run(),
+            self._lane_finish(),
+        ]
         kernels += [self._lane_branch(), self._snapshot("group", len(self.split.shared_state), 1)]
         kernels += [self._snapshot("lane", len(self.lane_state), self.form.threads)]
 
@@ -144,12 +160,16 @@ class _CudaModule:
         """Words of a program's inputs: those of the lane by template, the state's by number."""
         numbers = {i: op.detail for i, op in enumerate(program.operations) if op.name == "input"}
         words = {i: inputs.format(k) for i, k in numbers.items() if k < self.inputs}
-        return words | {i: state[k - self.inputs] for i, k in numbers.items() if k - self.inputs in state}
+        return words | {
+            i: state[k - self.inputs] for i, k in numbers.items() if k - self.inputs in state
+        }
 
     def _of_this_tick(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
         """Words of what enters a tick, and the text of the tick's number."""
         first = self.inputs + self.states
-        at = {i: op.detail - first for i, op in enumerate(self.step.operations) if op.name == "input"}
+        at = {
+            i: op.detail - first for i, op in enumerate(self.step.operations) if op.name == "input"
+        }
         words = {i: template.format(k - 1) for i, k in at.items() if k > 0}
         return words, {i: "now" for i, k in at.items() if k == 0}
 
@@ -159,11 +179,16 @@ class _CudaModule:
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _at_lane(self, *names: str) -> list[str]:
-        """Moves pointers to the thread's lane: of its inputs or results by name, and of its state."""
+        """Moves pointers to the thread's lane: of its inputs or results by name, and of its
+        state.
+        """
         return [
             "  const int lane = blockIdx.x * blockDim.x + threadIdx.x;",
             *(f"  {name} += lane;" for name in names),
-            f"  state += (size_t)blockIdx.x * {len(self.lane_state) * self.form.threads} + threadIdx.x;",
+            (
+                f"  state += (size_t)blockIdx.x * {len(self.lane_state) * self.form.threads} +"
+                " threadIdx.x;"
+            ),
         ]
 
     def _at_group(self, **numbers: int | str) -> list[str]:
@@ -185,20 +210,30 @@ class _CudaModule:
         return times, first
 
     def _kept(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Numbers of a lane's state that are kept in device memory (those read least) and in shared memory.
+        """Numbers of a lane's state that are kept in device memory (those read least) and in shared
+        memory.
 
         Both in the order of first use: neighbours are read together.
         """
         times, first = self._reads()
-        at = {op.detail - self.inputs: i for i, op in enumerate(self.step.operations) if op.name == "input"}
+        at = {
+            op.detail - self.inputs: i
+            for i, op in enumerate(self.step.operations)
+            if op.name == "input"
+        }
         numbers = (*self.split.lane_state, *self.split.held_state)
         order = sorted(numbers, key=lambda k: times[at.get(k, -1)])
         far = max(0, len(order) - self.form.shared_words)
-        parts = (sorted(part, key=lambda k: first.get(at.get(k, -1), -1)) for part in (order[:far], order[far:]))
+        parts = (
+            sorted(part, key=lambda k: first.get(at.get(k, -1), -1))
+            for part in (order[:far], order[far:])
+        )
         return tuple(next(parts)), tuple(next(parts))
 
     def _row_order(self) -> tuple[int, ...]:
-        """The numbers of a row: those that a tick reads in the order of first use, then what is saved besides."""
+        """The numbers of a row: those that a tick reads in the order of first use, then what is
+        saved besides.
+        """
         _, first = self._reads()
         after = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
         return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(after))
@@ -210,9 +245,13 @@ class _CudaModule:
         return tuple(k for k in self.split.shared_state if k in read)
 
     def _state_in_loop(self) -> dict[int, str]:
-        """The word that holds each number of a lane's state in the loop; four of a thread are neighbours."""
+        """The word that holds each number of a lane's state in the loop; four of a thread are
+        neighbours.
+        """
         template = "state[{} * {}]" if len(self.far) <= _MOST_PLAIN else "Far{{state + {} * {}}}"
-        places = {k: template.format(position, self.form.threads) for position, k in enumerate(self.far)}
+        places = {
+            k: template.format(position, self.form.threads) for position, k in enumerate(self.far)
+        }
         for position, k in enumerate(self.in_shared):
             group, member = divmod(position, VECTOR)
             places[k] = f"room[{group * self.form.threads * VECTOR + member}]"
@@ -231,7 +270,9 @@ class _CudaModule:
         sources = self._words(self.begin, "inputs[{}]", {})
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
         start = self._at_group(inputs=self.inputs, state=len(state))
-        return _kernel("shared_begin", "Words inputs, Room state, int groups", [*start, *printer.lines])
+        return _kernel(
+            "shared_begin", "Words inputs, Room state, int groups", [*start, *printer.lines]
+        )
 
     def _shared_run(self) -> str:
         printer = CudaPrinter("    ")
@@ -244,23 +285,34 @@ class _CudaModule:
         order = arrange(step.operations, split.shared, [i for i, _ in results])
         printer.run(step, order, sources, results, "tables", tick_values)
         start = self._at_group(
-            inputs=self.inputs, state=len(state), given=f"count * {self.tick_inputs}", row=f"count * {self.row}"
+            inputs=self.inputs,
+            state=len(state),
+            given=f"count * {self.tick_inputs}",
+            row=f"count * {self.row}",
         )
         body = [
             *start,
-            *(f"  unsigned {word} = state[{position}];" for position, word in enumerate(state.values())),
+            *(
+                f"  unsigned {word} = state[{position}];"
+                for position, word in enumerate(state.values())
+            ),
             f"  for (int tick = 0; tick < count; ++tick, row += {self.row}) {{",
             "    const int now = first + tick;",
             *printer.lines,
             "  }",
             *(f"  state[{position}] = {word};" for position, word in enumerate(state.values())),
         ]
-        parameters = "Words inputs, Room state, Words tables, Words given, Room row, int groups, int first, int count"
+        parameters = (
+            "Words inputs, Room state, Words tables, Words given, Room row, int groups, int first,"
+            " int count"
+        )
         return _kernel("shared_run", parameters, body, f"__launch_bounds__({WARP})")
 
     def _lane_begin(self) -> str:
         printer = CudaPrinter()
-        results = [(self.begin.outputs[k], self._stored(place)) for place, k in enumerate(self.lane_state)]
+        results = [
+            (self.begin.outputs[k], self._stored(place)) for place, k in enumerate(self.lane_state)
+        ]
         sources = self._words(self.begin, self._of_lane("inputs"), {})
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
         return _kernel(
@@ -277,8 +329,13 @@ class _CudaModule:
         packed, prologue_words, prologue = self._held(inputs)
 
         printer = CudaPrinter("    ")
-        words, tick_values = self._of_this_tick(f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]")
-        rows = {i: f"row[{position // VECTOR}].{'xyzw'[position % VECTOR]}" for position, i in enumerate(self.in_row)}
+        words, tick_values = self._of_this_tick(
+            f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
+        )
+        rows = {
+            i: f"row[{position // VECTOR}].{'xyzw'[position % VECTOR]}"
+            for position, i in enumerate(self.in_row)
+        }
         sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         results += [(i, f"o{position}") for position, i in enumerate(self.outputs)]
@@ -287,9 +344,13 @@ class _CudaModule:
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 
-        used = {op.detail for op in step.operations if op.name == "input" and op.detail < self.inputs}
+        used = {
+            op.detail for op in step.operations if op.name == "input" and op.detail < self.inputs
+        }
         first = len(self.far)
-        near = [(state[k], self._stored(first + position)) for position, k in enumerate(self.in_shared)]
+        near = [
+            (state[k], self._stored(first + position)) for position, k in enumerate(self.in_shared)
+        ]
         out = [
             f"      out[((size_t)tick * {len(self.outputs)} + {k}) * lanes + lane] = o{k};"
             for k in range(len(self.outputs))
@@ -298,14 +359,23 @@ class _CudaModule:
         place = {i: position for position, i in enumerate(self.in_row)}
         after = [f"((const unsigned*)row)[{place[self.step.outputs[k]]}]" for k in self.saved]
         body = [
-            "  const int begin = spans[2 * blockIdx.x] > first ? spans[2 * blockIdx.x] - first : 0;",
-            "  const int last = spans[2 * blockIdx.x + 1] - first, end = last < count ? last : count;",
+            (
+                "  const int begin = spans[2 * blockIdx.x] > first ? spans[2 * blockIdx.x] - first"
+                " : 0;"
+            ),
+            (
+                "  const int last = spans[2 * blockIdx.x + 1] - first, end = last < count ? last :"
+                " count;"
+            ),
             "  if (begin >= end) return;",
             *self._at_lane("inputs", "saved"),
             "  const int own_end = ends[lane] - first;",
             "  extern __shared__ __align__(16) unsigned block_room[];",
             f"  unsigned* room = block_room + threadIdx.x * {VECTOR};",
-            *(f"  const unsigned in{k} = {self._of_lane('inputs').format(k)};" for k in sorted(used)),
+            *(
+                f"  const unsigned in{k} = {self._of_lane('inputs').format(k)};"
+                for k in sorted(used)
+            ),
             *(f"  {word} = {stored};" for word, stored in near),
             *prologue,
             "  const Fours rows = row;",
@@ -313,7 +383,10 @@ class _CudaModule:
             f"  for (int tick = begin; tick < end; ++tick, row += {self.row // VECTOR}) {{",
             *(["    __syncthreads();"] if len(split.lane) >= form.in_step_from else []),
             "    if (tick >= own_end) continue;",
-            *(f'    asm volatile("" : "+r"({name}));  // the bits are to stay in one register' for name in packed),
+            *(
+                f'    asm volatile("" : "+r"({name}));  // the bits are to stay in one register'
+                for name in packed
+            ),
             "    const int now = first + tick;",
             *(f"    unsigned o{k};" for k in range(len(self.outputs))),
             *printer.lines,
@@ -322,16 +395,21 @@ class _CudaModule:
             *(f"  {stored} = {word};" for word, stored in near),
             "  if (own_end <= begin || own_end > count) return;",
             f"  row = rows + ({at_row} + own_end - 1) * {self.row // VECTOR};",
-            *(f"  saved[{position} * (size_t)lanes] = {word};" for position, word in enumerate(after)),
+            *(
+                f"  saved[{position} * (size_t)lanes] = {word};"
+                for position, word in enumerate(after)
+            ),
         ]
         parameters = (
-            "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Groups spans, Groups ends, "
-            "Room saved, Room out, int lanes, int first, int count"
+            "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Groups"
+            " spans, Groups ends, Room saved, Room out, int lanes, int first, int count"
         )
         return _kernel("lane_run", parameters, body, form.bounds)
 
     def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], list[str]]:
-        """Words packed with the truth values that the loop reads, the word of each held number, and the statements."""
+        """Words packed with the truth values that the loop reads, the word of each held number,
+        and the statements.
+        """
         printer = CudaPrinter()
         numbers = self.split.prologue_results
         printer.run(self.step, self.split.prologue, inputs, [(i, f"k{i}") for i in numbers])
@@ -342,14 +420,19 @@ class _CudaModule:
         for p in range(0, len(truths), 32):
             names.append(f"held{p // 32}")
             pack = truths[p : p + 32]
-            lines.append(f"  unsigned {names[-1]} = {' | '.join(f'k{i} << {bit}' for bit, i in enumerate(pack))};")
+            lines.append(
+                f"  unsigned {names[-1]} ="
+                f" {' | '.join(f'k{i} << {bit}' for bit, i in enumerate(pack))};"
+            )
             words_of.update({i: f"{names[-1]} & 0x{1 << bit:x}u" for bit, i in enumerate(pack)})
         return names, words_of, lines
 
     def _lane_finish(self) -> str:
         printer = CudaPrinter()
         state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
-        state |= {k: self._of_lane("saved").format(position) for position, k in enumerate(self.saved)}
+        state |= {
+            k: self._of_lane("saved").format(position) for position, k in enumerate(self.saved)
+        }
         sources = self._words(self.finish, self._of_lane("inputs"), state)
         template = self._of_lane("results")
         results = [(i, template.format(position)) for position, i in enumerate(self.finish.outputs)]
@@ -367,7 +450,9 @@ class _CudaModule:
             f"  snapshots += (size_t)own * {words};",
             f"  for (int k = 0; k < {words}; ++k) state[k * {threads}] = snapshots[k];",
         ]
-        return _kernel("lane_branch", "Words snapshots, Groups snapshot, Room state", body, self.form.bounds)
+        return _kernel(
+            "lane_branch", "Words snapshots, Groups snapshot, Room state", body, self.form.bounds
+        )
 
     @staticmethod
     def _snapshot(what: str, words: int, stride: int) -> str:
@@ -380,4 +465,6 @@ class _CudaModule:
 
 
 def _kernel(name: str, parameters: str, body: list[str], bounds: str = "") -> str:
-    return "\n".join([f'extern "C" __global__ void {bounds} {name}({parameters})', "{", *body, "}", ""])
+    return "\n".join(
+        [f'extern "C" __global__ void {bounds} {name}({parameters})', "{", *body, "}", ""]
+    )

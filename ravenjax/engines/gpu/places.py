@@ -21,7 +21,9 @@ class Places:
 
 
 def place(group: np.ndarray, threads: int) -> Places:
-    """Whole warps for the lanes of each group, whole blocks of `threads` for all; the last lane of each fills them."""
+    """Whole warps for the lanes of each group, whole blocks of `threads` for all; the last lane
+    of each fills them.
+    """
     if not group.any():
         lanes = np.arange(len(group))
         total = -(-len(group) // threads) * threads

@@ -1,4 +1,6 @@
-"""Printed LLVM IR to a WebAssembly module: vectors of 128 bits, no fused multiply-add, no imports but its memory."""
+"""Printed LLVM IR to a WebAssembly module: vectors of 128 bits, no fused multiply-add, no
+imports but its memory.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,9 @@ from ravenjax.engines.wasm import linking
 
 TRIPLE = "wasm32-unknown-unknown"
 FEATURES = frozenset(("simd128", "bulk-memory", "nontrapping-fptoint", "sign-ext"))
-"""WebAssembly 2.0, which browsers have had since 2023 (Safari 16.4). The relaxed vector instructions of 3.0, a
-multiply-add among them, may round as the machine likes: no two machines need agree."""
+"""WebAssembly 2.0, which browsers have had since 2023 (Safari 16.4). The relaxed vector
+instructions of 3.0, a multiply-add among them, may round as the machine likes: no two machines need
+agree."""
 WIDTH = 4
 """float32 lanes of a vector."""
 _OPTIMISATION = 2  # of code generation: it decides which values live in locals
@@ -28,7 +31,9 @@ def text() -> str:
 
 
 def emit(printed: str, names: Sequence[str], objects: jit.Objects | None = None) -> bytes:
-    """The module of a text's functions `names`; taken from `objects`, where it is left otherwise."""
+    """The module of a text's functions `names`; taken from `objects`, where it is left
+    otherwise.
+    """
     source = (llvmlite.__version__, TRIPLE, text(), str(_OPTIMISATION), *names, printed)
     key = hashlib.sha256("\n".join(source).encode()).hexdigest()
     binary = objects.get(key) if objects is not None else None

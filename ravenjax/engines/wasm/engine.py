@@ -1,7 +1,9 @@
-"""Engine `wasm`: the tick printed as WebAssembly and run by a runtime in this process, or in a browser.
+"""Engine `wasm`: the tick printed as WebAssembly and run by a runtime in this process, or in a
+browser.
 
-The code is that of engine `simd` for vectors of four lanes: the same printer, the same split, the same buffers. Without
-a fused multiply-add each is two operations, each rounded: bits are those of `simd` on a CPU without one.
+The code is that of engine `simd` for vectors of four lanes: the same printer, the same split, the
+same buffers. Without a fused multiply-add each is two operations, each rounded: bits are those of
+`simd` on a CPU without one.
 """
 
 from __future__ import annotations
@@ -30,7 +32,10 @@ class WasmEngine:
     @property
     def device(self) -> str:
         """The runtime in words."""
-        return f"wasmtime {metadata.version('wasmtime')}, {jit.host().cpu}, 128-bit vectors, no fused multiply-add"
+        return (
+            f"wasmtime {metadata.version('wasmtime')}, {jit.host().cpu}, 128-bit vectors, no fused"
+            " multiply-add"
+        )
 
     @property
     def threads(self) -> int:
@@ -40,9 +45,13 @@ class WasmEngine:
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         """See `interface.Engine`."""
         lanes = lanes_of_block(runs, self.threads, code.WIDTH)
-        return SimdKernel(traced.printable(program), lanes, self.objects, target=runtime.WasmTarget())
+        return SimdKernel(
+            traced.printable(program), lanes, self.objects, target=runtime.WasmTarget()
+        )
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
-        kernel = SimdKernel(traced.printable(program), 1, self.objects, signals=True, target=runtime.WasmTarget())
+        kernel = SimdKernel(
+            traced.printable(program), 1, self.objects, signals=True, target=runtime.WasmTarget()
+        )
         return Tracer(kernel)

@@ -1,9 +1,11 @@
-"""An object file of LLVM's for WebAssembly made a module that runtimes load: what a linker does, for one object.
+"""An object file of LLVM's for WebAssembly made a module that runtimes load: what a linker does,
+for one object.
 
-Our code calls nothing outside of it, holds no data and needs no stack: all that it imports is its memory. So the
-object's sections of types, imports, functions and code stand as they are, calls between functions have their final
-numbers, and only exports are missing. Anything else is refused rather than left wrong. Format: the WebAssembly core
-specification, binary format; the custom sections "linking" and "reloc.CODE": WebAssembly tool conventions, Linking.md.
+Our code calls nothing outside of it, holds no data and needs no stack: all that it imports is its
+memory. So the object's sections of types, imports, functions and code stand as they are, calls
+between functions have their final numbers, and only exports are missing. Anything else is refused
+rather than left wrong. Format: the WebAssembly core specification, binary format; the custom
+sections "linking" and "reloc.CODE": WebAssembly tool conventions, Linking.md.
 """
 
 from __future__ import annotations
@@ -78,13 +80,22 @@ def link(code: bytes, names: Sequence[str]) -> bytes:
         if name == "reloc.CODE":
             _require_final(_Reader(content), sections[_CODE], functions)
         elif name.startswith("reloc."):
-            raise Unlinkable(f"the object has relocations of {name.removeprefix('reloc.')}, expected of CODE alone")
+            raise Unlinkable(
+                f"the object has relocations of {name.removeprefix('reloc.')}, expected of CODE"
+                " alone"
+            )
     number_of = {name: place for name, place in functions if name}
     if absent := [name for name in names if name not in number_of]:
-        raise Unlinkable(f"the object defines no {', '.join(absent)}; it has {', '.join(number_of)}")
-    exports = b"".join(number(len(name)) + name.encode() + b"\0" + number(number_of[name]) for name in names)
+        raise Unlinkable(
+            f"the object defines no {', '.join(absent)}; it has {', '.join(number_of)}"
+        )
+    exports = b"".join(
+        number(len(name)) + name.encode() + b"\0" + number(number_of[name]) for name in names
+    )
     sections[_EXPORT] = number(len(names)) + exports
-    return MAGIC + b"".join(bytes([kind]) + number(len(sections[kind])) + sections[kind] for kind in sorted(sections))
+    return MAGIC + b"".join(
+        bytes([kind]) + number(len(sections[kind])) + sections[kind] for kind in sorted(sections)
+    )
 
 
 def _sections(code: bytes) -> tuple[dict[int, bytes], dict[str, bytes]]:
@@ -102,14 +113,19 @@ def _sections(code: bytes) -> tuple[dict[int, bytes], dict[str, bytes]]:
         elif kind in (_TYPE, _IMPORT, _FUNCTION, _CODE):
             sections[kind] = content
         else:
-            raise Unlinkable(f"the object has a section {kind}, expected types, imports, functions and code alone")
+            raise Unlinkable(
+                f"the object has a section {kind}, expected types, imports, functions and code"
+                " alone"
+            )
     return sections, custom
 
 
 def _require_memory_alone(imports: _Reader) -> None:
     count, name, kind = imports.number(), (imports.name(), imports.name()), imports.byte()
     if count != 1 or name != MEMORY or kind != 2:
-        raise Unlinkable(f"the object imports {count} things, first {'.'.join(name)}, expected its memory alone")
+        raise Unlinkable(
+            f"the object imports {count} things, first {'.'.join(name)}, expected its memory alone"
+        )
 
 
 def _functions(linking: _Reader) -> list[tuple[str, int]]:
@@ -124,19 +140,26 @@ def _functions(linking: _Reader) -> list[tuple[str, int]]:
         for _ in range(content.number()):
             symbol, flags = content.byte(), content.number()
             if symbol != 0 or flags & _UNDEFINED:
-                raise Unlinkable(f"the object has a symbol of kind {symbol}, flags {flags}, expected its own functions")
+                raise Unlinkable(
+                    f"the object has a symbol of kind {symbol}, flags {flags}, expected its own"
+                    " functions"
+                )
             place = content.number()
             symbols.append((content.name(), place))
     return symbols
 
 
 def _require_final(relocations: _Reader, code: bytes, functions: Sequence[tuple[str, int]]) -> None:
-    """All calls name the functions that they mean; with no imported function there is nothing to move."""
+    """All calls name the functions that they mean; with no imported function there is nothing to
+    move.
+    """
     relocations.number()  # which section
     for _ in range(relocations.number()):
         kind, at, symbol = relocations.byte(), relocations.number(), relocations.number()
         if kind != _FUNCTION_INDEX:
-            raise Unlinkable(f"the object has a relocation of type {kind}, expected calls of functions alone")
+            raise Unlinkable(
+                f"the object has a relocation of type {kind}, expected calls of functions alone"
+            )
         name, place = functions[symbol]
         if (there := _Reader(code, at).number()) != place:
             raise Unlinkable(f"a call of {name} names function {there}, expected {place}")

@@ -1,4 +1,6 @@
-"""WebAssembly modules run in this process by wasmtime, behind the same interface as machine code."""
+"""WebAssembly modules run in this process by wasmtime, behind the same interface as machine
+code.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ _ALIVE: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def _kept(owner: Any) -> Any:
-    """An object of the runtime's, to be closed while Python can still do so: at its end it closes them too late."""
+    """An object of the runtime's, to be closed while Python can still do so: at its end it
+    closes them too late.
+    """
     if not _ALIVE:
         atexit.register(_close)
     _ALIVE.add(owner)
@@ -148,6 +152,8 @@ class WasmTarget:
     features = code.FEATURES
     text = code.text()
 
-    def compiled(self, text: str, names: Sequence[str], objects: jit.Objects | None = None) -> WasmModule:
+    def compiled(
+        self, text: str, names: Sequence[str], objects: jit.Objects | None = None
+    ) -> WasmModule:
         """See `target.CodeTarget`."""
         return WasmModule(code.emit(text, names, objects))

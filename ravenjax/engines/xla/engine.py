@@ -1,9 +1,9 @@
 """Engines `xla` and `mjx`: the tick under `vmap`, its time loop a `lax.scan`, compiled by `jit`.
 
-A kernel advances one block by one *segment* of ticks and is called again for the next, so that one compile serves any
-duration and memory does not grow with it. The first segment makes the initial state; each returns the outcomes so far.
-Blocks run side by side in threads: XLA's CPU code for so many small loops keeps one core busy and leaves the GIL
-alone.
+A kernel advances one block by one *segment* of ticks and is called again for the next, so that one
+compile serves any duration and memory does not grow with it. The first segment makes the initial
+state; each returns the outcomes so far. Blocks run side by side in threads: XLA's CPU code for so
+many small loops keeps one core busy and leaves the GIL alone.
 """
 
 from __future__ import annotations
@@ -25,21 +25,27 @@ MAX_SEGMENT = 1000
 MAX_LANES = 256
 """Lanes of a block: the state of a block then fits the second-level cache of a core."""
 LANE_MULTIPLE = 16
-"""Lanes come in multiples of the widest float32 vector, so that every lane takes the vector path."""
+"""Lanes come in multiples of the widest float32 vector, so that every lane takes the vector
+path.
+"""
 
 
 def segment_ticks(ticks: int) -> int:
-    """The largest divisor of `ticks` that a segment may have; where it is small, a length that overshoots a little."""
+    """The largest divisor of `ticks` that a segment may have; where it is small, a length that
+    overshoots a little.
+    """
     divisor = next(n for n in range(min(ticks, MAX_SEGMENT), 0, -1) if ticks % n == 0)
-    return divisor if divisor * 4 >= min(ticks, MAX_SEGMENT) else -(-ticks // -(-ticks // MAX_SEGMENT))
+    return (
+        divisor if divisor * 4 >= min(ticks, MAX_SEGMENT) else -(-ticks // -(-ticks // MAX_SEGMENT))
+    )
 
 
 def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> tuple[Any, Any]:
     """The segment, and the shapes of the state that it carries.
 
-    segment(varied, faults, ends, state, first tick, reference [length, series, lanes], motion) returns the state, the
-    outcomes so far, the reference series [length, series, lanes] and, if kept, every signal of the first lane [length].
-    ends: as `traced.own_ends`.
+    segment(varied, faults, ends, state, first tick, reference [length, series, lanes], motion)
+    returns the state, the outcomes so far, the reference series [length, series, lanes] and, if
+    kept, every signal of the first lane [length]. ends: as `traced.own_ends`.
     """
     loop, setup = program.loop, program.setup
     overshoots = program.ticks % length != 0  # the last segment, the run
@@ -47,7 +53,9 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     def params_of(varied: Any) -> Any:
         return program.params_of([varied[path] for path in program.varied])
 
-    def advance(varied: Any, faults: Any, end: Any, state: Any, now: Any, reference: Any, motion: Any) -> Any:
+    def advance(
+        varied: Any, faults: Any, end: Any, state: Any, now: Any, reference: Any, motion: Any
+    ) -> Any:
         params = params_of(varied)
         new, series, signals = loop.advance(setup, params, faults, state, now, motion, reference)
         end = end or ((program.ticks,) if overshoots else ())
@@ -60,7 +68,9 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     def finish(varied: Any, state: Any) -> Any:
         return loop.outcomes(setup, params_of(varied), state)
 
-    def segment(varied: Any, faults: Any, ends: Any, state: Any, first: Any, reference: Any, motion: Any) -> Any:
+    def segment(
+        varied: Any, faults: Any, ends: Any, state: Any, first: Any, reference: Any, motion: Any
+    ) -> Any:
         fresh = jax.vmap(begin, axis_size=reference.shape[2])(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
@@ -72,7 +82,9 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
             new, series, signals = moved
             return new, (jnp.stack(series), jax.tree.map(lambda leaf: leaf[0], signals))
 
-        state, (series, signals) = lax.scan(body, state, (first + jnp.arange(length, dtype=jnp.int32), reference))
+        state, (series, signals) = lax.scan(
+            body, state, (first + jnp.arange(length, dtype=jnp.int32), reference)
+        )
         return state, jax.vmap(finish)(varied, state), series, signals
 
     def shapes(varied: Any, lanes: int) -> Any:
@@ -116,9 +128,19 @@ class ScanKernel:
         state = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), self.shapes(varied, self.lanes))
         reference = jnp.zeros((self.length, self.series, self.lanes), self.dtype)
         ends = tuple(map(jnp.asarray, traced.own_ends(self.program, block)))
-        return varied, faults, ends, state, jnp.int32(0), reference, tuple(jnp.asarray(c) for c in motion)
+        return (
+            varied,
+            faults,
+            ends,
+            state,
+            jnp.int32(0),
+            reference,
+            tuple(jnp.asarray(c) for c in motion),
+        )
 
-    def run(self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None) -> BlockResult:
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
+    ) -> BlockResult:
         """See `interface.Kernel`."""
         outcomes, series, _ = self._run(block, motion, progress, keep=block.reference is None)
         return BlockResult(outcomes, series)
@@ -140,7 +162,9 @@ class ScanKernel:
             for first in range(0, ticks, self.length):
                 if block.compared:
                     reference = jnp.asarray(self._segment_of(block, first))
-                state, outcomes, *series = compiled(varied, faults, ends, state, jnp.int32(first), reference, columns)
+                state, outcomes, *series = compiled(
+                    varied, faults, ends, state, jnp.int32(first), reference, columns
+                )
                 if keep:
                     chunks.append(jax.tree.map(np.asarray, series))
                 jax.block_until_ready(outcomes)
@@ -153,10 +177,14 @@ class ScanKernel:
         return named, series, signals
 
     def _segment_of(self, block: Block, first: int) -> np.ndarray:
-        """The reference of each lane for one segment; the last row is repeated where it overshoots the run."""
+        """The reference of each lane for one segment; the last row is repeated where it
+        overshoots the run.
+        """
         assert block.reference is not None
         rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
-        return dataclasses.replace(block, reference=block.reference[rows]).series(np.arange(self.lanes))
+        return dataclasses.replace(block, reference=block.reference[rows]).series(
+            np.arange(self.lanes)
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,10 +205,14 @@ class ScanEngine:
 
     def _program(self, program: TickProgram) -> TickProgram:
         dynamics = "mjx" if self.name == "mjx" else "unrolled"
-        return dataclasses.replace(program, setup=dataclasses.replace(program.setup, link_dynamics=dynamics))
+        return dataclasses.replace(
+            program, setup=dataclasses.replace(program.setup, link_dynamics=dynamics)
+        )
 
     def compile(self, program: TickProgram, runs: int) -> ScanKernel:
-        """See `interface.Engine`. The block never depends on the chunk that results are stored in."""
+        """See `interface.Engine`. The block never depends on the chunk that results are stored
+        in.
+        """
         share = -(-runs // self.threads)
         lanes = min(MAX_LANES, -(-share // LANE_MULTIPLE) * LANE_MULTIPLE)
         return ScanKernel(self._program(program), lanes)

@@ -29,15 +29,21 @@ class Candidate(NamedTuple):
     @property
     def name(self) -> str:
         """A word: mvel_rate, mvel_rate_4ms."""
-        return self.score.name if self.consecutive == 1 else f"{self.score.name}_{self.consecutive}ms"
+        return (
+            self.score.name if self.consecutive == 1 else f"{self.score.name}_{self.consecutive}ms"
+        )
 
     @property
     def words(self) -> str:
         """What it looks at."""
-        return self.score.words + (f", {self.consecutive} ms in a row" if self.consecutive > 1 else "")
+        return self.score.words + (
+            f", {self.consecutive} ms in a row" if self.consecutive > 1 else ""
+        )
 
 
-def tables(parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path) -> list[dict[str, Any]]:
+def tables(
+    parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path
+) -> list[dict[str, Any]]:
     """[[detector]] of each candidate, in order; `folder` gets their files.
 
     Candidates of one score that follow each other share its file, and what it computes.
@@ -52,23 +58,42 @@ def tables(parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path
     return out
 
 
-def watched(raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]) -> tuple[CampaignConfig, list[str]]:
-    """A campaign, as a manifest holds it, with these detectors more, and the prefix of each one's columns."""
+def watched(
+    raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
+) -> tuple[CampaignConfig, list[str]]:
+    """A campaign, as a manifest holds it, with these detectors more, and the prefix of each
+    one's columns.
+    """
     config = validated({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
     more = sum(len(table["consecutive"]) for table in tables)
-    return config, [f"detector{number}_" for number in range(len(config.detectors) - more, len(config.detectors))]
+    return config, [
+        f"detector{number}_"
+        for number in range(len(config.detectors) - more, len(config.detectors))
+    ]
 
 
 def singles(scores: Sequence[Score]) -> list[Candidate]:
-    """Every channel of the scores, for each number of milliseconds in a row, which varies fastest."""
-    return [Candidate(single, count) for score in scores for single in score.singles for count in CONSECUTIVE]
+    """Every channel of the scores, for each number of milliseconds in a row, which varies
+    fastest.
+    """
+    return [
+        Candidate(single, count)
+        for score in scores
+        for single in score.singles
+        for count in CONSECUTIVE
+    ]
 
 
 def scaled(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
-    """Candidates whose channels are measured in what fault-free motion reached; peaks: of `singles`, in their unit."""
+    """Candidates whose channels are measured in what fault-free motion reached; peaks: of
+    `singles`, in their unit.
+    """
     rest = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE))
     out = []
     for score in scores:
         own, rest = rest[: len(score.scales)], rest[len(score.scales) :]
-        out += [Candidate(score.scaled(own[:, place].tolist()), count) for place, count in enumerate(CONSECUTIVE)]
+        out += [
+            Candidate(score.scaled(own[:, place].tolist()), count)
+            for place, count in enumerate(CONSECUTIVE)
+        ]
     return out

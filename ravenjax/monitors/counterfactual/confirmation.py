@@ -1,4 +1,6 @@
-"""The set as real detectors in a campaign of its own: what they detect, beside what was promised."""
+"""The set as real detectors in a campaign of its own: what they detect, beside what was
+promised.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +46,8 @@ class Confirmation(NamedTuple):
     def sentence(self) -> str:
         """In words."""
         start = (
-            f"Run as detectors of their own with seed {self.seed}, the checks see {self.every.k} of {self.every.n} "
-            f"faults in time ({wording.percent(self.every.value)})"
+            f"Run as detectors of their own with seed {self.seed}, the checks see {self.every.k} of"
+            f" {self.every.n} faults in time ({wording.percent(self.every.value)})"
         )
         if not self.anew.n and self.draws:
             return f"{start}; none of these is of a group that draws its faults."
@@ -61,14 +63,22 @@ class Confirmation(NamedTuple):
 
 
 def run(
-    one: Counterfactual, file: Path, seed: int, engine: str = "auto", on_progress: OnProgress | None = None
+    one: Counterfactual,
+    file: Path,
+    seed: int,
+    engine: str = "auto",
+    on_progress: OnProgress | None = None,
 ) -> Confirmation:
-    """Run the campaign that `output` wrote, with another seed. Raises UserError as a campaign does."""
+    """Run the campaign that `output` wrote, with another seed. Raises UserError as a campaign
+    does.
+    """
     config = loading.load(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
     rules = hazards.choices(config)
     rows = hazards.evading(table, rules, one.question.groups)
-    hit = detected(table.loc[rows], hazards.harm_of(table, rules)[rows], config, len(one.promise.members))
+    hit = detected(
+        table.loc[rows], hazards.harm_of(table, rules)[rows], config, len(one.promise.members)
+    )
     in_time = hit >= one.question.lead_ms
     sampled = list(draws.groups(config.model_dump(mode="json")) or ())
     new = table.loc[rows, "group"].astype(str).isin(sampled).to_numpy()
@@ -82,14 +92,21 @@ def run(
 def _promised(one: Counterfactual) -> np.ndarray:
     """Which of the statement's faults that were drawn the set covers."""
     rows = one.grounds.statement_half & one.grounds.hazards.sampled
-    return one.grounds.leads(one.promise.members, one.promise.margin.place)[rows] >= one.question.lead_ms
+    return (
+        one.grounds.leads(one.promise.members, one.promise.margin.place)[rows]
+        >= one.question.lead_ms
+    )
 
 
-def detected(table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, members: int) -> np.ndarray:
+def detected(
+    table: pd.DataFrame, harm: np.ndarray, config: CampaignConfig, members: int
+) -> np.ndarray:
     """Harm minus the first alarm of the last `members` detectors of a campaign, ms [runs]."""
     first = len(config.detectors) - members
     each: Sequence[np.ndarray] = [
-        hazards.leads(table, f"detector{first + place}_", config.detectors[first + place][2], harm)[:, 0]
+        hazards.leads(table, f"detector{first + place}_", config.detectors[first + place][2], harm)[
+            :, 0
+        ]
         for place in range(members)
     ]
     return np.max(each, axis=0)

@@ -1,8 +1,8 @@
 """A small set of candidates that covers much: greedy, then pruned.
 
-In each step the candidate that covers most of what is left is taken; coverage is submodular, so a greedy set of k
-covers at least 1 - 1/e of what the best k do (Nemhauser, Wolsey, Fisher, Math. Program. 14, 1978). Then whatever the
-others have made superfluous is left out again.
+In each step the candidate that covers most of what is left is taken; coverage is submodular, so a
+greedy set of k covers at least 1 - 1/e of what the best k do (Nemhauser, Wolsey, Fisher, Math.
+Program. 14, 1978). Then whatever the others have made superfluous is left out again.
 """
 
 from __future__ import annotations
@@ -10,11 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 
-def greedy(covered: np.ndarray, most: int, weight: np.ndarray | None = None, least: float = 0.0) -> list[int]:
+def greedy(
+    covered: np.ndarray, most: int, weight: np.ndarray | None = None, least: float = 0.0
+) -> list[int]:
     """Numbers of at most `most` candidates, those that cover most alone of the others first.
 
-    covered: bool [runs, candidates]. weight: of each run, at least 0; None: 1. Of candidates that add the same the
-    earlier is taken. Nothing is taken that adds nothing, or less than the share `least` of all weight.
+    covered: bool [runs, candidates]. weight: of each run, at least 0; None: 1. Of candidates that
+    add the same the earlier is taken. Nothing is taken that adds nothing, or less than the share
+    `least` of all weight.
     """
     runs, candidates = covered.shape
     value = np.ones(runs) if weight is None else np.asarray(weight, float)

@@ -46,14 +46,18 @@ class Counterfactual(NamedTuple):
     tip_error: Promise | None  # of the built-in detector
     everything: Promise  # of all candidates together
     random: np.ndarray  # share that sets of as many candidates at random cover, each
-    strangers: Rate | None  # faults that sets see which were selected without their group; None: there is one group
+    strangers: (
+        Rate | None
+    )  # faults that sets see which were selected without their group; None: there is one group
     scale_hours: float  # of fault-free motion, from which scales come
 
     @property
     def members(self) -> list[Member]:
         """The set's candidates at its margin, in the order of selection."""
         grounds, margin = self.grounds, self.promise.margin
-        lead = grounds.hazards.lead_ms[grounds.statement_half][:, self.promise.members, margin.place]
+        lead = grounds.hazards.lead_ms[grounds.statement_half][
+            :, self.promise.members, margin.place
+        ]
         covered = lead >= self.question.lead_ms
         fresh = covered & (np.cumsum(covered, axis=1) == covered)
         return [
@@ -61,7 +65,11 @@ class Counterfactual(NamedTuple):
                 place,
                 float(covered[:, number].mean()),
                 float(fresh[:, number].mean()),
-                float(np.median(lead[covered[:, number], number])) if covered[:, number].any() else float("nan"),
+                (
+                    float(np.median(lead[covered[:, number], number]))
+                    if covered[:, number].any()
+                    else float("nan")
+                ),
                 stated(joint(grounds.statement, [place]), margin.value).count,
             )
             for number, place in enumerate(self.promise.members)
@@ -69,11 +77,19 @@ class Counterfactual(NamedTuple):
 
     @property
     def uncovered(self) -> list[tuple[str, int, int]]:
-        """(group, faults that the set misses, its faults), of the statement half; most missed first."""
+        """(group, faults that the set misses, its faults), of the statement half; most missed
+        first.
+        """
         rows = self.grounds.statement_half
-        hit = self.grounds.leads(self.promise.members, self.promise.margin.place)[rows] >= self.question.lead_ms
+        hit = (
+            self.grounds.leads(self.promise.members, self.promise.margin.place)[rows]
+            >= self.question.lead_ms
+        )
         group = self.grounds.hazards.group[rows]
-        out = [(str(name), int((~hit[group == name]).sum()), int((group == name).sum())) for name in np.unique(group)]
+        out = [
+            (str(name), int((~hit[group == name]).sum()), int((group == name).sum()))
+            for name in np.unique(group)
+        ]
         return sorted((one for one in out if one[1]), key=lambda one: (-one[1], one[0]))
 
 
@@ -97,28 +113,40 @@ def find(
         for part in ("singles", "scaled"):
             (folder / part).mkdir()
 
-        def motion(purposes: tuple[str, ...], parts: list[Candidate], part: str) -> motions.FreeMotion:
+        def motion(
+            purposes: tuple[str, ...], parts: list[Candidate], part: str
+        ) -> motions.FreeMotion:
             numbers = [n for purpose in purposes for n in motions.share(purpose, course.motions)]
             return motions.run(raw, course, numbers, parts, folder / part, alone)
 
-        on_stage(f"{course.motions} fault-free motions of {course.seconds} s, a quarter of them for candidates' scales")
+        on_stage(
+            f"{course.motions} fault-free motions of {course.seconds} s, a quarter of them for"
+            " candidates' scales"
+        )
         pilot = motion(("scales",), candidates.singles(every), "singles")
         parts = candidates.scaled(every, pilot.peaks.max(axis=(0, 1)))
         on_stage(f"the others, with {len(parts)} candidates")
         free = motion(("calibrated", "stated"), parts, "scaled")
         first = len(motions.share("calibrated", course.motions))
         calibration, statement = (
-            motions.FreeMotion(free.peaks[some], free.hours[some]) for some in (slice(first), slice(first, None))
+            motions.FreeMotion(free.peaks[some], free.hours[some])
+            for some in (slice(first), slice(first, None))
         )
         on_stage(f"the campaign's runs, with all of them at {len(MARGINS)} margins")
-        there = hazards.run(raw, parts, MARGINS, folder / "scaled", engine, question.groups, on_progress)
+        there = hazards.run(
+            raw, parts, MARGINS, folder / "scaled", engine, question.groups, on_progress
+        )
     halves = there.halves(question.seed)
     grounds = Grounds(question, calibration, statement, there, *halves)
     return _finding(config, question, tuple(parts), grounds, float(pilot.hours.sum()))
 
 
 def _finding(
-    config: CampaignConfig, question: Question, parts: tuple[Candidate, ...], grounds: Grounds, scale_hours: float
+    config: CampaignConfig,
+    question: Question,
+    parts: tuple[Candidate, ...],
+    grounds: Grounds,
+    scale_hours: float,
 ) -> Counterfactual:
     members = grounds.selected()
     _require_cover(grounds, members)
@@ -144,12 +172,12 @@ def _require_cover(grounds: Grounds, members: list[int]) -> None:
     for half, rows in (("select", grounds.selection_half), ("state", grounds.statement_half)):
         if not rows.any():
             raise UserError(
-                f"{grounds.hazards.count} faults evade the robot's checks, and none is left to {half} with: "
-                "compute more runs"
+                f"{grounds.hazards.count} faults evade the robot's checks, and none is left to"
+                f" {half} with: compute more runs"
             )
     if not members:
         raise UserError(
-            f"no candidate alarms {grounds.question.lead_ms} ms before harm in any of "
-            f"{int(grounds.selection_half.sum())} faults at {MARGINS[PROPOSED]:g} times what fault-free motion "
-            "reaches: ask for a shorter --lead-ms"
+            f"no candidate alarms {grounds.question.lead_ms} ms before harm in any of"
+            f" {int(grounds.selection_half.sum())} faults at {MARGINS[PROPOSED]:g} times what"
+            " fault-free motion reaches: ask for a shorter --lead-ms"
         )

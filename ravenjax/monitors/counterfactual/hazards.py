@@ -1,4 +1,6 @@
-"""The campaign's runs with every candidate as a detector: when each alarmed, beside when harm began."""
+"""The campaign's runs with every candidate as a detector: when each alarmed, beside when harm
+began.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,18 @@ from ravenjax.vocabulary.reactions import ACTIONS
 
 
 class Hazards(NamedTuple):
-    """Runs whose fault evades the robot's own checks, one of each fault; arrays over runs in the table's order."""
+    """Runs whose fault evades the robot's own checks, one of each fault; arrays over runs in the
+    table's order.
+    """
 
     group: np.ndarray  # str
     sampled: np.ndarray  # bool, of a group that draws its faults
     unit: np.ndarray  # int, what was sampled: the fault, or the robot where robots were drawn whole
     robots: bool  # whether units are robots
     harm_ms: np.ndarray  # int
-    lead_ms: np.ndarray  # int [runs, candidates, margins], harm minus first alarm; below 0 where there is none before
+    lead_ms: (
+        np.ndarray
+    )  # int [runs, candidates, margins], harm minus first alarm; below 0 where there is none before
 
     @property
     def count(self) -> int:
@@ -44,14 +50,24 @@ class Hazards(NamedTuple):
 
     def of(self, rows: np.ndarray) -> Hazards:
         """Some of them."""
-        arrays = {name: part[rows] for name, part in self._asdict().items() if isinstance(part, np.ndarray)}
+        arrays = {
+            name: part[rows]
+            for name, part in self._asdict().items()
+            if isinstance(part, np.ndarray)
+        }
         return self._replace(**arrays)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """(selection, statement): rows, bool each. Units are halved at random, of each group where they are faults."""
+        """(selection, statement): rows, bool each. Units are halved at random, of each group
+        where they are faults.
+        """
         rng = np.random.default_rng([seed, 1])
         mine = np.zeros(self.count, bool)
-        strata = np.zeros(self.count, int) if self.robots else np.unique(self.group, return_inverse=True)[1]
+        strata = (
+            np.zeros(self.count, int)
+            if self.robots
+            else np.unique(self.group, return_inverse=True)[1]
+        )
         odd = 0
         for stratum in range(strata.max(initial=-1) + 1):
             among = rng.permutation(np.unique(self.unit[strata == stratum]))
@@ -60,7 +76,9 @@ class Hazards(NamedTuple):
         return mine, ~mine
 
     def rate(self, hit: np.ndarray) -> Rate:
-        """Share of the runs: Wilson's where each is a fault of its own, else by resampling robots."""
+        """Share of the runs: Wilson's where each is a fault of its own, else by resampling
+        robots.
+        """
         if not self.robots:
             return wilson(int(hit.sum()), len(hit))
         return units.rate(hit, units.units(self.unit))
@@ -86,13 +104,16 @@ def run(
     names = schema.arrow_schema(results.shape).names
     watching = tuple(prefix for prefix in (*prefixes, *(f"golden_{prefix}" for prefix in prefixes)))
     needed = {name for name in names if name.startswith(watching) and not name.endswith("_alarms")}
-    table = results.frame([name for name in names if name in needed | {*facts.needed(names, rules)}])
+    table = results.frame(
+        [name for name in names if name in needed | {*facts.needed(names, rules)}]
+    )
     rows = evading(table, rules, groups)
     if not rows.any():
         among = f" of {', '.join(groups)}" if groups else ""
         raise UserError(
-            f"no fault{among} evades the robot's checks with a motion of more than "
-            f"{config.outcomes.limit_mm:g} mm: there is nothing that a further check would have to see"
+            f"no fault{among} evades the robot's checks with a motion of more than"
+            f" {config.outcomes.limit_mm:g} mm: there is nothing that a further check would have"
+            " to see"
         )
     some, harm = table.loc[rows], harm_of(table, rules)[rows]
     lead = np.stack([leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)
@@ -103,9 +124,11 @@ def run(
     return Hazards(group, np.isin(group, list(random)), unit, bool(robots), harm, lead)
 
 
-def leads(table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm: np.ndarray) -> np.ndarray:
-    """Harm minus first alarm, ms [runs, thresholds], of a detector; NEVER where none came, or where the golden run has
-    one as well, whose alarm is no sign of the fault."""
+def leads(
+    table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm: np.ndarray
+) -> np.ndarray:
+    """Harm minus first alarm, ms [runs, thresholds], of a detector; NEVER where none came, or where
+    the golden run has one as well, whose alarm is no sign of the fault."""
     golden = table[f"golden_{prefix}score"].to_numpy(np.float32)
     out = np.full((len(table), len(thresholds)), NEVER)
     for place, threshold in enumerate(thresholds):
@@ -141,4 +164,6 @@ def require_groups(config: CampaignConfig, groups: Sequence[str]) -> None:
     names = [group.name for group in config.group]
     for name in groups:
         if name not in names:
-            raise UserError(f"--group {name!r}: unknown, expected {', '.join(names)}{suggestion(name, names)}")
+            raise UserError(
+                f"--group {name!r}: unknown, expected {', '.join(names)}{suggestion(name, names)}"
+            )

@@ -1,4 +1,6 @@
-"""What a counterfactual leaves: the table of candidates, the figure, and the set as a campaign of its own."""
+"""What a counterfactual leaves: the table of candidates, the figure, and the set as a campaign
+of its own.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,12 @@ from ravenjax.monitors.counterfactual.finding import Counterfactual
 from ravenjax.report import downloads
 from ravenjax.store.files import require_writable, write_aside
 
-TABLE, FIGURE, FOLDER, CAMPAIGN = "counterfactual.csv", "counterfactual.svg", "chosen", "campaign.toml"
+TABLE, FIGURE, FOLDER, CAMPAIGN = (
+    "counterfactual.csv",
+    "counterfactual.svg",
+    "chosen",
+    "campaign.toml",
+)
 
 
 def write(one: Counterfactual, place: Path) -> list[Path]:
@@ -25,7 +32,10 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
     for member, name in zip(one.promise.members, names(one), strict=True):
         part = one.parts[member]
         paths.append(folder / f"{name}.py")
-        title = f"{part.words[:1].upper()}{part.words[1:]}: 1 is the most that fault-free motion reached"
+        title = (
+            f"{part.words[:1].upper()}{part.words[1:]}: 1 is the most that fault-free motion"
+            " reached"
+        )
         _write(paths[-1], part_file.text([part.score], title))
     paths.append(folder / CAMPAIGN)
     _write(paths[-1], campaign(one))
@@ -33,7 +43,9 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
 
 
 def names(one: Counterfactual) -> list[str]:
-    """Of the set's detectors, and of their files: the candidates', or such as no detector of the campaign has."""
+    """Of the set's detectors, and of their files: the candidates', or such as no detector of the
+    campaign has.
+    """
     others, out = {own.name for own in one.config.detector}, []
     for member in one.promise.members:
         name, number = one.parts[member].name, 2
@@ -61,7 +73,10 @@ def campaign(one: Counterfactual) -> str:
     ]
     own, groups = raw.pop("detector", []), raw.pop("group")
     head = "".join(f"# {sentence}\n" for sentence in words.sentences(one))
-    stop = '# acts = "stop" lets a check press the E-stop. Other faults of the same kinds: --set campaign.seed=N\n'
+    stop = (
+        '# acts = "stop" lets a check press the E-stop. Other faults of the same kinds: --set'
+        " campaign.seed=N\n"
+    )
     return f"{head}{stop}\n" + writing.text({**raw, "detector": [*own, *more], "group": groups})
 
 

@@ -1,9 +1,11 @@
-"""What a set of candidates promises: its margin, its false alarms an hour, which faults it sees in time.
+"""What a set of candidates promises: its margin, its false alarms an hour, which faults it sees in
+time.
 
-The set alarms where any of its candidates is over its scale times the set's margin. The margin is the least of
-`MARGINS` whose expected rate on one motion more is at most what is asked: conformal risk control (Angelopoulos, Bates,
-Fisch, Lei, Schuster, 2022) on motions that chose neither scales nor candidates. What is *stated* are alarms in motions
-that served nothing else, and faults that selected nothing.
+The set alarms where any of its candidates is over its scale times the set's margin. The margin is
+the least of `MARGINS` whose expected rate on one motion more is at most what is asked: conformal
+risk control (Angelopoulos, Bates, Fisch, Lei, Schuster, 2022) on motions that chose neither scales
+nor candidates. What is *stated* are alarms in motions that served nothing else, and faults that
+selected nothing.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ class Margin(NamedTuple):
 
     place: int  # of MARGINS
     alarms: int  # runs with an alarm, of the calibration's
-    bound: float  # (alarms + one motion's runs) an hour: what is at most the rate that is asked, or the least there is
+    # (alarms + one motion's runs) an hour: what is at most the rate that is asked, or the least
+    # there is
+    bound: float
 
     @property
     def value(self) -> float:
@@ -81,22 +85,32 @@ class Grounds(NamedTuple):
         return self.hazards.lead_ms[:, list(members), place].max(axis=1)
 
     def selected(self, without: str | None = None) -> list[int]:
-        """The greedy set, of the faults of the selection half alone, or of those outside of one group."""
-        rows = self.selection_half if without is None else self.selection_half & (self.hazards.group != without)
+        """The greedy set, of the faults of the selection half alone, or of those outside of one
+        group.
+        """
+        rows = (
+            self.selection_half
+            if without is None
+            else self.selection_half & (self.hazards.group != without)
+        )
         covered = self.hazards.of(rows).covered(self.question.lead_ms)[:, :, PROPOSED]
         return greedy(covered, self.question.most, least=LEAST_GAIN)
 
     def of_strangers(self) -> Rate | None:
-        """Share of the statement half that sets see which were selected without the fault's own group, the interval
-        over groups; None where there is one group alone."""
+        """Share of the statement half that sets see which were selected without the fault's own
+        group, the interval over groups; None where there is one group alone."""
         group, hit = self.hazards.group, np.zeros(self.hazards.count, bool)
         names = np.unique(group[self.statement_half])
         if len(np.unique(group)) < 2:
             return None
         for name in names:
             if members := self.selected(without=str(name)):
-                margin = calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
-                hit |= (group == name) & (self.leads(members, margin.place) >= self.question.lead_ms)
+                margin = calibrated(
+                    joint(self.calibration, members), self.question.false_alarms_per_hour
+                )
+                hit |= (group == name) & (
+                    self.leads(members, margin.place) >= self.question.lead_ms
+                )
         return units.rate(hit[self.statement_half], units.units(group[self.statement_half]))
 
     def best_single(self) -> int:
@@ -105,7 +119,9 @@ class Grounds(NamedTuple):
         return max(candidates, key=lambda one: (self._hits([one], self.selection_half), -one))
 
     def at_random(self, size: int) -> np.ndarray:
-        """Share of the statement half that sets at random cover, each at its own margin: [RANDOM_SETS]."""
+        """Share of the statement half that sets at random cover, each at its own margin:
+        [RANDOM_SETS].
+        """
         rng = np.random.default_rng([self.question.seed, 2])
         among = self.hazards.lead_ms.shape[1]
         sets = [rng.choice(among, size, replace=False) for _ in range(RANDOM_SETS)]
@@ -129,12 +145,13 @@ def joint(motions: FreeMotion, members: Sequence[int]) -> JointScore:
 
 
 def calibrated(motions: JointScore, per_hour: float) -> Margin:
-    """The least margin whose expected rate is at most `per_hour`; where none is, the least with the least rate.
+    """The least margin whose expected rate is at most `per_hour`; where none is, the least with the
+    least rate.
 
-    Of n motions of r runs with k alarms in all, the margin is the least with (k + r) / (n + 1) at most what is asked of
-    a motion. Over calibrations, one motion more then has at most that many at the mean, whatever the scores'
-    distribution, if motions are exchangeable. It is no bound of the margin that one calibration took, and where no
-    margin keeps the rate, an estimate.
+    Of n motions of r runs with k alarms in all, the margin is the least with (k + r) / (n + 1) at
+    most what is asked of a motion. Over calibrations, one motion more then has at most that many at
+    the mean, whatever the scores' distribution, if motions are exchangeable. It is no bound of the
+    margin that one calibration took, and where no margin keeps the rate, an estimate.
     """
     motions_there, runs = motions.peaks.shape
     hours = float(motions.hours.sum(axis=1).mean())
@@ -148,8 +165,9 @@ def calibrated(motions: JointScore, per_hour: float) -> Margin:
 def stated(motions: JointScore, margin: float) -> AlarmRate:
     """False alarms at a margin with the exact interval of a Poisson rate; a run counts once.
 
-    Where a motion has several runs, motions were sampled: the upper end is of motions with an alarm, in the hours of
-    one run each, the lower of as many motions as the runs with an alarm fill.
+    Where a motion has several runs, motions were sampled: the upper end is of motions with an
+    alarm, in the hours of one run each, the lower of as many motions as the runs with an alarm
+    fill.
     """
     runs = motions.peaks.shape[1]
     over = motions.peaks > np.float32(margin)

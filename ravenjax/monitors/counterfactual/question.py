@@ -12,7 +12,9 @@ MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
 PROPOSED = MARGINS.index(1.25)
 """Place of the margin at which a set is selected, before its own is calibrated."""
 CONSECUTIVE = (1, 4)
-"""Milliseconds in a row above the threshold that make an alarm; each makes a candidate of a score."""
+"""Milliseconds in a row above the threshold that make an alarm; each makes a candidate of a
+score.
+"""
 CONFIDENCE = 0.95
 
 
@@ -33,7 +35,13 @@ class Question(NamedTuple):
             ("--hours", self.hours, 0.0),
         ):
             if not (isinstance(value, int | float) and math.isfinite(value) and value > low):
-                raise UserError(f"{name} is {shown(value)}, expected a number above {low:g}, such as 2")
-        for name, value, low in (("--lead-ms", self.lead_ms, 0), ("--most", self.most, 1), ("--seed", self.seed, 0)):
+                raise UserError(
+                    f"{name} is {shown(value)}, expected a number above {low:g}, such as 2"
+                )
+        for name, value, low in (
+            ("--lead-ms", self.lead_ms, 0),
+            ("--most", self.most, 1),
+            ("--seed", self.seed, 0),
+        ):
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
                 raise UserError(f"{name} is {shown(value)}, expected a whole number from {low} on")

@@ -20,8 +20,18 @@ _MOST_GROUPS = 3
 
 
 def sentences(one: Counterfactual) -> list[str]:
-    """What was found: faults, coverage, false alarms, what other sets do, what is missed, of what it holds."""
-    return [_faults(one), _coverage(one), _price(one), _price_asked(one), _others(one), _missed(one), _scope(one)]
+    """What was found: faults, coverage, false alarms, what other sets do, what is missed, of
+    what it holds.
+    """
+    return [
+        _faults(one),
+        _coverage(one),
+        _price(one),
+        _price_asked(one),
+        _others(one),
+        _missed(one),
+        _scope(one),
+    ]
 
 
 def rows(one: Counterfactual) -> list[tuple[str, ...]]:
@@ -45,10 +55,14 @@ def checks(one: Counterfactual) -> list[str]:
 
 
 def levels(part: Candidate, margin: float) -> str:
-    """At which size each channel alarms: "shoulder 0.12 rad, elbow 0.1 rad"; "any" where it never moved."""
+    """At which size each channel alarms: "shoulder 0.12 rad, elbow 0.1 rad"; "any" where it
+    never moved.
+    """
     score, out = part.score, []
     for label, unit, scale in zip(score.labels, score.units, score.scales, strict=True):
-        size = "any" if scale <= SMALLEST_SCALE else f"{wording.number(scale * margin)} {unit}".strip()
+        size = (
+            "any" if scale <= SMALLEST_SCALE else f"{wording.number(scale * margin)} {unit}".strip()
+        )
         out.append(f"{label} {size}".strip())
     return ", ".join(out)
 
@@ -67,7 +81,9 @@ def table(one: Counterfactual) -> list[dict[str, object]]:
             "looks_at": part.words,
             "scales": "; ".join(
                 f"{label} {scale!r} {unit}".strip()
-                for label, unit, scale in zip(part.score.labels, part.score.units, part.score.scales, strict=True)
+                for label, unit, scale in zip(
+                    part.score.labels, part.score.units, part.score.scales, strict=True
+                )
             ),
             "margin": alone.margin.value,
             "calibrated_false_alarms_per_hour": alone.margin.bound,
@@ -84,21 +100,29 @@ def _faults(one: Counterfactual) -> str:
     limit = one.config.outcomes.limit_mm
     hazards = one.grounds.hazards
     groups = f" of {_listed(one.question.groups)}" if one.question.groups else ""
-    mine, others = (int(rows.sum()) for rows in (one.grounds.selection_half, one.grounds.statement_half))
+    mine, others = (
+        int(rows.sum()) for rows in (one.grounds.selection_half, one.grounds.statement_half)
+    )
     return (
-        f"{wording.many(hazards.count, 'fault')}{groups} move{'s' if hazards.count == 1 else ''} the instrument by "
-        f"more than {limit:g} mm while no check tells anyone. {wording.count(mine)} of them selected the checks, the "
-        f"other {wording.count(others)} state what these see."
+        f"{wording.many(hazards.count, 'fault')}{groups} move{'s' if hazards.count == 1 else ''}"
+        f" the instrument by more than {limit:g} mm while no check tells anyone."
+        f" {wording.count(mine)} of them selected the checks, the other {wording.count(others)}"
+        " state what these see."
     )
 
 
 def _coverage(one: Counterfactual) -> str:
     number = len(one.promise.members)
     noun = "check sees" if number == 1 else "checks together see"
-    early = f"{one.question.lead_ms} ms or more before harm" if one.question.lead_ms else "by the time harm begins"
+    early = (
+        f"{one.question.lead_ms} ms or more before harm"
+        if one.question.lead_ms
+        else "by the time harm begins"
+    )
     return (
-        f"{wording.count(number)} {noun} {_share(one.promise.covered)} {early}; the median alarm comes "
-        f"{wording.number(one.promise.lead_ms)} ms before it. There were {len(one.parts)} candidates."
+        f"{wording.count(number)} {noun} {_share(one.promise.covered)} {early}; the median alarm"
+        f" comes {wording.number(one.promise.lead_ms)} ms before it. There were {len(one.parts)}"
+        " candidates."
     )
 
 
@@ -113,29 +137,38 @@ def _price(one: Counterfactual) -> str:
 
 
 def _price_asked(one: Counterfactual) -> str:
-    false, bound, target = one.promise.false_alarms, one.promise.margin.bound, one.question.false_alarms_per_hour
+    false, bound, target = (
+        one.promise.false_alarms,
+        one.promise.margin.bound,
+        one.question.false_alarms_per_hour,
+    )
     limit = f"At most {wording.number(target)} an hour were asked for: "
     calibration = wording.hours(float(one.grounds.calibration.hours.sum()))
     enough = hours_needed(target, one.grounds.statement.hours.shape[1])
     if bound > target * (1 + 1e-9):
         return (
-            f"{limit}too few for {calibration} of calibration, which estimate up to {wording.number(bound)} an "
-            f"hour. {wording.hours(enough)} in all (--hours {enough:g}) would do where they have no alarm."
+            f"{limit}too few for {calibration} of calibration, which estimate up to"
+            f" {wording.number(bound)} an hour. {wording.hours(enough)} in all (--hours {enough:g})"
+            " would do where they have no alarm."
         )
     if false.low > target:
         return f"{limit}there are more. Take longer motion, or allow more alarms."
     if false.high <= target:
         return f"{limit}this is shown."
     return (
-        f"{limit}the margin was set on {calibration} so that at most {wording.number(target)} an hour are expected, at "
-        f"the mean over calibrations; that it is so here is not shown: that takes {wording.hours(enough)} "
-        f"of motion in all without an alarm (--hours {enough:g})."
+        f"{limit}the margin was set on {calibration} so that at most {wording.number(target)} an"
+        " hour are expected, at the mean over calibrations; that it is so here is not shown: that"
+        f" takes {wording.hours(enough)} of motion in all without an alarm (--hours {enough:g})."
     )
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
-    """Hours of motions in all, of so many runs each, that show a rate where none alarms; to two digits, upwards."""
-    hours = 2.05 * runs * hours_to_show(per_hour)  # half of the motions state, a few of their seconds are not live
+    """Hours of motions in all, of so many runs each, that show a rate where none alarms; to two
+    digits, upwards.
+    """
+    hours = (
+        2.05 * runs * hours_to_show(per_hour)
+    )  # half of the motions state, a few of their seconds are not live
     digits = 10 ** (math.floor(math.log10(hours)) - 1)
     return round(math.ceil(hours / digits) * digits, 10)
 
@@ -149,8 +182,8 @@ def _others(one: Counterfactual) -> str:
     size = len(one.promise.members)
     sets = "a candidate" if size == 1 else f"{size} candidates"
     parts.append(
-        f"{sets} at random {wording.percent(float(one.random.mean()))} at the mean (90 % of draws within "
-        f"{wording.percent(float(low))} to {wording.percent(float(high))})"
+        f"{sets} at random {wording.percent(float(one.random.mean()))} at the mean (90 % of draws"
+        f" within {wording.percent(float(low))} to {wording.percent(float(high))})"
     )
     parts.append(f"all {len(one.parts)} together {_percent(every)}")
     return f"For comparison, each at its own margin for the same false alarms: {', '.join(parts)}."
@@ -161,20 +194,28 @@ def _missed(one: Counterfactual) -> str:
     if not missed:
         return "None of the faults that state it is missed."
     named = [f"{name} ({lost} of {of})" for name, lost, of in missed[:_MOST_GROUPS]]
-    more = f", and {wording.many(len(missed) - _MOST_GROUPS, 'group')} more" if len(missed) > _MOST_GROUPS else ""
+    more = (
+        f", and {wording.many(len(missed) - _MOST_GROUPS, 'group')} more"
+        if len(missed) > _MOST_GROUPS
+        else ""
+    )
     return f"Not seen in time: {', '.join(named)}{more}."
 
 
 def _scope(one: Counterfactual) -> str:
     hazards = one.grounds.hazards
     if hazards.robots:
-        return "Intervals are of robots drawn as these were; the kinds of faults are the campaign's."
+        return (
+            "Intervals are of robots drawn as these were; the kinds of faults are the campaign's."
+        )
     enumerated = int((~hazards.sampled).sum())
     how = (
         "Intervals are of faults drawn as this campaign's were"
         if not enumerated
-        else f"{wording.count(enumerated)} of the faults are enumerated; intervals are of faults drawn from this "
-        "campaign's at random, as its halves were"
+        else (
+            f"{wording.count(enumerated)} of the faults are enumerated; intervals are of faults"
+            " drawn from this campaign's at random, as its halves were"
+        )
     )
     return f"{how}.{_strangers(one)}"
 
@@ -185,14 +226,18 @@ def _strangers(one: Counterfactual) -> str:
     among = wording.interval(one.strangers)
     over = f", over groups {among}" if among else ""
     return (
-        f" Of kinds of faults that it does not have they say nothing. A hint: chosen without the faults of the group "
-        f"that they are tried on, sets see {wording.percent(one.strangers.value)}{over}."
+        " Of kinds of faults that it does not have they say nothing. A hint: chosen without the"
+        " faults of the group that they are tried on, sets see"
+        f" {wording.percent(one.strangers.value)}{over}."
     )
 
 
 def _share(rate: Rate) -> str:
     among = wording.interval(rate)
-    return f"{rate.k} of {rate.n} ({wording.percent(rate.value)}{f', 95 % interval {among}' if among else ''})"
+    return (
+        f"{rate.k} of {rate.n}"
+        f" ({wording.percent(rate.value)}{f', 95 % interval {among}' if among else ''})"
+    )
 
 
 def _percent(promise: Promise) -> str:
@@ -201,7 +246,9 @@ def _percent(promise: Promise) -> str:
 
 def _alarms(false: AlarmRate) -> str:
     count = "no false alarm" if not false.count else wording.many(false.count, "false alarm")
-    return f"{count}: {wording.number(false.low, 2)} to {wording.number(false.high, 2)} an hour (95 %)"
+    return (
+        f"{count}: {wording.number(false.low, 2)} to {wording.number(false.high, 2)} an hour (95 %)"
+    )
 
 
 def _listed(names: Sequence[str]) -> str:

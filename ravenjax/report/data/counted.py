@@ -1,7 +1,7 @@
 """Delays that were counted: the estimates of `stats.latency` from how many runs have each delay.
 
-Times are whole milliseconds, so the runs of a table, however many, have a few thousand different delays. The formulas
-are those of `scipy.stats.ecdf`, which takes no counts.
+Times are whole milliseconds, so the runs of a table, however many, have a few thousand different
+delays. The formulas are those of `scipy.stats.ecdf`, which takes no counts.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from ravenjax.stats.latency import Incidence, Lead
 
 
 class Delays(NamedTuple):
-    """Delays of runs, arrays [m]: `count` runs had the event after `time` where `came`, else were watched so long."""
+    """Delays of runs, arrays [m]: `count` runs had the event after `time` where `came`, else
+    were watched so long.
+    """
 
     time: np.ndarray  # ms; alarm minus harm: negative before
     came: np.ndarray  # bool
@@ -37,7 +39,9 @@ def incidence(delays: Delays, confidence: float = 0.95) -> Incidence:
 
 
 def lead(lags: Delays, confidence: float = 0.95) -> Lead:
-    """As `stats.latency.lead_time`; `lags`: alarm minus harm of the harmed runs, without an alarm the end minus it."""
+    """As `stats.latency.lead_time`; `lags`: alarm minus harm of the harmed runs, without an
+    alarm the end minus it.
+    """
     start = float(lags.time.min(initial=0))
     before = int(lags.count[lags.came & (lags.time < 0)].sum())
     curve = _curve(lags, start, confidence)
@@ -73,7 +77,8 @@ def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
         error = np.sqrt(np.cumsum(died / (risk * (risk - died))) / np.log(staying) ** 2)
         middle, half = np.log(-np.log(staying)), ndtri(1 - alpha / 2) * error
         low, high = 1 - np.exp(-np.exp(middle - half)), 1 - np.exp(-np.exp(middle + half))
-    # no value before the first event and after the last: the neighbour's or the trivial bound stands
+    # no value before the first event and after the last: the neighbour's or the trivial bound
+    # stands
     low = np.maximum.accumulate(np.nan_to_num(low, nan=0.0))
     high = np.minimum.accumulate(np.nan_to_num(high, nan=1.0)[::-1])[::-1]
     return Incidence(

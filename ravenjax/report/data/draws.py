@@ -17,8 +17,8 @@ _EVERY = "all"
 
 
 def groups(config: Mapping[str, Any]) -> frozenset[str] | None:
-    """Names of the groups each of whose faults has something that was drawn, be it the onset alone; config: as in a
-    manifest, without groups that name hazards. None where it has no groups.
+    """Names of the groups each of whose faults has something that was drawn, be it the onset alone;
+    config: as in a manifest, without groups that name hazards. None where it has no groups.
 
     Drawn parameters of the robot or the operator do not count: they make no other fault.
     """
@@ -31,7 +31,9 @@ def _draws(group: Mapping[str, Any]) -> bool:
     if group.get("run"):  # each run has single values of its own
         return False
     sampled = group.get("design") in SAMPLED
-    return any(_varies(value, sampled) for fault in group.get("fault", ()) for value in fault.values())
+    return any(
+        _varies(value, sampled) for fault in group.get("fault", ()) for value in fault.values()
+    )
 
 
 def _varies(value: Any, sampled: bool) -> bool:

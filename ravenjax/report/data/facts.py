@@ -1,4 +1,5 @@
-"""What the report says about each run, derived once from the result table: SQL, so that a table may exceed memory.
+"""What the report says about each run, derived once from the result table: SQL, so that a table may
+exceed memory.
 
 `define` makes the table `facts` beside a result table, `derive` the same of a DataFrame.
 """
@@ -45,7 +46,9 @@ class Choices(NamedTuple):
     """What a campaign chose."""
 
     rules: Rules = Rules()  # of the definitions of outcomes
-    action: int = 0  # what the operator does at a cue where the run's parameters do not say, of ACTIONS
+    action: int = (
+        0  # what the operator does at a cue where the run's parameters do not say, of ACTIONS
+    )
     robot: Robot = robots.USUAL
 
 
@@ -53,7 +56,9 @@ def choices(manifest: Manifest) -> Choices:
     """Those of the campaign that a manifest describes."""
     reaction = manifest.config.get("reaction") or {}
     return Choices(
-        manifest.rules, ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0, manifest.robot
+        manifest.rules,
+        ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0,
+        manifest.robot,
     )
 
 
@@ -86,8 +91,14 @@ def derive(frame: pd.DataFrame, chosen: Choices = USUAL) -> pd.DataFrame:
 def take(table: ResultTable, frame: pd.DataFrame) -> None:
     """Make a DataFrame the result table of a connection."""
     # a NaN stays one, as in the parts: Arrow would make it a missing value
-    plain = {name: frame[name].to_numpy() if frame[name].dtype.kind == "f" else frame[name] for name in frame}
-    columns = {name: pa.array(values, from_pandas=not isinstance(values, np.ndarray)) for name, values in plain.items()}
+    plain = {
+        name: frame[name].to_numpy() if frame[name].dtype.kind == "f" else frame[name]
+        for name in frame
+    }
+    columns = {
+        name: pa.array(values, from_pandas=not isinstance(values, np.ndarray))
+        for name, values in plain.items()
+    }
     table.register("given", pa.table({"row": np.arange(len(frame), dtype=np.int32), **columns}))
     table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
 
@@ -95,25 +106,44 @@ def take(table: ResultTable, frame: pd.DataFrame) -> None:
 def needed(names: Sequence[str], chosen: Choices) -> list[str]:
     """Columns of a result table, among its own, that `define` reads."""
     cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
-    plain = {"response", "hazard", "failed", "group", "activated", "pair", "operator", "first_active_ms", "run_id"}
-    plain |= {"response_ms", "told_ms", "unintended_first_ms", "loss_first_ms", "false_report_first_ms"}
+    plain = {
+        "response",
+        "hazard",
+        "failed",
+        "group",
+        "activated",
+        "pair",
+        "operator",
+        "first_active_ms",
+        "run_id",
+    }
+    plain |= {
+        "response_ms",
+        "told_ms",
+        "unintended_first_ms",
+        "loss_first_ms",
+        "false_report_first_ms",
+    }
     plain |= {cue, f"golden_{cue}", jump}
     return [name for name in names if name in plain or name.startswith(("fault", "param:"))]
 
 
 def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None) -> bool:
-    """Make the table `facts` of a connection that has `results` with a column `row`, different in each.
+    """Make the table `facts` of a connection that has `results` with a column `row`, different in
+    each.
 
-    Columns: row, group, faulty, activated, failed, response and hazard (as in the table; "" of failed runs), told and
-    evaded (events of `ravenjax.outcomes`), unintended, loss, misreport (whether it is the run's hazard), halted (a loss
-    of motion because the robot was not live), cued (a cue that the golden run had not), jump (of the reported tip),
-    outcome (of OUTCOMES), distinct (equal for runs that differ in seed or in crossed parameters alone), action (of
-    ACTIONS, by number), plain (nobody reacts, or everybody does; so that one fault is not counted once for each
-    action), sample (the first valid plain run of each distinct input: what rates, intervals and tests take as one
-    draw), site, layer and block (site and effect) of the first fault, onset_ms, length_ms, magnitude (of the first
-    fault), active_ms, response_ms, told_ms, cue_ms (the first cue at all), warned_ms (a cue that the golden run had
-    not), unintended_ms, loss_ms, misreport_ms (of the run's hazard); times are -1 where never. `more`: further columns,
-    by expressions of columns of `results`.
+    Columns: row, group, faulty, activated, failed, response and hazard (as in the table; "" of
+    failed runs), told and evaded (events of `ravenjax.outcomes`), unintended, loss, misreport
+    (whether it is the run's hazard), halted (a loss of motion because the robot was not live), cued
+    (a cue that the golden run had not), jump (of the reported tip), outcome (of OUTCOMES), distinct
+    (equal for runs that differ in seed or in crossed parameters alone), action (of ACTIONS, by
+    number), plain (nobody reacts, or everybody does; so that one fault is not counted once for each
+    action), sample (the first valid plain run of each distinct input: what rates, intervals and
+    tests take as one draw), site, layer and block (site and effect) of the first fault, onset_ms,
+    length_ms, magnitude (of the first fault), active_ms, response_ms, told_ms, cue_ms (the first
+    cue at all), warned_ms (a cue that the golden run had not), unintended_ms, loss_ms, misreport_ms
+    (of the run's hazard); times are -1 where never. `more`: further columns, by expressions of
+    columns of `results`.
 
     Returns whether no input occurs twice; then `distinct` is `row`.
     """
@@ -150,20 +180,24 @@ def define(table: ResultTable, chosen: Choices, more: Mapping[str, str] | None =
     }
     derived = {
         "halted": "loss AND loss_ms < 0",
-        "outcome": "CASE WHEN failed THEN 'failed' WHEN told THEN response::VARCHAR "
-        "WHEN unintended AND cued THEN 'felt' WHEN unintended THEN 'unseen' WHEN loss THEN 'lost' "
-        "WHEN misreport THEN 'misreported' WHEN cued THEN 'phantom' WHEN response = 'limited' THEN 'limited' "
-        "ELSE 'quiet' END",
+        "outcome": (
+            "CASE WHEN failed THEN 'failed' WHEN told THEN response::VARCHAR WHEN unintended AND"
+            " cued THEN 'felt' WHEN unintended THEN 'unseen' WHEN loss THEN 'lost' WHEN misreport"
+            " THEN 'misreported' WHEN cued THEN 'phantom' WHEN response = 'limited' THEN 'limited'"
+            " ELSE 'quiet' END"
+        ),
     }
     for name, words in _words(table, names, chosen.robot).items():
         base[name] = f"({base[name]})::{query.enum(words)}"
     base["response"] = f"({base['response']})::{query.enum(['', *verdict.RESPONSES])}"
     base["hazard"] = f"({base['hazard']})::{query.enum(['', *verdict.HAZARDS])}"
     derived["outcome"] = f"({derived['outcome']})::{query.enum(list(OUTCOMES))}"
-    numbered, own = (f"{RESULTS}", "row") if unique else (f"{RESULTS} JOIN numbers USING (row)", '"distinct"')
+    numbered, own = (
+        (f"{RESULTS}", "row") if unique else (f"{RESULTS} JOIN numbers USING (row)", '"distinct"')
+    )
     table.run(
-        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {own} AS "distinct" FROM {numbered}) '
-        f"SELECT *, {_listed(derived)}, plain AND NOT failed AS sample FROM base"
+        f'CREATE TABLE {FACTS} AS WITH base AS (SELECT {_listed(base)}, {own} AS "distinct" FROM'
+        f" {numbered}) SELECT *, {_listed(derived)}, plain AND NOT failed AS sample FROM base"
     )
     if not unique:
         table.run(
@@ -197,7 +231,9 @@ def faulty_sql(names: Sequence[str]) -> str:
 
 
 def action_sql(names: Sequence[str], usual: int) -> str:
-    """What the operator does at a cue, by number, of columns of `results`; `usual` where a run does not say."""
+    """What the operator does at a cue, by number, of columns of `results`; `usual` where a run
+    does not say.
+    """
     if ACTION not in names:
         return str(usual)
     own = quoted(ACTION)
@@ -210,36 +246,51 @@ def warned_sql(cue: int) -> str:
 
 
 def first_sql(*times_ms: str) -> str:
-    """The earliest of several times, expressions; -1 stands for never, of each and of the result."""
+    """The earliest of several times, expressions; -1 stands for never, of each and of the
+    result.
+    """
     came = [f"CASE WHEN {time} >= 0 THEN {time} END" for time in times_ms]
     return f"coalesce(least({', '.join(came)}), -1)"
 
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
-    """Whether a number, which may be NaN, is above a limit; compared in the precision that the table has."""
+    """Whether a number, which may be NaN, is above a limit; compared in the precision that the
+    table has.
+    """
     return f"({quoted(name)} > {limit!r}::{types[name]} AND NOT isnan({quoted(name)}::DOUBLE))"
 
 
 def _number(table: ResultTable, types: Mapping[str, str]) -> bool:
-    """Make the table `numbers` (row, distinct) where some input occurs twice, and say whether none does."""
+    """Make the table `numbers` (row, distinct) where some input occurs twice, and say whether
+    none does.
+    """
     inputs = [name for name in types if name == "operator" or name.startswith(("param:", "fault"))]
     # 0 + x: a negative zero is a zero
-    terms = [f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name) for name in inputs]
+    terms = [
+        f"0 + {quoted(name)}" if types[name] in ("FLOAT", "DOUBLE") else quoted(name)
+        for name in inputs
+    ]
     key = f"hash({', '.join(terms) or '0'})"
-    (unique,) = table.row(f"SELECT count(*) = count(DISTINCT {key}) AND bool_and(pair = row) FROM {RESULTS}")
+    (unique,) = table.row(
+        f"SELECT count(*) = count(DISTINCT {key}) AND bool_and(pair = row) FROM {RESULTS}"
+    )
     if not unique:
         table.run(
-            f"CREATE TABLE numbers AS WITH keyed AS (SELECT row, pair, {key} AS input FROM {RESULTS}), "
-            "inputs AS (SELECT input, min(row) AS first FROM keyed GROUP BY input), "
-            'pairs AS (SELECT pair, min(first) AS "distinct" FROM keyed JOIN inputs USING (input) GROUP BY pair) '
-            'SELECT row, "distinct" FROM keyed JOIN pairs USING (pair)'
+            f"CREATE TABLE numbers AS WITH keyed AS (SELECT row, pair, {key} AS input FROM"
+            f" {RESULTS}), inputs AS (SELECT input, min(row) AS first FROM keyed GROUP BY input),"
+            ' pairs AS (SELECT pair, min(first) AS "distinct" FROM keyed JOIN inputs USING (input)'
+            ' GROUP BY pair) SELECT row, "distinct" FROM keyed JOIN pairs USING (pair)'
         )
     return bool(unique)
 
 
 def _words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
-    """Columns of words that a campaign chooses, and which occur; they are stored as one small number a row."""
-    first = {name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")}
+    """Columns of words that a campaign chooses, and which occur; they are stored as one small
+    number a row.
+    """
+    first = {
+        name: sql for name, sql in _first_fault(names, robot).items() if name in ("site", "block")
+    }
     columns = {"group": '"group"', **first}
     rows = table.rows(f"SELECT DISTINCT {', '.join(columns.values())} FROM {RESULTS}")
     vocabulary = {name: sorted({row[place] for row in rows}) for place, name in enumerate(columns)}
@@ -270,7 +321,8 @@ def warned(frame: pd.DataFrame, cue: int) -> np.ndarray:
 
 
 def golden_runs(frame: pd.DataFrame, chosen: np.ndarray) -> pd.DataFrame:
-    """The different fault-free motions among the chosen rows (bool), one row each: operator and `golden_` columns.
+    """The different fault-free motions among the chosen rows (bool), one row each: operator and
+    `golden_` columns.
 
     The golden runs of runs that share robot and operator are one computation, so they count once.
     """

@@ -1,9 +1,11 @@
-"""Of which alarms it is a finding that they come before the motion, and of which the definitions decide it.
+"""Of which alarms it is a finding that they come before the motion, and of which the definitions
+decide it.
 
-Cue and tip-error detector fire at a distance of the reported tip from the nominal model; an unintended motion begins
-where the true tip is farther than the limit from that model, and from more. So an alarm at the limit is there when the
-motion is, by these definitions alone, unless the robot's report is wrong or late, and one beyond needs more than the
-motion does. Neither is a warning of it.
+Cue and tip-error detector fire at a distance of the reported tip from the nominal model; an
+unintended motion begins where the true tip is farther than the limit from that model, and from
+more. So an alarm at the limit is there when the motion is, by these definitions alone, unless the
+robot's report is wrong or late, and one beyond needs more than the motion does. Neither is a
+warning of it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Intervals over pairs of runs: of faults that were drawn, all pairs of one fault together; none of enumerated ones."""
+"""Intervals over pairs of runs: of faults that were drawn, all pairs of one fault together; none
+of enumerated ones.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ DRAWS = 20_000_000
 
 
 def faults(distinct: np.ndarray, sampled: bool) -> Units | None:
-    """The faults of pairs, by a number that is the same in all pairs of one fault; None where they were enumerated."""
+    """The faults of pairs, by a number that is the same in all pairs of one fault; None where
+    they were enumerated.
+    """
     return units.units(distinct) if sampled else None
 
 
@@ -31,8 +35,9 @@ def rate(hit: np.ndarray, among: Units | None) -> Rate:
 
 
 def rate_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
-    """Rate of `after` minus that of `before`: Bonett and Price's where each pair is of another fault, and where nothing
-    differs, with as many pairs as there are faults; else by resampling faults."""
+    """Rate of `after` minus that of `before`: Bonett and Price's where each pair is of another
+    fault, and where nothing differs, with as many pairs as there are faults; else by resampling
+    faults."""
     if among is None:
         return Estimate(_mean(after.astype(float) - before), math.nan, math.nan)
     if among.count == len(after):
@@ -54,7 +59,9 @@ def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) 
 
 
 def p_value(after: np.ndarray, before: np.ndarray, among: Units | None) -> float:
-    """Exact, that both are alike: McNemar's test, or both exchanged fault by fault; NaN where nothing was drawn."""
+    """Exact, that both are alike: McNemar's test, or both exchanged fault by fault; NaN where
+    nothing was drawn.
+    """
     if among is None:
         return math.nan
     if among.count == len(after):

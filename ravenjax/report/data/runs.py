@@ -1,7 +1,9 @@
-"""Every run of a result table and what the report says about it, asked by SQL: counts of all, rows of a few.
+"""Every run of a result table and what the report says about it, asked by SQL: counts of all, rows
+of a few.
 
-Whatever a section counts is counted over all rows. What needs the rows themselves takes at most a given number of them,
-drawn by a hash of the row's number, so that the same table always gives the same rows; the page says so.
+Whatever a section counts is counted over all rows. What needs the rows themselves takes at most a
+given number of them, drawn by a hash of the row's number, so that the same table always gives the
+same rows; the page says so.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ from ravenjax.store.access.query import RESULTS, ResultTable, quoted
 from ravenjax.store.manifest import Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
-"""Condition of the runs whose times are told: one run of each fault that made an unintended motion."""
+"""Condition of the runs whose times are told: one run of each fault that made an unintended
+motion.
+"""
 BATCH = 200_000
 """Rows of a table that are looked at together, where SQL does not say what is asked."""
 
@@ -44,9 +48,13 @@ class FaultCounts(NamedTuple):
 
 
 class Runs:
-    """The runs of one campaign. Tables: `results`, as in the parts, and `facts`, as `facts.define`; both have `row`."""
+    """The runs of one campaign. Tables: `results`, as in the parts, and `facts`, as
+    `facts.define`; both have `row`.
+    """
 
-    def __init__(self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS) -> None:
+    def __init__(
+        self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS
+    ) -> None:
         """table: has `results` with a column `row`; beside: further fault-free motion."""
         self.table, self.types = table, table.types()
         self.robot = manifest.robot
@@ -88,11 +96,15 @@ class Runs:
     def counts(self, conditions: list[str], table: str = FACTS, where: str = "true") -> list[int]:
         """How many rows fulfil each condition, in one pass."""
         columns = ", ".join(f"count(*) FILTER ({condition})" for condition in conditions)
-        return list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}")) if conditions else []
+        return (
+            list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}"))
+            if conditions
+            else []
+        )
 
     def sampled(self, groups: Collection[str] | None = None) -> bool:
-        """Whether the faults of these groups, or of all groups with faults, were drawn: what was enumerated is no
-        sample, and a rate of it has no interval."""
+        """Whether the faults of these groups, or of all groups with faults, were drawn: what was
+        enumerated is no sample, and a rate of it has no interval."""
         if self._drawn_groups is None:
             return True
         if groups is None:
@@ -101,19 +113,25 @@ class Runs:
         return set(groups) <= self._drawn_groups
 
     def groups_by(self, kind: str, where: str = "faulty") -> dict[str, set[str]]:
-        """Groups of the faults of each class, a value of the column `kind` of facts, among runs with a fault or some of
-        them."""
-        rows = self.table.rows(f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE {where}')
+        """Groups of the faults of each class, a value of the column `kind` of facts, among runs
+        with a fault or some of them."""
+        rows = self.table.rows(
+            f'SELECT DISTINCT {quoted(kind)}, "group"::VARCHAR FROM {FACTS} WHERE {where}'
+        )
         classes: dict[str, set[str]] = {}
         for name, group in rows:
             classes.setdefault(str(name), set()).add(group)
         return classes
 
     def cube(self) -> pd.DataFrame:
-        """Counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded, plain and sample."""
+        """Counts (`runs`) by group, response, hazard, outcome, cued, faulty, failed, evaded,
+        plain and sample.
+        """
         if self._cube is None:
             words = ("group", "response", "hazard", "outcome")
-            names = ", ".join(map(quoted, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample")))
+            names = ", ".join(
+                map(quoted, (*words, "cued", "faulty", "failed", "evaded", "plain", "sample"))
+            )
             frame = self.table.frame(f"SELECT {names}, count(*) AS runs FROM {FACTS} GROUP BY ALL")
             self._cube = frame.astype(dict.fromkeys(words, "str"))
         return self._cube
@@ -129,18 +147,24 @@ class Runs:
             f"count(*) FILTER (sample{also})"
             for also in ("", *(f" AND {n}" for n in ("evaded", "unintended", "loss", "told")))
         )
-        rows = self.table.rows(f"SELECT {name} AS name, count(*), {counts} FROM {FACTS} WHERE faulty GROUP BY name")
+        rows = self.table.rows(
+            f"SELECT {name} AS name, count(*), {counts} FROM {FACTS} WHERE faulty GROUP BY name"
+        )
         if by is None and not rows:
             return [FaultCounts("", 0, 0, 0, 0, 0, 0)]
         return sorted(FaultCounts(str(name), *numbers) for name, *numbers in rows)
 
-    def delays(self, event: str, start: str, end: str, where: str, by: str | None = None) -> dict[str, Delays]:
-        """How long after `start` an event came, or how long until `end` it did not: expressions of columns of `facts`,
-        in ms, the event -1 where it never came. Of all runs together under "", or by each value of a column."""
+    def delays(
+        self, event: str, start: str, end: str, where: str, by: str | None = None
+    ) -> dict[str, Delays]:
+        """How long after `start` an event came, or how long until `end` it did not: expressions of
+        columns of `facts`, in ms, the event -1 where it never came. Of all runs together under "",
+        or by each value of a column."""
         name = quoted(by) if by else "''"
         frame = self.table.frame(
-            f"SELECT {name} AS name, CASE WHEN ({event}) >= 0 THEN ({event}) ELSE {end} END - {start} AS time, "
-            f"({event}) >= 0 AS came, count(*) AS count FROM {FACTS} WHERE {where} GROUP BY ALL ORDER BY time, came"
+            f"SELECT {name} AS name, CASE WHEN ({event}) >= 0 THEN ({event}) ELSE {end} END -"
+            f" {start} AS time, ({event}) >= 0 AS came, count(*) AS count FROM {FACTS} WHERE"
+            f" {where} GROUP BY ALL ORDER BY time, came"
         )
         by_name = {
             str(key): Delays(*(part[column].to_numpy() for column in ("time", "came", "count")))
@@ -153,43 +177,61 @@ class Runs:
         return f"{RESULTS} SEMI JOIN (SELECT row FROM {FACTS} WHERE {where}) USING (row)"
 
     def motions(self) -> Motions:
-        """The different fault-free motions: golden runs of runs that are plain, and those beside the result."""
+        """The different fault-free motions: golden runs of runs that are plain, and those beside
+        the result.
+        """
         if self._motions is None:
             source = self.those("plain") if self.count("NOT plain") else RESULTS
-            self._motions = fault_free_motions.make(self.table, self.names, source, self._end, self._beside)
+            self._motions = fault_free_motions.make(
+                self.table, self.names, source, self._end, self._beside
+            )
         return self._motions
 
     def numbered(self, rows: list[int]) -> list[dict[str, Any]]:
-        """These rows, in their order: every column of `results`, and those of `facts` that have other names."""
+        """These rows, in their order: every column of `results`, and those of `facts` that have
+        other names.
+        """
         if not rows:
             return []
         listed = ", ".join(map(str, rows))
         own = [name for name in self.facts if name not in self.names]
         raw = self.table.frame(f"SELECT * FROM {RESULTS} WHERE row IN ({listed})").set_index("row")
-        facts = self.table.frame(f"SELECT row, {', '.join(map(quoted, own))} FROM {FACTS} WHERE row IN ({listed})")
+        facts = self.table.frame(
+            f"SELECT row, {', '.join(map(quoted, own))} FROM {FACTS} WHERE row IN ({listed})"
+        )
         return raw.join(facts.set_index("row")).loc[rows].to_dict("records")  # pyright: ignore[reportReturnType]
 
     def batches(self, names: list[str]) -> Iterator[pd.DataFrame]:
-        """Columns of `results` for all rows, in any order, some rows at a time; words are categories."""
+        """Columns of `results` for all rows, in any order, some rows at a time; words are
+        categories.
+        """
         listed = ", ".join(map(quoted, names))
         for batch in self.table.batches(f"SELECT {listed} FROM {RESULTS}", BATCH):
             yield batch.to_pandas(strings_to_categorical=True)
 
-    def drawn(self, columns: str, where: str, most: int, by: str = "row", of: str = "") -> pd.DataFrame:
-        """Rows of `results` and `facts` joined, in order: all that fulfil a condition, or about `most` of them.
+    def drawn(
+        self, columns: str, where: str, most: int, by: str = "row", of: str = ""
+    ) -> pd.DataFrame:
+        """Rows of `results` and `facts` joined, in order: all that fulfil a condition, or about
+        `most` of them.
 
-        by: rows that are equal in it come together or not at all. of: a query that stands for `facts`.
+        by: rows that are equal in it come together or not at all. of: a query that stands for
+        `facts`.
         """
         (n,) = self.counts([where])
-        some = "true" if n <= most else f"hash({quoted(by)} + 1) % {2**32} < {int(2**32 * most / n)}"
+        some = (
+            "true" if n <= most else f"hash({quoted(by)} + 1) % {2**32} < {int(2**32 * most / n)}"
+        )
         return self.table.frame(
-            f"SELECT {columns} FROM {RESULTS} JOIN ({of or f'SELECT * FROM {FACTS} WHERE {where}'}) AS {FACTS} "
-            f"USING (row) WHERE {some} ORDER BY row"
+            f"SELECT {columns} FROM {RESULTS} JOIN ({of or f'SELECT * FROM {FACTS} WHERE {where}'})"
+            f" AS {FACTS} USING (row) WHERE {some} ORDER BY row"
         )
 
 
 def after_onset(event: str) -> str:
-    """A time of facts, -1 where it lies before the fault's first effect: it tells of something else then."""
+    """A time of facts, -1 where it lies before the fault's first effect: it tells of something
+    else then.
+    """
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 
@@ -199,8 +241,8 @@ def end_of(manifest: Manifest) -> str:
 
 
 def _more(manifest: Manifest) -> dict[str, str]:
-    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each threshold of each detector,
-    and when runs ended if not all together."""
+    """Further columns of facts: warned<k>_ms of each haptic set, alarm<d>_<k>_ms of each threshold
+    of each detector, and when runs ended if not all together."""
     warned = {f"warned{k}_ms": run_facts.warned_sql(k) for k in range(len(manifest.cues))}
     alarms = {
         f"alarm{d}_{k}_ms": f"detector{d}_threshold{k}_first_ms"
@@ -212,8 +254,13 @@ def _more(manifest: Manifest) -> dict[str, str]:
 
 
 def _own_checks(manifest: Manifest) -> dict[str, str]:
-    """own<n>_ms, when each check of one's own first did what it does not in the golden run, and built_in_told_ms."""
+    """own<n>_ms, when each check of one's own first did what it does not in the golden run, and
+    built_in_told_ms.
+    """
     own, shape = manifest.shape.own_checks, manifest.shape
     column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
-    times = {f"own{n}_ms": events.check_ms_sql(check.name, shape.golden_checks) for n, check in enumerate(own)}
+    times = {
+        f"own{n}_ms": events.check_ms_sql(check.name, shape.golden_checks)
+        for n, check in enumerate(own)
+    }
     return times | {"built_in_told_ms": column} if own else {}

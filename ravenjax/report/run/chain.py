@@ -1,7 +1,9 @@
-"""The chain of one run, from fault to error to failure: where it differs from its golden run, signal by signal.
+"""The chain of one run, from fault to error to failure: where it differs from its golden run,
+signal by signal.
 
-Signals are the seams of the robot's tick, each of an arm; their times are the earliest of their numbers'. A signal is
-*visible* from the tick in which it leaves its normal range: a check of that range, there, could have seen the fault.
+Signals are the seams of the robot's tick, each of an arm; their times are the earliest of their
+numbers'. A signal is *visible* from the tick in which it leaves its normal range: a check of that
+range, there, could have seen the fault.
 """
 
 from __future__ import annotations
@@ -17,7 +19,13 @@ from ravenjax.report import wording
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Crossing, crossings
 
-DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = "differs:", "leaves:", "near:", "golden_near:", "near_ms:"
+DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
+    "differs:",
+    "leaves:",
+    "near:",
+    "golden_near:",
+    "near_ms:",
+)
 """Beginnings of the columns of explained runs, as `campaign.inspection.explain` names them."""
 HARMS = {
     "unintended motion": "unintended_first_ms",
@@ -84,7 +92,9 @@ class Chain(NamedTuple):
 
     @property
     def first(self) -> ChainLink | None:
-        """The first signal that became visible, of those of one tick the first in the robot's order; None: none did."""
+        """The first signal that became visible, of those of one tick the first in the robot's
+        order; None: none did.
+        """
         visible = [link for link in self.links if link.leaves_ms >= 0]
         return min(visible, key=lambda link: link.leaves_ms, default=None)
 
@@ -96,7 +106,9 @@ class Chain(NamedTuple):
 
 
 def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
-    """Every signal in the robot's order; ticks: columns of explained runs, arrays [runs] or numbers."""
+    """Every signal in the robot's order; ticks: columns of explained runs, arrays [runs] or
+    numbers.
+    """
     runs = np.size(ticks["run_id"])
     named: dict[str, list[Crossing]] = {}
     for place in crossings(robot.seams, arms):
@@ -122,8 +134,12 @@ def signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list
     return out
 
 
-def chain(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int) -> Chain:
-    """One run. row: of the result table; ticks: of the explained runs; cue: number of the verdict's set."""
+def chain(
+    row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int
+) -> Chain:
+    """One run. row: of the result table; ticks: of the explained runs; cue: number of the
+    verdict's set.
+    """
     hazard = str(row["hazard"])
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
     return Chain(
@@ -137,17 +153,22 @@ def chain(row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: 
         cue_ms=_beyond(row, f"cue{cue}_first_ms"),
         told_ms=int(row["told_ms"]),
         harm_ms=harm,
-        links=[link for one in signals(ticks, robot, arms) if (link := _link(one, harm)) is not None],
+        links=[
+            link for one in signals(ticks, robot, arms) if (link := _link(one, harm)) is not None
+        ],
         checks=_checks(row, ticks, robot),
     )
 
 
-def table(results: pd.DataFrame, ticks: pd.DataFrame, robot: Robot, arms: Iterable[str]) -> pd.DataFrame:
+def table(
+    results: pd.DataFrame, ticks: pd.DataFrame, robot: Robot, arms: Iterable[str]
+) -> pd.DataFrame:
     """Chains of many runs, a row a run and signal that differs: by run, then in the robot's order.
 
-    Columns: run_id, index, layer, arm ("" where the signal belongs to none), seam, differs_ms, differs_in (the number
-    that was first), leaves_ms, leaves_in (-1 and "" where it never left its range), harm_ms (when the run's hazard
-    began, -1: none did) and left_ms (from leaves_ms to harm_ms, NaN where one of them is missing).
+    Columns: run_id, index, layer, arm ("" where the signal belongs to none), seam, differs_ms,
+    differs_in (the number that was first), leaves_ms, leaves_in (-1 and "" where it never left its
+    range), harm_ms (when the run's hazard began, -1: none did) and left_ms (from leaves_ms to
+    harm_ms, NaN where one of them is missing).
     """
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():
@@ -172,7 +193,9 @@ def table(results: pd.DataFrame, ticks: pd.DataFrame, robot: Robot, arms: Iterab
             "left_ms": np.where(shows & (harm >= 0), harm - one.leaves, np.nan),
         }
         parts.append(pd.DataFrame(own | {"run": run, "place": place}).loc[differing])
-    whole = pd.concat(parts, ignore_index=True).sort_values(["run", "place"], kind="stable", ignore_index=True)
+    whole = pd.concat(parts, ignore_index=True).sort_values(
+        ["run", "place"], kind="stable", ignore_index=True
+    )
     return whole.drop(columns=["run", "place"])
 
 
@@ -212,7 +235,10 @@ def _beyond(row: Mapping[str, Any], name: str) -> int:
 
 def _stacked(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
     """Columns, those that are not there never, int32 [columns, runs]."""
-    there = [np.atleast_1d(np.asarray(ticks[name], np.int32)) if name in ticks else None for name in names]
+    there = [
+        np.atleast_1d(np.asarray(ticks[name], np.int32)) if name in ticks else None
+        for name in names
+    ]
     return np.stack([np.full(runs, -1, np.int32) if part is None else part for part in there])
 
 

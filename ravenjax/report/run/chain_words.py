@@ -24,7 +24,14 @@ LETTERS = 92  # of a line above the drawing
 MARGIN_MS = 8  # of the time axis about the first and the last thing, at least
 LINKS, CHECKS = (
     ("signal", "layer", "differs from", "out of its range from", "before harm"),
-    ("check", "margin before the first harm", "golden run's", "least at", "trips at", "what it does"),
+    (
+        "check",
+        "margin before the first harm",
+        "golden run's",
+        "least at",
+        "trips at",
+        "what it does",
+    ),
 )
 """Columns of both tables."""
 
@@ -39,7 +46,10 @@ def sentences(one: Chain) -> list[str]:
     lines = [f"{one.group}: {one.fault}."]
     if one.fault_ms < 0:
         return [*lines, "The fault never changed a value: nothing differs from the golden run."]
-    lines.append(f"The fault first changed a value at {_ms(one.fault_ms)}; {_named(one.hazard, one.harm_ms)}.")
+    lines.append(
+        f"The fault first changed a value at {_ms(one.fault_ms)};"
+        f" {_named(one.hazard, one.harm_ms)}."
+    )
     check = "No check told anyone"
     if one.told_ms >= 0:
         check = f"A check told a person, or stopped the robot, at {_ms(one.told_ms)}"
@@ -84,7 +94,11 @@ def check_rows(one: Chain) -> list[tuple[str, ...]]:
     return [
         (
             check.check,
-            f"{wording.number(check.margin)} {check.unit}".strip() if np.isfinite(check.margin) else wording.DASH,
+            (
+                f"{wording.number(check.margin)} {check.unit}".strip()
+                if np.isfinite(check.margin)
+                else wording.DASH
+            ),
             wording.number(check.golden),
             _ms(check.ms) if check.ms >= 0 else wording.DASH,
             _ms(check.tripped_ms) if check.tripped_ms >= 0 else "never",
@@ -106,14 +120,19 @@ def as_dict(one: Chain) -> dict[str, Any]:
 
 
 def timeline(one: Chain) -> Chart | None:
-    """Chart of the chain: a row a signal in the robot's order, when it differs and when it leaves its range; what
-    happened as upright lines. None where nothing differs."""
+    """Chart of the chain: a row a signal in the robot's order, when it differs and when it leaves
+    its range; what happened as upright lines. None where nothing differs."""
     if not one.links:
         return None
     places = np.arange(len(one.links), dtype=float)
     differs = np.array([link.differs_ms for link in one.links], float)
     leaves = np.array([link.leaves_ms for link in one.links], float)
-    marks = {"fault": one.fault_ms, "cue": one.cue_ms, "check tells": one.told_ms, one.hazard: one.harm_ms}
+    marks = {
+        "fault": one.fault_ms,
+        "cue": one.cue_ms,
+        "check tells": one.told_ms,
+        one.hazard: one.harm_ms,
+    }
     marks = {name: ms for name, ms in marks.items() if ms >= 0}
     every = np.concatenate([differs, leaves[leaves >= 0], list(marks.values())])
     margin = max(MARGIN_MS, 0.04 * float(every.max() - every.min()))
@@ -121,14 +140,22 @@ def timeline(one: Chain) -> Chart | None:
     upright = np.array([-0.5, len(one.links) - 0.5])
     colours = {"fault": "series3", "cue": CUE, "check tells": RESPONSE}
     outside = leaves >= 0
-    tips = {name: tuple(f"{link.signal}, {text(link)}" for link in one.links) for name, text in _TIPS.items()}
+    tips = {
+        name: tuple(f"{link.signal}, {text(link)}" for link in one.links)
+        for name, text in _TIPS.items()
+    }
     return Chart(
         title(one),
         ChartAxis("time, ms", low, high, unit="ms"),
         ChartAxis("signals, in the robot's order", 0, len(one.links), names=tuple(_names(one))),
         (
             *(
-                Curve(f"{name}, {_ms(ms)}", colours.get(name, "series6"), np.array([ms, ms], float), upright)
+                Curve(
+                    f"{name}, {_ms(ms)}",
+                    colours.get(name, "series6"),
+                    np.array([ms, ms], float),
+                    upright,
+                )
                 for name, ms in marks.items()
             ),
             Dots("differs in any bit", SAME, differs, places, tips=tips["differs"]),
@@ -137,7 +164,9 @@ def timeline(one: Chain) -> Chart | None:
                 "series2",
                 leaves[outside],
                 places[outside],
-                tips=tuple(tip for tip, there in zip(tips["leaves"], outside, strict=True) if there),
+                tips=tuple(
+                    tip for tip, there in zip(tips["leaves"], outside, strict=True) if there
+                ),
                 x_low=differs[outside],
                 x_high=leaves[outside],
                 diamond=True,
@@ -155,7 +184,9 @@ def draw(one: Chain, path: Path) -> Path | None:
             return None
         kind = path.suffix.lstrip(".") or "svg"
         metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        write_aside(path, lambda target: drawing.savefig(target, format=kind, dpi=160, metadata=metadata))
+        write_aside(
+            path, lambda target: drawing.savefig(target, format=kind, dpi=160, metadata=metadata)
+        )
     return path
 
 
@@ -193,7 +224,9 @@ def _names(one: Chain) -> Iterator[str]:
 def _named(hazard: str, ms: int) -> str:
     if ms >= 0:
         return f"{hazard} began at {_ms(ms)}"
-    return "no hazard came of it" if hazard == "none" else f"{hazard}: the robot was not live too long"
+    return (
+        "no hazard came of it" if hazard == "none" else f"{hazard}: the robot was not live too long"
+    )
 
 
 def _left(link: ChainLink) -> str:

@@ -1,8 +1,8 @@
-"""What happened in one run, event by event, in words with units: from its row of the result table, and from its time
-series where they are at hand.
+"""What happened in one run, event by event, in words with units: from its row of the result table,
+and from its time series where they are at hand.
 
-Events are in the order of time; those of one millisecond in the order of the loop: fault, checks, detectors that stop,
-run level, brakes, cue, hazard, operator.
+Events are in the order of time; those of one millisecond in the order of the loop: fault, checks,
+detectors that stop, run level, brakes, cue, hazard, operator.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ def events(
 ) -> list[RunEvent]:
     """Everything that happened in a run.
 
-    row: of the result table. series: as `store.logs.time_series`; without them windows, run levels and the end of
-    cues are left out. golden: outcomes of the golden run, with check_<name>_count; checks that trip as often in it are
-    of level "debug".
+    row: of the result table. series: as `store.logs.time_series`; without them windows, run levels
+    and the end of cues are left out. golden: outcomes of the golden run, with check_<name>_count;
+    checks that trip as often in it are of level "debug".
     """
     parts = [
         _faults(robot, row, series),
@@ -78,7 +78,11 @@ def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iter
     slot = 0
     while f"fault{slot}_site" in row:
         if words := wording.fault_in_slot(row, slot, robot):
-            active = series[f"fault{slot}_active"] if series is not None and f"fault{slot}_active" in series else None
+            active = (
+                series[f"fault{slot}_active"]
+                if series is not None and f"fault{slot}_active" in series
+                else None
+            )
             windows = [] if active is None else _spans(np.asarray(active, bool))
             ticks = 0 if active is None else len(active)
             first, last = int(row[f"applied{slot}_first_ms"]), int(row[f"applied{slot}_last_ms"])
@@ -87,9 +91,15 @@ def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iter
             if last >= 0:
                 length = f"{wording.count(row[f'applied{slot}_ticks'])} ms in all"
                 ends = _ending(windows, last, ticks)
-                yield RunEvent(last, "fault", f"the fault last changes a value{ends}: {where}, {length}")
+                yield RunEvent(
+                    last, "fault", f"the fault last changes a value{ends}: {where}, {length}"
+                )
             if windows and last + 1 != windows[-1][1] < ticks:
-                yield RunEvent(windows[-1][1], "fault", f"{where}: the {'last ' * (len(windows) > 1)}window closes")
+                yield RunEvent(
+                    windows[-1][1],
+                    "fault",
+                    f"{where}: the {'last ' * (len(windows) > 1)}window closes",
+                )
         slot += 1
 
 
@@ -100,13 +110,28 @@ def _fault(words: str, windows: list[tuple[int, int]], first: int) -> Iterator[R
     if opened >= 0 and opened != first:
         yield RunEvent(opened, "fault", f"the fault's window opens: {words}")
     if first >= 0:
-        later = f", {wording.count(first - opened)} ms after its window opened" if 0 <= opened < first else ""
-        yield RunEvent(first, "fault", f"the fault first changes a value: {where if later else words}{later}", "warn")
+        later = (
+            f", {wording.count(first - opened)} ms after its window opened"
+            if 0 <= opened < first
+            else ""
+        )
+        yield RunEvent(
+            first,
+            "fault",
+            f"the fault first changes a value: {where if later else words}{later}",
+            "warn",
+        )
     for start, end in windows[1:MOST_WINDOWS]:
-        yield RunEvent(start, "fault", f"{where}: window opens again, for {wording.count(end - start)} ms")
+        yield RunEvent(
+            start, "fault", f"{where}: window opens again, for {wording.count(end - start)} ms"
+        )
     if len(windows) > MOST_WINDOWS:
         final, left = wording.count(windows[-1][0]), len(windows) - MOST_WINDOWS
-        yield RunEvent(windows[MOST_WINDOWS][0], "fault", f"{where}: {left} more windows, the last opens at {final} ms")
+        yield RunEvent(
+            windows[MOST_WINDOWS][0],
+            "fault",
+            f"{where}: {left} more windows, the last opens at {final} ms",
+        )
 
 
 def _ending(windows: list[tuple[int, int]], last: int, ticks: int) -> str:
@@ -118,7 +143,9 @@ def _ending(windows: list[tuple[int, int]], last: int, ticks: int) -> str:
     return ", its last window closes" if len(windows) > 1 else ", its window closes"
 
 
-def _checks(robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | None) -> Iterator[RunEvent]:
+def _checks(
+    robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | None
+) -> Iterator[RunEvent]:
     for name in checks.names(row):
         first, trips = int(row[f"check_{name}_first_ms"]), int(row[f"check_{name}_count"])
         if first < 0:
@@ -134,13 +161,19 @@ def _checks(robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | No
         yield RunEvent(first, "check", f"{text}{beside}; it {check.does}", _LEVELS[check.action])
 
 
-def _alarms(row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any] | None) -> Iterator[RunEvent]:
+def _alarms(
+    row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any] | None
+) -> Iterator[RunEvent]:
     """Of detectors that press the E-stop."""
     for number, name in rules.stopping:
-        first, alarms = (int(row[f"detector{number}_threshold0_{what}"]) for what in ("first_ms", "alarms"))
+        first, alarms = (
+            int(row[f"detector{number}_threshold0_{what}"]) for what in ("first_ms", "alarms")
+        )
         if first < 0:
             continue
-        usual = -1 if golden is None else int(golden.get(f"detector{number}_threshold0_first_ms", -1))
+        usual = (
+            -1 if golden is None else int(golden.get(f"detector{number}_threshold0_first_ms", -1))
+        )
         too = ", as in the golden run" if usual == first else ""
         often = "" if alarms == 1 else f", for the first of {wording.count(alarms)} times"
         text = f"detector {name} alarms{often}{too}; it presses the E-stop"
@@ -148,41 +181,72 @@ def _alarms(row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any] | No
 
 
 def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterator[RunEvent]:
-    first, golden = int(row[f"cue{rules.cue}_first_ms"]), int(row[f"golden_cue{rules.cue}_first_ms"])
+    first, golden = (
+        int(row[f"cue{rules.cue}_first_ms"]),
+        int(row[f"golden_cue{rules.cue}_first_ms"]),
+    )
     name = f"{rules.threshold_mm:g} mm cue"
     too = f"; the golden run had one at {wording.count(golden)} ms" if 0 <= golden <= first else ""
     level = "debug" if too else "warn"
     forces = {} if series is None else {n: v for n, v in series.items() if n.endswith("/cue_force")}
     if not forces:
         if first >= 0:
-            yield RunEvent(first, "cue", f"{name} on: the reported tip is that far off the nominal model{too}", level)
+            yield RunEvent(
+                first,
+                "cue",
+                f"{name} on: the reported tip is that far off the nominal model{too}",
+                level,
+            )
         return
     for full, values in forces.items():
         arm, force = full.partition("/")[0], np.asarray(values)[:, rules.cue]
-        distance = np.asarray((series or {}).get(f"{arm}/tip_error_mm", np.full(len(force), np.nan)))
+        distance = np.asarray(
+            (series or {}).get(f"{arm}/tip_error_mm", np.full(len(force), np.nan))
+        )
         spans = _spans(force > 0.0)
         for start, end in spans[:MOST_WINDOWS]:
-            far = f"the reported {arm} tip is {wording.number(float(distance[start]))} mm off the nominal model"
+            far = (
+                f"the reported {arm} tip is {wording.number(float(distance[start]))} mm off the"
+                " nominal model"
+            )
             yield RunEvent(start, "cue", f"{name} on: {far}{too}", level)
             if end < len(force):
                 peak = wording.number(float(force[start:end].max()))
                 length = wording.count(end - start)
-                yield RunEvent(end, "cue", f"{name} off after {length} ms, {peak} device units at most")
+                yield RunEvent(
+                    end, "cue", f"{name} off after {length} ms, {peak} device units at most"
+                )
         if len(spans) > MOST_WINDOWS:
             left, last = len(spans) - MOST_WINDOWS, wording.count(spans[-1][0])
-            yield RunEvent(spans[MOST_WINDOWS][0], "cue", f"{name}: {left} more pulses, the last at {last} ms", level)
+            yield RunEvent(
+                spans[MOST_WINDOWS][0],
+                "cue",
+                f"{name}: {left} more pulses, the last at {last} ms",
+                level,
+            )
 
 
 def _hazards(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
     limit = f"more than {rules.limit_mm:g} mm from"
     texts = {
-        "unintended": f"unintended motion: the true tip is {limit} golden run, nominal model and standing still",
-        "loss": f"loss of motion: the true tip is {limit} golden run and nominal model and does not follow",
+        "unintended": (
+            f"unintended motion: the true tip is {limit} golden run, nominal model and standing"
+            " still"
+        ),
+        "loss": (
+            f"loss of motion: the true tip is {limit} golden run and nominal model and does not"
+            " follow"
+        ),
         "false_report": f"false report: the reported tip is {limit} the true one",
     }
     for name, text in texts.items():
         if (ms := int(row[f"{name}_first_ms"])) >= 0:
-            yield RunEvent(ms, "hazard", f"{text} (up to {wording.number(float(row[f'{name}_mm']))} mm)", "error")
+            yield RunEvent(
+                ms,
+                "hazard",
+                f"{text} (up to {wording.number(float(row[f'{name}_mm']))} mm)",
+                "error",
+            )
 
 
 def _others(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
@@ -198,7 +262,10 @@ def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
         levels = np.asarray(series["runlevel"]).astype(int)
         names = {number: robot.run_level(number) for number in np.unique(levels).tolist()}
         yield from _changes(
-            "run level", levels, lambda old, new: f"run level: {names[old]} to {names[new]}", alarming=0
+            "run level",
+            levels,
+            lambda old, new: f"run level: {names[old]} to {names[new]}",
+            alarming=0,
         )
     if "soft_estopped" in series:
         stop = (np.asarray(series["soft_estopped"]) != 0).astype(int)
@@ -206,7 +273,9 @@ def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
         yield from _changes("run level", stop, lambda _, new: texts[new], alarming=1)
     if "brakes" in series:
         closed = (np.asarray(series["brakes"]) != 0).astype(int)
-        yield from _changes("brakes", closed, lambda _, new: f"the PLC {('opens', 'closes')[new]} the brakes")
+        yield from _changes(
+            "brakes", closed, lambda _, new: f"the PLC {('opens', 'closes')[new]} the brakes"
+        )
 
 
 def _changes(
@@ -216,7 +285,9 @@ def _changes(
     times = (np.flatnonzero(values[1:] != values[:-1]) + 1).tolist()
     for ms in times[:MOST_CHANGES]:
         new = int(values[ms])
-        yield RunEvent(ms, kind, text(int(values[ms - 1]), new), "error" if new == alarming else "info")
+        yield RunEvent(
+            ms, kind, text(int(values[ms - 1]), new), "error" if new == alarming else "info"
+        )
     if len(times) > MOST_CHANGES:
         left, last = len(times) - MOST_CHANGES, wording.count(times[-1])
         yield RunEvent(times[MOST_CHANGES], kind, f"{left} more changes, the last at {last} ms")

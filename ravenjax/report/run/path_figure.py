@@ -1,4 +1,6 @@
-"""The path of a tip: seen along each axis at one scale, and how far it was off the model over time."""
+"""The path of a tip: seen along each axis at one scale, and how far it was off the model over
+time.
+"""
 
 from __future__ import annotations
 
@@ -43,21 +45,29 @@ def distance(replay: TracedRun) -> Chart:
     most = above(1.05 * max(float(off.max()), 0.1))
     end = max(float(time[-1]), 1.0)
     return Chart(
-        "Off the model", ChartAxis("ms", 0.0, end, unit="ms"), ChartAxis("mm", 0.0, most, unit="mm"), tuple(marks), 190
+        "Off the model",
+        ChartAxis("ms", 0.0, end, unit="ms"),
+        ChartAxis("mm", 0.0, most, unit="mm"),
+        tuple(marks),
+        190,
     )
 
 
 def views(replay: TracedRun) -> list[Markup]:
-    """The path as seen along each axis: one drawing each, all at one scale; marks of the class "now" can be moved."""
+    """The path as seen along each axis: one drawing each, all at one scale; marks of the class
+    "now" can be moved.
+    """
     everything = np.concatenate(list(replay.paths.values()))
     low, high = everything.min(axis=0), everything.max(axis=0)
     reach = max(float((high - low).max()), LEAST_MM)
     sides = {name: number for number, name in enumerate("xyz")}
     room = [
-        min((WIDTH - MARGIN - 10) / max(high[sides[a]] - low[sides[a]], 0.05 * reach),
-            (HEIGHT - FOOT - 24) / max(high[sides[b]] - low[sides[b]], 0.05 * reach))
+        min(
+            (WIDTH - MARGIN - 10) / max(high[sides[a]] - low[sides[a]], 0.05 * reach),
+            (HEIGHT - FOOT - 24) / max(high[sides[b]] - low[sides[b]], 0.05 * reach),
+        )
         for a, b in VIEWS
-    ]  # fmt: skip
+    ]
     scale = 0.92 * min(room)  # px a mm
     middle = (low + high) / 2
     return [_view(replay, (sides[a], sides[b]), (a, b), middle, scale) for a, b in VIEWS]
@@ -74,7 +84,11 @@ def course(replay: TracedRun) -> dict[str, Any]:
 
 
 def _view(
-    replay: TracedRun, sides: tuple[int, int], names: tuple[str, str], middle: np.ndarray, scale: float
+    replay: TracedRun,
+    sides: tuple[int, int],
+    names: tuple[str, str],
+    middle: np.ndarray,
+    scale: float,
 ) -> Markup:
     """One view; pixels are (place - origin) * scale, upwards for the second axis."""
     wide, high = WIDTH - MARGIN - 10, HEIGHT - FOOT - 24
@@ -84,8 +98,9 @@ def _view(
     tip = replay.paths["true tip"]
     far = int(replay.deviation_mm.argmax())
     words = (
-        f"Path of the tip in {names[0]} and {names[1]}: the instrument at most {replay.deviation_mm[far]:.1f} mm off "
-        f"the nominal model, at {replay.time_ms[far]:,} ms; in mm. The distance over time is in the chart beside it."
+        f"Path of the tip in {names[0]} and {names[1]}: the instrument at most"
+        f" {replay.deviation_mm[far]:.1f} mm off the nominal model, at {replay.time_ms[far]:,} ms;"
+        " in mm. The distance over time is in the chart beside it."
     )
     x0, y0 = MARGIN - left * scale, 24 + high + bottom * scale
 
@@ -105,27 +120,43 @@ def _view(
     ]
     parts += [
         _dot(pixels(points[[0]])[0], colour, 5, "", name)
-        for points, colour, name in ((replay.paths["nominal model"], MODEL, "model"), (tip, palette.CUE, "tip"))
+        for points, colour, name in (
+            (replay.paths["nominal model"], MODEL, "model"),
+            (tip, palette.CUE, "tip"),
+        )
     ]
     return Markup(
-        f'<svg class="view" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(words)}" '
-        f'data-sides="{across} {up}" data-origin="{x0:.2f} {y0:.2f}" data-scale="{scale:.4f}">{"".join(parts)}</svg>'
+        f'<svg class="view" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(words)}"'
+        f' data-sides="{across} {up}" data-origin="{x0:.2f} {y0:.2f}"'
+        f' data-scale="{scale:.4f}">{"".join(parts)}</svg>'
     )
 
 
-def _grid(left: float, bottom: float, wide: float, high: float, scale: float, names: tuple[str, str]) -> Iterator[str]:
+def _grid(
+    left: float, bottom: float, wide: float, high: float, scale: float, names: tuple[str, str]
+) -> Iterator[str]:
     yield f'<text class="axis" x="0" y="12">{names[1]}, mm</text>'
     places = ticks.linear(left, left + wide / scale, 4)
     for value, label in zip(places, ticks.labels(places), strict=True):
         x = MARGIN + (value - left) * scale
         yield f'<line class="grid" x1="{x:.1f}" y1="24" x2="{x:.1f}" y2="{24 + high:.1f}"/>'
-        yield f'<text class="tick" x="{x:.1f}" y="{24 + high + 15:.1f}" text-anchor="middle">{label}</text>'
+        yield (
+            f'<text class="tick" x="{x:.1f}" y="{24 + high + 15:.1f}"'
+            f' text-anchor="middle">{label}</text>'
+        )
     places = ticks.linear(bottom, bottom + high / scale, 4)
     for value, label in zip(places, ticks.labels(places), strict=True):
         y = 24 + high - (value - bottom) * scale
-        yield f'<line class="grid" x1="{MARGIN}" y1="{y:.1f}" x2="{MARGIN + wide:.1f}" y2="{y:.1f}"/>'
-        yield f'<text class="tick" x="{MARGIN - 5}" y="{y + 4:.1f}" text-anchor="end">{label}</text>'
-    yield f'<text class="axis" x="{WIDTH - 4}" y="{HEIGHT - 2}" text-anchor="end">{names[0]}, mm</text>'
+        yield (
+            f'<line class="grid" x1="{MARGIN}" y1="{y:.1f}" x2="{MARGIN + wide:.1f}" y2="{y:.1f}"/>'
+        )
+        yield (
+            f'<text class="tick" x="{MARGIN - 5}" y="{y + 4:.1f}" text-anchor="end">{label}</text>'
+        )
+    yield (
+        f'<text class="axis" x="{WIDTH - 4}" y="{HEIGHT - 2}" text-anchor="end">{names[0]},'
+        " mm</text>"
+    )
 
 
 def _line(points: np.ndarray, colour: str, wide: float = 1.6) -> str:
@@ -153,6 +184,6 @@ def _dot(point: np.ndarray, colour: str, radius: float, tip: str, now: str = "")
     words = f' data-tip="{escape(tip)}"' if tip else ""
     kind = f'now" data-of="{now}' if now else "dot"
     return (
-        f'<circle class="{kind}" style="--c:var(--{colour})" cx="{point[0]:.1f}" cy="{point[1]:.1f}" '
-        f'r="{radius}"{words}/>'
+        f'<circle class="{kind}" style="--c:var(--{colour})" cx="{point[0]:.1f}"'
+        f' cy="{point[1]:.1f}" r="{radius}"{words}/>'
     )

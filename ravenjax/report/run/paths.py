@@ -1,7 +1,8 @@
-"""Tip paths of the worst runs that were traced: read from the folder's MCAP files, thinned for a page.
+"""Tip paths of the worst runs that were traced: read from the folder's MCAP files, thinned for a
+page.
 
-`ravenjax trace` writes one file a run into traces/; those that are there are shown. A file that cannot be read is
-named on the page and left out: it is no part of the result.
+`ravenjax trace` writes one file a run into traces/; those that are there are shown. A file that
+cannot be read is named on the page and left out: it is no part of the result.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ POINTS = 300
 """Of each path: a tip that is drawn every 10 ms of 3 s."""
 SIGNALS = "/ravenjax/signals"
 _MODEL = {"model_cp": 7, "model_tip": 3}
-"""Topics of an arm that hold the nominal model's tip, with or without orientation, and numbers of a message."""
+"""Topics of an arm that hold the nominal model's tip, with or without orientation, and numbers
+of a message.
+"""
 _TIPS = {"tip": "tip", "golden": "golden_tip"}
 """Tips among the signals."""
 MARKS = {
@@ -41,7 +44,9 @@ MARKS = {
 
 
 class TracedRun(NamedTuple):
-    """One traced run. Paths are [points, 3] in mm about the first point of the true tip, frame 0 of the arm."""
+    """One traced run. Paths are [points, 3] in mm about the first point of the true tip, frame 0
+    of the arm.
+    """
 
     run_id: str
     arm: str  # the one whose tip went farthest from the model
@@ -53,7 +58,9 @@ class TracedRun(NamedTuple):
 
 
 def find(folder: Path, runs: Runs) -> tuple[list[TracedRun], list[str]]:
-    """The MOST worst traced runs, the farthest from the model first; and the files that could not be read."""
+    """The MOST worst traced runs, the farthest from the model first; and the files that could
+    not be read.
+    """
     traced = {path.stem: path for path in sorted((folder / FOLDER).glob("*.mcap"))}
     replays, broken = [], []
     for row in runs.numbered(_worst(runs, list(traced))):
@@ -70,17 +77,19 @@ def _worst(runs: Runs, run_ids: list[str]) -> list[int]:
         return []
     far = "greatest(unintended_mm, loss_mm)"
     rows = runs.table.rows(
-        f"SELECT row FROM {RESULTS} WHERE run_id IN (SELECT unnest(?)) ORDER BY isnan({far}), {far} DESC, row "
-        f"LIMIT {MOST}",
+        f"SELECT row FROM {RESULTS} WHERE run_id IN (SELECT unnest(?)) ORDER BY isnan({far}), {far}"
+        f" DESC, row LIMIT {MOST}",
         [run_ids],
     )
     return [row for (row,) in rows]
 
 
 def read(path: Path, robot: Robot = robots.USUAL) -> dict[str, np.ndarray]:
-    """Tips of a trace as it names them, [T, 3] in m: <arm>/tip, <arm>/model, <arm>/golden; and time_ms.
+    """Tips of a trace as it names them, [T, 3] in m: <arm>/tip, <arm>/model, <arm>/golden; and
+    time_ms.
 
-    Raises ValueError, KeyError or what the mcap library raises where the file is no trace of ravenjax.
+    Raises ValueError, KeyError or what the mcap library raises where the file is no trace of
+    ravenjax.
     """
     from mcap.reader import make_reader
 
@@ -108,7 +117,9 @@ def read(path: Path, robot: Robot = robots.USUAL) -> dict[str, np.ndarray]:
 
 
 def _rows(messages: Mapping[int, bytes], width: int, ticks: int) -> np.ndarray:
-    """The doubles at the end of each little-endian CDR message, [ticks, width]; NaN in a tick without a message."""
+    """The doubles at the end of each little-endian CDR message, [ticks, width]; NaN in a tick
+    without a message.
+    """
     out = np.full((ticks, width), np.nan)
     out[list(messages)] = np.frombuffer(b"".join(messages.values()), "<f8").reshape(-1, width)
     return out
@@ -126,12 +137,19 @@ def _replay(robot: Robot, row: dict[Any, Any], series: dict[str, np.ndarray]) ->
     arms = [arm for arm in robot.arms if f"{arm}/tip" in series and f"{arm}/model" in series]
     if not arms:
         raise ValueError("the trace holds no tip beside its model")
-    distance = {arm: 1e3 * np.linalg.norm(series[f"{arm}/tip"] - series[f"{arm}/model"], axis=1) for arm in arms}
+    distance = {
+        arm: 1e3 * np.linalg.norm(series[f"{arm}/tip"] - series[f"{arm}/model"], axis=1)
+        for arm in arms
+    }
     arm = max(arms, key=lambda one: distance[one].max())
     ticks = len(series["time_ms"])
-    events = {label: int(row[column]) for label, column in MARKS.items() if 0 <= row[column] < ticks}
+    events = {
+        label: int(row[column]) for label, column in MARKS.items() if 0 <= row[column] < ticks
+    }
     even = np.linspace(0, ticks - 1, min(POINTS, ticks)).round().astype(int)
-    points = np.unique(np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int))
+    points = np.unique(
+        np.concatenate([even, [*events.values(), int(distance[arm].argmax())]]).astype(int)
+    )
     start = series[f"{arm}/tip"][0]
     named = {"true tip": "tip", "nominal model": "model", "golden run": "golden"}
     return TracedRun(

@@ -1,7 +1,8 @@
-"""One run as a figure for a paper or a report: how far the tip went, what the hand felt, what the motors were told.
+"""One run as a figure for a paper or a report: how far the tip went, what the hand felt, what the
+motors were told.
 
-Two tips are drawn: the true one, where the links of the virtual robot are, and the one that the robot reports, on which
-the cue acts.
+Two tips are drawn: the true one, where the links of the virtual robot are, and the one that the
+robot reports, on which the cue acts.
 """
 
 from __future__ import annotations
@@ -51,9 +52,11 @@ def trace_plot(
     joints: names of the joints whose DACs are drawn; by default the SHOWN_JOINTS with the largest peaks.
     dac_limits: largest allowed |DAC|, counts, by joint name.
     events: {label: time in ms} of vertical markers (cue, response); negative times are left out.
-    """
+    """  # noqa: E501
     arrays = {name: np.asarray(values) for name, values in series.items()}
-    there = [arm for arm in robot.arms if f"{arm}/position" in arrays or f"{arm}/current_cmd" in arrays]
+    there = [
+        arm for arm in robot.arms if f"{arm}/position" in arrays or f"{arm}/current_cmd" in arrays
+    ]
     arms = {arm: ARM_COLOURS[robot.arms.index(arm) % len(ARM_COLOURS)] for arm in there}
     ticks = len(next(iter(arrays.values())))
     time_s = np.arange(ticks) / 1000.0
@@ -62,11 +65,21 @@ def trace_plot(
     path = Path(path)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 1.25 * sum(heights)), layout="constrained")
-        error, force, *dacs, state = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        error, force, *dacs, state = figure.subplots(
+            len(heights), 1, sharex=True, height_ratios=heights
+        )
         _tip_error(error, time_s, arrays, arms, threshold_mm)
         _force(force, time_s, arrays, arms)
         for axes, arm in zip(dacs, dac_panels, strict=True):
-            _dac(axes, time_s, arrays[f"{arm}/current_cmd"], f"{arm} DAC", robot.joints, joints, dac_limits or {})
+            _dac(
+                axes,
+                time_s,
+                arrays[f"{arm}/current_cmd"],
+                f"{arm} DAC",
+                robot.joints,
+                joints,
+                dac_limits or {},
+            )
         _state(state, time_s, arrays, len(robot.run_levels))
         panels = [error, force, *dacs, state]
         marks = {name: ms for name, ms in (events or {}).items() if ms >= 0}
@@ -76,32 +89,57 @@ def trace_plot(
         state.set_xlim(0.0, ticks / 1000.0)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10, fontweight="bold")
         lines = textwrap.fill(subtitle, SUBTITLE_LETTERS)
-        error.set_title(lines, loc="left", x=0.0, fontsize=8.5, color="#3a424c", pad=4 + 10 * len(marks))
+        error.set_title(
+            lines, loc="left", x=0.0, fontsize=8.5, color="#3a424c", pad=4 + 10 * len(marks)
+        )
         figure.align_ylabels(panels)
         kind = path.suffix.lstrip(".") or "png"
         dateless = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        write_aside(path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=dateless))
+        write_aside(
+            path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=dateless)
+        )
     return path
 
 
 def _tip_error(
-    axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: Mapping[str, str], threshold_mm: float
+    axes: Axes,
+    time_s: np.ndarray,
+    arrays: Mapping[str, np.ndarray],
+    arms: Mapping[str, str],
+    threshold_mm: float,
 ) -> None:
     kinds = {"tip": ("true", 1.5, "-"), "position": ("as reported", 1.0, (0, (3, 1.5)))}
     for arm in arms:
         for name, (kind, width, style) in kinds.items():
             if f"{arm}/{name}" in arrays and f"{arm}/model_position" in arrays:
-                distance = 1000.0 * np.linalg.norm(arrays[f"{arm}/{name}"] - arrays[f"{arm}/model_position"], axis=1)
-                axes.plot(time_s, distance, color=arms[arm], lw=width, ls=style, label=f"{arm}, {kind}")
+                distance = 1000.0 * np.linalg.norm(
+                    arrays[f"{arm}/{name}"] - arrays[f"{arm}/model_position"], axis=1
+                )
+                axes.plot(
+                    time_s, distance, color=arms[arm], lw=width, ls=style, label=f"{arm}, {kind}"
+                )
     axes.axhline(threshold_mm, color="#3a424c", lw=0.9, ls=(0, (4, 2)))
-    place = {"xycoords": ("axes fraction", "data"), "xytext": (-2, 2), "textcoords": "offset points"}
-    axes.annotate(f"cue at {threshold_mm:g} mm", (1, threshold_mm), **place, ha="right", fontsize=8, color="#3a424c")
+    place = {
+        "xycoords": ("axes fraction", "data"),
+        "xytext": (-2, 2),
+        "textcoords": "offset points",
+    }
+    axes.annotate(
+        f"cue at {threshold_mm:g} mm",
+        (1, threshold_mm),
+        **place,
+        ha="right",
+        fontsize=8,
+        color="#3a424c",
+    )
     axes.set_ylabel("tip off the\nnominal model, mm")
     axes.set_ylim(0.0, max(1.15 * _peak(axes), 1.3 * threshold_mm))
     _legend(axes, True)
 
 
-def _force(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: Mapping[str, str]) -> None:
+def _force(
+    axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: Mapping[str, str]
+) -> None:
     for arm in arms:
         if f"{arm}/haptic_force" in arrays:
             force = arrays[f"{arm}/haptic_force"]
@@ -114,7 +152,9 @@ def _force(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arm
     else:
         axes.set_ylim(0.0, 1.0)
         axes.set_yticks([0.0])
-        axes.annotate("none", (0.01, 0.5), xycoords="axes fraction", va="center", fontsize=8, color="#5b6470")
+        axes.annotate(
+            "none", (0.01, 0.5), xycoords="axes fraction", va="center", fontsize=8, color="#5b6470"
+        )
 
 
 def _dac(
@@ -127,10 +167,14 @@ def _dac(
     limits: Mapping[str, float],
 ) -> None:
     peaks = np.abs(command.astype(float)).max(axis=0)
-    numbers = [names.index(name) for name in joints] or sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS])
+    numbers = [names.index(name) for name in joints] or sorted(
+        np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS]
+    )
     for joint in numbers:
         name, colour = names[joint], JOINT_COLOURS[joint % len(JOINT_COLOURS)]
-        axes.plot(time_s, command[:, joint], color=colour, lw=1.0, label=name, drawstyle="steps-post")
+        axes.plot(
+            time_s, command[:, joint], color=colour, lw=1.0, label=name, drawstyle="steps-post"
+        )
         if name in limits:
             for limit in (-limits[name], limits[name]):
                 axes.axhline(limit, color=colour, lw=0.8, ls=(0, (1, 2)))
@@ -143,7 +187,13 @@ def _state(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], lev
     for name, colour, style in (("runlevel", "#1b1f24", "-"), ("pedal", "#56b4e9", "-")):
         if name in arrays:
             axes.plot(
-                time_s, arrays[name].astype(float), color=colour, ls=style, lw=1.2, label=name, drawstyle="steps-post"
+                time_s,
+                arrays[name].astype(float),
+                color=colour,
+                ls=style,
+                lw=1.2,
+                label=name,
+                drawstyle="steps-post",
             )
     axes.set_ylabel("state")
     axes.set_ylim(-0.3, levels - 0.5)
@@ -159,7 +209,14 @@ def _peak(axes: Axes) -> float:
 def _legend(axes: Axes, wanted: bool) -> None:
     handles, labels = axes.get_legend_handles_labels()
     if wanted and handles:
-        axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=8, handlelength=1.4)
+        axes.legend(
+            handles,
+            labels,
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.03),
+            fontsize=8,
+            handlelength=1.4,
+        )
 
 
 def _fault_windows(panels: Sequence[Axes], arrays: Mapping[str, np.ndarray], told: bool) -> None:
@@ -169,8 +226,16 @@ def _fault_windows(panels: Sequence[Axes], arrays: Mapping[str, np.ndarray], tol
         for axes in panels:
             axes.axvspan(start, end, color=FAULT, alpha=0.13, lw=0, zorder=0)
     if len(edges) and not told:
-        panels[0].annotate("fault", (edges[0] / 1000.0, 1), xycoords=("data", "axes fraction"), xytext=(2, -2),
-                           textcoords="offset points", va="top", fontsize=8, color=FAULT)  # fmt: skip
+        panels[0].annotate(
+            "fault",
+            (edges[0] / 1000.0, 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(2, -2),
+            textcoords="offset points",
+            va="top",
+            fontsize=8,
+            color=FAULT,
+        )
 
 
 def _events(panels: Sequence[Axes], events: Mapping[str, float]) -> None:
@@ -178,5 +243,12 @@ def _events(panels: Sequence[Axes], events: Mapping[str, float]) -> None:
         colour = MARKERS[i % len(MARKERS)]
         for axes in panels:
             axes.axvline(time_ms / 1000.0, color=colour, lw=0.9)
-        panels[0].annotate(f"{label} {time_ms:.0f} ms", (time_ms / 1000.0, 1), xycoords=("data", "axes fraction"),
-                           xytext=(2, 3 + 10 * i), textcoords="offset points", fontsize=8, color=colour)  # fmt: skip
+        panels[0].annotate(
+            f"{label} {time_ms:.0f} ms",
+            (time_ms / 1000.0, 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(2, 3 + 10 * i),
+            textcoords="offset points",
+            fontsize=8,
+            color=colour,
+        )

@@ -1,4 +1,6 @@
-"""One run in words: which fault, what happened when, how far the tip went. Lines for a terminal, parts for a page."""
+"""One run in words: which fault, what happened when, how far the tip went. Lines for a terminal,
+parts for a page.
+"""
 
 from __future__ import annotations
 
@@ -67,22 +69,36 @@ def summary(
 
 def _verdict(row: Mapping[str, Any], rules: Rules, robot: Robot) -> str:
     if row["failed"]:
-        since = f" at {wording.count(ms)} ms" if (ms := int(row.get("failed_first_ms", -1))) >= 0 else ""
+        since = (
+            f" at {wording.count(ms)} ms"
+            if (ms := int(row.get("failed_first_ms", -1))) >= 0
+            else ""
+        )
         return f"none: the run has no valid outcome ({row['failed']}{since})"
     parts = [str(row["verdict"])]
-    cause = f" ({row['response_cause']} at {wording.count(row['response_ms'])} ms)" if row["response_cause"] else ""
-    responses = {one.word: one.clause() for one in definitions.rows(rules, robot) if one.kind == "response"}
+    cause = (
+        f" ({row['response_cause']} at {wording.count(row['response_ms'])} ms)"
+        if row["response_cause"]
+        else ""
+    )
+    responses = {
+        one.word: one.clause() for one in definitions.rows(rules, robot) if one.kind == "response"
+    }
     parts.append(responses[str(row["response"])] + cause)
     if row["hazard"] == "unintended motion" and row["response"] in UNTOLD:
         parts.append("it evades the checks")
     if row["hazard"] == "loss of motion" and int(row["loss_first_ms"]) < 0:
         more = int(row["halted_ms"]) - int(row["golden_halted_ms"])
-        parts.append(f"the robot is not live for {wording.count(more)} ms longer than in the golden run")
+        parts.append(
+            f"the robot is not live for {wording.count(more)} ms longer than in the golden run"
+        )
     return "; ".join(parts)
 
 
 def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: Robot) -> list[str]:
-    peaks = [] if series is None else [line for arm in robot.arms for line in _distances(arm, series)]
+    peaks = (
+        [] if series is None else [line for arm in robot.arms for line in _distances(arm, series)]
+    )
     if series is None:
         far = wording.number(float(row["peak_model_deviation_mm"]))
         peaks.append(f"true tip {far} mm off the nominal model")
@@ -91,18 +107,26 @@ def _peaks(row: Mapping[str, Any], rules: Rules, series: Series | None, robot: R
             peaks.append(text.format(wording.number(far)))
     if (depth := float(row["tissue_depth_mm"])) > 0.0:
         usual = wording.number(float(row["golden_tissue_depth_mm"]))
-        peaks.append(f"true tip {wording.number(depth)} mm deep in the tissue (golden run {usual} mm)")
+        peaks.append(
+            f"true tip {wording.number(depth)} mm deep in the tissue (golden run {usual} mm)"
+        )
     force, length = float(row[f"cue{rules.cue}_peak_force"]), int(row[f"cue{rules.cue}_ms"])
     if length > 0:
-        peaks.append(f"cue of {wording.number(force)} device units, on for {wording.count(length)} ms in all")
+        peaks.append(
+            f"cue of {wording.number(force)} device units, on for {wording.count(length)} ms in all"
+        )
     return peaks
 
 
 _DISTANCES = {
-    "unintended_off_mm": "true tip {} mm off golden run and standing still while the robot was not live",
+    "unintended_off_mm": (
+        "true tip {} mm off golden run and standing still while the robot was not live"
+    ),
     "false_report_mm": "reported tip {} mm off the true one, beyond the golden run",
 }
-"""What is told where it is beyond the limit; the sizes of the other hazards stand with their beginning."""
+"""What is told where it is beyond the limit; the sizes of the other hazards stand with their
+beginning.
+"""
 
 
 def _distances(arm: str, series: Series) -> list[str]:
@@ -110,7 +134,9 @@ def _distances(arm: str, series: Series) -> list[str]:
     lines = []
     for other, name in (("model_position", "nominal model"), ("golden_tip", "golden run")):
         if f"{arm}/tip" in series and f"{arm}/{other}" in series:
-            distance = 1e3 * np.linalg.norm(np.asarray(series[f"{arm}/tip"]) - series[f"{arm}/{other}"], axis=1)
+            distance = 1e3 * np.linalg.norm(
+                np.asarray(series[f"{arm}/tip"]) - series[f"{arm}/{other}"], axis=1
+            )
             if np.isfinite(distance).any():
                 ms = int(np.nanargmax(distance))
                 far = wording.number(float(distance[ms]))

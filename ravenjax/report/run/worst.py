@@ -22,19 +22,42 @@ class WorstKind(NamedTuple):
     name: str
     title: str
     where: str  # of columns of facts
-    far: str  # of columns of results; {cue}: number of the haptic set of the verdicts; NULL is no case
+    # of columns of results; {cue}: number of the haptic set of the verdicts; NULL is no case
+    far: str
     measured: str  # what that is
     unit: str
     decimals: int
 
 
 KINDS = (
-    WorstKind("evaded", "Unintended motion, nobody told", "evaded", "unintended_mm", "off course", "mm", 1),
-    WorstKind("told", "Unintended motion, a check told", "unintended AND told", "unintended_mm", "off course", "mm", 1),
-    WorstKind("loss", "Loss of motion while live", "loss AND NOT halted", "loss_mm", "behind", "mm", 1),
+    WorstKind(
+        "evaded", "Unintended motion, nobody told", "evaded", "unintended_mm", "off course", "mm", 1
+    ),
+    WorstKind(
+        "told",
+        "Unintended motion, a check told",
+        "unintended AND told",
+        "unintended_mm",
+        "off course",
+        "mm",
+        1,
+    ),
+    WorstKind(
+        "loss", "Loss of motion while live", "loss AND NOT halted", "loss_mm", "behind", "mm", 1
+    ),
     WorstKind("halted", "Loss of motion: not live", "halted", "halted_ms", "not live for", "ms", 0),
-    WorstKind("misreport", "False report", "misreport", "false_report_mm", "off the true tip", "mm", 1),
-    WorstKind("phantom", "Cue without a hazard", "cued AND hazard = 'none'", "cue{cue}_ms", "cue lasted", "ms", 0),
+    WorstKind(
+        "misreport", "False report", "misreport", "false_report_mm", "off the true tip", "mm", 1
+    ),
+    WorstKind(
+        "phantom",
+        "Cue without a hazard",
+        "cued AND hazard = 'none'",
+        "cue{cue}_ms",
+        "cue lasted",
+        "ms",
+        0,
+    ),
     WorstKind(
         "depth",
         "Deeper in the tissue than the golden run",
@@ -48,25 +71,37 @@ KINDS = (
 
 
 def rows(runs: Runs, manifest: Manifest, folder: Path) -> list[dict[str, Any]]:
-    """Each kind: its fields, how many faults had it (n), and its worst runs, one a fault (rows); folder: of the result,
-    for the commands."""
+    """Each kind: its fields, how many faults had it (n), and its worst runs, one a fault (rows);
+    folder: of the result, for the commands."""
     kinds = []
     for kind in KINDS:
-        if ("{cue}" in kind.far and not manifest.cues) or (kind.name == "depth" and not manifest.robot.tissue):
+        if ("{cue}" in kind.far and not manifest.cues) or (
+            kind.name == "depth" and not manifest.robot.tissue
+        ):
             continue
         far = kind.far.format(cue=manifest.verdict_cue)
-        cases = f"{runs.those(f'sample AND faulty AND ({kind.where})')} WHERE NOT isnan(({far})::DOUBLE)"
+        cases = (
+            f"{runs.those(f'sample AND faulty AND ({kind.where})')} WHERE NOT"
+            f" isnan(({far})::DOUBLE)"
+        )
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
         worst = ranked(runs.table, cases, far, MOST)
         numbered = runs.numbered([one.row for one in worst])
-        lines = [_row(manifest.robot, row, one.value, folder) for row, one in zip(numbered, worst, strict=True)]
+        lines = [
+            _row(manifest.robot, row, one.value, folder)
+            for row, one in zip(numbered, worst, strict=True)
+        ]
         kinds.append({**kind._asdict(), "n": n, "rows": lines})
     return kinds
 
 
 def flat(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Every run of every kind, for a file."""
-    return [{"kind": kind["title"], "measured": kind["measured"], **row} for kind in kinds for row in kind["rows"]]
+    return [
+        {"kind": kind["title"], "measured": kind["measured"], **row}
+        for kind in kinds
+        for row in kind["rows"]
+    ]
 
 
 def replay(folder: Path, run_id: str) -> str:

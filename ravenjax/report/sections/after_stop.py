@@ -1,4 +1,6 @@
-"""What happens after a stop: how long a check took, how far the tip still went, and whether the cue came before."""
+"""What happens after a stop: how long a check took, how far the tip still went, and whether the
+cue came before.
+"""
 
 from __future__ import annotations
 
@@ -39,11 +41,15 @@ class StopRow(NamedTuple):
 
 
 def rows(runs: Runs, limit_mm: float) -> list[StopRow]:
-    """Every stop together, then by the check that stopped, the most frequent first; none without a stop."""
+    """Every stop together, then by the check that stopped, the most frequent first; none without
+    a stop.
+    """
     stops = _of(runs, "''", limit_mm)
     if not stops:
         return []
-    causes = sorted(_of(runs, "response_cause::VARCHAR", limit_mm), key=lambda row: (-row.n, row.cause))
+    causes = sorted(
+        _of(runs, "response_cause::VARCHAR", limit_mm), key=lambda row: (-row.n, row.cause)
+    )
     if len(causes) == 1:
         return [causes[0]._replace(cause=f"{ALL}: {causes[0].cause}")]
     return [stops[0]._replace(cause=ALL), *causes]
@@ -54,14 +60,13 @@ def _of(runs: Runs, by: str, limit_mm: float) -> list[StopRow]:
     moved = "unintended_ms >= 0 AND unintended_ms <= stop_ms"
     off = run_facts.beyond_sql("unintended_off_mm", limit_mm, runs.types)
     counts = runs.table.rows(
-        f"SELECT {by} AS cause, count(*), quantile_cont(stop_ms - active_ms, [{listed}]), "
-        f"count(*) FILTER ({moved}), count(*) FILTER (NOT ({moved}) AND {off}), "
-        f"quantile_cont(unintended_off_mm::DOUBLE, [{listed}]), "
-        "count(*) FILTER (warned_ms >= 0 AND warned_ms < stop_ms), count(*) FILTER (warned_ms >= stop_ms), "
-        'list(DISTINCT "group") '
-        f"FROM (SELECT row, response_cause, unintended_off_mm FROM {RESULTS}) JOIN "
-        '(SELECT row, response_ms AS stop_ms, active_ms, unintended_ms, warned_ms, "group"::VARCHAR AS "group" '
-        f"FROM {FACTS} WHERE {CHOSEN}) USING (row) GROUP BY cause"
+        f"SELECT {by} AS cause, count(*), quantile_cont(stop_ms - active_ms, [{listed}]), count(*)"
+        f" FILTER ({moved}), count(*) FILTER (NOT ({moved}) AND {off}),"
+        f" quantile_cont(unintended_off_mm::DOUBLE, [{listed}]), count(*) FILTER (warned_ms >= 0"
+        ' AND warned_ms < stop_ms), count(*) FILTER (warned_ms >= stop_ms), list(DISTINCT "group")'
+        f" FROM (SELECT row, response_cause, unintended_off_mm FROM {RESULTS}) JOIN (SELECT row,"
+        ' response_ms AS stop_ms, active_ms, unintended_ms, warned_ms, "group"::VARCHAR AS "group"'
+        f" FROM {FACTS} WHERE {CHOSEN}) USING (row) GROUP BY cause"
     )
     return [
         StopRow(

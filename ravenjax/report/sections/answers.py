@@ -1,4 +1,6 @@
-"""The first page: which faults evade, how long before anyone can know, what the cue would change."""
+"""The first page: which faults evade, how long before anyone can know, what the cue would
+change.
+"""
 
 from __future__ import annotations
 
@@ -25,24 +27,31 @@ MOST_CLASSES = 12
 
 
 class ClassRow(NamedTuple):
-    """One class of faults, of runs in which nobody reacts; a fault that was run several times counts once."""
+    """One class of faults, of runs in which nobody reacts; a fault that was run several times
+    counts once.
+    """
 
     name: str
     evaded: Rate  # of distinct faults
     unintended: Rate  # of distinct faults, whatever the checks did
     loss: Rate  # of distinct faults, whatever the checks did
-    before: Rate  # of faults with an unintended motion, those that could be known before it; see Knowledge.lead
+    # of faults with an unintended motion, those that could be known before it; see Knowledge.lead
+    before: Rate
     half_ms: Estimate  # time from the first effect by which half of those could be known
 
 
 def scale(rows: Sequence[ClassRow]) -> float:
     """The share at which the drawn intervals of these rows end: a round one, at most 1."""
-    ends = (np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n)  # a bound may be unknown
+    ends = (
+        np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n
+    )  # a bound may be unknown
     return min(1.0, ticks.above(max([0.05, *ends])))
 
 
 class LowerCue(NamedTuple):
-    """What a cue of a smaller distance than the motion's would tell before it, beside checks and detectors."""
+    """What a cue of a smaller distance than the motion's would tell before it, beside checks and
+    detectors.
+    """
 
     cue: CueRecord
     before: Rate
@@ -50,15 +59,21 @@ class LowerCue(NamedTuple):
 
 
 class Knowledge(NamedTuple):
-    """Time from the first effect to the first possible knowledge, over faults with an unintended motion."""
+    """Time from the first effect to the first possible knowledge, over faults with an unintended
+    motion.
+    """
 
     delay: Incidence
     half_ms: Estimate
     quarter_ms: Estimate
-    lead: Lead  # over the motion, of what may come before it: no cue at the motion's own distance or beyond
-    lower: LowerCue | None  # where the cue of the verdicts is such a cue: the nearest below the limit, if there is any
+    # over the motion, of what may come before it: no cue at the motion's own distance or beyond
+    lead: Lead
+    lower: (
+        LowerCue | None
+    )  # where the cue of the verdicts is such a cue: the nearest below the limit, if there is any
     never: Rate  # not known when the run ended
-    by_detectors: bool  # the campaign has detectors, which count at their lowest threshold without a false alarm
+    # the campaign has detectors, which count at their lowest threshold without a false alarm
+    by_detectors: bool
 
 
 class Announced(NamedTuple):
@@ -76,17 +91,24 @@ class Changed(NamedTuple):
 
     pairs: list[Difference]  # all faults, one for each reaction
     announced: Announced | None  # by the cue of the verdicts; None: no cue, or nothing evaded
-    leads: bool  # whether it is a finding that this cue comes before the motion, and no matter of definitions
+    # whether it is a finding that this cue comes before the motion, and no matter of definitions
+    leads: bool
     lower: int  # of how many cues it is a finding
-    better: Announced | None  # the cue that announces most without a false one, where it is another and leads
+    better: (
+        Announced | None
+    )  # the cue that announces most without a false one, where it is another and leads
 
 
 def knowledge(runs: Runs, known: str, early: str, manifest: Manifest) -> Knowledge:
-    """known: when anyone could first know, -1 if never, an expression of columns of facts (`performance.known`);
-    early: the same of what may come before the motion (`performance.before_motion`)."""
+    """known: when anyone could first know, -1 if never, an expression of columns of facts
+    (`performance.known`); early: the same of what may come before the motion
+    (`performance.before_motion`)."""
     end, sampled = end_of(manifest), runs.sampled()
     delay = runs.delays(known, "active_ms", end, UNINTENDED)[""]
-    delays, lead = counted.incidence(delay), counted.lead(runs.delays(early, "unintended_ms", end, UNINTENDED)[""])
+    delays, lead = (
+        counted.incidence(delay),
+        counted.lead(runs.delays(early, "unintended_ms", end, UNINTENDED)[""]),
+    )
     never = delays.n - delays.events
     return Knowledge(
         delays,
@@ -108,11 +130,14 @@ def _lower(runs: Runs, early: str, manifest: Manifest) -> LowerCue | None:
     lags = runs.delays(event, "unintended_ms", end_of(manifest), UNINTENDED)[""]
     free = runs.motions()
     false = free.came(f"golden_cue{nearest}_first_ms"), free.count
-    return LowerCue(manifest.cues[nearest], tables.known(counted.lead(lags).before, runs.sampled()), false)
+    return LowerCue(
+        manifest.cues[nearest], tables.known(counted.lead(lags).before, runs.sampled()), false
+    )
 
 
 def classes(runs: Runs, known: str, early: str, manifest: Manifest) -> dict[str, list[ClassRow]]:
-    """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults is left out.
+    """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults
+    is left out.
 
     known, early: as of `knowledge`.
     """
@@ -126,7 +151,12 @@ def classes(runs: Runs, known: str, early: str, manifest: Manifest) -> dict[str,
             )
             groups = runs.groups_by(kind)
             rows = [
-                _class(one, delay.get(one.name, NONE), lags.get(one.name, NONE), runs.sampled(groups[one.name]))
+                _class(
+                    one,
+                    delay.get(one.name, NONE),
+                    lags.get(one.name, NONE),
+                    runs.sampled(groups[one.name]),
+                )
                 for one in present
             ]
             by_kind[kind] = sorted(rows, key=_most_evasive)
@@ -138,10 +168,16 @@ def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -
     condition = "sample AND faulty AND evaded"
     announcements = []
     if runs.count(condition) and runs.motions().count:
-        announcements = [_announced(runs, manifest, k, condition) for k in range(len(manifest.cues))]
+        announcements = [
+            _announced(runs, manifest, k, condition) for k in range(len(manifest.cues))
+        ]
     first = announcements[manifest.verdict_cue] if announcements else None
     able = [leads.cue(manifest, k) for k in range(len(manifest.cues))]
-    quiet = [one for one, leading in zip(announcements, able, strict=False) if leading and not one.false.k]
+    quiet = [
+        one
+        for one, leading in zip(announcements, able, strict=False)
+        if leading and not one.false.k
+    ]
     best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
     surpassed = best and first and (not runs.cue_leads or best.lead.before.k > first.lead.before.k)
     whole = [row for row in differences if row.among == "all faults"]
@@ -150,11 +186,15 @@ def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -
 
 def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:
     free = runs.motions()
-    lead = counted.lead(runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", end_of(manifest), chosen)[""])
+    lead = counted.lead(
+        runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", end_of(manifest), chosen)[""]
+    )
     false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
     sampled = runs.sampled()
     lead = lead._replace(before=tables.known(lead.before, sampled))
-    return Announced(manifest.cues[k], lead, tables.known(lead.quantile(0.5), sampled), false, free.cue_rate(k))
+    return Announced(
+        manifest.cues[k], lead, tables.known(lead.quantile(0.5), sampled), false, free.cue_rate(k)
+    )
 
 
 def _most_evasive(row: ClassRow) -> tuple[Any, ...]:

@@ -1,4 +1,6 @@
-"""How hard faults pressed the instruments on tissue, vessel and each other, beside their golden runs."""
+"""How hard faults pressed the instruments on tissue, vessel and each other, beside their golden
+runs.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +35,16 @@ class ContactRow(NamedTuple):
     impulse_n_s: ContactQuantiles  # N s, that force over the run, of all instruments
     vessel: Rate  # those that pressed the vessel harder than their golden run
     vessel_n: float  # N, the largest force of the vessel
-    instruments: Rate | None  # those that pressed the instruments on each other harder; None: one arm
+    instruments: (
+        Rate | None
+    )  # those that pressed the instruments on each other harder; None: one arm
     instruments_n: float | None  # N, the largest of these forces
 
 
 def rows(runs: Runs, manifest: Manifest) -> list[ContactRow]:
-    """Every fault together, then by group in the order of their names; none without contact, or without a fault."""
+    """Every fault together, then by group in the order of their names; none without contact, or
+    without a fault.
+    """
     if not manifest.shape.contact:
         return []
     both = len(manifest.shape.arms) > 1
@@ -50,14 +56,21 @@ def rows(runs: Runs, manifest: Manifest) -> list[ContactRow]:
 
 def _of(runs: Runs, by: str, both: bool) -> list[ContactRow]:
     listed = ", ".join(map(str, QUANTILES))
-    names = ["contact_peak_n", "contact_vessel_peak_n", *(["contact_instruments_peak_n"] if both else [])]
-    more = ", ".join(f"count(*) FILTER ({name} > golden_{name}), max({name})::DOUBLE" for name in names)
+    names = [
+        "contact_peak_n",
+        "contact_vessel_peak_n",
+        *(["contact_instruments_peak_n"] if both else []),
+    ]
+    more = ", ".join(
+        f"count(*) FILTER ({name} > golden_{name}), max({name})::DOUBLE" for name in names
+    )
     columns = ", ".join(f"{name}, golden_{name}" for name in names)
     counts = runs.table.rows(
         f"SELECT {by} AS name, count(*), quantile_cont(contact_peak_n::DOUBLE, [{listed}]), "
         f'quantile_cont(contact_impulse_n_s::DOUBLE, [{listed}]), list(DISTINCT "group"), {more} '
         f"FROM (SELECT row, contact_impulse_n_s, {columns} FROM {RESULTS}) "
-        f'JOIN (SELECT row, "group"::VARCHAR AS "group" FROM {FACTS} WHERE sample AND faulty) USING (row) '
+        f'JOIN (SELECT row, "group"::VARCHAR AS "group" FROM {FACTS} WHERE sample AND faulty) USING'
+        " (row) "
         "GROUP BY name ORDER BY name"
     )
     out = []

@@ -1,4 +1,6 @@
-"""Which conclusions depend on the robot: each rate of the report against each parameter that was varied."""
+"""Which conclusions depend on the robot: each rate of the report against each parameter that was
+varied.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,15 @@ from ravenjax.store.access.query import quoted
 LEAST_RUNS = 20
 """Of a conclusion; with fewer, thirds of a parameter hold too few for any statement."""
 MOST = 200_000
-"""Runs that are looked at one by one; a dependence that these do not show changes a rate by less than a point."""
+"""Runs that are looked at one by one; a dependence that these do not show changes a rate by less
+than a point.
+"""
 
 
 class Conclusion(NamedTuple):
-    """One rate and how it hangs on each varied parameter, the clearest first; Holm over the parameters."""
+    """One rate and how it hangs on each varied parameter, the clearest first; Holm over the
+    parameters.
+    """
 
     name: str
     rate: Rate  # of all faults; no interval, see `dependences`
@@ -36,25 +42,33 @@ class Conclusion(NamedTuple):
 
 
 def conclusions(runs: Runs, robots: Sequence[str] = ()) -> list[Conclusion]:
-    """The report's rates over one run of each fault, against every parameter that varies among them.
+    """The report's rates over one run of each fault, against every parameter that varies among
+    them.
 
-    Faults of one kind (a hazard, or a group) resemble each other, and so do faults on one robot: intervals and tests
-    count kinds, or robots where these were drawn whole. robots: columns that make up such a robot; none: no such draw.
-    Rates are of all such runs; how they depend on a parameter is asked of MOST of them, drawn, where there are more.
+    Faults of one kind (a hazard, or a group) resemble each other, and so do faults on one robot:
+    intervals and tests count kinds, or robots where these were drawn whole. robots: columns that
+    make up such a robot; none: no such draw. Rates are of all such runs; how they depend on a
+    parameter is asked of MOST of them, drawn, where there are more.
     """
     condition = "sample AND faulty"
     named = questions(runs)
     hits = ", ".join(
-        f"{among} AND {hit} AS hit{i}, {among} AS among{i}" for i, (among, hit) in enumerate(named.values())
+        f"{among} AND {hit} AS hit{i}, {among} AS among{i}"
+        for i, (among, hit) in enumerate(named.values())
     )
     query = f'SELECT row, "group"::VARCHAR AS "group", {hits} FROM {FACTS} WHERE {condition}'
     inputs = [quoted(name) for name in runs.names if name.startswith("param:")]
-    sample = runs.drawn(", ".join([*inputs, f"{FACTS}.*"]), condition, MOST, of=query) if inputs else pd.DataFrame()
+    sample = (
+        runs.drawn(", ".join([*inputs, f"{FACTS}.*"]), condition, MOST, of=query)
+        if inputs
+        else pd.DataFrame()
+    )
     names = varied(sample)
     if not names:
         return []
     counts = runs.counts(
-        [sql for among, hit in named.values() for sql in (among, f"{among} AND {hit}")], where=condition
+        [sql for among, hit in named.values() for sql in (among, f"{among} AND {hit}")],
+        where=condition,
     )
     result = []
     for i, name in enumerate(named):
@@ -64,14 +78,18 @@ def conclusions(runs: Runs, robots: Sequence[str] = ()) -> list[Conclusion]:
             inputs_of = {path.removeprefix("param:"): mine[path].to_numpy(float) for path in names}
             among = _units(mine, robots)
             links = dependences(mine[f"hit{i}"].to_numpy(bool), inputs_of, among)
-            result.append(Conclusion(name, share(k, n), len(mine), among.count, bool(robots), links))
+            result.append(
+                Conclusion(name, share(k, n), len(mine), among.count, bool(robots), links)
+            )
     return result
 
 
 def _units(sample: pd.DataFrame, robots: Sequence[str]) -> Units:
     """Robots of some runs, or kinds of their faults."""
     if robots:
-        return units.units(sample.groupby(list(robots), dropna=False, sort=False).ngroup().to_numpy())
+        return units.units(
+            sample.groupby(list(robots), dropna=False, sort=False).ngroup().to_numpy()
+        )
     return units.units(sample["group"].astype(str).map(kind_of).to_numpy())
 
 
@@ -111,8 +129,8 @@ def flat(made: list[Conclusion]) -> list[dict[str, Any]]:
 
 
 def varied(frame: pd.DataFrame) -> list[str]:
-    """Columns of parameters of robot and operation that vary in a table; the cue and the reaction to it are choices of
-    the campaign and no uncertainty of the robot."""
+    """Columns of parameters of robot and operation that vary in a table; the cue and the reaction
+    to it are choices of the campaign and no uncertainty of the robot."""
     prefixes = ("param:reaction.", "param:haptics.", "param:detectors.")
     return [
         name

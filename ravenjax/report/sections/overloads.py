@@ -27,8 +27,8 @@ class OverloadRow(NamedTuple):
 
 
 def rows(runs: Runs, manifest: Manifest) -> list[OverloadRow]:
-    """All sites together, then those where a cable was overloaded, the most frequent first; none where no tension is
-    known."""
+    """All sites together, then those where a cable was overloaded, the most frequent first; none
+    where no tension is known."""
     if not manifest.shape.cables:
         return []
     every = _of(runs, manifest, "''")
@@ -36,20 +36,26 @@ def rows(runs: Runs, manifest: Manifest) -> list[OverloadRow]:
         return []
     groups = runs.groups_by("site")
     sites = [
-        row._replace(overloaded=tables.of_faults(runs, row.overloaded.k, row.faults, groups.get(row.site)))
+        row._replace(
+            overloaded=tables.of_faults(runs, row.overloaded.k, row.faults, groups.get(row.site))
+        )
         for row in _of(runs, manifest, "site::VARCHAR")
         if row.overloaded.k
     ]
-    return [every[0]._replace(site=ALL), *sorted(sites, key=lambda row: (-row.overloaded.k, row.site))]
+    return [
+        every[0]._replace(site=ALL),
+        *sorted(sites, key=lambda row: (-row.overloaded.k, row.site)),
+    ]
 
 
 def _of(runs: Runs, manifest: Manifest, by: str) -> list[OverloadRow]:
     over = events.sql("cable_overload", manifest.rules)
     counts = runs.table.rows(
-        f"SELECT {by} AS place, count(*), count(*) FILTER (over), count(*) FILTER (over AND unintended), "
-        "coalesce(mode(cable::VARCHAR) FILTER (over), ''), max(load) "
-        f"FROM (SELECT row, {over} AS over, cable_overload AS cable, cable_load::DOUBLE AS load FROM {RESULTS}) "
-        f"JOIN (SELECT row, site, unintended FROM {FACTS} WHERE sample AND faulty) USING (row) GROUP BY place"
+        f"SELECT {by} AS place, count(*), count(*) FILTER (over), count(*) FILTER (over AND"
+        " unintended), coalesce(mode(cable::VARCHAR) FILTER (over), ''), max(load) FROM (SELECT"
+        f" row, {over} AS over, cable_overload AS cable, cable_load::DOUBLE AS load FROM {RESULTS})"
+        f" JOIN (SELECT row, site, unintended FROM {FACTS} WHERE sample AND faulty) USING (row)"
+        " GROUP BY place"
     )
     return [
         OverloadRow(place, n, tables.of_faults(runs, over, n), unintended, cable, load)

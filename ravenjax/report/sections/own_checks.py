@@ -1,7 +1,9 @@
-"""Checks of one's own: what each saw, how early, what it cost without a fault, and what only it knew of.
+"""Checks of one's own: what each saw, how early, what it cost without a fault, and what only it
+knew of.
 
-Rates are of one run of each fault, times over faults with an unintended motion, as of detectors. A check trips where it
-does so more often than in the golden run, or sooner; what it does in fault-free motion is its false alarms.
+Rates are of one run of each fault, times over faults with an unintended motion, as of detectors. A
+check trips where it does so more often than in the golden run, or sooner; what it does in
+fault-free motion is its false alarms.
 """
 
 from __future__ import annotations
@@ -38,8 +40,10 @@ def rows(runs: Runs, manifest: Manifest) -> list[OwnCheckRow]:
     per_check = list(_alarms(runs, manifest))
     trips = [f"({after_onset(one.column)}) >= 0" for one in per_check]
     alone = [_alone(number, manifest) for number in range(len(checks))]
-    total, *counts = runs.counts(["true", *trips, *(f"{a} AND {b}" for a, b in zip(trips, alone, strict=True))],
-                                 where="sample AND faulty")  # fmt: skip
+    total, *counts = runs.counts(
+        ["true", *trips, *(f"{a} AND {b}" for a, b in zip(trips, alone, strict=True))],
+        where="sample AND faulty",
+    )
     at_thresholds = performance.thresholds(runs, manifest, per_check)
     sections = {f"{OWN}{one['name']}": one for one in manifest.config.get("check", ())}
     result = []
@@ -65,17 +69,25 @@ def _plain(check: Check) -> str:
 
 
 def _varied(runs: Runs, check: Check) -> tuple[float | None, float | None]:
-    """Least and largest threshold among the runs that rates are of; None where it is the same in the whole campaign."""
+    """Least and largest threshold among the runs that rates are of; None where it is the same in
+    the whole campaign.
+    """
     name = f"param:checks.threshold.{_plain(check)}"
     if name not in runs.names:
         return None, None
-    least, most = runs.table.row(f'SELECT min("{name}"), max("{name}") FROM {runs.those("sample AND faulty")}')
+    least, most = runs.table.row(
+        f'SELECT min("{name}"), max("{name}") FROM {runs.those("sample AND faulty")}'
+    )
     return least, most
 
 
 def _threshold(section: dict[str, Any], least: float | None, most: float | None) -> str:
     value = least if least is not None else float(section.get("threshold", 1.0))
-    words = f"above {value:g}" if most is None or most == value else f"above {value:g} to {most:g}, together"
+    words = (
+        f"above {value:g}"
+        if most is None or most == value
+        else f"above {value:g} to {most:g}, together"
+    )
     in_a_row = section.get("consecutive", 1)
     return f"{words}, {in_a_row} ms in a row" if in_a_row > 1 else words
 
@@ -84,7 +96,9 @@ def _alarms(runs: Runs, manifest: Manifest) -> Iterator[ThresholdAlarms]:
     free = runs.motions()
     for number, check in enumerate(manifest.shape.own_checks):
         rate = count = None
-        same = not any(_differs(runs, name) for name in runs.names if name.startswith("param:checks."))
+        same = not any(
+            _differs(runs, name) for name in runs.names if name.startswith("param:checks.")
+        )
         if manifest.shape.golden_checks and same:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
@@ -93,12 +107,16 @@ def _alarms(runs: Runs, manifest: Manifest) -> Iterator[ThresholdAlarms]:
 
 
 def _differs(runs: Runs, name: str) -> bool:
-    """Whether a parameter has several values; what the whole campaign has, its fault-free motion has, too."""
+    """Whether a parameter has several values; what the whole campaign has, its fault-free motion
+    has, too.
+    """
     (values,) = runs.table.row(f'SELECT count(DISTINCT "{name}") FROM {RESULTS}')
     return values > 1
 
 
 def _alone(number: int, manifest: Manifest) -> str:
-    """Condition of facts: no built-in check had told anyone by itself, and no other check of one's own tripped."""
+    """Condition of facts: no built-in check had told anyone by itself, and no other check of
+    one's own tripped.
+    """
     others = [f"own{k}_ms < 0" for k in range(len(manifest.shape.own_checks)) if k != number]
     return " AND ".join(["built_in_told_ms < 0", *others])

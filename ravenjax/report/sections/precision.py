@@ -27,8 +27,9 @@ class PrecisionRow(NamedTuple):
 
 
 def rows(runs: Runs) -> list[PrecisionRow]:
-    """All faults first, then each group, the widest first; groups that draw their faults alone, since a grid has no
-    further faults of its kind. A fault that was run several times counts once."""
+    """All faults first, then each group, the widest first; groups that draw their faults alone,
+    since a grid has no further faults of its kind. A fault that was run several times counts once.
+    """
     groups = [_row(one) for one in runs.faults("group") if runs.sampled([one.name])]
     groups.sort(key=lambda row: -row.half_width if row.rate.n else math.inf)
     if len(groups) < 2 or not runs.sampled():

@@ -1,8 +1,9 @@
-"""How bad the runs of each hazard were, of pools of hazards, and of pools weighted against each other.
+"""How bad the runs of each hazard were, of pools of hazards, and of pools weighted against each
+other.
 
-A hazard's runs are a design over values and times that somebody chose, so a rate says what share of *these* runs did
-it, not how often it happens, and has no interval. Hazards of a pool count alike; how sure a pool's mean is rests on how
-many hazards it has, so that its interval resamples hazards.
+A hazard's runs are a design over values and times that somebody chose, so a rate says what share of
+*these* runs did it, not how often it happens, and has no interval. Hazards of a pool count alike;
+how sure a pool's mean is rests on how many hazards it has, so that its interval resamples hazards.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class HazardRisk:
 
     hazard: str  # its id
     counts: tuple[int, ...]  # valid runs of severity 0 .. 5
-    mean: float  # probability times severity, summed; severities are ordinal, so it ranks and does not measure
+    # probability times severity, summed; severities are ordinal, so it ranks and does not measure
+    mean: float
     injury: Rate  # injury-capable motion
     silent: Rate  # the same without any alarm
 
@@ -55,10 +57,14 @@ class PoolRisk:
     silent: Estimate | None
 
 
-def counts(frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
-    """Hazard id -> valid runs of each severity, int [6], of the groups whose names begin with hazards' ids.
+def counts(
+    frame: pd.DataFrame, cue: int | None = 0, limit_mm: float = LIMIT_MM
+) -> dict[str, np.ndarray]:
+    """Hazard id -> valid runs of each severity, int [6], of the groups whose names begin with
+    hazards' ids.
 
-    A group that stands for several hazards counts for each. cue, limit_mm: as in `severity.severity`.
+    A group that stands for several hazards counts for each. cue, limit_mm: as in
+    `severity.severity`.
     """
     result: dict[str, np.ndarray] = {}
     grades = severity.severity(frame, cue, limit_mm)
@@ -104,7 +110,9 @@ def by_pool(found: Counts, pool: Pool) -> PoolRisk:
 
 
 def together(found: Counts, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
-    """Pools against each other by their weights, those without a run left out; a hazard of two counts in both."""
+    """Pools against each other by their weights, those without a run left out; a hazard of two
+    counts in both.
+    """
     run = [(pool, ids) for pool in pools if (ids := _run(found, pool))]
     ids = tuple(one for _, own in run for one in own)
     weights = [pool.weight / len(own) for pool, own in run for _ in own]
@@ -129,8 +137,8 @@ def _pooled(found: Counts, pool: Pool, weights: Sequence[float]) -> PoolRisk:
 
 
 def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> Estimate:
-    """Weighted mean of shares [n] of hazards with its interval over hazards (`units.ratio`); one that stands twice
-    is one unit."""
+    """Weighted mean of shares [n] of hazards with its interval over hazards (`units.ratio`); one
+    that stands twice is one unit."""
     band = units.ratio(weight * shares, weight, units.units(np.array(hazard, object)))
     return Estimate(float(band.value), band.low, band.high)
 

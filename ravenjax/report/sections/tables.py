@@ -1,5 +1,5 @@
-"""The report's numbers: every rate with its n, and Wilson's interval where faults were drawn; failed runs are counted
-and never dropped."""
+"""The report's numbers: every rate with its n, and Wilson's interval where faults were drawn;
+failed runs are counted and never dropped."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def rate_of(k: int, n: int) -> Rate:
 
 
 def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None) -> Rate:
-    """k of n distinct faults of these groups, or of all; without an interval where their values were enumerated."""
+    """k of n distinct faults of these groups, or of all; without an interval where their values
+    were enumerated.
+    """
     return rate_of(k, n) if runs.sampled(groups) else share(k, n)
 
 
@@ -52,11 +54,12 @@ def known(value: _Interval, sampled: bool) -> _Interval:
 def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """Counts of distinct faults, by the first valid run of each in which nobody reacts.
 
-    evaded, felt, unseen, evaded_limited: faults that evaded, those with and without the cue, those with a limit by a
-    check. loss, misreport: hazards of which no check told. halted: losses for no other reason than that the robot was
-    not live. inactive: faults that never changed a bit. repeats: valid runs of these faults beyond the first. reacting:
-    runs in which an operator reacts to the cue while nobody does in others; they are in no rate. faulty, failed: runs
-    with a fault, and runs without a valid outcome, of all runs. false_cue: of fault-free motions.
+    evaded, felt, unseen, evaded_limited: faults that evaded, those with and without the cue, those
+    with a limit by a check. loss, misreport: hazards of which no check told. halted: losses for no
+    other reason than that the robot was not live. inactive: faults that never changed a bit.
+    repeats: valid runs of these faults beyond the first. reacting: runs in which an operator reacts
+    to the cue while nobody does in others; they are in no rate. faulty, failed: runs with a fault,
+    and runs without a valid outcome, of all runs. false_cue: of fault-free motions.
     """
     (faults,) = runs.faults()
     both = "warned_ms >= 0 AND told_ms >= 0"
@@ -77,11 +80,27 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         ],
         where="sample AND faulty",
     )
-    total, activated, limited, loss, halted, misreport, alarms, late, came, first, same, *outcomes = counts
-    valid, faulty, failed, reacting = runs.counts(["plain AND faulty AND NOT failed", "faulty", "failed", "NOT plain"])
+    (
+        total,
+        activated,
+        limited,
+        loss,
+        halted,
+        misreport,
+        alarms,
+        late,
+        came,
+        first,
+        same,
+        *outcomes,
+    ) = counts
+    valid, faulty, failed, reacting = runs.counts(
+        ["plain AND faulty AND NOT failed", "faulty", "failed", "NOT plain"]
+    )
     free = runs.motions()
     leads = runs.table.frame(
-        f"SELECT told_ms - warned_ms AS ms, count(*) AS n FROM {FACTS} WHERE sample AND faulty AND {both} GROUP BY ms"
+        f"SELECT told_ms - warned_ms AS ms, count(*) AS n FROM {FACTS} WHERE sample AND faulty AND"
+        f" {both} GROUP BY ms"
     )
     by_outcome = dict(zip(OUTCOMES, outcomes, strict=True))
     return {
@@ -102,7 +121,9 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         "faulty": faulty,
         "failed": failed,
         "activated": of_faults(runs, activated, total),
-        "outcomes": {name: of_faults(runs, k, total) for name, k in by_outcome.items() if name != "failed"},
+        "outcomes": {
+            name: of_faults(runs, k, total) for name, k in by_outcome.items() if name != "failed"
+        },
         "cue_first": of_faults(runs, first, came),
         "same_ms": same,
         "lead_ms": median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
@@ -133,7 +154,13 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
             }
             for hazard, cued in itertools.product(verdict.HAZARDS, (True, False))
         ]
-        rows.append({"name": response, "cells": cells, "total": rate_in(sum(cell["rate"].k for cell in cells), total)})
+        rows.append(
+            {
+                "name": response,
+                "cells": cells,
+                "total": rate_in(sum(cell["rate"].k for cell in cells), total),
+            }
+        )
     return rows
 
 
@@ -147,15 +174,23 @@ def jump_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
         "jump_text": f"true tip: over {large:g} mm within 2 ms",
     }
     counts = ", ".join(
-        f"count(*) FILTER ({name}), count(*) FILTER ({name} AND unintended), count(*) FILTER ({name} AND misreport)"
+        f"count(*) FILTER ({name}), count(*) FILTER ({name} AND unintended), count(*) FILTER"
+        f" ({name} AND misreport)"
         for name in rules
     )
     source = f"{RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty"
     n, *numbers = runs.table.row(f"SELECT count(*), {counts} FROM {source}")
     return [
-        {"rule": rule, "rate": of_faults(runs, k, n), "unintended": unintended, "misreport": misreport}
+        {
+            "rule": rule,
+            "rate": of_faults(runs, k, n),
+            "unintended": unintended,
+            "misreport": misreport,
+        }
         for rule, (k, unintended, misreport) in zip(
-            rules.values(), zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True), strict=True
+            rules.values(),
+            zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True),
+            strict=True,
         )
     ]
 
@@ -183,8 +218,9 @@ def matrix_cells(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def group_rows(runs: Runs) -> list[dict[str, Any]]:
-    """One row per group: outcomes of its distinct faults as rates, and their verdict matrix; of a group without faults
-    those of its runs in which nobody reacts. The most evasive first. runs, failed: of all runs of the group."""
+    """One row per group: outcomes of its distinct faults as rates, and their verdict matrix; of a
+    group without faults those of its runs in which nobody reacts. The most evasive first. runs,
+    failed: of all runs of the group."""
     cube = runs.cube()
     rows = []
     for name, part in cube.groupby("group"):
@@ -199,7 +235,9 @@ def group_rows(runs: Runs) -> list[dict[str, Any]]:
                 "n": n,
                 "faulty": faulty,
                 "outcomes": {
-                    key: of_faults(runs, counts.get((key,), 0), n, [str(name)]) for key in OUTCOMES if key != "failed"
+                    key: of_faults(runs, counts.get((key,), 0), n, [str(name)])
+                    for key in OUTCOMES
+                    if key != "failed"
                 },
                 "evaded": of_faults(runs, _by(mine, ["evaded"]).get((True,), 0), n, [str(name)]),
                 "matrix": _matrix(mine, runs.sampled([str(name)])),
@@ -215,8 +253,8 @@ def least_last(rate: Rate) -> tuple[bool, float]:
 
 
 def delays(runs: Runs, event: str, run_end: str | int, where: str = "sample") -> tuple[Delays, int]:
-    """Delay (ms) of an event, a column of facts, after the fault's first effect, for activated valid runs; to the end
-    of observation where it never came: a stop or `run_end`, see `end_of`.
+    """Delay (ms) of an event, a column of facts, after the fault's first effect, for activated
+    valid runs; to the end of observation where it never came: a stop or `run_end`, see `end_of`.
 
     And how many runs are left out because the event came before the fault did anything.
     """
@@ -228,15 +266,21 @@ def delays(runs: Runs, event: str, run_end: str | int, where: str = "sample") ->
 
 
 def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
-    """One row per built-in check: in how many distinct faults it tripped, and how close it came in silent ones."""
+    """One row per built-in check: in how many distinct faults it tripped, and how close it came
+    in silent ones.
+    """
     own = {check.name for check in manifest.shape.own_checks}
     names = [name for name in manifest.shape.checks if name not in own]
     columns = ["count(*)"]
     for check in names:
         margin = f"check_{check}_margin"
         columns.append(f"count(*) FILTER (check_{check}_first_ms >= 0)")
-        columns.append(f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))")
-    total, *numbers = runs.table.row(f"SELECT {', '.join(columns)} FROM {runs.those('sample AND faulty')}")
+        columns.append(
+            f"min({margin}) FILTER (response = 'silent' AND NOT isnan({margin}::DOUBLE))"
+        )
+    total, *numbers = runs.table.row(
+        f"SELECT {', '.join(columns)} FROM {runs.those('sample AND faulty')}"
+    )
     rows = []
     for check, tripped, margin in zip(names, numbers[::2], numbers[1::2], strict=True):
         definition = manifest.robot.check(check)
@@ -258,16 +302,19 @@ def cause_rows(runs: Runs) -> list[dict[str, Any]]:
     counts = ", ".join(f"count(*) FILTER (response = {text(name)}) AS {name}" for name in CAUSED)
     rows = runs.table.rows(
         f"SELECT response_cause::VARCHAR AS cause, {counts} FROM {runs.those('sample AND faulty')} "
-        f"WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
+        "WHERE response <> 'silent' GROUP BY cause ORDER BY count(*) DESC, cause"
     )
-    return [{"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))} for cause, *numbers in rows]
+    return [
+        {"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))}
+        for cause, *numbers in rows
+    ]
 
 
 def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     """Runs without a valid outcome by cause and group, with one to replay."""
     groups = runs.table.rows(
-        f'SELECT failed::VARCHAR AS cause, "group"::VARCHAR AS name, count(*), arg_min(run_id, row) FROM {RESULTS} '
-        "WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
+        'SELECT failed::VARCHAR AS cause, "group"::VARCHAR AS name, count(*), arg_min(run_id,'
+        f" row) FROM {RESULTS} WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
     )
     return [
         {"cause": cause, "group": group, "n": n, "command": replay(folder, run_id)}

@@ -24,9 +24,11 @@ FIRST_MS = 1.0
 """Where a logarithmic axis of time begins; times are whole milliseconds."""
 
 
-def incidence_curves(runs: Runs, manifest: Manifest, known: Incidence) -> tuple[Chart | None, dict[str, Any]]:
-    """Chart of how soon the cue comes and a check tells after the fault's first effect, and its numbers; of one run of
-    each fault. None where no fault had an effect.
+def incidence_curves(
+    runs: Runs, manifest: Manifest, known: Incidence
+) -> tuple[Chart | None, dict[str, Any]]:
+    """Chart of how soon the cue comes and a check tells after the fault's first effect, and its
+    numbers; of one run of each fault. None where no fault had an effect.
 
     known: of the delay until anyone could know of an unintended motion.
     """
@@ -38,7 +40,12 @@ def incidence_curves(runs: Runs, manifest: Manifest, known: Incidence) -> tuple[
     ):
         delays, early = tables.delays(runs, column, end_of(manifest), "sample")
         curve = incidence(delays)
-        numbers[key] = {"curve": curve, "early": early, "quarter": curve.quantile(0.25), "half": curve.quantile(0.5)}
+        numbers[key] = {
+            "curve": curve,
+            "early": early,
+            "quarter": curve.quantile(0.25),
+            "half": curve.quantile(0.5),
+        }
         if curve.n:
             label = f"{name} ({curve.events:,} of {curve.n:,})"
             curves.append(of_incidence(curve, label, colour, manifest.duration_ms, runs.sampled()))
@@ -52,7 +59,8 @@ def incidence_curves(runs: Runs, manifest: Manifest, known: Incidence) -> tuple[
 
 
 def of_incidence(curve: Incidence, name: str, colour: str, end_ms: int, band: bool = True) -> Curve:
-    """The curve of delays on an axis of `log_time`: it begins with the share that came within the first millisecond.
+    """The curve of delays on an axis of `log_time`: it begins with the share that came within the
+    first millisecond.
 
     band: with its own; of enumerated faults it has none.
     """
@@ -80,9 +88,11 @@ def share_axis(title: str, curves: list[Curve]) -> ChartAxis:
 
 
 def lead_histogram(runs: Runs) -> Chart | None:
-    """Chart of the time from the cue to the check that tells, where both came; None where they never both did.
+    """Chart of the time from the cue to the check that tells, where both came; None where they
+    never both did.
 
-    Runs in which both came in the same millisecond stand in grey on those of the bin from 0 in which the cue was first.
+    Runs in which both came in the same millisecond stand in grey on those of the bin from 0 in
+    which the cue was first.
     """
     rows = runs.table.frame(
         f"SELECT told_ms - warned_ms AS lead, count(*) AS runs FROM {FACTS} "
@@ -105,12 +115,29 @@ def lead_histogram(runs: Runs) -> Chart | None:
         below = below + heights
     time = ChartAxis("check minus cue, ms", edges[0], edges[-1], unit="ms", line=0.0)
     most = float(below.max())
-    return Chart("Which first", time, ChartAxis("runs", 0.0, max(above(1.02 * most), 2.0), whole=True), tuple(marks))
+    return Chart(
+        "Which first",
+        time,
+        ChartAxis("runs", 0.0, max(above(1.02 * most), 2.0), whole=True),
+        tuple(marks),
+    )
 
 
-def _bars(name: str, colour: str, edges: np.ndarray, below: np.ndarray, heights: np.ndarray) -> Bars:
+def _bars(
+    name: str, colour: str, edges: np.ndarray, below: np.ndarray, heights: np.ndarray
+) -> Bars:
     filled = heights > 0
-    low, high, base, top = edges[:-1][filled], edges[1:][filled], below[filled], (below + heights)[filled]
-    where = ["0 ms" if name == "same millisecond" else f"{a:g} to {b:g} ms" for a, b in zip(low, high, strict=True)]
-    tips = tuple(f"{name}: {n:,.0f} runs, {at}" for n, at in zip(heights[filled], where, strict=True))
+    low, high, base, top = (
+        edges[:-1][filled],
+        edges[1:][filled],
+        below[filled],
+        (below + heights)[filled],
+    )
+    where = [
+        "0 ms" if name == "same millisecond" else f"{a:g} to {b:g} ms"
+        for a, b in zip(low, high, strict=True)
+    ]
+    tips = tuple(
+        f"{name}: {n:,.0f} runs, {at}" for n, at in zip(heights[filled], where, strict=True)
+    )
     return Bars(f"{name} ({heights.sum():,.0f})", colour, low, high, base, top, tips)

@@ -1,7 +1,9 @@
-"""Rates on one robot, where a campaign drew whole robots from a file, as `ravenjax calibrate` writes it.
+"""Rates on one robot, where a campaign drew whole robots from a file, as `ravenjax calibrate`
+writes it.
 
-Such a file has the robots that a log leaves likely, and the logged one is as likely to be any of them. A robot is what
-was sampled: the interval is of the rate that one more of them would have, however many faults each had.
+Such a file has the robots that a log leaves likely, and the logged one is as likely to be any of
+them. A robot is what was sampled: the interval is of the rate that one more of them would have,
+however many faults each had.
 """
 
 from __future__ import annotations
@@ -49,7 +51,9 @@ def rates(runs: Runs, manifest: Manifest) -> list[RobotRate]:
 
 
 def drawn_whole(runs: Runs, manifest: Manifest) -> list[str]:
-    """Columns of the parameters that make up a robot of a file; none where robots were not drawn whole."""
+    """Columns of the parameters that make up a robot of a file; none where robots were not drawn
+    whole.
+    """
     return [name for name in columns(manifest.config) if name in runs.names]
 
 

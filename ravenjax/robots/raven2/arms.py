@@ -1,4 +1,6 @@
-"""Names of the arms and of their joints, in the order of every array. Without jax, for readers of results."""
+"""Names of the arms and of their joints, in the order of every array. Without jax, for readers
+of results.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,15 @@ from typing import Literal
 
 ArmName = Literal["gold", "green"]
 ARMS: tuple[ArmName, ...] = ("gold", "green")
-JOINTS: tuple[str, ...] = ("shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2")
+JOINTS: tuple[str, ...] = (
+    "shoulder",
+    "elbow",
+    "insertion",
+    "tool_roll",
+    "wrist",
+    "grasp1",
+    "grasp2",
+)
 LEADING: tuple[int, ...] = (5,)
 """Lengths of vectors that are of the first joints only: the jaws have no limits of their own."""
 LINEAR: tuple[str, ...] = ("insertion",)

@@ -1,4 +1,6 @@
-"""Phases of an operation with a Raven-II, by which faults can be timed: as planned, not as a fault leaves them."""
+"""Phases of an operation with a Raven-II, by which faults can be timed: as planned, not as a
+fault leaves them.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +8,12 @@ PEDAL_DOWN, PEDAL_UP, FAST, SLOW, IN_TISSUE = "pedal_down", "pedal_up", "fast", 
 
 PHASES = {
     PEDAL_DOWN: "the robot is in pedal-down, without a stop",
-    PEDAL_UP: "it is not: before the operation begins, and while the operator repositions the hands",
-    FAST: "pedal-down, and the faster tip moves faster than in half of the milliseconds of pedal-down",
+    PEDAL_UP: (
+        "it is not: before the operation begins, and while the operator repositions the hands"
+    ),
+    FAST: (
+        "pedal-down, and the faster tip moves faster than in half of the milliseconds of pedal-down"
+    ),
     SLOW: "the other half of pedal-down, rests included",
     IN_TISSUE: "a tip is where the operator has it below the surface of the tissue",
 }

@@ -1,7 +1,7 @@
 """The seams of the Raven-II's tick: what crosses from one part to the next, in the robot's order.
 
-Each is looked at behind the fault site of its name, as the next part reads it. What cables and links do crosses no
-wire: no part of the robot reads it, so it has no normal range.
+Each is looked at behind the fault site of its name, as the next part reads it. What cables and
+links do crosses no wire: no part of the robot reads it, so it has no normal range.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from ravenjax.vocabulary.seams import Seam, SeamChannel
 
 def _joints(site: str, units: tuple[str, str]) -> tuple[SeamChannel, ...]:
     """One number a joint; `units` of a revolute joint and of the insertion."""
-    return tuple(SeamChannel(joint, units[1] if joint == "insertion" else units[0], site) for joint in JOINTS)
+    return tuple(
+        SeamChannel(joint, units[1] if joint == "insertion" else units[0], site) for joint in JOINTS
+    )
 
 
 def _axes(site: str, unit: str) -> tuple[SeamChannel, ...]:
@@ -54,12 +56,22 @@ _ALL = (
         ),
         "content of a received packet, as the software reads it",
     ),
-    Seam("usb_in", "L6", True, _joints("usb_in", ("cnt", "cnt")), "encoder counts as the software has them"),
+    Seam(
+        "usb_in",
+        "L6",
+        True,
+        _joints("usb_in", ("cnt", "cnt")),
+        "encoder counts as the software has them",
+    ),
     Seam(
         "runlevel",
         "L5",
         False,
-        (SeamChannel("rl_desired", "1", "runlevel"), SeamChannel("soft_estopped", "1"), SeamChannel("pedal", "1")),
+        (
+            SeamChannel("rl_desired", "1", "runlevel"),
+            SeamChannel("soft_estopped", "1"),
+            SeamChannel("pedal", "1"),
+        ),
         "run level that the software is in, its software E-stop, the pedal as it has it",
     ),
     Seam("mpos", "L5", True, _joints("mpos", ("rad", "rad")), "estimated motor positions"),
@@ -73,19 +85,61 @@ _ALL = (
     Seam("jpos_d", "L3", True, _joints("jpos_d", ("rad", "m")), "desired joints"),
     Seam("mpos_d", "L3", True, _joints("mpos_d", ("rad", "rad")), "desired motor positions"),
     Seam("tau_d", "L4", True, _joints("tau_d", ("N m", "N m")), "desired torque at the capstan"),
-    Seam("current_cmd", "L4", True, _joints("current_cmd", ("cnt", "cnt")), "DAC command before the overdrive check"),
-    Seam("checked_cmd", "L4", True, _joints("current_cmd", ("cnt", "cnt")), "DAC command behind the overdrive check"),
-    Seam("usb_out", "L7", True, _joints("usb_out", ("cnt", "cnt")), "DAC command as written to the USB boards"),
-    Seam("boards", "L7", True, _joints("usb_out", ("cnt", "cnt")), "DAC command that the boards hand to the motors"),
-    Seam("pins_out", "L8", False, (SeamChannel("pins", "bits", "pins_out"),), "output pins to the PLC"),
+    Seam(
+        "current_cmd",
+        "L4",
+        True,
+        _joints("current_cmd", ("cnt", "cnt")),
+        "DAC command before the overdrive check",
+    ),
+    Seam(
+        "checked_cmd",
+        "L4",
+        True,
+        _joints("current_cmd", ("cnt", "cnt")),
+        "DAC command behind the overdrive check",
+    ),
+    Seam(
+        "usb_out",
+        "L7",
+        True,
+        _joints("usb_out", ("cnt", "cnt")),
+        "DAC command as written to the USB boards",
+    ),
+    Seam(
+        "boards",
+        "L7",
+        True,
+        _joints("usb_out", ("cnt", "cnt")),
+        "DAC command that the boards hand to the motors",
+    ),
+    Seam(
+        "pins_out",
+        "L8",
+        False,
+        (SeamChannel("pins", "bits", "pins_out"),),
+        "output pins to the PLC",
+    ),
     Seam("plc", "L8", False, (SeamChannel("runlevel", "1", "plc"),), "run level of the PLC"),
     Seam("brake", "L7", False, (SeamChannel("engaged", "1", "brake"),), "brake command of the PLC"),
     Seam("motor_mpos", "L7", True, _joints("", ("rad", "rad")), "true motor positions"),
     Seam("motor_mvel", "L7", True, _joints("", ("rad/s", "rad/s")), "true motor velocities"),
     Seam("cable_tension", "L10", True, _joints("", ("N", "N")), "tension of the cables"),
     Seam("link_jpos", "L10", True, _joints("", ("rad", "m")), "true joint positions of the links"),
-    Seam("link_jvel", "L10", True, _joints("", ("rad/s", "m/s")), "true joint velocities of the links"),
-    Seam("encoder", "L6", True, _joints("encoder", ("cnt", "cnt")), "encoder counts as the robot makes them"),
+    Seam(
+        "link_jvel",
+        "L10",
+        True,
+        _joints("", ("rad/s", "m/s")),
+        "true joint velocities of the links",
+    ),
+    Seam(
+        "encoder",
+        "L6",
+        True,
+        _joints("encoder", ("cnt", "cnt")),
+        "encoder counts as the robot makes them",
+    ),
     Seam("tip", "L10", True, _axes("", "m"), "true tip"),
 )
 

@@ -1,1 +1,3 @@
-"""The smallest fault that does harm: a scan, then bisection of every bracket; its figure and its words."""
+"""The smallest fault that does harm: a scan, then bisection of every bracket; its figure and its
+words.
+"""

@@ -1,7 +1,8 @@
-"""Kind "boundary": the smallest fault that does harm, for each combination of the group's lists and each sign.
+"""Kind "boundary": the smallest fault that does harm, for each combination of the group's lists and
+each sign.
 
-All cells are asked side by side: a scan of the range, then bisection of every bracket in one batch a step. Both ends of
-every bracket are run again as an ordinary campaign, which must say the same.
+All cells are asked side by side: a scan of the range, then bisection of every bracket in one batch
+a step. Both ends of every bracket are run again as an ordinary campaign, which must say the same.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def cells(template: Template, search: Boundary) -> Cells:
     """Every cell, signs varying fastest."""
     pairs = list(itertools.product(range(template.cases), search.signs))
     signed = len(search.signs) > 1
-    names = tuple(template.case(case) | ({"sign": "+-"[sign < 0]} if signed else {}) for case, sign in pairs)
+    names = tuple(
+        template.case(case) | ({"sign": "+-"[sign < 0]} if signed else {}) for case, sign in pairs
+    )
     return Cells(np.array([c for c, _ in pairs]), np.array([s for _, s in pairs], float), names)
 
 
@@ -54,7 +57,11 @@ def due(template: Template, search: Boundary) -> int:
     log = template.axis(0).kind == "loguniform"
     span = math.log(high / low) / search.tolerance if log else 1.0 / search.tolerance
     steps = math.log(max(1.0, span / (search.scan - 1)), search.sections)
-    return template.cases * len(search.signs) * (search.scan + math.ceil(steps) * (search.sections - 1))
+    return (
+        template.cases
+        * len(search.signs)
+        * (search.scan + math.ceil(steps) * (search.sections - 1))
+    )
 
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> SearchFindings:
@@ -72,16 +79,28 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     records = [_record(grid, bounds, sides, cell) for cell in range(len(grid.case))]
     numbers = {
         "harm": search.harm,
-        "searched": {"name": template.labels[0], "unit": template.unit(0), "low": low, "high": high,
-                     "scale": "log" if within.log else "linear", "tolerance": search.tolerance},
+        "searched": {
+            "name": template.labels[0],
+            "unit": template.unit(0),
+            "low": low,
+            "high": high,
+            "scale": "log" if within.log else "linear",
+            "tolerance": search.tolerance,
+        },
         "along": _along(grid.labels),
         "steps": bounds.steps,
         "scan": search.scan,
         "cells": records,
         "exponents": _exponents(records, _along(grid.labels)),
-        "verified": {"cells": int(np.count_nonzero(bounds.state == CROSSING)), "runs": len(sides), "folder": FOLDER},
-    }  # fmt: skip
-    return SearchFindings(numbers, tuple(sentences(numbers)), tuple(tables(numbers)), _figures(numbers))
+        "verified": {
+            "cells": int(np.count_nonzero(bounds.state == CROSSING)),
+            "runs": len(sides),
+            "folder": FOLDER,
+        },
+    }
+    return SearchFindings(
+        numbers, tuple(sentences(numbers)), tuple(tables(numbers)), _figures(numbers)
+    )
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
@@ -96,7 +115,12 @@ def _along(told: tuple[dict[str, Any], ...]) -> str | None:
 
 
 def _verified(
-    template: Template, search: Boundary, evaluator: Evaluator, grid: Cells, found: Brackets, out: Path
+    template: Template,
+    search: Boundary,
+    evaluator: Evaluator,
+    grid: Cells,
+    found: Brackets,
+    out: Path,
 ) -> pd.DataFrame:
     """Rows of an ordinary campaign of both sides of every bracket: indexed by cell and harm (bool).
 
@@ -105,14 +129,21 @@ def _verified(
     crossed = np.flatnonzero(found.state == CROSSING)
     if not len(crossed):
         return pd.DataFrame()
-    case, values = grid.points(np.tile(crossed, 2), np.concatenate([found.low[crossed], found.high[crossed]]))
+    case, values = grid.points(
+        np.tile(crossed, 2), np.concatenate([found.low[crossed], found.high[crossed]])
+    )
     campaign = template.campaign(case, values)
     rows = runner.run_campaign(campaign, out / FOLDER, evaluator.engine.name).frame()
     expected = np.repeat([0.0, 1.0], len(crossed))
     outcomes = outcome.parse(search.harm).values(rows, campaign.rules)
-    if not np.array_equal(outcomes, expected) or rows["run_id"].tolist() != evaluator.ids(case, values):
+    if not np.array_equal(outcomes, expected) or rows["run_id"].tolist() != evaluator.ids(
+        case, values
+    ):
         contrary = rows["run_id"][outcomes != expected].tolist()
-        raise RuntimeError(f"the campaign in {out / FOLDER} contradicts the search that it verifies: runs {contrary}")
+        raise RuntimeError(
+            f"the campaign in {out / FOLDER} contradicts the search that it verifies: runs"
+            f" {contrary}"
+        )
     index = pd.MultiIndex.from_arrays([np.tile(crossed, 2), expected == 1.0])
     return rows.set_index(index)
 
@@ -137,16 +168,22 @@ def _record(grid: Cells, found: Brackets, sides: pd.DataFrame, cell: int) -> dic
 
 
 def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[str, Any]]:
-    """d log(boundary) / d log(duration) between neighbouring durations: -1 for an impulse, value x duration."""
+    """d log(boundary) / d log(duration) between neighbouring durations: -1 for an impulse, value
+    x duration.
+    """
     if along is None or not along.endswith("duration_ms"):
         return []
     exponents = []
     for others, line in series(records, along).items():
         crossed = sorted(
-            (r["cell"][along], abs(r["harmful"])) for r in line if r["state"] == CROSSING and r["monotone"]
+            (r["cell"][along], abs(r["harmful"]))
+            for r in line
+            if r["state"] == CROSSING and r["monotone"]
         )
         for (x0, y0), (x1, y1) in itertools.pairwise(crossed):
-            slope = math.log(y1 / y0) / math.log(x1 / x0) if min(y0, y1) > 0 and x1 > x0 else math.nan
+            slope = (
+                math.log(y1 / y0) / math.log(x1 / x0) if min(y0, y1) > 0 and x1 > x0 else math.nan
+            )
             exponents.append({"cell": dict(others), "from_ms": x0, "to_ms": x1, "exponent": slope})
     return exponents
 

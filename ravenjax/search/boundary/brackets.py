@@ -1,7 +1,9 @@
-"""Where along one number a yes begins, for many cells side by side: a coarse scan, then brackets cut step by step.
+"""Where along one number a yes begins, for many cells side by side: a coarse scan, then brackets
+cut step by step.
 
-Knows nothing of robots. The scan is what makes it honest: a cell without a yes, or with nothing else, is censored, and
-one whose answer changes more than once is reported as such instead of being taken for a threshold.
+Knows nothing of robots. The scan is what makes it honest: a cell without a yes, or with nothing
+else, is censored, and one whose answer changes more than once is reported as such instead of being
+taken for a threshold.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ class SearchRange:
     low: float
     high: float
     log: bool  # whether equal ratios, rather than equal differences, count the same
-    tolerance: float  # a bracket is narrow enough at this share of its lower end (log), or of the whole range
+    # a bracket is narrow enough at this share of its lower end (log), or of the whole range
+    tolerance: float
 
     def spread(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
         """[points, cells] evenly from `low` to `high` [cells], both included."""
@@ -46,7 +49,9 @@ class SearchRange:
 class Brackets:
     """Of each cell, where the yes begins."""
 
-    state: np.ndarray  # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID where an answer was not valid
+    state: (
+        np.ndarray
+    )  # text [cells]: CROSSING, NEVER, ALWAYS, or INVALID where an answer was not valid
     low: np.ndarray  # [cells], largest number below the crossing with a no; NaN without one
     high: np.ndarray  # [cells], smallest with a yes; NaN without one
     changes: tuple[
@@ -57,15 +62,21 @@ class Brackets:
     @property
     def monotone(self) -> np.ndarray:
         """Whether the answer, once yes, stays yes, as far as the scan can tell; bool [cells]."""
-        single = [len(changes) <= (state != ALWAYS) for state, changes in zip(self.state, self.changes, strict=True)]
+        single = [
+            len(changes) <= (state != ALWAYS)
+            for state, changes in zip(self.state, self.changes, strict=True)
+        ]
         return np.array(single, bool)
 
 
-def bracket(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int, sections: int = 2) -> Brackets:
+def bracket(
+    asked: Asked, within: SearchRange, whole: np.ndarray, scan: int, sections: int = 2
+) -> Brackets:
     """The smallest number at which `asked` says yes, of every cell.
 
-    whole: of each cell whether it takes whole numbers only, bool [cells]. scan: numbers that are tried first, evenly
-    over the range. sections: parts that each step cuts a bracket into; of several changes in one, the first is kept.
+    whole: of each cell whether it takes whole numbers only, bool [cells]. scan: numbers that are
+    tried first, evenly over the range. sections: parts that each step cuts a bracket into; of
+    several changes in one, the first is kept.
     """
     cells = len(whole)
     every = np.arange(cells)
@@ -79,7 +90,9 @@ def bracket(asked: Asked, within: SearchRange, whole: np.ndarray, scan: int, sec
         steps += 1
         tried = within.spread(low[active], high[active], sections + 1)
         tried = np.where(whole[active], np.clip(np.rint(tried), low[active], high[active]), tried)
-        if sections == 2:  # a bracket of two whole numbers further apart than one has one in between
+        if (
+            sections == 2
+        ):  # a bracket of two whole numbers further apart than one has one in between
             inner = np.clip(tried[1], low[active] + 1.0, high[active] - 1.0)
             tried[1] = np.where(whole[active], inner, tried[1])
         answer = np.zeros(tried.shape)
@@ -102,11 +115,19 @@ def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarra
     cells = np.arange(answer.shape[1])
     state = np.where(~yes.any(axis=0), NEVER, np.where(first == 0, ALWAYS, CROSSING))
     state = np.where(np.isnan(answer).any(axis=0), INVALID, state).astype(object)
-    low = np.where(state == CROSSING, tried[first - 1, cells], np.where(state == NEVER, tried[-1], np.nan))
-    high = np.where(state == CROSSING, tried[first, cells], np.where(state == ALWAYS, tried[0], np.nan))
+    low = np.where(
+        state == CROSSING, tried[first - 1, cells], np.where(state == NEVER, tried[-1], np.nan)
+    )
+    high = np.where(
+        state == CROSSING, tried[first, cells], np.where(state == ALWAYS, tried[0], np.nan)
+    )
     return state, low, high
 
 
 def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float], ...]:
     at = np.flatnonzero(answer[1:] != answer[:-1])
-    return tuple((float(tried[i]), float(tried[i + 1])) for i in at) if not np.isnan(answer).any() else ()
+    return (
+        tuple((float(tried[i]), float(tried[i + 1])) for i in at)
+        if not np.isnan(answer).any()
+        else ()
+    )

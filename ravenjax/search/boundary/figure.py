@@ -1,4 +1,6 @@
-"""Figure of a boundary: the smallest harmful value over one list of the file, a line for each case of the rest."""
+"""Figure of a boundary: the smallest harmful value over one list of the file, a line for each
+case of the rest.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ Record = dict[str, Any]
 
 
 def draw(numbers: dict[str, Any]) -> Figure:
-    """numbers: as `bisection.find` has them. One panel for each first list, lines for the other lists."""
+    """numbers: as `bisection.find` has them. One panel for each first list, lines for the other
+    lists.
+    """
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -35,9 +39,19 @@ def draw(numbers: dict[str, Any]) -> Figure:
         panes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for axes, value in zip(panes, panels, strict=True):
             part = [record for record in cells if panel is None or record["cell"][panel] == value]
-            for kind, colour, marker in zip(kinds, itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False):
+            for kind, colour, marker in zip(
+                kinds, itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False
+            ):
                 line = [r for r in part if tuple(r["cell"][name] for name in lines) == kind]
-                _line(axes, line, along, searched, colour, marker, words(dict(zip(lines, kind, strict=True))))
+                _line(
+                    axes,
+                    line,
+                    along,
+                    searched,
+                    colour,
+                    marker,
+                    words(dict(zip(lines, kind, strict=True))),
+                )
             _scales(axes, along, searched, part)
             if value is not None:
                 axes.set_title(f"{short(panel or '').partition(',')[0]} {value}")
@@ -49,14 +63,24 @@ def draw(numbers: dict[str, Any]) -> Figure:
         handles, labels = panes[0].get_legend_handles_labels()
         if any(labels):
             figure.legend(handles, labels, loc="outside right upper")
-        figure.suptitle(f"harm: {numbers['harm']}", x=0.01, ha="left", fontsize=10, fontweight="bold")
+        figure.suptitle(
+            f"harm: {numbers['harm']}", x=0.01, ha="left", fontsize=10, fontweight="bold"
+        )
     return figure
 
 
 def _line(
-    axes: Any, line: list[Record], along: str | None, searched: dict[str, Any], colour: str, marker: str, name: str
+    axes: Any,
+    line: list[Record],
+    along: str | None,
+    searched: dict[str, Any],
+    colour: str,
+    marker: str,
+    name: str,
 ) -> None:
-    """One line: brackets as bars, censored cells as open markers with an arrow, non-monotone ones ringed."""
+    """One line: brackets as bars, censored cells as open markers with an arrow, non-monotone
+    ones ringed.
+    """
     place = {id(record): record["cell"][along] if along else 0 for record in line}
     line = sorted(line, key=lambda record: place[id(record)])
     crossed = [record for record in line if record["state"] == CROSSING]
@@ -70,7 +94,9 @@ def _line(
         at = place[id(record)]
         for state, end, arrow in ((NEVER, searched["high"], "^"), (ALWAYS, searched["low"], "v")):
             if record["state"] == state:
-                axes.plot(at, end, marker=arrow, mfc="none", mec=colour, ms=8, ls="none", clip_on=False)
+                axes.plot(
+                    at, end, marker=arrow, mfc="none", mec=colour, ms=8, ls="none", clip_on=False
+                )
         if not record["monotone"] and record["state"] != INVALID:
             height = abs(record["harmful"])
             axes.plot(at, height, marker="o", mfc="none", mec=INK, ms=12, ls="none", clip_on=False)
@@ -86,7 +112,9 @@ def _explain(axes: Any, cells: list[Record]) -> None:
         if any(record["state"] == state for record in cells):
             axes.plot([], [], marker=marker, ms=8, label=meaning, **style)
     if not all(record["monotone"] for record in cells):
-        axes.plot([], [], marker="o", ms=11, label="harm comes and goes above", **(style | {"mec": INK}))
+        axes.plot(
+            [], [], marker="o", ms=11, label="harm comes and goes above", **(style | {"mec": INK})
+        )
 
 
 def _scales(axes: Any, along: str | None, searched: dict[str, Any], shown: list[Record]) -> None:
@@ -119,5 +147,12 @@ def _impulse(drawn: Any, cells: list[Record], along: str) -> None:
     height = min(abs(record["harmful"]) for record in crossed if record["cell"][along] == shortest)
     x = np.array([shortest, max(record["cell"][along] for record in crossed)], float)
     for axes in drawn:
-        axes.plot(x, height * shortest / x, color=SOFT, lw=1.0, ls=(0, (4, 2)), zorder=1,
-                  label="value × duration constant" if axes is drawn[0] else None)  # fmt: skip
+        axes.plot(
+            x,
+            height * shortest / x,
+            color=SOFT,
+            lw=1.0,
+            ls=(0, (4, 2)),
+            zorder=1,
+            label="value × duration constant" if axes is drawn[0] else None,
+        )

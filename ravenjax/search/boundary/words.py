@@ -14,7 +14,9 @@ FOLDER = "verified"
 """Of the campaign of both sides of every bracket, inside the search's folder."""
 
 
-def series(records: list[dict[str, Any]], along: str) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
+def series(
+    records: list[dict[str, Any]], along: str
+) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
     """The records of each combination of what is not `along`."""
     groups: dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]] = {}
     for record in records:
@@ -29,13 +31,13 @@ def sentences(numbers: dict[str, Any]) -> Iterator[str]:
     count = Counter(record["state"] for record in cells)
     unit = f" {searched['unit']}" if searched["unit"] else ""
     yield (
-        f"Harm is `{numbers['harm']}`; searched is {short(searched['name'])} from {searched['low']:g} to "
-        f"{searched['high']:g}{unit}, {searched['scale']}, {numbers['scan']} values of each cell and then bisection to "
-        f"{_tolerance(searched)}."
+        f"Harm is `{numbers['harm']}`; searched is {short(searched['name'])} from"
+        f" {searched['low']:g} to {searched['high']:g}{unit}, {searched['scale']},"
+        f" {numbers['scan']} values of each cell and then bisection to {_tolerance(searched)}."
     )
     yield (
-        f"Of {len(cells)} cells {count[CROSSING]} have a boundary, {count[NEVER]} are harmless throughout, "
-        f"{count[ALWAYS]} harmful from the low end on"
+        f"Of {len(cells)} cells {count[CROSSING]} have a boundary, {count[NEVER]} are harmless"
+        f" throughout, {count[ALWAYS]} harmful from the low end on"
         + (f", {count[INVALID]} hold runs without a valid outcome" if count[INVALID] else "")
         + "."
     )
@@ -45,13 +47,15 @@ def sentences(numbers: dict[str, Any]) -> Iterator[str]:
         where = f" ({words(least['cell'])})" if least["cell"] else ""
         yield f"The smallest boundary: {number(least['harmful'])}{unit}{where}."
         yield (
-            f"Both sides of every boundary, {numbers['verified']['runs']} runs, were run again as an ordinary campaign "
-            f"(folder `{FOLDER}`), which gives the same: no harm at the lower side, harm at the upper."
+            f"Both sides of every boundary, {numbers['verified']['runs']} runs, were run again as"
+            f" an ordinary campaign (folder `{FOLDER}`), which gives the same: no harm at the lower"
+            " side, harm at the upper."
         )
     if odd := [record for record in cells if not record["monotone"]]:
         yield (
-            f"In {len(odd)} cells harm does not grow with the fault: it comes and goes along the scan. There the "
-            "boundary is the first crossing that the scan sees, and larger faults may be harmless (last table)."
+            f"In {len(odd)} cells harm does not grow with the fault: it comes and goes along the"
+            " scan. There the boundary is the first crossing that the scan sees, and larger faults"
+            " may be harmless (last table)."
         )
 
 
@@ -65,24 +69,49 @@ def tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
     for record in cells:
         case = tuple(str(record["cell"][name]) for name in names)
         sides = (number(record["harmless"]), number(record["harmful"]))
-        before, after = (record.get(f"{side}_peak_golden_deviation_mm", math.nan) for side in ("harmless", "harmful"))
-        rows.append((*case, *sides, _state(record), f"{number(before, 3)} to {number(after, 3)}" if before == before
-                     else "", str(record.get("harmful_response", "")), "" if record["monotone"] else "no"))  # fmt: skip
+        before, after = (
+            record.get(f"{side}_peak_golden_deviation_mm", math.nan)
+            for side in ("harmless", "harmful")
+        )
+        rows.append(
+            (
+                *case,
+                *sides,
+                _state(record),
+                f"{number(before, 3)} to {number(after, 3)}" if before == before else "",
+                str(record.get("harmful_response", "")),
+                "" if record["monotone"] else "no",
+            )
+        )
     of = f", {unit}" if unit else ""
     yield TextTable(
         "Every cell",
-        (*map(short, names), f"harmless{of}", f"harmful{of}", "", "tip off its golden run, mm", "response", "monotone"),
+        (
+            *map(short, names),
+            f"harmless{of}",
+            f"harmful{of}",
+            "",
+            "tip off its golden run, mm",
+            "response",
+            "monotone",
+        ),
         tuple(rows),
-        "The boundary lies between the two values, which is the tolerance; n = 1 run a value, nothing is random but "
-        "what the file says. Tip and response: of the runs at both sides, and at the harmful one.",
+        "The boundary lies between the two values, which is the tolerance; n = 1 run a value,"
+        " nothing is random but what the file says. Tip and response: of the runs at both sides,"
+        " and at the harmful one.",
     )
     if odd := [record for record in cells if not record["monotone"]]:
         yield TextTable(
             "Cells in which harm comes and goes",
             (*map(short, names), "harm changes between"),
-            tuple((*(str(r["cell"][n]) for n in names), "; ".join(f"{number(a)} and {number(b)}"
-                   for a, b in r["changes"])) for r in odd),
-        )  # fmt: skip
+            tuple(
+                (
+                    *(str(r["cell"][n]) for n in names),
+                    "; ".join(f"{number(a)} and {number(b)}" for a, b in r["changes"]),
+                )
+                for r in odd
+            ),
+        )
 
 
 def _across(numbers: dict[str, Any], along: str) -> Iterator[TextTable]:
@@ -94,29 +123,36 @@ def _across(numbers: dict[str, Any], along: str) -> Iterator[TextTable]:
     rows = []
     for others, line in lines.items():
         cells = {record["cell"][along]: _harmful(record) for record in line}
-        rows.append((*(str(value) for _, value in others), *(cells.get(value, "") for value in values)))
+        rows.append(
+            (*(str(value) for _, value in others), *(cells.get(value, "") for value in values))
+        )
     yield TextTable(
         f"Smallest harmful {short(numbers['searched']['name'])}{unit}, by {short(along)}",
         (*names, *(f"{value:g}" for value in values)),
         tuple(rows),
-        f"To {_tolerance(numbers['searched'])}. > and <=: no boundary within the range, harmless up to its end or "
-        "harmful from its beginning. †: not monotone.",
+        f"To {_tolerance(numbers['searched'])}. > and <=: no boundary within the range, harmless up"
+        " to its end or harmful from its beginning. †: not monotone.",
     )
     if not numbers["exponents"]:
         return
     steps = sorted({(one["from_ms"], one["to_ms"]) for one in numbers["exponents"]})
     slopes = {
-        (tuple(one["cell"].items()), one["from_ms"], one["to_ms"]): one["exponent"] for one in numbers["exponents"]
+        (tuple(one["cell"].items()), one["from_ms"], one["to_ms"]): one["exponent"]
+        for one in numbers["exponents"]
     }
     rows = [
-        (*(str(value) for _, value in others), *(number(slopes.get((others, *step), math.nan), 3) for step in steps))
+        (
+            *(str(value) for _, value in others),
+            *(number(slopes.get((others, *step), math.nan), 3) for step in steps),
+        )
         for others in lines
     ]
     yield TextTable(
         "Slope d log(boundary) / d log(duration)",
         (*names, *(f"{begin:g} to {end:g} ms" for begin, end in steps)),
         tuple(rows),
-        "-1: value x duration decides, an impulse; steeper: the fault has time to add up; 0: duration does not matter.",
+        "-1: value x duration decides, an impulse; steeper: the fault has time to add up; 0:"
+        " duration does not matter.",
     )
 
 

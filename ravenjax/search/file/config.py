@@ -22,16 +22,27 @@ Outcome = Annotated[str, BeforeValidator(_outcome)]
 
 
 class Boundary(Section):
-    """[search] of kind "boundary": the smallest fault that does harm, for each combination of the group's lists."""
+    """[search] of kind "boundary": the smallest fault that does harm, for each combination of
+    the group's lists.
+    """
 
     kind: Literal["boundary"] = Field(description="which search")
     harm: Outcome = Field(description="event, such as 'peak_golden_deviation_mm >= 1'")
-    signs: tuple[Literal[-1, 1], ...] = Field(default=(1,), min_length=1, description="signs of the fault's value")
-    scan: int = Field(default=17, ge=2, le=10_000, description="values of each cell that are tried first")
-    tolerance: float = Field(
-        default=0.01, gt=0.0, lt=1.0, description="width of the bracket, of its lower end (loguniform) or of the range"
+    signs: tuple[Literal[-1, 1], ...] = Field(
+        default=(1,), min_length=1, description="signs of the fault's value"
     )
-    sections: int = Field(default=2, ge=2, le=1000, description="parts that a step cuts each bracket into")
+    scan: int = Field(
+        default=17, ge=2, le=10_000, description="values of each cell that are tried first"
+    )
+    tolerance: float = Field(
+        default=0.01,
+        gt=0.0,
+        lt=1.0,
+        description="width of the bracket, of its lower end (loguniform) or of the range",
+    )
+    sections: int = Field(
+        default=2, ge=2, le=1000, description="parts that a step cuts each bracket into"
+    )
 
     @field_validator("harm")
     @classmethod
@@ -55,7 +66,12 @@ class Sobol(Section):
 
     kind: Literal["sobol"] = Field(description="which search")
     outcomes: tuple[Outcome, ...] = Field(min_length=1, description="columns or events")
-    n: int = Field(default=1024, ge=8, le=2**24, description="base sample, a power of two; n (d + 2) runs for d inputs")
+    n: int = Field(
+        default=1024,
+        ge=8,
+        le=2**24,
+        description="base sample, a power of two; n (d + 2) runs for d inputs",
+    )
 
     @field_validator("n")
     @classmethod
@@ -71,8 +87,12 @@ class Morris(Section):
 
     kind: Literal["morris"] = Field(description="which search")
     outcomes: tuple[Outcome, ...] = Field(min_length=1, description="columns or events")
-    trajectories: int = Field(default=100, ge=4, le=1_000_000, description="each of d + 1 runs for d inputs")
-    levels: int = Field(default=8, ge=4, le=1000, description="levels of each input's range, an even number")
+    trajectories: int = Field(
+        default=100, ge=4, le=1_000_000, description="each of d + 1 runs for d inputs"
+    )
+    levels: int = Field(
+        default=8, ge=4, le=1000, description="levels of each input's range, an even number"
+    )
 
     @field_validator("levels")
     @classmethod
@@ -83,13 +103,29 @@ class Morris(Section):
 
 
 class Rare(Section):
-    """[search] of kind "rare": the probability of a rare event, by subset simulation and by plain Monte Carlo."""
+    """[search] of kind "rare": the probability of a rare event, by subset simulation and by
+    plain Monte Carlo.
+    """
 
     kind: Literal["rare"] = Field(description="which search")
-    event: Outcome = Field(description="a column against a number, such as 'peak_model_deviation_mm >= 10'")
-    runs: int = Field(default=2000, ge=100, le=10_000_000, description="runs of each level of the subset simulation")
-    steps: int = Field(default=10, ge=2, le=100, description="of a chain; 1 of so many runs seeds the next level")
-    check: int = Field(default=20_000, ge=0, le=100_000_000, description="runs of plain Monte Carlo beside it; 0: none")
+    event: Outcome = Field(
+        description="a column against a number, such as 'peak_model_deviation_mm >= 10'"
+    )
+    runs: int = Field(
+        default=2000,
+        ge=100,
+        le=10_000_000,
+        description="runs of each level of the subset simulation",
+    )
+    steps: int = Field(
+        default=10, ge=2, le=100, description="of a chain; 1 of so many runs seeds the next level"
+    )
+    check: int = Field(
+        default=20_000,
+        ge=0,
+        le=100_000_000,
+        description="runs of plain Monte Carlo beside it; 0: none",
+    )
 
     @field_validator("event")
     @classmethod
@@ -100,7 +136,10 @@ class Rare(Section):
     def _chains(self) -> Rare:
         if self.runs % self.steps or self.runs // self.steps < 2:
             below = max(2, self.runs // self.steps) * self.steps
-            raise ValueError(f"runs: got {self.runs}, expected a multiple of steps = {self.steps}, such as {below}")
+            raise ValueError(
+                f"runs: got {self.runs}, expected a multiple of steps = {self.steps}, such as"
+                f" {below}"
+            )
         return self
 
     @property
@@ -111,7 +150,12 @@ class Rare(Section):
 
 Search = Boundary | Sobol | Morris | Rare
 
-KINDS: dict[str, type[Search]] = {"boundary": Boundary, "sobol": Sobol, "morris": Morris, "rare": Rare}
+KINDS: dict[str, type[Search]] = {
+    "boundary": Boundary,
+    "sobol": Sobol,
+    "morris": Morris,
+    "rare": Rare,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,4 +172,6 @@ class SearchConfig:
 
     def resolved(self) -> dict[str, Any]:
         """Everything that it says, defaults filled in, as JSON has it."""
-        return self.campaign.model_dump(mode="json") | {"search": self.search.model_dump(mode="json")}
+        return self.campaign.model_dump(mode="json") | {
+            "search": self.search.model_dump(mode="json")
+        }

@@ -1,4 +1,6 @@
-"""JSON Schema of search files: that of a campaign of one group, with a table [search] of one kind."""
+"""JSON Schema of search files: that of a campaign of one group, with a table [search] of one
+kind.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,10 @@ def schema(robot: Robot) -> dict[str, Any]:
         table["properties"]["kind"] = {"const": name, "description": "which search"}
         whole["$defs"][model.__name__] = table
     kinds = [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()]
-    whole["properties"]["search"] = {"description": "[search]: what is asked of the runs", "oneOf": kinds}
+    whole["properties"]["search"] = {
+        "description": "[search]: what is asked of the runs",
+        "oneOf": kinds,
+    }
     whole["properties"]["group"]["maxItems"] = 1
     whole["required"] = [*whole["required"], "search"]
     return whole

@@ -1,6 +1,7 @@
 """Reads a search file: a campaign file of one group, its template, with a section [search].
 
-The campaign's part goes through `ravenjax.campaign.loading`; all that is wrong with either part is told at once.
+The campaign's part goes through `ravenjax.campaign.loading`; all that is wrong with either part is
+told at once.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ FOLDER = "campaigns/searches"
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
-    """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises UserError."""
+    """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises
+    UserError.
+    """
     file = location.find(path, FOLDER, "search")
     raw, text = location.read(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
@@ -39,20 +42,25 @@ def bundled() -> list[Path]:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> SearchConfig:
-    """The search of nested tables as TOML has them, with overrides; `source` and `text` say where from.
+    """The search of nested tables as TOML has them, with overrides; `source` and `text` say where
+    from.
 
     Raises UserError.
     """
     own: list[str] = []
     left: list[str] = []
     for override in overriding.listed(overrides):
-        (own if override.partition("=")[0].partition(".")[0].strip() == SECTION else left).append(override)
+        (own if override.partition("=")[0].partition(".")[0].strip() == SECTION else left).append(
+            override
+        )
     raw, replaced = overriding.all_applied(raw, own)
     where = location.Where(source, location.lines(text), replaced)
     messages: list[str] = []
     campaign = search = None
     try:
-        campaign = loading.from_dict({k: v for k, v in raw.items() if k != SECTION}, source, text, left, template=True)
+        campaign = loading.from_dict(
+            {k: v for k, v in raw.items() if k != SECTION}, source, text, left, template=True
+        )
     except UserError as error:
         messages.append(str(error))
     complaints: list[Complaint] = []
@@ -83,10 +91,15 @@ def _section(raw: dict[str, Any]) -> Search:
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         got = "missing" if kind is None else f"got {shown(kind)}"
-        raise _Wrong(((SECTION, "kind"), f"{got}, expected one of {kinds}{suggestion(kind, KINDS)}"))
+        raise _Wrong(
+            ((SECTION, "kind"), f"{got}, expected one of {kinds}{suggestion(kind, KINDS)}")
+        )
     try:
         return KINDS[kind].model_validate(table)
     except ValidationError as error:
         raise _Wrong(
-            *(((SECTION, *one["loc"]), location.message(one, KINDS[kind])) for one in error.errors())
+            *(
+                ((SECTION, *one["loc"]), location.message(one, KINDS[kind]))
+                for one in error.errors()
+            )
         ) from None

@@ -1,10 +1,9 @@
 """What a search asks of a run: a number of the result table, or whether an event happened.
 
-peak_model_deviation_mm            the number
-evades                             an event of `ravenjax.outcomes.events`, under the rules of the search's campaign
-jump_code                          an event: the truth value
-peak_model_deviation_mm >= 3       an event: a number against a bound; also <=
-response = stopped                 an event: the word
+peak_model_deviation_mm            the number evades                             an event of
+`ravenjax.outcomes.events`, under the rules of the search's campaign jump_code
+an event: the truth value peak_model_deviation_mm >= 3       an event: a number against a bound;
+also <= response = stopped                 an event: the word
 """
 
 from __future__ import annotations
@@ -30,7 +29,10 @@ _GIVEN = ("run_id", "index", "group", "seed", "operator")
 _WORDS = {"verdict": verdict.VERDICTS, "response": verdict.RESPONSES, "hazard": verdict.HAZARDS}
 """Columns of words of which all words are known here."""
 
-FORMS = "'peak_model_deviation_mm', 'evades', 'jump_code', 'peak_model_deviation_mm >= 3' or 'response = stopped'"
+FORMS = (
+    "'peak_model_deviation_mm', 'evades', 'jump_code', 'peak_model_deviation_mm >= 3' or 'response"
+    " = stopped'"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +52,11 @@ class Outcome:
     @property
     def unit(self) -> str:
         """Of the column."""
-        return self.column.rpartition("_")[2] if self.column.endswith(("_mm", "_ms")) and not self.relation else ""
+        return (
+            self.column.rpartition("_")[2]
+            if self.column.endswith(("_mm", "_ms")) and not self.relation
+            else ""
+        )
 
     @property
     def named_event(self) -> bool:
@@ -62,7 +68,9 @@ class Outcome:
         return events.columns([self.column], rules) if self.named_event else [self.column, "failed"]
 
     def values(self, columns: pd.DataFrame, rules: Rules) -> np.ndarray:
-        """float64 [rows] of columns of the result table; NaN where a run failed, or has no such number."""
+        """float64 [rows] of columns of the result table; NaN where a run failed, or has no such
+        number.
+        """
         if self.named_event:
             table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
             valid, cases = events.happened(table, [self.column], rules)
@@ -77,7 +85,9 @@ class Outcome:
         return np.where(np.asarray(columns["failed"] == ""), values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
-        """float64 [rows]: how far the column is beyond its bound, from 0 on where the event happened; NaN as above."""
+        """float64 [rows]: how far the column is beyond its bound, from 0 on where the event
+        happened; NaN as above.
+        """
         beyond = self._numbers(columns) - self.bound
         margins = beyond if self.relation == ">=" else -beyond
         return np.where(np.asarray(columns["failed"] == ""), margins, np.nan)
@@ -100,8 +110,14 @@ class Outcome:
             return
         dtypes = {c.name: c.dtype for c in schema.columns(shape) if _is_outcome(c.name)}
         if self.column not in dtypes:
-            near, names = suggestion(self.column, [*dtypes, *events.EVENTS]), ", ".join(events.EVENTS)
-            yield f"unknown outcome {self.column!r}, expected a column of results/README.md or one of {names}{near}"
+            near, names = (
+                suggestion(self.column, [*dtypes, *events.EVENTS]),
+                ", ".join(events.EVENTS),
+            )
+            yield (
+                f"unknown outcome {self.column!r}, expected a column of results/README.md or one of"
+                f" {names}{near}"
+            )
             return
         text = dtypes[self.column] == "category"
         words = _WORDS.get(self.column, ())
@@ -109,12 +125,18 @@ class Outcome:
             example = f" such as '{self.column} = {words[0]}'" if words else ""
             yield f"{self.column} holds words: write an event{example}"
         elif self.word and not text:
-            yield f"{self.column} holds numbers: got the word {self.word!r}, expected >= or <= and a number"
+            yield (
+                f"{self.column} holds numbers: got the word {self.word!r}, expected >= or <= and a"
+                " number"
+            )
         elif words and self.word not in words:
             near = suggestion(self.word, words)
             yield f"{self.column} is never {self.word!r}, expected one of {', '.join(words)}{near}"
         if not self.relation and self._may_be_absent:
-            yield f"{self.column} is -1 where it never came: write an event such as '{self.column} <= 1000'"
+            yield (
+                f"{self.column} is -1 where it never came: write an event such as '{self.column} <="
+                " 1000'"
+            )
 
 
 def _is_outcome(column: str) -> bool:
@@ -129,13 +151,17 @@ def parse(text: str) -> Outcome:
     column, relation, right = match[1], match[2] or "", match[3] or ""
     if relation == "=":
         if not right:
-            raise ValueError(f"got {shown(text)}, expected a word after =, such as 'response = stopped'")
+            raise ValueError(
+                f"got {shown(text)}, expected a word after =, such as 'response = stopped'"
+            )
         return Outcome(column, relation, word=right)
     if relation:
         try:
             return Outcome(column, relation, float(right))
         except ValueError:
-            raise ValueError(f"got {shown(text)}, expected a number after {relation}, such as {FORMS}") from None
+            raise ValueError(
+                f"got {shown(text)}, expected a number after {relation}, such as {FORMS}"
+            ) from None
     return Outcome(column)
 
 
@@ -153,11 +179,13 @@ def require_event(text: str) -> str:
 
 
 def require_margin(text: str) -> str:
-    """`text`, or ValueError where it is not a column against a number, so that runs can be nearer to it or farther."""
+    """`text`, or ValueError where it is not a column against a number, so that runs can be
+    nearer to it or farther.
+    """
     outcome = parse(text)
     if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):
         raise ValueError(
-            f"got {shown(text)}, expected a measured number against a bound, such as 'peak_model_deviation_mm >= 10': "
-            "the search must see how near a run came"
+            f"got {shown(text)}, expected a measured number against a bound, such as"
+            " 'peak_model_deviation_mm >= 10': the search must see how near a run came"
         )
     return text

@@ -1,4 +1,6 @@
-"""Kinds "sobol" and "morris": which inputs decide an outcome, for each combination of the group's lists."""
+"""Kinds "sobol" and "morris": which inputs decide an outcome, for each combination of the
+group's lists.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ INDICES = {
 def due(template: Template, search: Sobol | Morris) -> int:
     """About how many runs it takes."""
     inputs = len(template.inputs)
-    points = search.n * (inputs + 2) if isinstance(search, Sobol) else search.trajectories * (inputs + 1)
+    points = (
+        search.n * (inputs + 2) if isinstance(search, Sobol) else search.trajectories * (inputs + 1)
+    )
     return template.cases * points
 
 
@@ -50,7 +54,10 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Se
     for c in range(template.cases):
         for o, one in enumerate(wanted):
             values = outcomes[c * points : (c + 1) * points, o]
-            records.append({"case": template.case(c), "outcome": str(one), "unit": one.unit} | _of(values, analyse))
+            records.append(
+                {"case": template.case(c), "outcome": str(one), "unit": one.unit}
+                | _of(values, analyse)
+            )
     numbers = {
         "method": search.kind,
         "inputs": template.drawn(),
@@ -59,13 +66,20 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Se
         "resamples": RESAMPLES,
         "results": records,
     }
-    return SearchFindings(numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers))
+    return SearchFindings(
+        numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers)
+    )
 
 
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
     """Indices of one outcome, None where a run has no valid one or all are equal."""
     invalid = int(np.count_nonzero(~np.isfinite(values)))
-    moments: dict[str, Any] = {"mean": math.nan, "deviation": math.nan, "invalid": invalid, "indices": None}
+    moments: dict[str, Any] = {
+        "mean": math.nan,
+        "deviation": math.nan,
+        "invalid": invalid,
+        "indices": None,
+    }
     if invalid:
         return moments
     moments |= {"mean": float(values.mean()), "deviation": float(values.std())}
@@ -77,7 +91,9 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
     if isinstance(search, Sobol):
 
         def sobol(values: np.ndarray) -> Indices:
-            indices = sensitivity.sobol_analyse(values, inputs, CONFIDENCE, resamples=RESAMPLES, seed=seed)
+            indices = sensitivity.sobol_analyse(
+                values, inputs, CONFIDENCE, resamples=RESAMPLES, seed=seed
+            )
             return {"S1": _bounded(indices.first), "ST": _bounded(indices.total)}
 
         return sensitivity.sobol_sample(inputs, search.n, seed), sobol
@@ -87,31 +103,49 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
         effects = sensitivity.morris_analyse(
             unit, values, CONFIDENCE, levels=search.levels, resamples=RESAMPLES, seed=seed
         )
-        return {"mu_star": _bounded(effects.mu_star), "mu": {"value": effects.mu}, "sigma": {"value": effects.sigma}}
+        return {
+            "mu_star": _bounded(effects.mu_star),
+            "mu": {"value": effects.mu},
+            "sigma": {"value": effects.sigma},
+        }
 
     return unit, morris
 
 
 def _bounded(found: Any) -> dict[str, np.ndarray]:
-    return {"value": np.asarray(found.value), "low": np.asarray(found.low), "high": np.asarray(found.high)}
+    return {
+        "value": np.asarray(found.value),
+        "low": np.asarray(found.low),
+        "high": np.asarray(found.high),
+    }
 
 
-# --- in words ---------------------------------------------------------------------------------------------------------
+# --- in words -------------------------------------------------------------------------------------
+# --------------------
 
 
 def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
     names = [short(one["name"]) for one in numbers["inputs"]]
     yield f"Inputs, independent of each other: {laws(numbers['inputs'])}."
-    yield f"{numbers['points']} points, the same ones in every case and for every outcome; n is that of each row."
+    yield (
+        f"{numbers['points']} points, the same ones in every case and for every outcome; n is that"
+        " of each row."
+    )
     leading = "ST" if numbers["method"] == "sobol" else "mu_star"
     for record in numbers["results"]:
         where = f" ({words(record['case'])})" if record["case"] else ""
         if record["indices"] is None:
-            why = f"{record['invalid']} runs have no valid one" if record["invalid"] else "it never varies"
+            why = (
+                f"{record['invalid']} runs have no valid one"
+                if record["invalid"]
+                else "it never varies"
+            )
             yield f"`{record['outcome']}`{where}: no indices, {why}."
             continue
         order = np.argsort(-record["indices"][leading]["value"])
-        first = ", ".join(f"{names[i]} {number(record['indices'][leading]['value'][i], 2)}" for i in order[:3])
+        first = ", ".join(
+            f"{names[i]} {number(record['indices'][leading]['value'][i], 2)}" for i in order[:3]
+        )
         what = "total index" if leading == "ST" else "mean effect over its range"
         yield f"`{record['outcome']}`{where}: what decides most, by {what}: {first}."
 
@@ -120,10 +154,16 @@ def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
     method = numbers["method"]
     half = f"In brackets: {CONFIDENCE:.0%} interval ({RESAMPLES} bootstrap samples)."
     notes = {
-        "sobol": f"S1: share of the variance that the input causes by itself; ST: with all that it does together with "
-        f"others, S1 <= ST <= 1. {half} Estimates scatter about 0 where there is nothing.",
-        "morris": "Elementary effects, per whole range of the input, in the outcome's unit. mean |effect|: how much it "
-        f"matters; deviation: how much that depends on where one is. {half}",
+        "sobol": (
+            "S1: share of the variance that the input causes by itself; ST: with all that it does"
+            f" together with others, S1 <= ST <= 1. {half} Estimates scatter about 0 where there is"
+            " nothing."
+        ),
+        "morris": (
+            "Elementary effects, per whole range of the input, in the outcome's unit. mean"
+            " |effect|: how much it matters; deviation: how much that depends on where one is."
+            f" {half}"
+        ),
     }
     for record in numbers["results"]:
         if record["indices"] is None:
@@ -133,14 +173,28 @@ def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
             cells = []
             for name in INDICES[method]:
                 index = {key: values[i] for key, values in record["indices"][name].items()}
-                bounds = f" ({number(index['low'], 2)} to {number(index['high'], 2)})" if "low" in index else ""
+                bounds = (
+                    f" ({number(index['low'], 2)} to {number(index['high'], 2)})"
+                    if "low" in index
+                    else ""
+                )
                 cells.append(number(index["value"], 3) + bounds)
             rows.append((short(one["name"]), *cells, str(numbers["points"])))
         where = f"; {words(record['case'])}" if record["case"] else ""
         unit = f" {record['unit']}" if record["unit"] else ""
-        moments = f"mean {number(record['mean'], 3)}, deviation {number(record['deviation'], 3)}{unit}"
-        columns = tuple(f"{name}, {what}" if method == "sobol" else what for name, what in INDICES[method].items())
-        yield TextTable(f"{record['outcome']}{where} ({moments})", ("input", *columns, "n"), tuple(rows), notes[method])
+        moments = (
+            f"mean {number(record['mean'], 3)}, deviation {number(record['deviation'], 3)}{unit}"
+        )
+        columns = tuple(
+            f"{name}, {what}" if method == "sobol" else what
+            for name, what in INDICES[method].items()
+        )
+        yield TextTable(
+            f"{record['outcome']}{where} ({moments})",
+            ("input", *columns, "n"),
+            tuple(rows),
+            notes[method],
+        )
 
 
 def _figures(numbers: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""Figures of sensitivity: bars of Sobol's indices, or Morris's mean and deviation of elementary effects."""
+"""Figures of sensitivity: bars of Sobol's indices, or Morris's mean and deviation of elementary
+effects.
+"""
 
 from __future__ import annotations
 
@@ -23,16 +25,24 @@ def draw(numbers: dict[str, Any]) -> Figure:
     import matplotlib
     from matplotlib.figure import Figure
 
-    records = [record for record in numbers["results"] if record["indices"] is not None][:MOST_PANELS]
+    records = [record for record in numbers["results"] if record["indices"] is not None][
+        :MOST_PANELS
+    ]
     outcomes = list(dict.fromkeys(record["outcome"] for record in records))
     cases = list(dict.fromkeys(words(record["case"]) for record in records))
     names = [short(one["name"]).removeprefix("plant.") for one in numbers["inputs"]]
-    height = 0.5 + (0.34 * len(names) + 0.9 if numbers["method"] == "sobol" else 2.6) * max(1, len(cases))
+    height = 0.5 + (0.34 * len(names) + 0.9 if numbers["method"] == "sobol" else 2.6) * max(
+        1, len(cases)
+    )
     panel = _bars if numbers["method"] == "sobol" else _effects
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(1.8 + 2.9 * max(1, len(outcomes)), height), layout="constrained")
-        shared = numbers["method"] == "sobol"  # all indices lie between 0 and 1, effects have units of their own
-        panes = figure.subplots(max(1, len(cases)), max(1, len(outcomes)), sharex=shared, sharey=shared, squeeze=False)
+        shared = (
+            numbers["method"] == "sobol"
+        )  # all indices lie between 0 and 1, effects have units of their own
+        panes = figure.subplots(
+            max(1, len(cases)), max(1, len(outcomes)), sharex=shared, sharey=shared, squeeze=False
+        )
         for axes in panes.reshape(-1):
             axes.set_visible(False)
         for record in records:
@@ -62,10 +72,23 @@ def _bars(axes: Any, indices: Indices, names: list[str]) -> None:
 
 
 def _effects(axes: Any, indices: Indices, names: list[str]) -> None:
-    mean, deviation, reach = indices["mu_star"]["value"], indices["sigma"]["value"], _reach(indices["mu_star"])
+    mean, deviation, reach = (
+        indices["mu_star"]["value"],
+        indices["sigma"]["value"],
+        _reach(indices["mu_star"]),
+    )
     for i, name in enumerate(names):
-        axes.errorbar(mean[i], deviation[i], xerr=reach[:, i : i + 1], color=COLOURS[i % len(COLOURS)],
-                      marker=MARKERS[i % len(MARKERS)], ms=5, lw=1.0, ls="none", label=name)  # fmt: skip
+        axes.errorbar(
+            mean[i],
+            deviation[i],
+            xerr=reach[:, i : i + 1],
+            color=COLOURS[i % len(COLOURS)],
+            marker=MARKERS[i % len(MARKERS)],
+            ms=5,
+            lw=1.0,
+            ls="none",
+            label=name,
+        )
     largest = 1.08 * float(max(mean.max(), deviation.max()))
     axes.plot([0.0, largest], [0.0, largest], color=SOFT, lw=0.9, ls=(0, (4, 2)), zorder=1)
     axes.set_xlim(0.0, largest)
@@ -77,4 +100,6 @@ def _effects(axes: Any, indices: Indices, names: list[str]) -> None:
 
 def _reach(index: dict[str, np.ndarray]) -> np.ndarray:
     """[2, inputs]: how far an interval reaches below and above its value."""
-    return np.maximum(0.0, np.stack([index["value"] - index["low"], index["high"] - index["value"]]))
+    return np.maximum(
+        0.0, np.stack([index["value"] - index["low"], index["high"] - index["value"]])
+    )

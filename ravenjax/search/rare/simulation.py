@@ -1,7 +1,8 @@
-"""Kind "rare": the probability of a rare event under the file's distributions, for each combination of its lists.
+"""Kind "rare": the probability of a rare event under the file's distributions, for each combination
+of its lists.
 
-Subset simulation, and beside it plain Monte Carlo over the same cube: where that meets the event often enough, both
-must agree; where it does not, it bounds the answer from above.
+Subset simulation, and beside it plain Monte Carlo over the same cube: where that meets the event
+often enough, both must agree; where it does not, it bounds the answer from above.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from ravenjax.stats.intervals import clopper_pearson
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset
 
 FAR = 1e6
-"""Distance from the event that a run without a valid outcome counts as having: it is not the event."""
+"""Distance from the event that a run without a valid outcome counts as having: it is not the
+event.
+"""
 
 CURVE = 200
 """Points of an exceedance curve that are kept."""
@@ -45,15 +48,21 @@ def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindin
         margins.clear()
         level = subset(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
         failed = int(np.count_nonzero(np.concatenate([sampled, *margins]) >= FAR))
-        records.append({
-            "case": template.case(case),
-            "subset": _of(level),
-            "monte_carlo": None if plain is None else _of(plain),
-            "consistent": None if plain is None else bool(level.low <= plain.high and plain.low <= level.high),
-            "invalid": failed,
-            "exceedance": _exceedance(sampled, search),
-            "reached": _reached(level, sampled, search),
-        })  # fmt: skip
+        records.append(
+            {
+                "case": template.case(case),
+                "subset": _of(level),
+                "monte_carlo": None if plain is None else _of(plain),
+                "consistent": (
+                    None
+                    if plain is None
+                    else bool(level.low <= plain.high and plain.low <= level.high)
+                ),
+                "invalid": failed,
+                "exceedance": _exceedance(sampled, search),
+                "reached": _reached(level, sampled, search),
+            }
+        )
     one = outcome.parse(search.event)
     numbers = {
         "event": search.event,
@@ -64,12 +73,18 @@ def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindin
         "per_level": search.runs,
         "share": 1.0 / search.steps,
         "results": records,
-    }  # fmt: skip
-    return SearchFindings(numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers))
+    }
+    return SearchFindings(
+        numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers)
+    )
 
 
-def _limit_state(template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]) -> LimitState:
-    """Distance from the event of points of the unit cube, at most 0 where it happened; `drawn` collects them."""
+def _limit_state(
+    template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]
+) -> LimitState:
+    """Distance from the event of points of the unit cube, at most 0 where it happened; `drawn`
+    collects them.
+    """
 
     def g(unit: np.ndarray) -> np.ndarray:
         cases = np.full(len(unit), case)
@@ -96,12 +111,15 @@ def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
     if not len(valid):
         return {"value": [], "probability": []}
     rank = np.unique(np.geomspace(1, len(valid), min(CURVE, len(valid))).astype(int)) - 1
-    return {"value": _column(valid[rank], search).tolist(), "probability": ((rank + 1) / len(sampled)).tolist()}
+    return {
+        "value": _column(valid[rank], search).tolist(),
+        "probability": ((rank + 1) / len(sampled)).tolist(),
+    }
 
 
 def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[str, Any]]:
-    """What subset simulation reached, level by level, and how likely that is; the event itself last. Beside it how
-    often plain Monte Carlo got as far."""
+    """What subset simulation reached, level by level, and how likely that is; the event itself
+    last. Beside it how often plain Monte Carlo got as far."""
     distances = [level for level in found.levels if level > 0.0]
     likely = [search.steps ** -(i + 1.0) for i in range(len(distances))]
     reached = []
@@ -109,26 +127,42 @@ def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[s
         value = float(_column(np.array(distance), search))
         record: dict[str, Any] = {"value": value, "probability": probability}
         if len(sampled):
-            record["monte_carlo"] = clopper_pearson(int(np.count_nonzero(sampled <= distance)), len(sampled))._asdict()
+            record["monte_carlo"] = clopper_pearson(
+                int(np.count_nonzero(sampled <= distance)), len(sampled)
+            )._asdict()
         reached.append(record)
     return reached
 
 
-# --- in words ---------------------------------------------------------------------------------------------------------
+# --- in words -------------------------------------------------------------------------------------
+# --------------------
 
 
 def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
-    yield f"Event: `{numbers['event']}`. Inputs, independent of each other: {laws(numbers['inputs'])}."
+    yield (
+        f"Event: `{numbers['event']}`. Inputs, independent of each other:"
+        f" {laws(numbers['inputs'])}."
+    )
     for record in numbers["results"]:
         where = f"{words(record['case'])}: " if record["case"] else ""
         level, plain = record["subset"], record["monte_carlo"]
-        yield f"{where}probability {_estimate(level)} by subset simulation with {level['runs']} runs."
+        yield (
+            f"{where}probability {_estimate(level)} by subset simulation with {level['runs']} runs."
+        )
         if plain is not None:
-            met = "which never met it and does not contradict" if not plain["probability"] else "and both agree"
+            met = (
+                "which never met it and does not contradict"
+                if not plain["probability"]
+                else "and both agree"
+            )
             agree = met if record["consistent"] else "WHICH CONTRADICTS: trust the plain one"
-            yield f"{where}plain Monte Carlo with {plain['runs']} runs: {_estimate(plain)}, {agree}."
+            yield (
+                f"{where}plain Monte Carlo with {plain['runs']} runs: {_estimate(plain)}, {agree}."
+            )
         if record["invalid"]:
-            yield f"{where}{record['invalid']} runs have no valid outcome and count as not the event."
+            yield (
+                f"{where}{record['invalid']} runs have no valid outcome and count as not the event."
+            )
 
 
 def _estimate(found: dict[str, Any]) -> str:
@@ -148,9 +182,18 @@ def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
                 if math.isnan(cov) or not cov
                 else f"{(1 - estimate['probability']) / estimate['probability'] / cov**2:.0f}"
             )
-            rows.append((*(str(v) for v in record["case"].values()), method, f"{estimate['probability']:.3g}",
-                         f"{estimate['low']:.2g} to {estimate['high']:.2g}", number(cov, 2), str(levels or ""),
-                         str(estimate["runs"]), need))  # fmt: skip
+            rows.append(
+                (
+                    *(str(v) for v in record["case"].values()),
+                    method,
+                    f"{estimate['probability']:.3g}",
+                    f"{estimate['low']:.2g} to {estimate['high']:.2g}",
+                    number(cov, 2),
+                    str(levels or ""),
+                    str(estimate["runs"]),
+                    need,
+                )
+            )
     names = tuple(short(name) for name in numbers["results"][0]["case"])
     yield TextTable(
         f"Probability of {numbers['event']}",
@@ -165,8 +208,9 @@ def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
             "plain runs for that",
         ),
         tuple(rows),
-        "Interval: Clopper-Pearson of plain Monte Carlo; lognormal with the estimated variation of subset simulation, "
-        "which is somewhat too narrow. Last column: runs that plain Monte Carlo needs for the same variation.",
+        "Interval: Clopper-Pearson of plain Monte Carlo; lognormal with the estimated variation of"
+        " subset simulation, which is somewhat too narrow. Last column: runs that plain Monte Carlo"
+        " needs for the same variation.",
     )
 
     rows = []
@@ -185,7 +229,13 @@ def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
     if rows:
         yield TextTable(
             "Level by level",
-            (*names, numbers["column"], "by subset simulation", "by plain Monte Carlo", "plain runs"),
+            (
+                *names,
+                numbers["column"],
+                "by subset simulation",
+                "by plain Monte Carlo",
+                "plain runs",
+            ),
             tuple(rows),
             "How likely a run is to come as far as each level; in brackets the 95 % interval.",
         )

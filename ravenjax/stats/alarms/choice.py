@@ -1,7 +1,9 @@
-"""Which of several alarms is best, and whether the data decide it: those that no other is shown to beat.
+"""Which of several alarms is best, and whether the data decide it: those that no other is shown to
+beat.
 
-An alarm costs what it misses and what it says for nothing. Both are known with an interval; an alarm is out where
-another is better at the ends of the intervals that speak least for it. What is left is all that may be the best.
+An alarm costs what it misses and what it says for nothing. Both are known with an interval; an
+alarm is out where another is better at the ends of the intervals that speak least for it. What is
+left is all that may be the best.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ class AlarmCounts(NamedTuple):
 
 
 def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate:
-    """Share of hazards missed by the first minus that by the second, arrays [alarms, alarms], of the same hazards."""
+    """Share of hazards missed by the first minus that by the second, arrays [alarms, alarms], of
+    the same hazards.
+    """
     if not alarms.sampled:
         value = (alarms.only - alarms.only.T) / alarms.hazards
         return Estimate(value, value, value)
@@ -39,8 +43,8 @@ def missed_difference(alarms: AlarmCounts, confidence: float = 0.95) -> Estimate
 
 
 def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.95) -> Estimate:
-    """False alarms an hour with exact Poisson intervals, arrays [alarms]; as if there were so many `times` the hours,
-    and the rates as they are. Infinite times: without an interval."""
+    """False alarms an hour with exact Poisson intervals, arrays [alarms]; as if there were so many
+    `times` the hours, and the rates as they are. Infinite times: without an interval."""
     if np.isinf(times):
         value = alarms.count / alarms.hours
         return Estimate(value, value, value)
@@ -49,15 +53,17 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0, confidence: float = 0.9
 
 
 def cheapest(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
-    """Which may be cheapest, bool [alarms], where a missed hazard costs `weight` false alarms and one comes an hour."""
+    """Which may be cheapest, bool [alarms], where a missed hazard costs `weight` false alarms
+    and one comes an hour.
+    """
     missed, false = missed_difference(alarms), false_rates(alarms, times)
     dearer = weight * missed.low + false.low[:, None] - false.high[None, :]
     return ~(dearer > 0).any(axis=1)
 
 
 def rare(alarms: AlarmCounts, per_hour: float, times: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Which may miss fewest hazards of those with at most so many false alarms an hour, and which are shown to have at
-    most so many: bool [alarms] each; `times` as of `false_rates`."""
+    """Which may miss fewest hazards of those with at most so many false alarms an hour, and which
+    are shown to have at most so many: bool [alarms] each; `times` as of `false_rates`."""
     false = false_rates(alarms, times)
     keeps = false.high <= per_hour * (1 + 1e-9)
     worse = (missed_difference(alarms).low > 0) & keeps[None, :]
@@ -65,8 +71,8 @@ def rare(alarms: AlarmCounts, per_hour: float, times: float = 1.0) -> tuple[np.n
 
 
 def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
-    """How many times the hours leave no more than endless hours would, the rates staying as they are; NaN where what is
-    there does already.
+    """How many times the hours leave no more than endless hours would, the rates staying as they
+    are; NaN where what is there does already.
 
     possible: as of `cheapest`, by the times.
     """

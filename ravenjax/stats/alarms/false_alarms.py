@@ -1,7 +1,8 @@
 """False alarms per hour.
 
-A percentile of samples says nothing about how often a detector disturbs: alarms come in bursts. So a run counts once,
-by its highest score, and the rate is per hour of fault-free operation (until the alarm where it ends the run).
+A percentile of samples says nothing about how often a detector disturbs: alarms come in bursts. So
+a run counts once, by its highest score, and the rate is per hour of fault-free operation (until the
+alarm where it ends the run).
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from ravenjax.stats.intervals import alpha_of, clopper_pearson
 
 
 class AlarmRate(NamedTuple):
-    """count alarms in so many hours; per_hour with its exact Poisson interval, NaN where hours is 0."""
+    """count alarms in so many hours; per_hour with its exact Poisson interval, NaN where hours
+    is 0.
+    """
 
     count: int
     hours: float
@@ -26,7 +29,8 @@ class AlarmRate(NamedTuple):
 
 
 def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
-    """Alarms per hour with the exact interval of a Poisson rate (Garwood 1936), for `count` independent alarms.
+    """Alarms per hour with the exact interval of a Poisson rate (Garwood 1936), for `count`
+    independent alarms.
 
     ValueError where count or hours is negative or there are alarms in no time.
     """
@@ -41,24 +45,33 @@ def alarm_rate(count: int, hours: float, confidence: float = 0.95) -> AlarmRate:
 def ending_rate(alarm: np.ndarray, hours: np.ndarray, confidence: float = 0.95) -> AlarmRate:
     """Alarms per hour where an alarm ends its operation: what `stats.conformal.target` promises.
 
-    alarm: bool [operations], independent; hours: [operations] of the whole. Only hours of operations without an alarm
-    count, so the rate is not bounded by one an operation. The interval is the exact one of the share with an alarm,
-    turned into odds, over the mean hours of an operation without one; infinite where all had an alarm.
+    alarm: bool [operations], independent; hours: [operations] of the whole. Only hours of
+    operations without an alarm count, so the rate is not bounded by one an operation. The interval
+    is the exact one of the share with an alarm, turned into odds, over the mean hours of an
+    operation without one; infinite where all had an alarm.
     """
     count, quiet = int(alarm.sum()), hours[~alarm]
     if not hours.sum() > 0:
         return AlarmRate(count, 0.0, math.nan, math.nan, math.nan)
     share = clopper_pearson(count, len(alarm), confidence)
     mean = float(quiet.mean() if quiet.any() else hours.max())
-    low, high = (end / (1.0 - end) / mean if end < 1.0 else math.inf for end in (share.low, share.high))
+    low, high = (
+        end / (1.0 - end) / mean if end < 1.0 else math.inf for end in (share.low, share.high)
+    )
     total = float(quiet.sum())
     return AlarmRate(count, total, count / total if total else math.inf, low, high)
 
 
-def rate_bounds(count: ArrayLike, hours: ArrayLike, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the exact intervals of Poisson rates, arrays of one shape; hours above 0. ValueError as `alpha_of`."""
+def rate_bounds(
+    count: ArrayLike, hours: ArrayLike, confidence: float = 0.95
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the exact intervals of Poisson rates, arrays of one shape; hours above 0.
+    ValueError as `alpha_of`.
+    """
     from statsmodels.stats.rates import confint_poisson  # slow to import
 
     counts, times = np.broadcast_arrays(np.asarray(count), np.asarray(hours, float))
     low, high = confint_poisson(counts, times, "exact-c", alpha_of(confidence))
-    return np.reshape(low, counts.shape), np.reshape(high, counts.shape)  # of one rate it makes numbers
+    return np.reshape(low, counts.shape), np.reshape(
+        high, counts.shape
+    )  # of one rate it makes numbers

@@ -1,7 +1,7 @@
 """How well a score tells harmful runs from harmless ones: ROC and precision-recall.
 
-A run alarms at a threshold where its score is at least the threshold; a score of -inf never alarms. Labels are bool,
-True for a run that should alarm.
+A run alarms at a threshold where its score is at least the threshold; a score of -inf never alarms.
+Labels are bool, True for a run that should alarm.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class CurveBand(NamedTuple):
 
 
 def average_precision(score: ArrayLike, positive: ArrayLike) -> float:
-    """Area under the precision-recall curve of score [n] (any unit, may be infinite) against positive (bool [n]).
+    """Area under the precision-recall curve of score [n] (any unit, may be infinite) against
+    positive (bool [n]).
 
     NaN without positives. ValueError where lengths differ or a score is NaN.
     """
@@ -36,7 +37,9 @@ def average_precision(score: ArrayLike, positive: ArrayLike) -> float:
     values, truth = _scored(score, positive)
     if not truth.any():
         return float("nan")
-    places = np.unique(values, return_inverse=True)[1]  # sklearn refuses infinities; only the order matters
+    places = np.unique(values, return_inverse=True)[
+        1
+    ]  # sklearn refuses infinities; only the order matters
     return float(average_precision_score(truth, places))
 
 
@@ -50,8 +53,9 @@ def roc_band(
     resamples: int = 1000,
     seed: int = 0,
 ) -> CurveBand:
-    """tpr at each fpr of `grid`, and AUC, with bands that resample clusters (label [n]; np.arange(n) where each run
-    stands alone). The bands are pointwise. Errors as in `average_precision` and `cluster_bootstrap`."""
+    """tpr at each fpr of `grid`, and AUC, with bands that resample clusters (label [n];
+    np.arange(n) where each run stands alone). The bands are pointwise. Errors as in
+    `average_precision` and `cluster_bootstrap`."""
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         tpr, fpr = (np.insert(part, 0, 0.0) / part[-1] for part in (hits, misses))
@@ -70,8 +74,8 @@ def precision_recall_band(
     resamples: int = 1000,
     seed: int = 0,
 ) -> CurveBand:
-    """Precision at the highest threshold whose recall reaches each value of `grid` (above 0), and average precision,
-    with bands as those of `roc_band`."""
+    """Precision at the highest threshold whose recall reaches each value of `grid` (above 0), and
+    average precision, with bands as those of `roc_band`."""
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         recall, precision = hits / hits[-1], hits / (hits + misses)
@@ -92,7 +96,8 @@ def _band(
     resamples: int,
     seed: int,
 ) -> CurveBand:
-    """Band of curve(hits, misses): positives and negatives [thresholds] at or above each distinct score, falling.
+    """Band of curve(hits, misses): positives and negatives [thresholds] at or above each distinct
+    score, falling.
 
     scikit-learn takes one weighting at a time and sorts each time: some 5 times slower.
     """
@@ -113,14 +118,21 @@ def _band(
     return CurveBand(
         grid,
         BootstrapBand(value[:-1], low[:-1], high[:-1], band.units, band.undefined[:-1]),
-        BootstrapBand(float(value[-1]), float(low[-1]), float(high[-1]), band.units, int(band.undefined[-1])),
+        BootstrapBand(
+            float(value[-1]), float(low[-1]), float(high[-1]), band.units, int(band.undefined[-1])
+        ),
     )
 
 
 def _scored(score: ArrayLike, positive: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     values, truth = np.asarray(score, float), np.asarray(positive).astype(bool)
     if values.shape != truth.shape or values.ndim != 1:
-        raise ValueError(f"scores {values.shape} and labels {truth.shape} must be one-dimensional and of one length")
+        raise ValueError(
+            f"scores {values.shape} and labels {truth.shape} must be one-dimensional and of one"
+            " length"
+        )
     if np.isnan(values).any():
-        raise ValueError(f"{int(np.isnan(values).sum())} scores are NaN; a run that can never alarm scores -inf")
+        raise ValueError(
+            f"{int(np.isnan(values).sum())} scores are NaN; a run that can never alarm scores -inf"
+        )
     return values, truth

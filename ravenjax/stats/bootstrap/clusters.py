@@ -1,4 +1,5 @@
-"""Bootstrap of rows that come in clusters: runs of one cell resemble each other, so cells are resampled, not runs.
+"""Bootstrap of rows that come in clusters: runs of one cell resemble each other, so cells are
+resampled, not runs.
 
 Davison, Hinkley, Bootstrap Methods and their Application, 1997, 3.8; Field, Welsh, JRSS B 69, 2007.
 """
@@ -25,21 +26,27 @@ def cluster_bootstrap(
     seed: int = 0,
     kind: Kind = "percentile",
 ) -> BootstrapBand:
-    """Band of any statistic of n rows that belong to clusters; `cluster` [n] is each row's label (no NaN).
+    """Band of any statistic of n rows that belong to clusters; `cluster` [n] is each row's label
+    (no NaN).
 
-    statistic: weight [b, n] -> values [b, ...]: how often each row is drawn (whole, 0 where its cluster is not), one
-    resample a line. A mean is `weight @ x / weight.sum(1)`; what takes no weights repeats rows,
-    `np.repeat(x, weight[i].astype(int))`. Band.units counts the clusters. ValueError with fewer than 2.
+    statistic: weight [b, n] -> values [b, ...]: how often each row is drawn (whole, 0 where its
+    cluster is not), one resample a line. A mean is `weight @ x / weight.sum(1)`; what takes no
+    weights repeats rows, `np.repeat(x, weight[i].astype(int))`. Band.units counts the clusters.
+    ValueError with fewer than 2.
     """
     code, clusters = codes(cluster)
 
     def weighted(index: np.ndarray) -> np.ndarray:
         line = np.arange(len(index))[:, None] * clusters
-        weights = np.bincount((index + line).ravel(), minlength=len(index) * clusters).reshape(-1, clusters)
+        weights = np.bincount((index + line).ravel(), minlength=len(index) * clusters).reshape(
+            -1, clusters
+        )
         return statistic(weights[:, code].astype(float))
 
     batch = max(1, _ELEMENTS // max(1, len(code)))
-    return bootstrap(clusters, weighted, confidence, resamples=resamples, seed=seed, kind=kind, batch=batch)
+    return bootstrap(
+        clusters, weighted, confidence, resamples=resamples, seed=seed, kind=kind, batch=batch
+    )
 
 
 def cluster_ratio(
@@ -52,12 +59,12 @@ def cluster_ratio(
     seed: int = 0,
     kind: Kind = "percentile",
 ) -> BootstrapBand:
-    """Band of sum(above) / sum(below) over rows [n] in clusters: below 1 gives a mean or a rate, below bool [n] a rate
-    among some, weights [n] a weighted one.
+    """Band of sum(above) / sum(below) over rows [n] in clusters: below 1 gives a mean or a rate,
+    below bool [n] a rate among some, weights [n] a weighted one.
 
-    Works on each cluster's sums alone, so a million rows cost no more than their clusters. Where every cluster has the
-    same ratio, so have all resamples: a rate of 0 gets the band 0 to 0 and needs `intervals` with one row a cluster.
-    ValueError with fewer than 2 clusters.
+    Works on each cluster's sums alone, so a million rows cost no more than their clusters. Where
+    every cluster has the same ratio, so have all resamples: a rate of 0 gets the band 0 to 0 and
+    needs `intervals` with one row a cluster. ValueError with fewer than 2 clusters.
     """
     code, clusters = codes(cluster)
     parts = [np.broadcast_to(np.asarray(part, float), code.shape) for part in (above, below)]
@@ -69,15 +76,24 @@ def cluster_ratio(
             return total[0] / total[1]
 
     batch = max(1, _ELEMENTS // clusters)
-    return bootstrap(clusters, ratio, confidence, resamples=resamples, seed=seed, kind=kind, batch=batch)
+    return bootstrap(
+        clusters, ratio, confidence, resamples=resamples, seed=seed, kind=kind, batch=batch
+    )
 
 
 def codes(cluster: ArrayLike) -> tuple[np.ndarray, int]:
-    """Number of each row's cluster [n], and how many clusters there are. ValueError where a label is missing."""
+    """Number of each row's cluster [n], and how many clusters there are. ValueError where a
+    label is missing.
+    """
     import pandas as pd
 
-    labels: Any = cluster if isinstance(cluster, pd.Series | pd.Categorical) else np.asarray(cluster)
+    labels: Any = (
+        cluster if isinstance(cluster, pd.Series | pd.Categorical) else np.asarray(cluster)
+    )
     code, names = pd.factorize(labels)
     if (code < 0).any():
-        raise ValueError(f"cluster: {int((code < 0).sum())} rows have no cluster (NaN); name it or leave them out")
+        raise ValueError(
+            f"cluster: {int((code < 0).sum())} rows have no cluster (NaN); name it or leave"
+            " them out"
+        )
     return code, len(names)

@@ -1,4 +1,6 @@
-"""The bootstrap of anything that can be computed from chosen units: clusters, runs, base points of a design."""
+"""The bootstrap of anything that can be computed from chosen units: clusters, runs, base points
+of a design.
+"""
 
 from __future__ import annotations
 
@@ -38,10 +40,11 @@ def bootstrap(
 ) -> BootstrapBand:
     """Band of a statistic of `units` exchangeable units by scipy.stats.bootstrap.
 
-    statistic: index of the chosen units [b, m] -> values [b, ...], one for each row; at most `batch` rows at a time,
-    which bounds memory and does not change the result. BCa (Efron 1987) corrects bias and skew at the price of `units`
-    more evaluations, and is NaN where it cannot be computed. Fewer than some 20 units give too narrow a band. The same
-    seed gives the same band. ValueError with fewer than 2 units.
+    statistic: index of the chosen units [b, m] -> values [b, ...], one for each row; at most
+    `batch` rows at a time, which bounds memory and does not change the result. BCa (Efron 1987)
+    corrects bias and skew at the price of `units` more evaluations, and is NaN where it cannot be
+    computed. Fewer than some 20 units give too narrow a band. The same seed gives the same band.
+    ValueError with fewer than 2 units.
     """
     from scipy.stats import DegenerateDataWarning
     from scipy.stats import bootstrap as resampled

@@ -1,13 +1,15 @@
-"""Independent units behind rows, and intervals that resample them: the highest level that was sampled, by stratum.
+"""Independent units behind rows, and intervals that resample them: the highest level that was
+sampled, by stratum.
 
-A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a recording; its rows
-resemble each other. A *stratum* is a part of the units that the design fixes, so that no resample mixes two of them.
+A *unit* is what was chosen independently of the others, such as a kind of fault, an operator or a
+recording; its rows resemble each other. A *stratum* is a part of the units that the design fixes,
+so that no resample mixes two of them.
 
-Bootstrap of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1: of the n units of a stratum n - 1 are drawn with
-replacement, each of weight n / (n - 1), so that the variance of a mean is that of the sample with divisor n - 1. The
-plain bootstrap's is smaller by (n - 1) / n, which matters where units are few. A stratum of one unit says nothing of
-the variance between units; it is joined to others (collapsed strata: Wolter, Introduction to Variance Estimation, 2007,
-2.5).
+Bootstrap of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1: of the n units of a stratum n
+- 1 are drawn with replacement, each of weight n / (n - 1), so that the variance of a mean is that
+of the sample with divisor n - 1. The plain bootstrap's is smaller by (n - 1) / n, which matters
+where units are few. A stratum of one unit says nothing of the variance between units; it is joined
+to others (collapsed strata: Wolter, Introduction to Variance Estimation, 2007, 2.5).
 """
 
 from __future__ import annotations
@@ -47,17 +49,22 @@ class Units(NamedTuple):
         return Units(unit, self.stratum[present])
 
     def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
-        """Weight of each unit in each resample, float [resamples, units]; their mean is 1 in every stratum."""
+        """Weight of each unit in each resample, float [resamples, units]; their mean is 1 in
+        every stratum.
+        """
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
         for members in _collapsed(self.stratum):
             n = len(members)
-            weight[:, members] = rng.multinomial(n - 1, np.full(n, 1 / n), resamples) * (n / (n - 1))
+            weight[:, members] = rng.multinomial(n - 1, np.full(n, 1 / n), resamples) * (
+                n / (n - 1)
+            )
         return weight
 
 
 def units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
-    """Units by the label of each row [n], and their strata by another, both of any type; no strata: one.
+    """Units by the label of each row [n], and their strata by another, both of any type; no strata:
+    one.
 
     ValueError where a label is missing, lengths differ, or a unit lies in two strata.
     """
@@ -85,8 +92,8 @@ def ratio(
 ) -> BootstrapBand:
     """sum(above) / sum(below) over rows [n] with its percentile band; below 1 gives a mean.
 
-    Without a band (NaN) where there are fewer than FEWEST units. Where all units have the same ratio the band has no
-    width: `rate` has one then.
+    Without a band (NaN) where there are fewer than FEWEST units. Where all units have the same
+    ratio the band has no width: `rate` has one then.
     """
     parts = [np.broadcast_to(np.asarray(part, float), among.unit.shape) for part in (above, below)]
     sums = np.stack([np.bincount(among.unit, part, minlength=among.count) for part in parts])
@@ -99,11 +106,18 @@ def ratio(
         return _band(value, numerator / denominator, among.count, confidence)
 
 
-def rate(hit: ArrayLike, among: Units, confidence: float = 0.95, *, resamples: int = RESAMPLES, seed: int = 0) -> Rate:
+def rate(
+    hit: ArrayLike,
+    among: Units,
+    confidence: float = 0.95,
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> Rate:
     """Share of rows that `hit` (bool [n]), with the band of `ratio`.
 
-    Where all rows are alike: Wilson's of as many trials as there are units, since a resample cannot show what was not
-    seen. NaN without rows.
+    Where all rows are alike: Wilson's of as many trials as there are units, since a resample cannot
+    show what was not seen. NaN without rows.
     """
     hits = np.asarray(hit, bool)
     k, n = int(hits.sum()), len(hits)
@@ -126,7 +140,8 @@ def statistic(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Estimate:
-    """Any statistic of weighted rows with its percentile band; value: weight [b, n] -> [b], equal weights give it.
+    """Any statistic of weighted rows with its percentile band; value: weight [b, n] -> [b], equal
+    weights give it.
 
     A bound is NaN where it lies among resamples without a value, and with fewer than FEWEST units.
     """
@@ -136,10 +151,13 @@ def statistic(
     weight = among.weights(resamples, seed)
     batch = max(1, _ELEMENTS // max(1, len(among.unit)))
     parts = [value(weight[i : i + batch, among.unit]) for i in range(0, resamples, batch)]
-    values = np.sort(np.concatenate(parts))  # those without a value last, as something that never comes
+    values = np.sort(
+        np.concatenate(parts)
+    )  # those without a value last, as something that never comes
     alpha = alpha_of(confidence)
     low, high = (
-        float(values[int(np.clip(round(q * resamples), 0, resamples - 1))]) for q in (alpha / 2, 1 - alpha / 2)
+        float(values[int(np.clip(round(q * resamples), 0, resamples - 1))])
+        for q in (alpha / 2, 1 - alpha / 2)
     )
     return Estimate(whole, low, high)
 
@@ -153,7 +171,9 @@ def _band(value: float, samples: np.ndarray, count: int, confidence: float) -> B
 
 
 def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
-    """Units of each stratum; strata of one unit are one stratum together, or join the smallest other one."""
+    """Units of each stratum; strata of one unit are one stratum together, or join the smallest
+    other one.
+    """
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
     several = sorted((one for one in strata if len(one) > 1), key=len)
     alone = [one for one in strata if len(one) == 1]

@@ -1,7 +1,8 @@
-"""Two groups whose rows come in clusters: hazards of one participant resemble each other, so participants are counted.
+"""Two groups whose rows come in clusters: hazards of one participant resemble each other, so
+participants are counted.
 
-A cluster is an array of its rows' values. In an independent comparison each cluster is in one group; in a paired one
-`first[i]` and `second[i]` are the same cluster under both conditions.
+A cluster is an array of its rows' values. In an independent comparison each cluster is in one
+group; in a paired one `first[i]` and `second[i]` are the same cluster under both conditions.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ class Correlation(NamedTuple):
 
 
 def correlation(*groups: Clusters) -> Correlation:
-    """Intraclass correlation within groups, the analysis of variance's estimate (Donner, Klar, 2000), at least 0.
+    """Intraclass correlation within groups, the analysis of variance's estimate (Donner, Klar,
+    2000), at least 0.
 
     icc is NaN and the design effect 1 where no cluster has two rows.
     """
@@ -57,9 +59,9 @@ def correlation(*groups: Clusters) -> Correlation:
 def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
     """Rate of `first` minus rate of `second`, clusters of bool rows, each cluster in one group.
 
-    Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998) with each n divided by the design effect,
-    and, where clusters have several rows, Student's quantile for clusters - 2 in place of the normal one. One row a
-    cluster: Newcombe's own interval. NaN where a group is empty.
+    Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998) with each n divided by
+    the design effect, and, where clusters have several rows, Student's quantile for clusters - 2 in
+    place of the normal one. One row a cluster: Newcombe's own interval. NaN where a group is empty.
     """
     from scipy.stats import norm, t
 
@@ -81,22 +83,28 @@ def risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95)
 
 
 def paired_risk_difference(first: Clusters, second: Clusters, confidence: float = 0.95) -> Estimate:
-    """The same where each cluster was under both conditions: mean of the clusters' differences of rates.
+    """The same where each cluster was under both conditions: mean of the clusters' differences of
+    rates.
 
-    One row a cluster and condition: Bonett and Price's interval (`paired.rate_difference`). Else Student's, over the
-    clusters. NaN with fewer than 2 clusters, and without an interval where all differences are alike.
+    One row a cluster and condition: Bonett and Price's interval (`paired.rate_difference`). Else
+    Student's, over the clusters. NaN with fewer than 2 clusters, and without an interval where all
+    differences are alike.
     """
     if all(len(one) == 1 for one in [*first, *second]):
-        return paired.rate_difference([one[0] for one in first], [one[0] for one in second], confidence)
+        return paired.rate_difference(
+            [one[0] for one in first], [one[0] for one in second], confidence
+        )
     return mean_difference(first, second, confidence, is_paired=True)
 
 
 def mean_difference(
     first: Clusters, second: Clusters, confidence: float = 0.95, *, is_paired: bool = False
 ) -> Estimate:
-    """Mean over clusters of their means, `first` minus `second`, with Student's (paired) or Welch's interval.
+    """Mean over clusters of their means, `first` minus `second`, with Student's (paired) or Welch's
+    interval.
 
-    NaN with fewer than 2 clusters in a group; without an interval where clusters do not vary at all.
+    NaN with fewer than 2 clusters in a group; without an interval where clusters do not vary at
+    all.
     """
     from scipy.stats import ttest_1samp, ttest_ind
 
@@ -112,11 +120,15 @@ def mean_difference(
     return Estimate(value, float(low), float(high))
 
 
-def permutation_p(first: Clusters, second: Clusters, *, is_paired: bool = False, seed: int = 0) -> float:
-    """Two-sided p that the condition changes nothing in the clusters' means: labels are exchanged between clusters.
+def permutation_p(
+    first: Clusters, second: Clusters, *, is_paired: bool = False, seed: int = 0
+) -> float:
+    """Two-sided p that the condition changes nothing in the clusters' means: labels are exchanged
+    between clusters.
 
-    Within clusters where paired. Exact where there are few ways to exchange them, else by 9999 draws; this is what a
-    randomised assignment of clusters warrants, whatever the law of the values. NaN with fewer than 2 clusters.
+    Within clusters where paired. Exact where there are few ways to exchange them, else by 9999
+    draws; this is what a randomised assignment of clusters warrants, whatever the law of the
+    values. NaN with fewer than 2 clusters.
     """
     from scipy.stats import permutation_test
 
@@ -139,11 +151,12 @@ def permutation_p(first: Clusters, second: Clusters, *, is_paired: bool = False,
 
 
 def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
-    """Exact two-sided p that two conditions of the same rows are alike, rows [n] of bool in units by number [n].
+    """Exact two-sided p that two conditions of the same rows are alike, rows [n] of bool in units
+    by number [n].
 
-    Where they are alike the labels of both can be exchanged in each unit, for all its rows together: its difference of
-    counts is as likely to have the other sign. All ways are counted. One row a unit: McNemar's exact test. NaN where no
-    unit has a difference: nothing to test.
+    Where they are alike the labels of both can be exchanged in each unit, for all its rows
+    together: its difference of counts is as likely to have the other sign. All ways are counted.
+    One row a unit: McNemar's exact test. NaN where no unit has a difference: nothing to test.
     """
     difference = np.asarray(first, bool).astype(int) - np.asarray(second, bool).astype(int)
     size = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
@@ -167,13 +180,17 @@ def bootstrap_difference(
     resamples: int = 2000,
     seed: int = 0,
 ) -> BootstrapBand:
-    """Statistic of all rows of `first` minus that of `second`, percentile band by resampling whole clusters.
+    """Statistic of all rows of `first` minus that of `second`, percentile band by resampling whole
+    clusters.
 
-    Within each group, or pairs of clusters where paired. Resamples in which it is not finite are left out and counted
-    in Band.undefined. Fewer than some 20 clusters give too narrow a band. NaN with fewer than 2 clusters in a group.
+    Within each group, or pairs of clusters where paired. Resamples in which it is not finite are
+    left out and counted in Band.undefined. Fewer than some 20 clusters give too narrow a band. NaN
+    with fewer than 2 clusters in a group.
     """
     counts = (len(first), len(second))
-    value = _statistic(first, statistic) - _statistic(second, statistic) if min(counts) else math.nan
+    value = (
+        _statistic(first, statistic) - _statistic(second, statistic) if min(counts) else math.nan
+    )
     if min(counts) < 2:
         return BootstrapBand(value, math.nan, math.nan, sum(counts), 0)
     rng = np.random.default_rng(seed)
@@ -186,7 +203,9 @@ def bootstrap_difference(
         )
     finite = differences[np.isfinite(differences)]
     alpha = alpha_of(confidence)
-    low, high = np.quantile(finite, [alpha / 2, 1 - alpha / 2]) if len(finite) else (math.nan, math.nan)
+    low, high = (
+        np.quantile(finite, [alpha / 2, 1 - alpha / 2]) if len(finite) else (math.nan, math.nan)
+    )
     units = counts[0] if is_paired else sum(counts)
     return BootstrapBand(value, float(low), float(high), units, resamples - len(finite))
 

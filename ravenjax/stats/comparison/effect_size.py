@@ -16,23 +16,28 @@ _NONE = Estimate(math.nan, math.nan, math.nan)
 
 
 def hedges_g(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Mean of `first` [n1] minus mean of `second` [n2] in pooled standard deviations, free of small samples' bias.
+    """Mean of `first` [n1] minus mean of `second` [n2] in pooled standard deviations, free of small
+    samples' bias.
 
-    Cohen's d times Hedges' factor; the interval inverts the noncentral t distribution (Hedges, Olkin, Statistical
-    Methods for Meta-Analysis, 1985), which takes normal values of equal variance. NaN with fewer than 2 in a group or
-    no variance. ValueError where a value is not finite.
+    Cohen's d times Hedges' factor; the interval inverts the noncentral t distribution (Hedges,
+    Olkin, Statistical Methods for Meta-Analysis, 1985), which takes normal values of equal
+    variance. NaN with fewer than 2 in a group or no variance. ValueError where a value is not
+    finite.
     """
     one, two = _values(first), _values(second)
     freedom = len(one) + len(two) - 2
     if min(len(one), len(two)) < 2:
         return _NONE
-    spread = math.sqrt((one.var(ddof=1) * (len(one) - 1) + two.var(ddof=1) * (len(two) - 1)) / freedom)
+    spread = math.sqrt(
+        (one.var(ddof=1) * (len(one) - 1) + two.var(ddof=1) * (len(two) - 1)) / freedom
+    )
     scale = math.sqrt(len(one) * len(two) / (len(one) + len(two)))  # of the noncentrality
     return _standardised(float(one.mean() - two.mean()), spread, scale, freedom, confidence)
 
 
 def paired_g(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Mean of first - second [n], pairs, in standard deviations of the differences, without small samples' bias.
+    """Mean of first - second [n], pairs, in standard deviations of the differences, without small
+    samples' bias.
 
     Interval by the noncentral t distribution. NaN and errors as `hedges_g`.
     """
@@ -43,14 +48,18 @@ def paired_g(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> E
     if len(difference) < 2:
         return _NONE
     spread = float(difference.std(ddof=1))
-    return _standardised(float(difference.mean()), spread, math.sqrt(len(one)), len(one) - 1, confidence)
+    return _standardised(
+        float(difference.mean()), spread, math.sqrt(len(one)), len(one) - 1, confidence
+    )
 
 
 def cliffs_delta(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Chance that a value of `first` is greater than one of `second`, minus the chance that it is less: -1 to 1.
+    """Chance that a value of `first` is greater than one of `second`, minus the chance that it is
+    less: -1 to 1.
 
-    Needs no unit and no law. Interval by Brunner and Munzel (Biom. J. 42, 2000), kept within -1..1; -1 or 1 without an
-    interval where the groups do not overlap, whose variance cannot be estimated. NaN with fewer than 2 in a group.
+    Needs no unit and no law. Interval by Brunner and Munzel (Biom. J. 42, 2000), kept within -1..1;
+    -1 or 1 without an interval where the groups do not overlap, whose variance cannot be estimated.
+    NaN with fewer than 2 in a group.
     """
     from statsmodels.stats.nonparametric import rank_compare_2indep  # slow to import
 
@@ -67,7 +76,8 @@ def cliffs_delta(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) 
 
 
 def paired_dominance(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Share of pairs in which the first is greater, minus the share in which it is less: Cliff's delta within pairs.
+    """Share of pairs in which the first is greater, minus the share in which it is less: Cliff's
+    delta within pairs.
 
     Interval as `paired.rate_difference`. NaN where there is no pair.
     """
@@ -75,15 +85,21 @@ def paired_dominance(first: ArrayLike, second: ArrayLike, confidence: float = 0.
     return paired.rate_difference(one > two, one < two, confidence)
 
 
-def _standardised(difference: float, spread: float, scale: float, freedom: int, confidence: float) -> Estimate:
-    """Difference / spread with its interval; scale: noncentrality of t is scale times the true effect."""
+def _standardised(
+    difference: float, spread: float, scale: float, freedom: int, confidence: float
+) -> Estimate:
+    """Difference / spread with its interval; scale: noncentrality of t is scale times the true
+    effect.
+    """
     from scipy.special import gammaln
     from scipy.stats import nct
 
     if not spread > 0:
         return _NONE
     unbiased = (
-        math.exp(gammaln(freedom / 2) - gammaln((freedom - 1) / 2)) / math.sqrt(freedom / 2) if freedom > 1 else 0
+        math.exp(gammaln(freedom / 2) - gammaln((freedom - 1) / 2)) / math.sqrt(freedom / 2)
+        if freedom > 1
+        else 0
     )
     t, tail = difference / spread * scale, alpha_of(confidence) / 2
     low = _root(lambda noncentral: float(nct.sf(t, freedom, noncentral)) - tail, t)
@@ -107,5 +123,7 @@ def _root(rising: Callable[[float], float], start: float) -> float:
 def _values(given: ArrayLike) -> np.ndarray:
     values = np.asarray(given, float)
     if values.ndim != 1 or not np.isfinite(values).all():
-        raise ValueError(f"an effect size needs finite values in one dimension, got shape {values.shape}")
+        raise ValueError(
+            f"an effect size needs finite values in one dimension, got shape {values.shape}"
+        )
     return values

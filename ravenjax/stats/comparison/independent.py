@@ -8,10 +8,11 @@ from ravenjax.stats.intervals import Estimate, alpha_of, rates
 
 
 def rate_difference(k1: int, n1: int, k2: int, n2: int, confidence: float = 0.95) -> Estimate:
-    """Rate of k1 of n1 minus rate of k2 of n2 independent runs, with its interval; NaN where a group is empty.
+    """Rate of k1 of n1 minus rate of k2 of n2 independent runs, with its interval; NaN where a
+    group is empty.
 
-    Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method 10). Runs of the same faults are not
-    independent: use `paired`. ValueError on impossible counts.
+    Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method 10). Runs of the
+    same faults are not independent: use `paired`. ValueError on impossible counts.
     """
     from statsmodels.stats.proportion import confint_proportions_2indep  # slow to import
 

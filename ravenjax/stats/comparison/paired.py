@@ -34,18 +34,24 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> Discordance:
 
 
 def rate_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Rate of `first` minus rate of `second`, two bool [n] over the same runs, with its interval; NaN where n is 0.
+    """Rate of `first` minus rate of `second`, two bool [n] over the same runs, with its interval;
+    NaN where n is 0.
 
-    Adjusted Wald interval of Bonett and Price (J. Educ. Behav. Stat. 37, 2012), recommended by Fagerland, Lydersen and
-    Laake (Stat. Med. 33, 2014); no library at hand has an interval for pairs. ValueError where the lengths differ.
+    Adjusted Wald interval of Bonett and Price (J. Educ. Behav. Stat. 37, 2012), recommended by
+    Fagerland, Lydersen and Laake (Stat. Med. 33, 2014); no library at hand has an interval for
+    pairs. ValueError where the lengths differ.
     """
     one, two = _pairs(first, second, bool)
-    return difference_of_counts(int((one & ~two).sum()), int((two & ~one).sum()), len(one), confidence)
+    return difference_of_counts(
+        int((one & ~two).sum()), int((two & ~one).sum()), len(one), confidence
+    )
 
 
-def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int, confidence: float = 0.95) -> Estimate:
-    """As `rate_difference`, of how many of `n` pairs hit in the first variant only, and in the second only: numbers, or
-    arrays of one shape.
+def difference_of_counts(
+    first_only: ArrayLike, second_only: ArrayLike, n: int, confidence: float = 0.95
+) -> Estimate:
+    """As `rate_difference`, of how many of `n` pairs hit in the first variant only, and in the
+    second only: numbers, or arrays of one shape.
 
     ValueError where these are no counts of n pairs.
     """
@@ -72,7 +78,8 @@ def mean_difference(
     seed: int = 0,
     kind: Kind = "BCa",
 ) -> BootstrapBand:
-    """Mean of first - second, two numbers [n] of the same runs in any unit, with its bootstrap band; Band.units is n.
+    """Mean of first - second, two numbers [n] of the same runs in any unit, with its bootstrap
+    band; Band.units is n.
 
     ValueError where the lengths differ, a value is not finite, or there are fewer than 2 pairs.
     """
@@ -80,7 +87,8 @@ def mean_difference(
     difference = one - two
     if not np.isfinite(difference).all():
         raise ValueError(
-            f"mean_difference: {int((~np.isfinite(difference)).sum())} pairs have a value that is not finite"
+            f"mean_difference: {int((~np.isfinite(difference)).sum())} pairs have a value that is"
+            " not finite"
         )
     batch = max(1, 2_000_000 // max(1, len(difference)))
     return bootstrap(

@@ -1,1 +1,3 @@
-"""Thresholds with a guarantee from fault-free operations, and whether fresh ones are still like them."""
+"""Thresholds with a guarantee from fault-free operations, and whether fresh ones are still like
+them.
+"""

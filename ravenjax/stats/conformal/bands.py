@@ -1,9 +1,10 @@
 """Bands: what is normal may differ between signals, and between stretches of an operation.
 
-Each signal is measured in a scale of its own in each segment, learned on some units; the largest of all over an
-operation is one score, whose threshold is calibrated on other units (`threshold`). So the band is the scale times the
-threshold, piecewise, and its promise is about leaving it anywhere (functional bands: Diquigiovanni, Fontana, Vantini,
-J. Multivariate Analysis 189, 2022, with the maximum of the modulated distance).
+Each signal is measured in a scale of its own in each segment, learned on some units; the largest of
+all over an operation is one score, whose threshold is calibrated on other units (`threshold`). So
+the band is the scale times the threshold, piecewise, and its promise is about leaving it anywhere
+(functional bands: Diquigiovanni, Fontana, Vantini, J. Multivariate Analysis 189, 2022, with the
+maximum of the modulated distance).
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ LEAST = 1e-6
 
 
 def scales(peaks: np.ndarray) -> np.ndarray:
-    """Scale of each signal in each segment from maxima [operations, signals, segments]; float32 [signals, segments].
+    """Scale of each signal in each segment from maxima [operations, signals, segments]; float32
+    [signals, segments].
 
-    A signal that is 0 in all segments has scale 1 there. ValueError without operations, or where one is not finite.
+    A signal that is 0 in all segments has scale 1 there. ValueError without operations, or where
+    one is not finite.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
         raise ValueError("scales are learned on finite maxima of at least one operation")
@@ -30,10 +33,11 @@ def scales(peaks: np.ndarray) -> np.ndarray:
 
 
 def joint(peaks: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """The score of each operation: the largest of its maxima [operations, signals, segments] in their scales.
+    """The score of each operation: the largest of its maxima [operations, signals, segments] in
+    their scales.
 
-    In float32, as a monitor computes it: division by a positive number keeps the order, so this is the largest over
-    time of what the monitor has in each millisecond, to the bit.
+    In float32, as a monitor computes it: division by a positive number keeps the order, so this is
+    the largest over time of what the monitor has in each millisecond, to the bit.
     """
     shares = peaks.astype(np.float32) / scale.astype(np.float32)
     return shares.reshape(len(peaks), -1).max(axis=1)

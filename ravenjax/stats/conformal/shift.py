@@ -1,16 +1,18 @@
 """Whether fresh fault-free operations are still like those of the calibration.
 
-Null hypothesis: fresh units were drawn as the calibration's were, all independent, so that each order of their scores
-is as likely. Under it a fresh score has a conformal p-value that is uniform (Vovk, Gammerman, Shafer, Algorithmic
-learning in a random world, 2005). Two tests that hold for any distribution:
+Null hypothesis: fresh units were drawn as the calibration's were, all independent, so that each
+order of their scores is as likely. Under it a fresh score has a conformal p-value that is uniform
+(Vovk, Gammerman, Shafer, Algorithmic learning in a random world, 2005). Two tests that hold for any
+distribution:
 
 - Kolmogorov-Smirnov between fresh and calibration scores, exact: any change of their distribution;
-- a martingale that bets against uniform p-values as they come (the simple jumper; Vovk, Petej, Nouretdinov, Ahlberg,
-  Carlsson, Gammerman, Conformal and probabilistic prediction, PMLR 152, 2021): by Ville's inequality its largest value
-  is above 1/level with a probability of at most the level, however long one looks.
+- a martingale that bets against uniform p-values as they come (the simple jumper; Vovk, Petej,
+  Nouretdinov, Ahlberg, Carlsson, Gammerman, Conformal and probabilistic prediction, PMLR 152,
+  2021): by Ville's inequality its largest value is above 1/level with a probability of at most the
+  level, however long one looks.
 
-Both together by Bonferroni. One unit, one operation: operations that share an operator or a robot are one another's
-copies, and a single robot, however many its operations, is one draw of a robot.
+Both together by Bonferroni. One unit, one operation: operations that share an operator or a robot
+are one another's copies, and a single robot, however many its operations, is one draw of a robot.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ class Shift(NamedTuple):
     p: float  # both tests together; at or below the level: shifted
     p_distribution: float  # Kolmogorov-Smirnov
     martingale: float  # its largest value
-    place: float  # median of the fresh ones' places among the calibration's, 0..1; 0.5 where nothing changed
+    # median of the fresh ones' places among the calibration's, 0..1; 0.5 where nothing changed
+    place: float
     fresh: int  # units
     calibration: int  # units
 
@@ -43,7 +46,10 @@ def shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
     from scipy.stats import ks_2samp  # slow to import
 
     if not len(calibration) or not len(fresh):
-        raise ValueError(f"a shift needs units of both: {len(calibration)} of the calibration, {len(fresh)} fresh")
+        raise ValueError(
+            f"a shift needs units of both: {len(calibration)} of the calibration, {len(fresh)}"
+            " fresh"
+        )
     pooled = np.concatenate([calibration, fresh])
     jitter = np.random.default_rng(seed).random(len(pooled))
     rank = np.empty(len(pooled))
@@ -64,7 +70,8 @@ def shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
 
 
 def p_values(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Conformal p-value of each fresh score among the calibration's and the fresh ones before it, [fresh].
+    """Conformal p-value of each fresh score among the calibration's and the fresh ones before it,
+    [fresh].
 
     Independent and uniform on 0..1 under the null hypothesis; small where a score is high.
     """

@@ -1,17 +1,21 @@
-"""The least threshold whose false-alarm rate is kept with confidence, from operations whose units were sampled.
+"""The least threshold whose false-alarm rate is kept with confidence, from operations whose units
+were sampled.
 
-The score of an operation is its maximum over time, so it has an alarm where that is above the threshold. What was
-sampled are *units*, one operator each with some robots: its loss is the mean over its operations (`target`), in 0..1,
-and losses of units are independent. A threshold is rejected until the hypothesis that its risk is above the target is
-refuted at 1 - confidence. Risk falls with the threshold, so the least one for which that holds for it and all above
-it keeps the target with that confidence (Bates, Angelopoulos, Lei, Malik, Jordan, Distribution-free, risk-controlling
-prediction sets, J. ACM 68, 2021, theorem 1), over the draw of the units and for any distribution of the scores.
+The score of an operation is its maximum over time, so it has an alarm where that is above the
+threshold. What was sampled are *units*, one operator each with some robots: its loss is the mean
+over its operations (`target`), in 0..1, and losses of units are independent. A threshold is
+rejected until the hypothesis that its risk is above the target is refuted at 1 - confidence. Risk
+falls with the threshold, so the least one for which that holds for it and all above it keeps the
+target with that confidence (Bates, Angelopoulos, Lei, Malik, Jordan, Distribution-free,
+risk-controlling prediction sets, J. ACM 68, 2021, theorem 1), over the draw of the units and for
+any distribution of the scores.
 
-The hypothesis is refuted by betting (`excess_p`), which holds for losses of any distribution and asks for fewer units
-the less they differ. With one operation a unit, each counting whole, it is refuted exactly, and this is the order
-statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among n as the binomial tail allows. Clusters, as units
-with several operations, are counted as units; Dunn, Wasserman, Ramdas (JASA 118, 2023) call taking one operation of
-each subsampling, and it is what `one_each` does.
+The hypothesis is refuted by betting (`excess_p`), which holds for losses of any distribution and
+asks for fewer units the less they differ. With one operation a unit, each counting whole, it is
+refuted exactly, and this is the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many
+alarms among n as the binomial tail allows. Clusters, as units with several operations, are counted
+as units; Dunn, Wasserman, Ramdas (JASA 118, 2023) call taking one operation of each subsampling,
+and it is what `one_each` does.
 """
 
 from __future__ import annotations
@@ -75,7 +79,9 @@ def least(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
     base = target.without_alarm(operations.hours)
     exact = bool(sizes.max() == 1 and (base <= 1e-15).all())
     order = np.argsort(-score, kind="stable")
-    values, above = np.unique(-score[order], return_index=True)  # descending; how many scores are above each
+    values, above = np.unique(
+        -score[order], return_index=True
+    )  # descending; how many scores are above each
     owner, more = unit[order], (1.0 - base)[order] / sizes[unit[order]]
     quiet = np.bincount(unit, base) / sizes  # loss of each unit without an alarm
     best: Threshold | None = None
@@ -94,13 +100,14 @@ def least(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
 
 
 def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = False) -> float:
-    """p-value of "the mean loss is above `risk`" from those of independent units, [units] in 0..1, in any order that
-    was not chosen by their losses.
+    """p-value of "the mean loss is above `risk`" from those of independent units, [units] in 0..1,
+    in any order that was not chosen by their losses.
 
-    exact: losses are 0 or 1, so their sum is binomial. Else by betting against it unit by unit: the capital grows by
-    1 - bet (loss - risk), and were the mean above the risk, it would reach 20 at any time with a chance of 1 in 20 at
-    most (Waudby-Smith, Ramdas, J. R. Stat. Soc. B 86, 2024, with their predictable plug-in bets of at most 1, aimed at
-    this confidence). Units whose losses differ little so need be few.
+    exact: losses are 0 or 1, so their sum is binomial. Else by betting against it unit by unit: the
+    capital grows by 1 - bet (loss - risk), and were the mean above the risk, it would reach 20 at
+    any time with a chance of 1 in 20 at most (Waudby-Smith, Ramdas, J. R. Stat. Soc. B 86, 2024,
+    with their predictable plug-in bets of at most 1, aimed at this confidence). Units whose losses
+    differ little so need be few.
     """
     from scipy.stats import binom  # slow to import
 
@@ -117,8 +124,10 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
 
 
 def naive(operations: OperationScores, target: FalseAlarmTarget) -> float:
-    """The plain quantile of all scores at the target's risk, every operation counted as if it were a unit.
+    """The plain quantile of all scores at the target's risk, every operation counted as if it were
+    a unit.
 
-    It promises nothing: half of all calibrations are above the target. It is here to be compared with.
+    It promises nothing: half of all calibrations are above the target. It is here to be compared
+    with.
     """
     return float(np.quantile(operations.score, 1.0 - target.risk, method="higher"))

@@ -19,7 +19,9 @@ _DRAWS = 9999  # tables drawn then
 
 
 class InputLevel(NamedTuple):
-    """Runs of one level of an input: its name, the input's least and greatest value there (a category: itself)."""
+    """Runs of one level of an input: its name, the input's least and greatest value there (a
+    category: itself).
+    """
 
     name: str
     least: Any
@@ -30,9 +32,10 @@ class InputLevel(NamedTuple):
 class Dependence(NamedTuple):
     """Whether a rate depends on one input.
 
-    levels: "numeric" has the lowest, (middle) and highest third of the input, "categorical" its values by rising rate.
-    difference: rate in the last level minus rate in the first. p: of independence, NaN where the input or the outcome
-    never varies; adjusted: by Holm over all inputs asked about; depends: adjusted p below 1 - confidence.
+    levels: "numeric" has the lowest, (middle) and highest third of the input, "categorical" its
+    values by rising rate. difference: rate in the last level minus rate in the first. p: of
+    independence, NaN where the input or the outcome never varies; adjusted: by Holm over all inputs
+    asked about; depends: adjusted p below 1 - confidence.
     """
 
     name: str
@@ -46,28 +49,38 @@ class Dependence(NamedTuple):
 
 
 def dependences(
-    hit: ArrayLike, inputs: Mapping[str, ArrayLike] | pd.DataFrame, confidence: float = 0.95, seed: int = 0
+    hit: ArrayLike,
+    inputs: Mapping[str, ArrayLike] | pd.DataFrame,
+    confidence: float = 0.95,
+    seed: int = 0,
 ) -> list[Dependence]:
     """Whether the rate of `hit` (bool [n]) depends on each named input [n], the clearest first.
 
-    Numeric input: Mann-Whitney's test, which sees a rate that rises or falls, and the chi-squared test over thirds,
-    which sees one that is worst at both ends or in the middle; p is twice the lesser (Bonferroni). Strings, categories
-    and bools: the chi-squared test over the values; where a value expects fewer than 5 hits or misses, by tables drawn
-    with `seed`. Runs are taken as independent, and a run without a value (NaN) is left out of that input. For a
-    categorical input the difference is between extremes chosen after the fact: it describes, p tests. ValueError where
-    lengths differ.
+    Numeric input: Mann-Whitney's test, which sees a rate that rises or falls, and the chi-squared
+    test over thirds, which sees one that is worst at both ends or in the middle; p is twice the
+    lesser (Bonferroni). Strings, categories and bools: the chi-squared test over the values; where
+    a value expects fewer than 5 hits or misses, by tables drawn with `seed`. Runs are taken as
+    independent, and a run without a value (NaN) is left out of that input. For a categorical input
+    the difference is between extremes chosen after the fact: it describes, p tests. ValueError
+    where lengths differ.
     """
     alpha_of(confidence)
     outcome = np.asarray(hit).astype(bool)
-    measured = [_measured(str(name), outcome, pd.Series(column), confidence, seed) for name, column in inputs.items()]
+    measured = [
+        _measured(str(name), outcome, pd.Series(column), confidence, seed)
+        for name, column in inputs.items()
+    ]
     findings = holm({one.name: one.p for one in measured}, confidence)
     results = [
-        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected) for one in measured
+        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
+        for one in measured
     ]
     return sorted(results, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
 
 
-def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, seed: int) -> Dependence:
+def _measured(
+    name: str, hit: np.ndarray, column: pd.Series, confidence: float, seed: int
+) -> Dependence:
     if len(column) != len(hit):
         raise ValueError(f"input {name!r} has {len(column)} values, the outcome {len(hit)}")
     present = column.notna().to_numpy()
@@ -79,9 +92,11 @@ def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, 
     n = np.bincount(code, minlength=len(names))
     rate_of = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
     levels = [
-        InputLevel(str(label), values[code == i].min(), values[code == i].max(), rate)
-        if numeric
-        else InputLevel(str(label), label, label, rate)
+        (
+            InputLevel(str(label), values[code == i].min(), values[code == i].max(), rate)
+            if numeric
+            else InputLevel(str(label), label, label, rate)
+        )
         for i, (label, rate) in enumerate(zip(names, rate_of, strict=True))
         if rate.n
     ]
@@ -97,19 +112,24 @@ def _measured(name: str, hit: np.ndarray, column: pd.Series, confidence: float, 
 
 
 def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Level of each value [n] by its rank, int [n], and the levels' names: equal values stay together, and both
-    extremes have a level of their own."""
+    """Level of each value [n] by its rank, int [n], and the levels' names: equal values stay
+    together, and both extremes have a level of their own."""
     from scipy.stats import rankdata
 
     if not len(values) or values.min() == values.max():
         return np.zeros(len(values), int), ["constant"]
     place = (rankdata(values) - 0.5) / len(values)
-    low, high = (place < 1 / 3) | (values == values.min()), (place > 2 / 3) | (values == values.max())
+    low, high = (
+        (place < 1 / 3) | (values == values.min()),
+        (place > 2 / 3) | (values == values.max()),
+    )
     return np.where(low, 0, np.where(high, 2, 1)), ["lowest third", "middle third", "highest third"]
 
 
 def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray | None, seed: int) -> float:
-    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the numeric values [n], if any."""
+    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the numeric
+    values [n], if any.
+    """
     from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
     from scipy.stats.contingency import expected_freq
 
@@ -117,7 +137,9 @@ def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray | None, seed: int
     if table.shape[1] < 2 or not table.sum(axis=1).all():
         return float("nan")
     sparse = expected_freq(table).min() < _FEW
-    method = MonteCarloMethod(n_resamples=_DRAWS, rng=np.random.default_rng(seed)) if sparse else None
+    method = (
+        MonteCarloMethod(n_resamples=_DRAWS, rng=np.random.default_rng(seed)) if sparse else None
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         association: Any = chi2_contingency(table, correction=False, method=method)

@@ -1,7 +1,9 @@
-"""Does a rate depend on an input? Of rows that come in units, such as kinds of faults or robots: units count, not rows.
+"""Does a rate depend on an input? Of rows that come in units, such as kinds of faults or robots:
+units count, not rows.
 
-Either the input was drawn for each row, and rows of one unit resemble each other (each fault on a robot of its own, and
-faults come in kinds), or each unit has one value (robots that several faults share).
+Either the input was drawn for each row, and rows of one unit resemble each other (each fault on a
+robot of its own, and faults come in kinds), or each unit has one value (robots that several faults
+share).
 """
 
 from __future__ import annotations
@@ -23,31 +25,46 @@ _MANY = 50  # units from which on the normal law stands for draws
 
 
 def dependences(
-    hit: ArrayLike, inputs: Mapping[str, ArrayLike], among: Units, confidence: float = 0.95, seed: int = 0
+    hit: ArrayLike,
+    inputs: Mapping[str, ArrayLike],
+    among: Units,
+    confidence: float = 0.95,
+    seed: int = 0,
 ) -> list[Dependence]:
-    """Whether the rate of `hit` (bool [n]) depends on each numeric input [n], over units of rows; the clearest first.
+    """Whether the rate of `hit` (bool [n]) depends on each numeric input [n], over units of rows;
+    the clearest first.
 
-    Rates by thirds of the input and the difference of the outer ones have intervals that resample units. p is twice the
-    lesser of two tests' (Bonferroni), of a rate that rises or falls and of one that is worst in the middle or at both
-    ends: values of the input are exchanged among the rows of each unit, or among units where each has one value. Below
-    FEWEST units there are neither. A row without a value (NaN) is left out of that input.
+    Rates by thirds of the input and the difference of the outer ones have intervals that resample
+    units. p is twice the lesser of two tests' (Bonferroni), of a rate that rises or falls and of
+    one that is worst in the middle or at both ends: values of the input are exchanged among the
+    rows of each unit, or among units where each has one value. Below FEWEST units there are
+    neither. A row without a value (NaN) is left out of that input.
     """
     alpha_of(confidence)
     outcome = np.asarray(hit).astype(bool)
-    measured = [_measured(name, outcome, np.asarray(x, float), among, confidence, seed) for name, x in inputs.items()]
+    measured = [
+        _measured(name, outcome, np.asarray(x, float), among, confidence, seed)
+        for name, x in inputs.items()
+    ]
     findings = holm({one.name: one.p for one in measured}, confidence)
     results = [
-        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected) for one in measured
+        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
+        for one in measured
     ]
     return sorted(results, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
 
 
-def _measured(name: str, hit: np.ndarray, values: np.ndarray, among: Units, confidence: float, seed: int) -> Dependence:
+def _measured(
+    name: str, hit: np.ndarray, values: np.ndarray, among: Units, confidence: float, seed: int
+) -> Dependence:
     present = ~np.isnan(values)
     hit, values, among = hit[present], values[present], among.where(present)
     code, names = thirds(values)
     cell = among.unit * len(names) + code
-    n, k = (np.bincount(cell, mask, among.count * len(names)).reshape(-1, len(names)) for mask in (None, hit))
+    n, k = (
+        np.bincount(cell, mask, among.count * len(names)).reshape(-1, len(names))
+        for mask in (None, hit)
+    )
     filled = [i for i in range(len(names)) if n[:, i].any()]
     samples = np.full((1, len(names)), np.nan)
     if among.count >= FEWEST:
@@ -67,14 +84,19 @@ def _measured(name: str, hit: np.ndarray, values: np.ndarray, among: Units, conf
     if len(filled) > 1:
         low, high = filled[0], filled[-1]
         difference = _difference(
-            (k[:, high], n[:, high]), (k[:, low], n[:, low]), samples[:, high] - samples[:, low], confidence
+            (k[:, high], n[:, high]),
+            (k[:, low], n[:, low]),
+            samples[:, high] - samples[:, low],
+            confidence,
         )
     p = _p(hit, values, among, seed)
     return Dependence(name, "numeric", len(hit), p, p, False, levels, difference)
 
 
 def _rate(k: np.ndarray, n: np.ndarray, samples: np.ndarray, confidence: float) -> Rate:
-    """Of one level by unit: its resamples' quantiles; where all rows are alike, Wilson's of as many trials as units."""
+    """Of one level by unit: its resamples' quantiles; where all rows are alike, Wilson's of as
+    many trials as units.
+    """
     whole, count = share(int(k.sum()), int(n.sum())), int((n > 0).sum())
     if count < FEWEST:
         return whole
@@ -86,10 +108,13 @@ def _rate(k: np.ndarray, n: np.ndarray, samples: np.ndarray, confidence: float) 
 
 
 def _difference(
-    one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], samples: np.ndarray, confidence: float
+    one: tuple[np.ndarray, np.ndarray],
+    other: tuple[np.ndarray, np.ndarray],
+    samples: np.ndarray,
+    confidence: float,
 ) -> Estimate:
-    """Rate of one level (hits and rows by unit) minus that of another. Where all rows of each are alike a resample can
-    show nothing else: then that of as many trials as there are units."""
+    """Rate of one level (hits and rows by unit) minus that of another. Where all rows of each are
+    alike a resample can show nothing else: then that of as many trials as there are units."""
     sums = [(int(k.sum()), int(n.sum()), int((n > 0).sum())) for k, n in (one, other)]
     value = sums[0][0] / sums[0][1] - sums[1][0] / sums[1][1]
     if min(count for *_, count in sums) < FEWEST:
@@ -125,8 +150,9 @@ def _p(hit: np.ndarray, values: np.ndarray, among: Units, seed: int) -> float:
 
 
 def _within(hit: np.ndarray, score: np.ndarray, among: Units) -> float:
-    """Scores exchanged among the rows of each unit: van Elteren's test with equal weights of rows (Stat. Neerl. 14,
-    1960; the correlation statistic of Landis, Heyman and Koch, Int. Stat. Rev. 46, 1978)."""
+    """Scores exchanged among the rows of each unit: van Elteren's test with equal weights of rows
+    (Stat. Neerl. 14, 1960; the correlation statistic of Landis, Heyman and Koch, Int. Stat. Rev.
+    46, 1978)."""
     n = np.bincount(among.unit)
     apart = [x - (np.bincount(among.unit, x) / n)[among.unit] for x in (score, hit.astype(float))]
     squares = [np.bincount(among.unit, x**2) for x in apart]

@@ -1,8 +1,10 @@
-"""How much of an output's spread each input is to blame for: Sobol indices, and Morris' cheap screen.
+"""How much of an output's spread each input is to blame for: Sobol indices, and Morris' cheap
+screen.
 
-Designs are points of the unit cube [runs, d] that the model runs as a batch in between; each input is the quantile of
-its own law at that coordinate. Inputs are taken as independent. Output rows must keep the design's order. For a binary
-outcome take a margin or a probability: a 0/1 output needs many more runs.
+Designs are points of the unit cube [runs, d] that the model runs as a batch in between; each input
+is the quantile of its own law at that coordinate. Inputs are taken as independent. Output rows must
+keep the design's order. For a binary outcome take a margin or a probability: a 0/1 output needs
+many more runs.
 """
 
 from __future__ import annotations
@@ -17,18 +19,20 @@ from ravenjax.stats.intervals import Estimate, alpha_of
 
 
 class SobolIndices(NamedTuple):
-    """First-order and total index of each input, arrays [d] with bands: share of the output's variance that the input
-    explains alone, and with all its interactions. NaN where the output never varies."""
+    """First-order and total index of each input, arrays [d] with bands: share of the output's
+    variance that the input explains alone, and with all its interactions. NaN where the output
+    never varies."""
 
     first: BootstrapBand
     total: BootstrapBand
 
 
 class MorrisEffects(NamedTuple):
-    """Elementary effects of each input, arrays [d], in the output's unit per whole range of the input.
+    """Elementary effects of each input, arrays [d], in the output's unit per whole range of the
+    input.
 
-    mu_star: mean size, with its band; mu: mean with sign (near 0 while mu_star is large: not monotone); sigma: spread
-    (large: not linear, or interacts).
+    mu_star: mean size, with its band; mu: mean with sign (near 0 while mu_star is large: not
+    monotone); sigma: spread (large: not linear, or interacts).
     """
 
     mu_star: Estimate
@@ -37,10 +41,12 @@ class MorrisEffects(NamedTuple):
 
 
 def sobol_sample(d: int, n: int, seed: int = 0) -> np.ndarray:
-    """Saltelli's design for d inputs: unit-cube points [n (d + 2), d] from n base points, a power of two.
+    """Saltelli's design for d inputs: unit-cube points [n (d + 2), d] from n base points, a power
+    of two.
 
-    Block i holds A_i, A_i with one input from B_i for each input, B_i (the order of SALib.sample.sobol), from one
-    scrambled Sobol sequence in 2 d dimensions. ValueError where d < 1 or n is no power of two.
+    Block i holds A_i, A_i with one input from B_i for each input, B_i (the order of
+    SALib.sample.sobol), from one scrambled Sobol sequence in 2 d dimensions. ValueError where d < 1
+    or n is no power of two.
     """
     from scipy.stats import qmc
 
@@ -56,45 +62,57 @@ def sobol_analyse(
 ) -> SobolIndices:
     """Indices from the outputs [n (d + 2)] of `sobol_sample(d, n)`, by scipy.stats.sobol_indices.
 
-    Estimators of Saltelli et al. 2010. Bands: percentile bootstrap over the n base points; a resample in which the
-    output does not vary has no index and is left out (Band.undefined; SALib divides by nearly 0 there, its issue 619).
-    A Sobol sequence fills the cube more evenly than a bootstrap knows: for a smooth model the bands are several times
-    too wide. ValueError where the number of outputs does not fit, or one is not finite: give failed runs a value,
-    dropping one would break the design.
+    Estimators of Saltelli et al. 2010. Bands: percentile bootstrap over the n base points; a
+    resample in which the output does not vary has no index and is left out (Band.undefined; SALib
+    divides by nearly 0 there, its issue 619). A Sobol sequence fills the cube more evenly than a
+    bootstrap knows: for a smooth model the bands are several times too wide. ValueError where the
+    number of outputs does not fit, or one is not finite: give failed runs a value, dropping one
+    would break the design.
     """
     from scipy.stats import sobol_indices
 
     values = np.asarray(outputs, float)
     n = len(values) // (d + 2) if d > 0 else 0
     if values.shape != (n * (d + 2),):
-        raise ValueError(f"sobol_analyse: d = {d} needs n * {d + 2} outputs, got shape {values.shape}")
+        raise ValueError(
+            f"sobol_analyse: d = {d} needs n * {d + 2} outputs, got shape {values.shape}"
+        )
     _counts(d, n, power=True)
     _finite(values, "sobol_analyse")
     block = values.reshape(n, d + 2).T  # [d + 2, n]
     resting = np.ptp(block[[0, -1]]) == 0
 
     def indices(index: np.ndarray) -> np.ndarray:
-        resample = block[:, index]  # [d + 2, b, n]: scipy takes the resamples as so many outputs of one model
-        result = sobol_indices(func={"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}, n=n)
+        resample = block[
+            :, index
+        ]  # [d + 2, b, n]: scipy takes the resamples as so many outputs of one model
+        result = sobol_indices(
+            func={"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}, n=n
+        )
         still = np.ptp(resample[[0, -1]], axis=(0, 2)) == 0
         # [b, 2, d]; scipy drops the first axis of a single output
-        both = np.stack([np.reshape(part, (-1, d)) for part in (result.first_order, result.total_order)], axis=1)
+        both = np.stack(
+            [np.reshape(part, (-1, d)) for part in (result.first_order, result.total_order)], axis=1
+        )
         return np.where(still[:, None, None] | resting, np.nan, both)
 
     batch = max(1, 2_000_000 // values.size)
     band = bootstrap(n, indices, confidence, resamples=resamples, seed=seed, batch=batch)
     first, total = (
-        BootstrapBand(band.value[which], band.low[which], band.high[which], n, band.undefined[which])
+        BootstrapBand(
+            band.value[which], band.low[which], band.high[which], n, band.undefined[which]
+        )
         for which in (0, 1)
     )
     return SobolIndices(first, total)
 
 
 def morris_sample(d: int, n: int, seed: int = 0, levels: int = 4) -> np.ndarray:
-    """Morris' design for d inputs: n trajectories of d + 1 unit-cube points, [n (d + 1), d], by SALib.
+    """Morris' design for d inputs: n trajectories of d + 1 unit-cube points, [n (d + 1), d], by
+    SALib.
 
-    Each step of a trajectory moves one input by levels / (2 (levels - 1)) of its range. ValueError where d < 1, n < 2,
-    or levels is not an even number.
+    Each step of a trajectory moves one input by levels / (2 (levels - 1)) of its range. ValueError
+    where d < 1, n < 2, or levels is not an even number.
     """
     from SALib.sample.morris import sample  # slow to import
 
@@ -113,21 +131,37 @@ def morris_analyse(
     resamples: int = 1000,
     seed: int = 0,
 ) -> MorrisEffects:
-    """Effects from a design of `morris_sample` and its outputs [runs], by SALib (Campolongo et al. 2007).
+    """Effects from a design of `morris_sample` and its outputs [runs], by SALib (Campolongo et al.
+    2007).
 
-    The band of mu_star is normal, with the bootstrap's error over trajectories, from 0 up: with fewer than some 20
-    trajectories it is too narrow. ValueError where sizes do not fit or an output is not finite.
+    The band of mu_star is normal, with the bootstrap's error over trajectories, from 0 up: with
+    fewer than some 20 trajectories it is too narrow. ValueError where sizes do not fit or an output
+    is not finite.
     """
     from SALib.analyze.morris import analyze  # slow to import
 
     values, points = np.asarray(outputs, float), np.asarray(design, float)
     alpha_of(confidence)
     if points.ndim != 2 or values.shape != (len(points),) or len(points) % (points.shape[1] + 1):
-        raise ValueError(f"morris_analyse: design {points.shape} and outputs {values.shape} do not fit")
+        raise ValueError(
+            f"morris_analyse: design {points.shape} and outputs {values.shape} do not fit"
+        )
     _finite(values, "morris_analyse")
-    effects = analyze(_problem(points.shape[1]), points, values, resamples, confidence, num_levels=levels, seed=seed)
-    mu_star, half, mu, sigma = (np.asarray(effects[key], float) for key in ("mu_star", "mu_star_conf", "mu", "sigma"))
-    return MorrisEffects(Estimate(mu_star, np.maximum(0.0, mu_star - half), mu_star + half), mu, sigma)
+    effects = analyze(
+        _problem(points.shape[1]),
+        points,
+        values,
+        resamples,
+        confidence,
+        num_levels=levels,
+        seed=seed,
+    )
+    mu_star, half, mu, sigma = (
+        np.asarray(effects[key], float) for key in ("mu_star", "mu_star_conf", "mu", "sigma")
+    )
+    return MorrisEffects(
+        Estimate(mu_star, np.maximum(0.0, mu_star - half), mu_star + half), mu, sigma
+    )
 
 
 def _problem(d: int) -> dict[str, object]:
@@ -143,4 +177,6 @@ def _counts(d: int, n: int, power: bool) -> None:
 def _finite(values: np.ndarray, caller: str) -> None:
     bad = int((~np.isfinite(values)).sum())
     if bad:
-        raise ValueError(f"{caller}: {bad} outputs are not finite; give a failed run the value of what it means")
+        raise ValueError(
+            f"{caller}: {bad} outputs are not finite; give a failed run the value of what it means"
+        )

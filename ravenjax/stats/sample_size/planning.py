@@ -1,4 +1,6 @@
-"""How many runs, or hours of fault-free motion, a wanted precision needs; `sequential` says when to stop."""
+"""How many runs, or hours of fault-free motion, a wanted precision needs; `sequential` says when
+to stop.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +11,33 @@ from ravenjax.stats.intervals import alpha_of, rates
 
 
 def hours_to_bound(per_hour: float, count: int = 0, confidence: float = 0.95) -> float:
-    """Hours in which `count` alarms, 0 where none came, show that there are at most `per_hour` of them: those in which
-    the upper end of the exact interval (`false_alarms.alarm_rate`) is per_hour. 3.69 / per_hour at 95 % without an
-    alarm.
+    """Hours in which `count` alarms, 0 where none came, show that there are at most `per_hour` of
+    them: those in which the upper end of the exact interval (`false_alarms.alarm_rate`) is
+    per_hour. 3.69 / per_hour at 95 % without an alarm.
 
     ValueError unless per_hour > 0 and count >= 0.
     """
     from scipy.stats import chi2
 
     if not per_hour > 0 or count < 0:
-        raise ValueError(f"hours_to_bound needs per_hour > 0 and count >= 0, got {per_hour} and {count}")
+        raise ValueError(
+            f"hours_to_bound needs per_hour > 0 and count >= 0, got {per_hour} and {count}"
+        )
     # twice a Poisson mean with a chance of alpha / 2 to show at most `count` (Garwood 1936)
     return float(chi2.isf(alpha_of(confidence) / 2, 2 * (count + 1))) / 2 / per_hour
 
 
 class MoreRuns(NamedTuple):
-    """Further runs to a wanted half-width: `expected` where the rate stays as seen, `safe` where it moves within its
-    interval towards one half, where a rate is hardest to know."""
+    """Further runs to a wanted half-width: `expected` where the rate stays as seen, `safe` where it
+    moves within its interval towards one half, where a rate is hardest to know."""
 
     expected: int
     safe: int
 
 
 def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> MoreRuns:
-    """Further runs until the Wilson interval of a rate seen as k of n is +- half_width (fraction) or narrower.
+    """Further runs until the Wilson interval of a rate seen as k of n is +- half_width (fraction)
+    or narrower.
 
     ValueError unless 0 <= k <= n, n > 0 and 0 < half_width < 0.5.
     """
@@ -42,20 +47,25 @@ def more_runs(k: int, n: int, half_width: float, confidence: float = 0.95) -> Mo
     if not 0 < half_width < 0.5:
         raise ValueError(f"more_runs: half_width lies between 0 and 0.5, got {half_width}")
     worst = min(max(0.5, rate.low), rate.high)
-    return MoreRuns(*(max(0, _wilson_runs(p, half_width, confidence) - rate.n) for p in (rate.value, worst)))
+    return MoreRuns(
+        *(max(0, _wilson_runs(p, half_width, confidence) - rate.n) for p in (rate.value, worst))
+    )
 
 
 def _wilson_runs(rate: float, half_width: float, confidence: float) -> int:
     """Fewest runs with which a Wilson interval about `rate` is +- half_width or narrower.
 
-    With z the normal quantile the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) / (1 + z^2 / n), which
-    falls with n; set to half_width it is a quadratic equation in n with one positive root.
+    With z the normal quantile the interval's half-width is z sqrt(p (1 - p) / n + (z / 2 n)^2) / (1
+    + z^2 / n), which falls with n; set to half_width it is a quadratic equation in n with one
+    positive root.
     """
     from scipy.special import ndtri
 
     z, square = float(ndtri(1 - alpha_of(confidence) / 2)), half_width**2
     excess = rate * (1 - rate) - 2 * square
-    return max(1, _up(z**2 * (excess + math.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square)))
+    return max(
+        1, _up(z**2 * (excess + math.sqrt(excess**2 + square * (1 - 4 * square))) / (2 * square))
+    )
 
 
 def _up(count: float) -> int:

@@ -1,16 +1,18 @@
 """When to stop: looks registered in advance, intervals that hold whatever they lead one to do.
 
-A user who looks at m sizes of a sample and stops when it suits has m chances to be wrong. So the sizes that each
-stratum may ever have are fixed before the first run, one for each look, and every interval is made at confidence
-1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's inequality the intervals of all rates in all strata at
-all sizes hold together with the wanted confidence: hence also those at the sizes that the data themselves chose, be it
-by stopping or by giving one stratum more than another. Each is exact (Clopper, Pearson, Biometrika 26, 1934).
+A user who looks at m sizes of a sample and stops when it suits has m chances to be wrong. So the
+sizes that each stratum may ever have are fixed before the first run, one for each look, and every
+interval is made at confidence 1 - (1 - confidence) / (looks x strata x rates). By Bonferroni's
+inequality the intervals of all rates in all strata at all sizes hold together with the wanted
+confidence: hence also those at the sizes that the data themselves chose, be it by stopping or by
+giving one stratum more than another. Each is exact (Clopper, Pearson, Biometrika 26, 1934).
 
-The rate of the whole table is that of strata weighted by their sizes; its interval is the effective-sample-size Wilson
-interval of `strata.stratified`, at 1 - (1 - confidence) / (looks x rates). It is approximate, as that one is.
+The rate of the whole table is that of strata weighted by their sizes; its interval is the
+effective-sample-size Wilson interval of `strata.stratified`, at 1 - (1 - confidence) / (looks x
+rates). It is approximate, as that one is.
 
-Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is drawn without
-replacement, which makes the intervals wider than need be.
+Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
+drawn without replacement, which makes the intervals wider than need be.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ class Stratum(NamedTuple):
 
     name: str
     size: int  # draws that it holds
-    judged: bool = True  # whether its rates count; one that does not is taken as a whole at the first look
+    judged: bool = (
+        True  # whether its rates count; one that does not is taken as a whole at the first look
+    )
 
 
 class Interval(NamedTuple):
@@ -69,7 +73,9 @@ class Look:
     sizes: dict[str, int]  # draws that the table has of each: the weights of a rate over several
     intervals: tuple[Interval, ...]
     widest: float  # largest half-width of those still waited for, else of all; fraction
-    waiting: tuple[str, ...]  # strata that are neither narrow enough nor computed as a whole; "" the whole table
+    waiting: tuple[
+        str, ...
+    ]  # strata that are neither narrow enough nor computed as a whole; "" the whole table
     stop: bool
     half_width: float  # asked for, fraction
     each: float  # confidence of each interval
@@ -77,9 +83,17 @@ class Look:
 
     def line(self) -> str:
         """Itself as one line of JSON; computed floats to nine digits."""
-        content = {_KEYS.get(field, field): value for field, value in dataclasses.asdict(self).items()}
+        content = {
+            _KEYS.get(field, field): value for field, value in dataclasses.asdict(self).items()
+        }
         content |= {"intervals": [_rounded(one) for one in self.intervals]}
-        return json.dumps(content | {"widest": _nine(self.widest), "each": _nine(self.each)}, ensure_ascii=False) + "\n"
+        return (
+            json.dumps(
+                content | {"widest": _nine(self.widest), "each": _nine(self.each)},
+                ensure_ascii=False,
+            )
+            + "\n"
+        )
 
 
 def parse(line: str) -> Look:
@@ -95,7 +109,9 @@ def parse(line: str) -> Look:
 
 @dataclasses.dataclass(frozen=True)
 class Sequential:
-    """The rule: what is judged, how narrow it must get, at which sizes one looks. ValueError for one that cannot be."""
+    """The rule: what is judged, how narrow it must get, at which sizes one looks. ValueError for
+    one that cannot be.
+    """
 
     strata: tuple[Stratum, ...]
     rates: tuple[str, ...]
@@ -113,7 +129,10 @@ class Sequential:
             or list(self.shares) != sorted(set(self.shares))
             or not 0 < self.shares[0] <= self.shares[-1] <= 1
         ):
-            raise ValueError(f"looks are increasing shares of the table, above 0 and at most 1, got {self.shares}")
+            raise ValueError(
+                "looks are increasing shares of the table, above 0 and at most 1, got"
+                f" {self.shares}"
+            )
         if not self.rates or not any(stratum.judged and stratum.size for stratum in self.strata):
             raise ValueError("a stop rule needs a rate, and a stratum that is judged by it")
         alpha_of(self.confidence)
@@ -140,24 +159,32 @@ class Sequential:
         return self.sizes()[0]
 
     def look(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
-        """The decision after look `number` (from 1), with k[rate, stratum] events in n[stratum] valid draws.
+        """The decision after look `number` (from 1), with k[rate, stratum] events in n[stratum]
+        valid draws.
 
         ValueError where `taken` are not registered sizes.
         """
         sizes = self.sizes()
         if not (taken == sizes).any(axis=0).all():
             raise ValueError(
-                f"sizes {taken.tolist()} were not registered, only {sizes.tolist()}: a look would not hold"
+                f"sizes {taken.tolist()} were not registered, only {sizes.tolist()}: a look would"
+                " not hold"
             )
         intervals = self._groups(k, n) if self.of == "groups" else self._whole(k, n)
-        wide = [one for one in intervals if one.half_width > self.half_width and not self._exhausted(one, taken)]
+        wide = [
+            one
+            for one in intervals
+            if one.half_width > self.half_width and not self._exhausted(one, taken)
+        ]
         waiting = tuple(dict.fromkeys(one.stratum for one in wide))
         widest = max(one.half_width for one in wide or intervals)
         stop = not waiting or number == len(self.shares)
         return Look(
             number=number,
             looks=len(self.shares),
-            draws={stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)},
+            draws={
+                stratum.name: int(count) for stratum, count in zip(self.strata, taken, strict=True)
+            },
             sizes={stratum.name: stratum.size for stratum in self.strata},
             intervals=tuple(intervals),
             widest=widest,
@@ -169,18 +196,24 @@ class Sequential:
         )
 
     def following(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Draws of each stratum before the next look, int64 [strata]; none falls below what was taken.
+        """Draws of each stratum before the next look, int64 [strata]; none falls below what was
+        taken.
 
-        neyman: the draws that the next share has in all go where they narrow what is judged most, in proportion to
-        size times spread (Neyman 1934), or for strata judged one by one to the square of the spread, which makes the
-        widest interval narrowest; several rates count by the largest spread. A stratum that is not waited for gets
-        none, one judged by itself no more than it is likely to need. Then each is rounded up to a registered size.
+        neyman: the draws that the next share has in all go where they narrow what is judged most,
+        in proportion to size times spread (Neyman 1934), or for strata judged one by one to the
+        square of the spread, which makes the widest interval narrowest; several rates count by the
+        largest spread. A stratum that is not waited for gets none, one judged by itself no more
+        than it is likely to need. Then each is rounded up to a registered size.
         """
         sizes, counts = self.sizes(), np.array(list(look.draws.values()), np.int64)
         if self.allocation == "proportional":
             return np.maximum(counts, sizes[look.number])
-        waits = self.judged & np.array([{stratum.name, ""} & set(look.waiting) != set() for stratum in self.strata])
-        guess = ((k + 2) / (n + 4)).clip(0, 1)  # a stratum without an event yet may still have some (Agresti, Coull)
+        waits = self.judged & np.array(
+            [{stratum.name, ""} & set(look.waiting) != set() for stratum in self.strata]
+        )
+        guess = ((k + 2) / (n + 4)).clip(
+            0, 1
+        )  # a stratum without an event yet may still have some (Agresti, Coull)
         spread = np.sqrt(guess * (1 - guess)).max(axis=0)
         size = np.array([stratum.size for stratum in self.strata], float)
         spread = spread**2 if self.of == "groups" else spread * size
@@ -189,21 +222,33 @@ class Sequential:
         return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
 
     def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Further draws of each stratum that are likely to be enough, at least 1; int64 [strata]."""
+        """Further draws of each stratum that are likely to be enough, at least 1; int64
+        [strata].
+        """
         if self.of == "whole":
             return np.array([stratum.size for stratum in self.strata])
         return np.array(
             [
-                max(1, *(more_runs(int(hits), int(runs), self.half_width, self.each).safe for hits in of))
-                if runs
-                else stratum.size
+                (
+                    max(
+                        1,
+                        *(
+                            more_runs(int(hits), int(runs), self.half_width, self.each).safe
+                            for hits in of
+                        ),
+                    )
+                    if runs
+                    else stratum.size
+                )
                 for stratum, of, runs in zip(self.strata, k.T, n, strict=True)
             ]
         )
 
     def _exhausted(self, one: Interval, taken: np.ndarray) -> bool:
         """Whether the table holds no further draw of what an interval is about."""
-        of_it = self.judged & np.array([one.stratum in ("", stratum.name) for stratum in self.strata])
+        of_it = self.judged & np.array(
+            [one.stratum in ("", stratum.name) for stratum in self.strata]
+        )
         size = np.array([stratum.size for stratum in self.strata])
         return bool((taken >= size)[of_it].all())
 
@@ -213,7 +258,9 @@ class Sequential:
         return [
             Interval(rate, name, *bounds)
             for r, rate in enumerate(self.rates)
-            for name, bounds in zip(names, rates(k[r, there], n[there], self.each, "clopper_pearson"), strict=True)
+            for name, bounds in zip(
+                names, rates(k[r, there], n[there], self.each, "clopper_pearson"), strict=True
+            )
         ]
 
     def _whole(self, k: np.ndarray, n: np.ndarray) -> list[Interval]:
@@ -222,7 +269,9 @@ class Sequential:
         valid = n[there] > 0
         if not valid.all():  # a stratum of which nothing is known leaves the whole unknown
             return [Interval(rate, "", 0, 0, math.nan, math.nan, math.nan) for rate in self.rates]
-        estimates = [stratified(k[r, there], n[there], weight, self.each) for r in range(len(self.rates))]
+        estimates = [
+            stratified(k[r, there], n[there], weight, self.each) for r in range(len(self.rates))
+        ]
         return [
             Interval(rate, "", int(k[r, there].sum()), one.n, one.value, one.low, one.high)
             for r, (rate, one) in enumerate(zip(self.rates, estimates, strict=True))
@@ -236,8 +285,15 @@ def sentence(looks: Sequence[Look]) -> str:
     last = looks[-1]
     where, target = f"look {last.number} of {last.looks}", f"+-{last.half_width:g}"
     if not last.stop:
-        return f"Not stopped yet: at {where} the widest interval was +-{last.widest:.2g}, asked for {target}."
-    uneven = "" if last.even else " Groups were computed to different shares: weigh them for a rate over several."
+        return (
+            f"Not stopped yet: at {where} the widest interval was +-{last.widest:.2g}, asked for"
+            f" {target}."
+        )
+    uneven = (
+        ""
+        if last.even
+        else " Groups were computed to different shares: weigh them for a rate over several."
+    )
     if not last.waiting:
         wide = any(one.half_width > last.half_width for one in last.intervals)
         whole = ", or its group computed whole" if wide else ""

@@ -1,4 +1,6 @@
-"""Explained runs of a result folder: one Parquet file, a row a run, to which every further explanation adds."""
+"""Explained runs of a result folder: one Parquet file, a row a run, to which every further
+explanation adds.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,11 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
 def add(place: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Put explained runs, as `campaign.inspection.explain`, into a folder's file, in place of what it had of them.
+    """Put explained runs, as `campaign.inspection.explain`, into a folder's file, in place of what
+    it had of them.
 
-    What was explained by other code, or of another campaign, is dropped. Raises StoreError where it cannot be written.
+    What was explained by other code, or of another campaign, is dropped. Raises StoreError where it
+    cannot be written.
     """
     path, own = place / FILE, manifest.code_hash(record.robot).encode()
     before = read(place, record)
@@ -47,4 +51,6 @@ def read(place: Path, record: Manifest) -> pd.DataFrame | None:
             return None
         return pq.read_table(path).to_pandas()
     except (pa.ArrowException, OSError) as error:
-        raise StoreError(f"{path}: damaged ({error}); delete it and write `ravenjax explain` again") from error
+        raise StoreError(
+            f"{path}: damaged ({error}); delete it and write `ravenjax explain` again"
+        ) from error

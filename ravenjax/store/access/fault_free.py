@@ -1,8 +1,10 @@
-"""Fault-free motion beside a campaign's result: more of the same robot, so that rates of false cues can be stated.
+"""Fault-free motion beside a campaign's result: more of the same robot, so that rates of false cues
+can be stated.
 
-A result folder may hold a folder FOLDER with a result folder for each further motion. `ravenjax fault-free` computes
-them; any fault-free campaign of the same robot, cues and detectors may be put there, too. The golden runs of a campaign
-are often a few seconds of one motion, which say nothing about false cues an hour.
+A result folder may hold a folder FOLDER with a result folder for each further motion. `ravenjax
+fault-free` computes them; any fault-free campaign of the same robot, cues and detectors may be put
+there, too. The golden runs of a campaign are often a few seconds of one motion, which say nothing
+about false cues an hour.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ NO_COMPANIONS = Companions((), ())
 
 
 def find(folder: Path, campaign: Manifest) -> Companions:
-    """The fault-free motion beside the result in `folder`, whose manifest is `campaign`; in the order of names."""
+    """The fault-free motion beside the result in `folder`, whose manifest is `campaign`; in the
+    order of names.
+    """
     place = Path(folder) / FOLDER
     paths = sorted(path for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
     motions_so_far = {motion_of(campaign)}
@@ -69,14 +73,22 @@ def find(folder: Path, campaign: Manifest) -> Companions:
 
 
 def motion_of(manifest: Manifest) -> str:
-    """What decides how the hands move: equal for two campaigns in which they move alike, or one longer than the other.
+    """What decides how the hands move: equal for two campaigns in which they move alike, or one
+    longer than the other.
 
-    With noise, or packets of drawn lengths, it is what the run draws, too, so that the same hands make another motion
-    of the robot.
+    With noise, or packets of drawn lengths, it is what the run draws, too, so that the same hands
+    make another motion of the robot.
     """
-    operator = {name: value for name, value in (manifest.config.get("operator") or {}).items() if name != SCALE}
+    operator = {
+        name: value
+        for name, value in (manifest.config.get("operator") or {}).items()
+        if name != SCALE
+    }
     campaign = manifest.config.get("campaign") or {}
-    random = campaign.get("noise") or campaign.get("packets", CHOICES[EVERY_CYCLE]) != CHOICES[EVERY_CYCLE]
+    random = (
+        campaign.get("noise")
+        or campaign.get("packets", CHOICES[EVERY_CYCLE]) != CHOICES[EVERY_CYCLE]
+    )
     return json.dumps([operator, random and manifest.seed], sort_keys=True)
 
 
@@ -94,7 +106,9 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
 def robot(config: dict[str, Any]) -> dict[str, Any]:
     """What of a resolved campaign decides how the robot follows fault-free motion."""
     parts = {name: value for name, value in config.items() if name not in _WITHOUT_PART}
-    parts["campaign"] = {name: v for name, v in config.get("campaign", {}).items() if name not in _NOT_OF_ROBOT}
+    parts["campaign"] = {
+        name: v for name, v in config.get("campaign", {}).items() if name not in _NOT_OF_ROBOT
+    }
     parts["operator"] = {SCALE: config.get("operator", {}).get(SCALE)}
     parts["parameters"] = without_reaction(config.get("parameters", {}))
     return parts

@@ -1,9 +1,10 @@
 """One writer a result folder: who comes second is refused, and told who holds it.
 
-The lock is the operating system's (`flock` on `DIR/.lock`), so it goes with the process that held it, however that
-ended; what stands in the file only says who that was. Linux passes `flock` on NFS to the server (NFS 4, and 3 with
-`lockd`), which knows of every client; where a file system offers no locks at all, the file's words must do: they name
-a host and a process, and whoever is on another host, or sees that process run, stays away.
+The lock is the operating system's (`flock` on `DIR/.lock`), so it goes with the process that held
+it, however that ended; what stands in the file only says who that was. Linux passes `flock` on NFS
+to the server (NFS 4, and 3 with `lockd`), which knows of every client; where a file system offers
+no locks at all, the file's words must do: they name a host and a process, and whoever is on another
+host, or sees that process run, stays away.
 """
 
 from __future__ import annotations
@@ -28,14 +29,16 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 @contextlib.contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Hold the lock of `folder`, which exists. Raises StoreError naming the holder where another process has it."""
+    """Hold the lock of `folder`, which exists. Raises StoreError naming the holder where another
+    process has it.
+    """
     path = folder / FILE
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except OSError as error:
         raise StoreError(
-            f"{path}: cannot be written ({error.strerror or error}). Expected a folder that this user may create "
-            "files in; name another one with --out. No run was started."
+            f"{path}: cannot be written ({error.strerror or error}). Expected a folder that this"
+            " user may create files in; name another one with --out. No run was started."
         ) from error
     with open(descriptor, "r+", encoding="utf-8") as file:
         try:
@@ -48,10 +51,17 @@ def held(folder: Path) -> Iterator[None]:
             holder = file.read()
             if _may_live(holder):
                 raise _refusal(
-                    folder, holder, f" This file system has no locks: if that process is gone, delete {path}."
+                    folder,
+                    holder,
+                    f" This file system has no locks: if that process is gone, delete {path}.",
                 ) from None
-        with contextlib.suppress(OSError):  # a full disk is no reason to refuse: the lock itself holds
-            _put(file, json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": _now()}))
+        with contextlib.suppress(
+            OSError
+        ):  # a full disk is no reason to refuse: the lock itself holds
+            _put(
+                file,
+                json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": _now()}),
+            )
         try:
             yield
         finally:
@@ -98,8 +108,8 @@ def _refusal(folder: Path, text: str, remedy: str) -> StoreError:
         else "another process"
     )
     return StoreError(
-        f"{folder}: is being written by {who}. Two runs into one folder would do the same work twice: wait for it, "
-        f"stop it, or choose another --out.{remedy} Nothing was changed."
+        f"{folder}: is being written by {who}. Two runs into one folder would do the same work"
+        f" twice: wait for it, stop it, or choose another --out.{remedy} Nothing was changed."
     )
 
 

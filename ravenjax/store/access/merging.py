@@ -1,8 +1,9 @@
-"""Shards of one campaign joined into one result folder, which is then as if it had been computed in one place.
+"""Shards of one campaign joined into one result folder, which is then as if it had been computed in
+one place.
 
-Parts are taken over as they are, by hard link where the file system can, else as copies, each checked before and after;
-the manifest comes last. The folder that is merged into counts as a shard of its own: so the same command may be
-given again after an interruption, or with further shards.
+Parts are taken over as they are, by hard link where the file system can, else as copies, each
+checked before and after; the manifest comes last. The folder that is merged into counts as a shard
+of its own: so the same command may be given again after an interruption, or with further shards.
 """
 
 from __future__ import annotations
@@ -54,15 +55,18 @@ class PartSource(NamedTuple):
 def merge(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
     """Join the result folders `shards` into the folder `out`; `partial`: though rows are missing.
 
-    Shards are of one campaign, engine, code and package versions, and left as they are. Raises StoreError, before
-    anything is written, where they differ, a part is damaged, two parts hold the same row, or rows are missing.
+    Shards are of one campaign, engine, code and package versions, and left as they are. Raises
+    StoreError, before anything is written, where they differ, a part is damaged, two parts hold the
+    same row, or rows are missing.
     """
     folders = _folders(out, shards)
     records = {folder: manifests.read(folder) for folder in folders}
     first = folders[0]
     for folder in folders[1:]:
         _require_same(first, records[first], folder, records[folder])
-    sources = _disjoint([source for folder in folders for source in _parts(folder, records[folder])])
+    sources = _disjoint(
+        [source for folder in folders for source in _parts(folder, records[folder])]
+    )
     missing = query.lacking([range(records[first].runs)], [source.part for source in sources])
     if missing and not partial:
         raise StoreError(_incomplete(records, missing))
@@ -93,13 +97,16 @@ def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> Non
     if differences:
         lines = listed([f"{line.removesuffix(' asked for')} there" for line in differences])
         raise StoreError(
-            f"{other}: is no shard of the campaign in {first}. Here {first}, there {other}:\n{lines}\n"
-            "Nothing was merged: shards are made by the same command and code, but for --shard and --out."
+            f"{other}: is no shard of the campaign in {first}. Here {first}, there"
+            f" {other}:\n{lines}\nNothing was merged: shards are made by the same command and code,"
+            " but for --shard and --out."
         )
 
 
 def _parts(folder: Path, record: Manifest) -> list[PartSource]:
-    """The whole parts of a shard; one that was renamed but not recorded when the power went is one, too."""
+    """The whole parts of a shard; one that was renamed but not recorded when the power went is
+    one, too.
+    """
     recorded = {part.file: part for part in record.parts}
     there = {path.name: path for path in parts.files(folder / PARTS)}
 
@@ -114,7 +121,9 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
 
 
 def _disjoint(sources: list[PartSource]) -> list[PartSource]:
-    """The parts by row, those that several shards hold alike once. Raises StoreError where two differ in a row."""
+    """The parts by row, those that several shards hold alike once. Raises StoreError where two
+    differ in a row.
+    """
     alike: dict[tuple[int, int, str], PartSource] = {}
     for source in sources:
         alike.setdefault((source.part.first, source.part.last, source.part.sha256), source)
@@ -123,20 +132,25 @@ def _disjoint(sources: list[PartSource]) -> list[PartSource]:
         if other.part.first <= one.part.last:
             both = range(other.part.first, min(one.part.last, other.part.last) + 1)
             raise StoreError(
-                f"{one.file} and {other.file} both hold row {query.in_words([both])}. Nothing was merged: "
-                "leave out one of the shards, or delete one of the files if they hold the same runs."
+                f"{one.file} and {other.file} both hold row {query.in_words([both])}. Nothing was"
+                " merged: leave out one of the shards, or delete one of the files if they hold the"
+                " same runs."
             )
     return ordered
 
 
 def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
     rows = sum(map(len, missing))
-    sentences = [f"the campaign has {next(iter(records.values())).runs:,} runs; no shard holds {rows:,} of them: rows "
-            f"{query.in_words(missing)}."]  # fmt: skip
+    sentences = [
+        f"the campaign has {next(iter(records.values())).runs:,} runs; no shard holds {rows:,} of"
+        f" them: rows {query.in_words(missing)}."
+    ]
     for folder, record in records.items():
         own = query.lacking(record.wanted, record.parts)
         if record.rows is not None and own:
-            sentences.append(f"{folder} lacks rows {query.in_words(own)} of its own: start its command again.")
+            sentences.append(
+                f"{folder} lacks rows {query.in_words(own)} of its own: start its command again."
+            )
     sentences.append("Nothing was merged: name every shard, or merge what is there with --partial.")
     return " ".join(sentences)
 
@@ -165,13 +179,15 @@ def _taken(source: PartSource, out: Path, config_hash: str) -> str:
 
 
 def _require_own(out: Path, sources: list[PartSource]) -> None:
-    """StoreError where the folder holds a part that is none of these: nobody would know what it is."""
+    """StoreError where the folder holds a part that is none of these: nobody would know what it
+    is.
+    """
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.files(out / PARTS) if path.name not in own]
     if foreign:
         raise StoreError(
-            f"{foreign[0]}: is in the folder to merge into, and none of the shards has it. Nothing was merged: "
-            "choose another folder, or delete this one."
+            f"{foreign[0]}: is in the folder to merge into, and none of the shards has it. Nothing"
+            " was merged: choose another folder, or delete this one."
         )
 
 
@@ -186,7 +202,11 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "parts": tuple(source.part for source in sources),
             "device": "; ".join(dict.fromkeys(record.device for record in records)),
             "started": min(record.started for record in records),
-            "finished": None if incomplete else max((end for end in finished if end), default=manifests.now()),
+            "finished": (
+                None
+                if incomplete
+                else max((end for end in finished if end), default=manifests.now())
+            ),
             "starts": max(record.starts for record in records),
             "run_s": sum(seconds) if seconds else None,
             "runs_per_s": None,

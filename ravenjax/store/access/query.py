@@ -1,8 +1,10 @@
-"""A result table that need not fit in memory: the parts of a folder as a DuckDB relation, read-only, in bounded memory.
+"""A result table that need not fit in memory: the parts of a folder as a DuckDB relation,
+read-only, in bounded memory.
 
-Every query reads from the view `results`, one row a run: columns as in `schema`, and `row`, the number of the run. What
-does not fit in the memory that was given goes to a temporary folder, which is deleted at the end. Only the parts that
-the manifest names are read, each checked against its checksum first.
+Every query reads from the view `results`, one row a run: columns as in `schema`, and `row`, the
+number of the run. What does not fit in the memory that was given goes to a temporary folder, which
+is deleted at the end. Only the parts that the manifest names are read, each checked against its
+checksum first.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ RESULTS = "results"
 class ResultTable:
     """SQL over one result table. Use as a context manager, or `close` it."""
 
-    def __init__(self, connection: duckdb.DuckDBPyConnection, closing: contextlib.ExitStack) -> None:
+    def __init__(
+        self, connection: duckdb.DuckDBPyConnection, closing: contextlib.ExitStack
+    ) -> None:
         self._connection, self._closing = connection, closing
 
     def __enter__(self) -> ResultTable:
@@ -84,8 +88,9 @@ class ResultTable:
             return self._connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:
             raise StoreError(
-                f"a query of the result table needs more memory than DuckDB may take: {_first_line(error)}. "
-                "Give it more with RAVENJAX_QUERY_MB=4000 (in MB), or free space on the disk it spills to."
+                "a query of the result table needs more memory than DuckDB may take:"
+                f" {_first_line(error)}. Give it more with RAVENJAX_QUERY_MB=4000 (in MB), or free"
+                " space on the disk it spills to."
             ) from error
         except duckdb.IOException as error:
             raise StoreError(f"a query of the result table failed: {_first_line(error)}") from error
@@ -94,20 +99,24 @@ class ResultTable:
 def open_folder(path: str | Path, memory_mb: int | None = None) -> ResultTable:
     """The finished rows of a result folder.
 
-    memory_mb: of DuckDB, in MB; None is MEMORY_MB, or what the environment variable RAVENJAX_QUERY_MB says. Raises
-    StoreError where the folder holds no result, a part is missing or damaged, or one is of another schema version.
+    memory_mb: of DuckDB, in MB; None is MEMORY_MB, or what the environment variable
+    RAVENJAX_QUERY_MB says. Raises StoreError where the folder holds no result, a part is missing or
+    damaged, or one is of another schema version.
     """
     path = Path(path)
     return open_parts(whole_parts(path), path, memory_mb)
 
 
 def open_parts(
-    files: Sequence[Path], aside: Path | None = None, memory_mb: int | None = None, numbered: bool = False
+    files: Sequence[Path],
+    aside: Path | None = None,
+    memory_mb: int | None = None,
+    numbered: bool = False,
 ) -> ResultTable:
     """The rows of these Parquet files, taken as they are.
 
-    aside: where there is room to spill, if it may be written to. numbered: with columns `filename` and
-    `file_row_number`, which counts from 0.
+    aside: where there is room to spill, if it may be written to. numbered: with columns `filename`
+    and `file_row_number`, which counts from 0.
     """
     table = empty(aside, memory_mb)
     more = ", filename = true, file_row_number = true" if numbered else ""
@@ -116,15 +125,23 @@ def open_parts(
 
 
 def of_files(files: Sequence[Path], options: str = "") -> str:
-    """The rows of Parquet files, to select from; options: of DuckDB's read_parquet, beginning with a comma."""
+    """The rows of Parquet files, to select from; options: of DuckDB's read_parquet, beginning
+    with a comma.
+    """
     names = ", ".join(_literal(file) for file in files)
     return f"read_parquet([{names}]{options})"
 
 
 def whole_parts(path: Path) -> list[Path]:
-    """Files of the finished parts of a result folder, each checked. Raises StoreError as `open_folder`."""
+    """Files of the finished parts of a result folder, each checked. Raises StoreError as
+    `open_folder`.
+    """
     record = readable(path)
-    threads.mapped(lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part), record.parts, READERS)
+    threads.mapped(
+        lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part),
+        record.parts,
+        READERS,
+    )
     return [path / PARTS / part.file for part in record.parts]
 
 
@@ -141,24 +158,31 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTabl
                 "memory_limit": f"{limit_mb}MB",
                 "temp_directory": folder,
                 "threads": len(os.sched_getaffinity(0)),
-                "preserve_insertion_order": False,  # who needs an order says so; keeping one takes memory
+                # who needs an order says so; keeping one takes memory
+                "preserve_insertion_order": False,
                 "autoinstall_known_extensions": False,
             },
         )
         closing.callback(connection.close)
-        with contextlib.suppress(duckdb.InvalidInputException):  # of a notebook without ipywidgets, which has none
+        with contextlib.suppress(
+            duckdb.InvalidInputException
+        ):  # of a notebook without ipywidgets, which has none
             connection.execute("SET enable_progress_bar = false")
-        connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")  # tables made on the way take a third of the room
+        connection.execute(
+            "ATTACH ':memory:' AS aside (COMPRESS)"
+        )  # tables made on the way take a third of the room
         connection.execute("USE aside")
         return ResultTable(connection, closing.pop_all())
 
 
 def readable(path: Path) -> Manifest:
-    """The manifest of a folder that holds rows to read. Raises StoreError where it holds none, or lacks what it names
-    as finished."""
+    """The manifest of a folder that holds rows to read. Raises StoreError where it holds none, or
+    lacks what it names as finished."""
     record = manifests.read(path)
     if not record.parts:
-        raise StoreError(f"{path}: holds no finished part yet; start or resume it with `ravenjax run`")
+        raise StoreError(
+            f"{path}: holds no finished part yet; start or resume it with `ravenjax run`"
+        )
     if over := parts.apart(record.parts)[1]:
         raise StoreError(
             f"{path / PARTS / over[0].file}: holds rows that another part holds, too. "
@@ -166,8 +190,9 @@ def readable(path: Path) -> Manifest:
         )
     if record.finished is not None and record.done < record.due:
         raise StoreError(
-            f"{path / manifests.PARTS_FILE}: names parts of {record.done} of the {record.due} finished runs. "
-            "Start the same `ravenjax run` again: it takes over whole parts and computes what is missing."
+            f"{path / manifests.PARTS_FILE}: names parts of {record.done} of the {record.due}"
+            " finished runs. Start the same `ravenjax run` again: it takes over whole parts and"
+            " computes what is missing."
         )
     return record
 
@@ -179,7 +204,10 @@ def lacking(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:
 
 def in_words(ranges: Sequence[range], most: int = 5) -> str:
     """Row ranges as an error tells them: `0 to 99, 300 and 2 more ranges`."""
-    words = [f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "") for rows in ranges[:most]]
+    words = [
+        f"{rows.start:,}" + (f" to {rows.stop - 1:,}" if len(rows) > 1 else "")
+        for rows in ranges[:most]
+    ]
     more = f" and {len(ranges) - most} more ranges" if len(ranges) > most else ""
     return ", ".join(words) + more
 

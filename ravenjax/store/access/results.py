@@ -1,4 +1,6 @@
-"""The result table of a campaign that has run: in its folder, or in memory; nothing is read before it is asked for."""
+"""The result table of a campaign that has run: in its folder, or in memory; nothing is read
+before it is asked for.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ class Results:
         if self.path is not None:
             return folder.read_all(self.path, columns)
         schema.require_columns(self.shape, columns or ())
-        return parts.concatenate([table if columns is None else table.select(columns) for table in self.tables])
+        return parts.concatenate(
+            [table if columns is None else table.select(columns) for table in self.tables]
+        )
 
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The table, or some of its columns, as Arrow. Raises StoreError as `folder.read_all`."""
@@ -41,9 +45,11 @@ class Results:
         return pa.concat_tables(self._parts(names)).unify_dictionaries()
 
     def verdicts(self) -> dict[str, int]:
-        """How many of the faulty runs have each verdict, most frequent first; "" is that of failed runs.
+        """How many of the faulty runs have each verdict, most frequent first; "" is that of failed
+        runs.
 
-        Read part by part, so that memory does not grow with the table. Raises StoreError as `folder.read_all`.
+        Read part by part, so that memory does not grow with the table. Raises StoreError as
+        `folder.read_all`.
         """
         sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
         counts: Counter[str] = Counter()
@@ -57,7 +63,9 @@ class Results:
     def _parts(self, columns: list[str] | None) -> Iterator[pa.Table]:
         """Columns of each part, by the first row; None: all of them."""
         if self.path is None:
-            yield from (table if columns is None else table.select(columns) for table in self.tables)
+            yield from (
+                table if columns is None else table.select(columns) for table in self.tables
+            )
             return
         record = query.readable(self.path)
         due = deque(sorted(record.parts, key=lambda part: part.first))
@@ -66,5 +74,9 @@ class Results:
             while due or coming:
                 while due and len(coming) < folder.READERS:
                     part, place = due.popleft(), self.path / folder.PARTS
-                    coming.append(pool.submit(parts.read, place / part.file, record.config_hash, part, columns))
+                    coming.append(
+                        pool.submit(
+                            parts.read, place / part.file, record.config_hash, part, columns
+                        )
+                    )
                 yield coming.popleft().result()

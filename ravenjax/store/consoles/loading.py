@@ -21,7 +21,9 @@ _SUFFIX = ".toml"
 @functools.cache
 def bundled() -> tuple[ConsoleProfile, ...]:
     """Every bundled profile, the robot's own protocol first."""
-    texts = {file.name: file.read_text() for file in _FOLDER.iterdir() if file.name.endswith(_SUFFIX)}
+    texts = {
+        file.name: file.read_text() for file in _FOLDER.iterdir() if file.name.endswith(_SUFFIX)
+    }
     profiles = [_checked(name, text) for name, text in sorted(texts.items())]
     return tuple(sorted(profiles, key=lambda profile: profile.name != "raven"))
 
@@ -41,7 +43,9 @@ def load(name: str) -> ConsoleProfile:
     try:
         text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
     except (OSError, ValueError) as error:  # ValueError: not UTF-8, or a path with a zero byte
-        raise UserError(f"{path}: the console's profile cannot be read: {error}; expected a TOML file") from None
+        raise UserError(
+            f"{path}: the console's profile cannot be read: {error}; expected a TOML file"
+        ) from None
     return _checked(str(path), text)
 
 
@@ -57,7 +61,10 @@ def _checked(where: str, text: str) -> ConsoleProfile:
         raise UserError(
             f"{where}: not a console's profile:\n" + listed([_line(one) for one in error.errors()])
         ) from None
-    except (ValueError, RecursionError) as error:  # ValueError also where a number has thousands of digits
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # ValueError also where a number has thousands of digits
         raise UserError(f"{where}: not a TOML file: {error}") from None
 
 

@@ -1,8 +1,10 @@
-"""Writes a recording, session.mcap or the trace of a run, as a bag: of ROS 1 (.bag) or of ROS 2 (a folder).
+"""Writes a recording, session.mcap or the trace of a run, as a bag: of ROS 1 (.bag) or of ROS 2 (a
+folder).
 
-Topics, types and times are those of the recording. In ROS 1 a header has a number, which is 0, and there is no
-rcl_interfaces/Log: `/ravenjax/events` has the same events. A trace begins at time 0, which ROS 1 takes for "no time"
-(its players leave such messages out): all its times are one second later there.
+Topics, types and times are those of the recording. In ROS 1 a header has a number, which is 0, and
+there is no rcl_interfaces/Log: `/ravenjax/events` has the same events. A trace begins at time 0,
+which ROS 1 takes for "no time" (its players leave such messages out): all its times are one second
+later there.
 """
 
 from __future__ import annotations
@@ -45,21 +47,35 @@ class WrittenBag(NamedTuple):
 def write(source: Path, ros: Ros, out: Path | None = None) -> WrittenBag:
     """The bag of a recording: an MCAP file of ROS 2, or the folder of a session.
 
-    out: default beside the recording, its name with `.bag`, or with `_ros2` for the folder. UserError where the
-    recording cannot be read or `out` is there already, StoreError where the disk refuses.
+    out: default beside the recording, its name with `.bag`, or with `_ros2` for the folder.
+    UserError where the recording cannot be read or `out` is there already, StoreError where the
+    disk refuses.
     """
     recording = source / FILE if source.is_dir() else source
     if not recording.is_file():
-        raise UserError(f"{recording}: no such file; expected the {FILE} of a session or the .mcap of a traced run")
+        raise UserError(
+            f"{recording}: no such file; expected the {FILE} of a session or the .mcap of a"
+            " traced run"
+        )
     if recording.suffix != ".mcap":
-        raise UserError(f"{recording}: expected a recording in MCAP: {FILE} of a session, or the .mcap of a traced run")
+        raise UserError(
+            f"{recording}: expected a recording in MCAP: {FILE} of a session, or the .mcap of a"
+            " traced run"
+        )
     target = out or recording.with_name(recording.stem + (".bag" if ros == 1 else "_ros2"))
     if ros == 1 and target.suffix != ".bag":
-        raise UserError(f"{target}: a bag of ROS 1 ends in .bag; write --out {target.with_suffix('.bag')}")
+        raise UserError(
+            f"{target}: a bag of ROS 1 ends in .bag; write --out {target.with_suffix('.bag')}"
+        )
     if ros == 2 and target.suffix:
-        raise UserError(f"{target}: a bag of ROS 2 is a folder; write --out {target.with_suffix('')}, or --ros 1")
+        raise UserError(
+            f"{target}: a bag of ROS 2 is a folder; write --out {target.with_suffix('')}, or"
+            " --ros 1"
+        )
     if target.exists():
-        raise UserError(f"{target}: is there already, and is not overwritten; name another with --out")
+        raise UserError(
+            f"{target}: is there already, and is not overwritten; name another with --out"
+        )
     with _readable(recording) as reader, _removed_on_failure(target):
         return (_ros1 if ros == 1 else _ros2)(reader, target)
 
@@ -71,9 +87,13 @@ def _readable(recording: Path) -> Iterator[AnyReader]:
         try:
             reader = stack.enter_context(opened(recording))
         except UserError as error:
-            raise UserError(f"{error}. Where it was cut short, first: ravenjax log recover {recording}") from None
+            raise UserError(
+                f"{error}. Where it was cut short, first: ravenjax log recover {recording}"
+            ) from None
         if not reader.is2 or not reader.message_count:
-            raise UserError(f"{recording}: holds no messages of ROS 2; expected a recording of ravenjax")
+            raise UserError(
+                f"{recording}: holds no messages of ROS 2; expected a recording of ravenjax"
+            )
         yield reader
 
 
@@ -112,10 +132,15 @@ def _ros1(reader: AnyReader, target: Path) -> WrittenBag:
     store = _ros1_types(reader)
     later = 0 if reader.start_time else LATER_NS
     connections = [one for one in reader.connections if one.msgtype != ONLY_ROS2]
-    encode = {kind: _encoder(reader, store, kind, later) for kind in {one.msgtype for one in connections}}
+    encode = {
+        kind: _encoder(reader, store, kind, later) for kind in {one.msgtype for one in connections}
+    }
     messages = 0
     with Writer(target) as writer:
-        channels = {one.id: writer.add_connection(one.topic, one.msgtype, typestore=store) for one in connections}
+        channels = {
+            one.id: writer.add_connection(one.topic, one.msgtype, typestore=store)
+            for one in connections
+        }
         for one, time_ns, data in reader.messages(connections=connections):
             writer.write(channels[one.id], time_ns + later, encode[one.msgtype](data))
             messages += 1

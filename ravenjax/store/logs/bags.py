@@ -32,18 +32,27 @@ def opened(path: Path) -> Iterator[AnyReader]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    usual = get_typestore(Stores.LATEST)  # of files of ROS 2 that hold no definitions: enough for CRTK
+    usual = get_typestore(
+        Stores.LATEST
+    )  # of files of ROS 2 that hold no definitions: enough for CRTK
     try:
         with contextlib.ExitStack() as stack:
             try:
                 reader = stack.enter_context(AnyReader([path], default_typestore=usual))
-            except (TypeError, AttributeError) as error:  # metadata.yaml has other things than the library expects
-                raise UserError(f"{path}: no bag that can be read, its metadata are damaged: {error}") from None
+            except (
+                TypeError,
+                AttributeError,
+            ) as error:  # metadata.yaml has other things than the library expects
+                raise UserError(
+                    f"{path}: no bag that can be read, its metadata are damaged: {error}"
+                ) from None
             yield reader
     except UserError:
         raise
     except _damage() as error:
-        raise UserError(f"{path}: no bag or MCAP file that can be read: {error or type(error).__name__}") from None
+        raise UserError(
+            f"{path}: no bag or MCAP file that can be read: {error or type(error).__name__}"
+        ) from None
 
 
 def _damage() -> tuple[type[Exception], ...]:
@@ -53,5 +62,14 @@ def _damage() -> tuple[type[Exception], ...]:
     from rosbags.rosbag1 import ReaderError as Ros1Error
     from rosbags.rosbag2 import ReaderError as Ros2Error
 
-    plain = (OSError, ValueError, LookupError, AssertionError, RuntimeError, EOFError, OverflowError, MemoryError)
+    plain = (
+        OSError,
+        ValueError,
+        LookupError,
+        AssertionError,
+        RuntimeError,
+        EOFError,
+        OverflowError,
+        MemoryError,
+    )
     return AnyReaderError, Ros1Error, Ros2Error, apsw.Error, struct.error, *plain

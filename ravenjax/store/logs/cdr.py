@@ -1,8 +1,9 @@
 """ROS 2 messages of fixed layout, encoded for all ticks at once.
 
-Names and sizes of a log's messages do not change from tick to tick, so each message type is one template of bytes
-with holes for times and numbers: the holes of all ticks are filled by array assignment. Encoding is CDR, little-endian
-(OMG DDS-XTypes plain CDR version 1): every number is aligned to its size, counted from the end of the four-byte header.
+Names and sizes of a log's messages do not change from tick to tick, so each message type is one
+template of bytes with holes for times and numbers: the holes of all ticks are filled by array
+assignment. Encoding is CDR, little-endian (OMG DDS-XTypes plain CDR version 1): every number is
+aligned to its size, counted from the end of the four-byte header.
 """
 
 from __future__ import annotations
@@ -75,10 +76,16 @@ class MessageLayout:
         self.numbers(how_many)
 
     def encode(self, time_ns: np.ndarray, values: np.ndarray) -> list[bytes]:
-        """One message per tick: `time_ns` int64 [T], `values` [T, sum of the holes] in order of the holes."""
+        """One message per tick: `time_ns` int64 [T], `values` [T, sum of the holes] in order of
+        the holes.
+        """
         ticks = len(time_ns)
         rows = np.tile(np.frombuffer(bytes(self._bytes), np.uint8), (ticks, 1))
-        stamp = np.stack([time_ns // _SECOND_NS, time_ns % _SECOND_NS], axis=1).astype("<u4").view(np.uint8)
+        stamp = (
+            np.stack([time_ns // _SECOND_NS, time_ns % _SECOND_NS], axis=1)
+            .astype("<u4")
+            .view(np.uint8)
+        )
         for start in self._stamps:
             rows[:, start : start + 8] = stamp
         column = 0
@@ -92,7 +99,9 @@ class MessageLayout:
 
 
 def log(time_ns: int, level: int, name: str, text: str) -> bytes:
-    """A whole rcl_interfaces/Log: `level` 10 debug, 20 info, 30 warn, 40 error, 50 fatal; no file, function, line."""
+    """A whole rcl_interfaces/Log: `level` 10 debug, 20 info, 30 warn, 40 error, 50 fatal; no
+    file, function, line.
+    """
     layout = MessageLayout()
     for part in divmod(time_ns, _SECOND_NS):
         layout.count(part)

@@ -1,8 +1,10 @@
-"""What an MCAP file holds, whole, cut short or damaged: every complete record, and how much is missing.
+"""What an MCAP file holds, whole, cut short or damaged: every complete record, and how much is
+missing.
 
-The library's seeking reader needs the index at the end of a file, and its other one ends at the first damaged byte;
-this one walks from the beginning. A chunk whose content does not match its checksum is left out and counted. Where the
-chain of records breaks, for a length may be what is damaged, it goes on at the next chunk that is whole.
+The library's seeking reader needs the index at the end of a file, and its other one ends at the
+first damaged byte; this one walks from the beginning. A chunk whose content does not match its
+checksum is left out and counted. Where the chain of records breaks, for a length may be what is
+damaged, it goes on at the next chunk that is whole.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ from ravenjax.errors import StoreError
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 _FOOTER = struct.Struct("<QQI")  # where the summary begins, its offsets, checksum
-_INDEX = struct.Struct("<HI")  # of a message index, before its entries of 16 bytes: channel, bytes of the entries
+_INDEX = struct.Struct(
+    "<HI"
+)  # of a message index, before its entries of 16 bytes: channel, bytes of the entries
 _CHUNK = re.compile(rb"\x06.{6}\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd)", re.DOTALL)
 """A chunk's opcode, length, times, size, checksum and compression."""
 _ANY_MESSAGE = re.compile(rb"\x05.{6}\0\0", re.DOTALL)
@@ -76,7 +80,9 @@ class Scan:
     channels: list[Channel] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
-    parts: list[tuple[int, int, int]] = field(default_factory=list)  # opcode, first byte, end of chunks and messages
+    parts: list[tuple[int, int, int]] = field(
+        default_factory=list
+    )  # opcode, first byte, end of chunks and messages
     complete: bool = False  # the footer and the closing magic are there
     lost_bytes: int = 0  # of no whole record: of damaged ones, and behind the last
 
@@ -104,7 +110,10 @@ def scan(path: Path) -> Scan:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
     magic = len(MCAP0_MAGIC)
     if data[:magic] != MCAP0_MAGIC:
-        raise StoreError(f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one, whole or cut")
+        raise StoreError(
+            f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one, whole"
+            " or cut"
+        )
     result = Scan(data)
     foot = len(data) - magic - _HEAD.size - _FOOTER.size
     result.complete = foot >= magic and data[-magic:] == MCAP0_MAGIC and data[foot] == Opcode.FOOTER
@@ -114,15 +123,17 @@ def scan(path: Path) -> Scan:
     summary, _, _ = _FOOTER.unpack_from(data, foot + _HEAD.size)
     summary = summary if magic <= summary <= foot else foot
     result.lost_bytes = _take_all(result, magic, summary)
-    _take_all(result, summary, foot)  # what the summary repeats is missed only where the data are damaged, too
+    _take_all(
+        result, summary, foot
+    )  # what the summary repeats is missed only where the data are damaged, too
     return result
 
 
 def _take_all(found: Scan, at: int, until: int) -> int:
     """Take every whole record of these bytes; how many bytes are of none.
 
-    What is no record that holds together is passed over where another follows it. Elsewhere its length may be what is
-    damaged, and the search goes on right behind its first byte.
+    What is no record that holds together is passed over where another follows it. Elsewhere its
+    length may be what is damaged, and the search goes on right behind its first byte.
     """
     lost = 0
     while at < until:
@@ -139,7 +150,9 @@ def _take_all(found: Scan, at: int, until: int) -> int:
 
 
 def _record(data: Bytes, at: int, until: int) -> tuple[int, int, int] | None:
-    """Opcode, first byte and end of the record that begins here; None where it would not end in time."""
+    """Opcode, first byte and end of the record that begins here; None where it would not end in
+    time.
+    """
     if at + _HEAD.size > until:
         return None
     opcode, length = _HEAD.unpack_from(data, at)
@@ -150,11 +163,15 @@ def _record(data: Bytes, at: int, until: int) -> tuple[int, int, int] | None:
 def _holds(found: Scan, at: int, until: int) -> bool:
     """Whether the data end here, or a record begins that holds together."""
     record = _record(found.data, at, until)
-    return at == until or (record is not None and _take(Scan(found.data, channels=found.channels), *record))
+    return at == until or (
+        record is not None and _take(Scan(found.data, channels=found.channels), *record)
+    )
 
 
 def _next(found: Scan, at: int, until: int) -> int:
-    """Where the next whole chunk begins, in a file without chunks the next message; `until` where there is none."""
+    """Where the next whole chunk begins, in a file without chunks the next message; `until`
+    where there is none.
+    """
     chunked = not found.parts or any(opcode == Opcode.CHUNK for opcode, _, _ in found.parts)
     look = _CHUNK if chunked else _ANY_MESSAGE
     while (match := look.search(found.data, at, until)) is not None:
@@ -180,7 +197,9 @@ def _message(records: bytes, start: int, end: int) -> Message:
 
 def _content(body: bytes) -> bytes:
     """The records of a chunk; raises what `_damage` lists."""
-    stream, length = get_chunk_data_stream(Chunk.read(ReadDataStream(io.BytesIO(body))), validate_crc=True)
+    stream, length = get_chunk_data_stream(
+        Chunk.read(ReadDataStream(io.BytesIO(body))), validate_crc=True
+    )
     return stream.read(length)
 
 
@@ -192,13 +211,18 @@ def _damage() -> tuple[type[Exception], ...]:
 
 
 def _take(found: Scan, opcode: int, start: int, end: int) -> bool:
-    """Take a record; False where its bytes do not hold together, or it is of no kind that is known."""
+    """Take a record; False where its bytes do not hold together, or it is of no kind that is
+    known.
+    """
     if opcode == Opcode.CHUNK:
         return _take_chunk(found, start, end)
     if opcode == Opcode.MESSAGE:
         return _take_message(found, start, end)
     if opcode == Opcode.MESSAGE_INDEX:
-        return end - start >= _INDEX.size and _INDEX.unpack_from(found.data, start)[1] == end - start - _INDEX.size
+        return (
+            end - start >= _INDEX.size
+            and _INDEX.unpack_from(found.data, start)[1] == end - start - _INDEX.size
+        )
     kind = _KINDS.get(opcode)
     if kind is None:
         return False
@@ -221,7 +245,9 @@ def _take(found: Scan, opcode: int, start: int, end: int) -> bool:
 
 
 def _take_message(found: Scan, start: int, end: int) -> bool:
-    """A message beside the chunks: nothing proves it but that its channel is known and a record follows."""
+    """A message beside the chunks: nothing proves it but that its channel is known and a record
+    follows.
+    """
     if end - start < _MESSAGE.size:
         return False
     channel = _MESSAGE.unpack_from(found.data, start)[0]

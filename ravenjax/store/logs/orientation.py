@@ -6,12 +6,15 @@ import numpy as np
 
 
 def quaternions(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternions x, y, z, w [T, ..., 4] of rotations [T, ..., 3, 3]; NaN where a matrix is no rotation.
+    """Unit quaternions x, y, z, w [T, ..., 4] of rotations [T, ..., 3, 3]; NaN where a matrix is no
+    rotation.
 
-    A matrix that is a rotation up to rounding, as control software in single precision holds it, gives the nearest
-    one. The sign is kept from tick to tick, so that a curve of it has no jumps.
+    A matrix that is a rotation up to rounding, as control software in single precision holds it,
+    gives the nearest one. The sign is kept from tick to tick, so that a curve of it has no jumps.
     """
-    from scipy.spatial.transform import Rotation  # half a second; who must not wait calls this once before
+    from scipy.spatial.transform import (
+        Rotation,
+    )  # half a second; who must not wait calls this once before
 
     matrices = np.asarray(rotation, float)
     out = np.full((*matrices.shape[:-2], 4), np.nan)

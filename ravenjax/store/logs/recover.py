@@ -1,4 +1,6 @@
-"""A truncated MCAP file made whole: every complete chunk, written anew with the index that other tools need."""
+"""A truncated MCAP file made whole: every complete chunk, written anew with the index that other
+tools need.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Recovered(NamedTuple):
     def __str__(self) -> str:
         """In words, for the command line."""
         if self.complete and not self.lost_bytes:
-            return f"{self.path}: {self.seconds:.3f} s, {self.messages} messages; the file was whole"
+            return (
+                f"{self.path}: {self.seconds:.3f} s, {self.messages} messages; the file was whole"
+            )
         return (
             f"{self.path}: {self.seconds:.3f} s recovered, {self.messages} messages; "
             f"{self.lost_bytes} bytes of an unfinished or damaged chunk are lost"
@@ -37,22 +41,25 @@ def recovered_path(path: Path) -> Path:
 
 
 def recover(path: Path, out: Path | None = None) -> Recovered:
-    """Write what is whole of the MCAP file `path` to `out`, which is `recovered_path` if left out; any MCAP file.
+    """Write what is whole of the MCAP file `path` to `out`, which is `recovered_path` if left out;
+    any MCAP file.
 
-    Messages keep their order, times and numbers. `out` may be `path` itself: it is replaced in one step. Raises
-    StoreError where the file cannot be read, holds no whole message, or the disk refuses.
+    Messages keep their order, times and numbers. `out` may be `path` itself: it is replaced in one
+    step. Raises StoreError where the file cannot be read, holds no whole message, or the disk
+    refuses.
     """
     path = Path(path)
     out = recovered_path(path) if out is None else Path(out)
     parts = mcap_records.scan(path)
     if next(parts.messages(), None) is None:
         raise StoreError(
-            f"{path}: holds no whole message, {parts.lost_bytes} bytes of an unfinished chunk; nothing can be recovered"
+            f"{path}: holds no whole message, {parts.lost_bytes} bytes of an unfinished chunk;"
+            " nothing can be recovered"
         )
     if not parts.channels:
         raise StoreError(
-            f"{path}: the chunk that names its channels is damaged, and so is the index that repeats them; "
-            "nothing can be recovered"
+            f"{path}: the chunk that names its channels is damaged, and so is the index that"
+            " repeats them; nothing can be recovered"
         )
     times: list[int] = []
 
@@ -77,7 +84,9 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
                     writer.add_message(channels[channel], log_time, data, publish_time, number)
                     times.append(log_time)
             for one in parts.attachments:
-                writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
+                writer.add_attachment(
+                    one.create_time, one.log_time, one.name, one.media_type, one.data
+                )
             writer.finish()
 
     write_aside(out, fill)

@@ -1,7 +1,9 @@
-"""Every time series of one run: name, axes, unit and meaning, in the order in which they are stored.
+"""Every time series of one run: name, axes, unit and meaning, in the order in which they are
+stored.
 
-The series of a run are a dict of arrays [T] or [T, ...], one row a millisecond: `runlevel`, and `gold/jpos` for what
-each arm has. Trace files, CSV files and datasets take units and meanings from here.
+The series of a run are a dict of arrays [T] or [T, ...], one row a millisecond: `runlevel`, and
+`gold/jpos` for what each arm has. Trace files, CSV files and datasets take units and meanings from
+here.
 """
 
 from __future__ import annotations
@@ -42,13 +44,19 @@ def _place(name: str, meaning: str) -> TimeSeries:
 
 
 def _rotation(name: str, meaning: str) -> TimeSeries:
-    return TimeSeries(name, "1", meaning + ": columns are the axes of the jaws in frame 0", ("axis", "jaw_axis"))
+    return TimeSeries(
+        name, "1", meaning + ": columns are the axes of the jaws in frame 0", ("axis", "jaw_axis")
+    )
 
 
 OF_RUN = {
     one.name: one
     for one in (
-        TimeSeries("runlevel", "1", "run level of the control software: 0 E-stop, 1 init, 2 pedal up, 3 pedal down"),
+        TimeSeries(
+            "runlevel",
+            "1",
+            "run level of the control software: 0 E-stop, 1 init, 2 pedal up, 3 pedal down",
+        ),
         TimeSeries("surgeon_mode", "1", "1: the control software has heard that the pedal is down"),
         TimeSeries("last_seq", "1", "sequence number of the last accepted packet"),
         TimeSeries("soft_estopped", "1", "1: the control software holds its E-stop"),
@@ -60,7 +68,9 @@ OF_RUN = {
         TimeSeries("tip_distance_mm", "mm", "distance of the two tips"),
     )
 }
-"""What belongs to no arm. `fault_active` is stored as one series a fault: fault0_active, fault1_active, ..."""
+"""What belongs to no arm. `fault_active` is stored as one series a fault: fault0_active,
+fault1_active, ...
+"""
 
 OF_ARM = {
     one.name: one
@@ -75,7 +85,9 @@ OF_ARM = {
         _joints("tau_d", "N m", "desired torque at the capstan"),
         _joints("current_cmd_cnt", "counts", "DAC command before the overdrive check"),
         _joints("dac_cnt", "counts", "DAC command as written to USB"),
-        _joints("boards_cnt", "counts", "DAC command that the USB boards hold and hand to the motors"),
+        _joints(
+            "boards_cnt", "counts", "DAC command that the USB boards hold and hand to the motors"
+        ),
         _place("position", "tip as the robot reports it"),
         _rotation("rotation", "orientation of the jaws as the robot reports it"),
         _place("position_d", "desired tip"),
@@ -91,10 +103,24 @@ OF_ARM = {
         _rotation("model_rotation", "orientation of the jaws of the nominal model"),
         _joints("model_jpos", "rad", "joints of the nominal model", "m"),
         TimeSeries("tip_error_mm", "mm", "distance of the reported tip from the nominal model's"),
-        TimeSeries("haptic_force", "device units", "force of the first haptic cue, frame 0 of the arm", ("axis",)),
+        TimeSeries(
+            "haptic_force",
+            "device units",
+            "force of the first haptic cue, frame 0 of the arm",
+            ("axis",),
+        ),
         TimeSeries("cue_force", "device units", "size of the force of each haptic cue", ("cue",)),
-        TimeSeries("tissue_depth_mm", "mm", "depth of the true tip below the tissue's surface, negative above"),
-        TimeSeries("contact_force", "N", "force of all that the instrument touches, frame 0 of the arm", ("axis",)),
+        TimeSeries(
+            "tissue_depth_mm",
+            "mm",
+            "depth of the true tip below the tissue's surface, negative above",
+        ),
+        TimeSeries(
+            "contact_force",
+            "N",
+            "force of all that the instrument touches, frame 0 of the arm",
+            ("axis",),
+        ),
         TimeSeries("contact_tissue_n", "N", "size of the force of tissue and vessel"),
         TimeSeries("contact_vessel_n", "N", "size of the force of the vessel"),
         TimeSeries("contact_instrument_n", "N", "size of the force of the other instrument"),
@@ -105,17 +131,24 @@ OF_ARM = {
 
 
 def check(series: Mapping[str, np.ndarray], where: str) -> int:
-    """The number of ticks that all series have. StoreError, beginning with `where`, where they differ or have none."""
+    """The number of ticks that all series have. StoreError, beginning with `where`, where they
+    differ or have none.
+    """
     lengths = {name: values.shape[0] if values.ndim else 0 for name, values in series.items()}
     counts = set(lengths.values())
     if len(counts) != 1 or 0 in counts:
         listing = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:6])
-        raise StoreError(f"{where}: a trace needs series of one length, at least 1 tick each, got {listing or 'none'}")
+        raise StoreError(
+            f"{where}: a trace needs series of one length, at least 1 tick each, got"
+            f" {listing or 'none'}"
+        )
     return counts.pop()
 
 
 def described(name: str) -> TimeSeries:
-    """What a stored series is, by its stored name; one that is not listed here has unit "" and no meaning."""
+    """What a stored series is, by its stored name; one that is not listed here has unit "" and
+    no meaning.
+    """
     arm, _, own = name.rpartition("/")
     if arm:
         return OF_ARM.get(own) or TimeSeries(own, "", "")
@@ -125,12 +158,17 @@ def described(name: str) -> TimeSeries:
 
 
 def scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
-    """(name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad. `shape`: without the time."""
+    """(name, unit) of each number of a series, last axis fastest: gold/jpos/elbow, rad. `shape`:
+    without the time.
+    """
     one = described(name)
     along = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
     names = axes(robot)
     for place in np.ndindex(shape):
-        steps = [_step(names.get(axis, ()), i, size) for axis, i, size in zip(along, place, shape, strict=True)]
+        steps = [
+            _step(names.get(axis, ()), i, size)
+            for axis, i, size in zip(along, place, shape, strict=True)
+        ]
         unit = one.linear_unit if one.linear_unit and set(robot.linear) & set(steps) else one.unit
         yield "/".join([name, *steps]), unit
 

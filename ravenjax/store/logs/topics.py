@@ -1,7 +1,8 @@
 """Topics of MCAP logs: name, schema and layout of the messages that a trace and a session share.
 
-Names are CRTK's as raven2 has them: gold is arm1, green arm2. Poses are in frame 0 of their arm, which is the frame
-`armN_base`. An orientation that nobody knows is not published: where there is none the message is a point.
+Names are CRTK's as raven2 has them: gold is arm1, green arm2. Poses are in frame 0 of their arm,
+which is the frame `armN_base`. An orientation that nobody knows is not published: where there is
+none the message is a point.
 """
 
 from __future__ import annotations
@@ -42,13 +43,23 @@ class Topic:
     layout: MessageLayout
 
     def encode(self, time_ns: np.ndarray, values: np.ndarray) -> dict[int, bytes]:
-        """Messages by tick: `time_ns` int64 [T], `values` [T, numbers]. Of a pose, point or frame that is not known in
-        a tick (a number is none) there is no message then."""
-        ticks = np.flatnonzero(np.isfinite(values).all(axis=1)) if self.schema in _OF_PLACES else range(len(values))
-        return dict(zip(map(int, ticks), self.layout.encode(time_ns[ticks], values[ticks]), strict=True))
+        """Messages by tick: `time_ns` int64 [T], `values` [T, numbers]. Of a pose, point or frame
+        that is not known in a tick (a number is none) there is no message then."""
+        ticks = (
+            np.flatnonzero(np.isfinite(values).all(axis=1))
+            if self.schema in _OF_PLACES
+            else range(len(values))
+        )
+        return dict(
+            zip(map(int, ticks), self.layout.encode(time_ns[ticks], values[ticks]), strict=True)
+        )
 
 
-_OF_PLACES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PointStamped", "tf2_msgs/msg/TFMessage")
+_OF_PLACES = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PointStamped",
+    "tf2_msgs/msg/TFMessage",
+)
 
 
 def base(arm: str) -> str:
@@ -62,9 +73,16 @@ def tip(arm: str, which: str) -> str:
 
 
 def joint_state(
-    arm: str, name: str, joints: Sequence[str], position: bool = True, velocity: bool = False, effort: bool = False
+    arm: str,
+    name: str,
+    joints: Sequence[str],
+    position: bool = True,
+    velocity: bool = False,
+    effort: bool = False,
 ) -> Topic:
-    """sensor_msgs/JointState of the joints: those of position, velocity, effort that there are, in this order."""
+    """sensor_msgs/JointState of the joints: those of position, velocity, effort that there are,
+    in this order.
+    """
     layout = _framed(arm)
     layout.texts(joints)
     for there in (position, velocity, effort):
@@ -94,7 +112,9 @@ def wrench(arm: str, name: str) -> Topic:
 
 
 def frames(pairs: Sequence[tuple[str, str]]) -> Topic:
-    """tf2_msgs/TFMessage: of each (parent, child) the place x, y, z in m and the quaternion x, y, z, w."""
+    """tf2_msgs/TFMessage: of each (parent, child) the place x, y, z in m and the quaternion x,
+    y, z, w.
+    """
     layout = MessageLayout()
     layout.count(len(pairs))
     for parent, child in pairs:
@@ -123,7 +143,9 @@ def events() -> tuple[Topic, Topic]:
     )
 
 
-def encoded_event(event: Mapping[str, Any], text: str, level: str, stamp_ns: int) -> tuple[bytes, bytes]:
+def encoded_event(
+    event: Mapping[str, Any], text: str, level: str, stamp_ns: int
+) -> tuple[bytes, bytes]:
     """An event as messages of the two topics of `events`. `level` is one of LEVELS."""
     return cdr.string(json.dumps(event)), cdr.log(stamp_ns, LEVELS[level], str(event["kind"]), text)
 
@@ -134,7 +156,9 @@ def register(writer: Writer, topics: Iterable[Topic]) -> list[int]:
     channels = []
     for topic in topics:
         if topic.schema not in schemas:
-            schemas[topic.schema] = writer.register_schema(topic.schema, "ros2msg", topic.definition.encode())
+            schemas[topic.schema] = writer.register_schema(
+                topic.schema, "ros2msg", topic.definition.encode()
+            )
         channels.append(writer.register_channel(topic.name, "cdr", schemas[topic.schema]))
     return channels
 

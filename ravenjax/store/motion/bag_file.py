@@ -1,4 +1,6 @@
-"""Reads a recording in a bag of ROS 1 or ROS 2 (.bag, .db3): the same CRTK topics as an MCAP file has."""
+"""Reads a recording in a bag of ROS 1 or ROS 2 (.bag, .db3): the same CRTK topics as an MCAP
+file has.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.logs.bags import messages_of, opened
-from ravenjax.store.motion.mcap_file import ARM_TOPICS, JOINT_STATE, SOURCES, TopicValues, assembled, topic_of
+from ravenjax.store.motion.mcap_file import (
+    ARM_TOPICS,
+    JOINT_STATE,
+    SOURCES,
+    TopicValues,
+    assembled,
+    topic_of,
+)
 from ravenjax.store.motion.track import Track
 
 if TYPE_CHECKING:
@@ -32,7 +41,11 @@ def arms_in(path: Path) -> tuple[str, ...]:
     """The arms that a bag has tip poses of."""
     with opened(path) as reader:
         topics = {one.topic for one in reader.connections}
-    return tuple(arm for arm, prefix in ARM_TOPICS.items() if any(f"{prefix}{n}_cp" in topics for n in SOURCES))
+    return tuple(
+        arm
+        for arm, prefix in ARM_TOPICS.items()
+        if any(f"{prefix}{n}_cp" in topics for n in SOURCES)
+    )
 
 
 def _tips(path: Path, reader: AnyReader, topic: str) -> TopicValues:
@@ -41,7 +54,8 @@ def _tips(path: Path, reader: AnyReader, topic: str) -> TopicValues:
         raise UserError(f"{path}: {topic} has no messages; expected the tip's poses")
     poses = [one.pose for one in messages]
     values = [
-        [*(getattr(one.position, c) for c in "xyz"), *(getattr(one.orientation, c) for c in "xyzw")] for one in poses
+        [*(getattr(one.position, c) for c in "xyz"), *(getattr(one.orientation, c) for c in "xyzw")]
+        for one in poses
     ]
     return TopicValues(topic, received, _stamps(messages), np.array(values, float))
 
@@ -55,7 +69,9 @@ def _jaws(path: Path, reader: AnyReader, kinds: dict[str, str], prefix: str) -> 
         return None
     if any(not {*JOINTS[5:7]} <= {*one.name[: len(one.position)]} for one in messages):
         raise UserError(f"{path}: a message of {topic} is no {JOINT_STATE} with grasp1 and grasp2")
-    opening = [sum(one.position[list(one.name).index(word)] for word in JOINTS[5:7]) for one in messages]
+    opening = [
+        sum(one.position[list(one.name).index(word)] for word in JOINTS[5:7]) for one in messages
+    ]
     return TopicValues(topic, received, _stamps(messages), np.array(opening, float))
 
 

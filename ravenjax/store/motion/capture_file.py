@@ -1,7 +1,9 @@
-"""Reads a console's packets in a capture of the network (.pcap, .pcapng), as tcpdump and Wireshark write it.
+"""Reads a console's packets in a capture of the network (.pcap, .pcapng), as tcpdump and Wireshark
+write it.
 
-A console's packets are UDP datagrams of at least 124 bytes to port 36000; where nothing goes there, to the one port
-that gets datagrams of that size. Of several senders the one that sent most is the console.
+A console's packets are UDP datagrams of at least 124 bytes to port 36000; where nothing goes there,
+to the one port that gets datagrams of that size. Of several senders the one that sent most is the
+console.
 """
 
 from __future__ import annotations
@@ -32,27 +34,37 @@ class Datagram(NamedTuple):
 
 
 def read(path: Path) -> tuple[list[bytes], np.ndarray, tuple[str, ...]]:
-    """The console's datagrams, when each was captured in s [T], and what a user should know. UserError."""
+    """The console's datagrams, when each was captured in s [T], and what a user should know.
+    UserError.
+    """
     datagrams = [one for one in _datagrams(path) if len(one.content) >= U_STRUCT.itemsize]
     ports = Counter(one.port for one in datagrams)
     if not datagrams or (UDP_PORT not in ports and len(ports) > 1):
-        there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4)) or "none"
+        there = (
+            ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4)) or "none"
+        )
         raise UserError(
-            f"{path}: expected a console's packets, UDP datagrams of {U_STRUCT.itemsize} bytes or more to port "
-            f"{UDP_PORT} or to one other port; got {there}"
+            f"{path}: expected a console's packets, UDP datagrams of {U_STRUCT.itemsize} bytes or"
+            f" more to port {UDP_PORT} or to one other port; got {there}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
     senders = Counter(one.source for one in datagrams if one.port == port)
     (console, _), *others = senders.most_common()
     stream = [one for one in datagrams if one.port == port and one.source == console]
     more = sum(count for _, count in others)
-    notes = (f"{more} packets of {len(others)} other senders to port {port} are left out",) if others else ()
+    notes = (
+        (f"{more} packets of {len(others)} other senders to port {port} are left out",)
+        if others
+        else ()
+    )
     return [one.content for one in stream], np.array([one.time_s for one in stream]), notes
 
 
 def _datagrams(path: Path) -> Iterator[Datagram]:
     if importlib.util.find_spec("dpkt") is None:
-        raise UserError(f"{path}: a capture is read by the package dpkt, which is not installed: {INSTALL}")
+        raise UserError(
+            f"{path}: a capture is read by the package dpkt, which is not installed: {INSTALL}"
+        )
     import dpkt
 
     try:
@@ -61,12 +73,15 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
             link = _links(dpkt).get(reader.datalink())
             if link is None:
                 raise UserError(
-                    f"{path}: captured on a link of type {reader.datalink()}, which is not known here; expected "
-                    "Ethernet, Linux 'any', loopback or plain IP. Capture with tcpdump -i eth0"
+                    f"{path}: captured on a link of type {reader.datalink()}, which is not known"
+                    " here; expected Ethernet, Linux 'any', loopback or plain IP. Capture with"
+                    " tcpdump -i eth0"
                 )
             yield from _of_frames(dpkt, link, reader)
     except (OSError, ValueError, struct.error, dpkt.UnpackError) as error:
-        raise UserError(f"{path}: no capture that can be read: {str(error) or type(error).__name__}") from None
+        raise UserError(
+            f"{path}: no capture that can be read: {str(error) or type(error).__name__}"
+        ) from None
 
 
 def _links(dpkt: Any) -> dict[int, Any]:
@@ -95,7 +110,9 @@ def _ip(content: bytes) -> Any:
 
 
 def _of_frames(dpkt: Any, link: Any, reader: Any) -> Iterator[Datagram]:
-    """The datagrams among frames, in their order; a capture may end within a frame where it was stopped."""
+    """The datagrams among frames, in their order; a capture may end within a frame where it was
+    stopped.
+    """
     frames = iter(reader)
     while True:
         try:
@@ -104,7 +121,12 @@ def _of_frames(dpkt: Any, link: Any, reader: Any) -> Iterator[Datagram]:
             return
         try:
             packet = link(content)
-        except (dpkt.UnpackError, struct.error, IndexError, ValueError):  # of another protocol, or cut
+        except (
+            dpkt.UnpackError,
+            struct.error,
+            IndexError,
+            ValueError,
+        ):  # of another protocol, or cut
             continue
         while packet is not None and not isinstance(packet, (dpkt.ip.IP, dpkt.ip6.IP6)):
             packet = getattr(packet, "data", None)

@@ -26,7 +26,9 @@ POSE, JOINT_STATE = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState
 
 
 def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
-    """The recording of `arms` in an MCAP file. UserError names the topic and what is wrong with it."""
+    """The recording of `arms` in an MCAP file. UserError names the topic and what is wrong with
+    it.
+    """
     messages, schemas = _messages(path)
     raw = {arm: _poses(path, messages, topic_of(path, schemas, ARM_TOPICS[arm])) for arm in arms}
     jaws = {arm: _jaws(path, messages, schemas, ARM_TOPICS[arm]) for arm in arms}
@@ -40,7 +42,9 @@ def assembled(
     rate_hz: float | None,
     every: list[str],
 ) -> Track:
-    """The recording that tips and jaws of each arm make. every: topics of the file. UserError as of `read`."""
+    """The recording that tips and jaws of each arm make. every: topics of the file. UserError as
+    of `read`.
+    """
     by_header = all(_runs(one.header_ns) for one in raw.values())
     times = {arm: one.header_ns if by_header else one.log_ns for arm, one in raw.items()}
     begin = min(int(values[0]) for values in times.values())
@@ -51,12 +55,20 @@ def assembled(
             topics.append(jaws.topic)
             at = jaws.header_ns if by_header and _runs(jaws.header_ns) else jaws.log_ns
             if (back := np.flatnonzero(np.diff(at) < 0)).size:
-                raise UserError(f"{path}: message {back[0] + 1} of {jaws.topic}: time goes back; expected it never to")
+                raise UserError(
+                    f"{path}: message {back[0] + 1} of {jaws.topic}: time goes back; expected it"
+                    " never to"
+                )
             opening = np.interp(times[arm] - begin, at - begin, jaws.values * 1e3)
         if len(one.values) < 2:
-            raise UserError(f"{path}: {one.topic} has {len(one.values)} messages; expected a motion of at least 2")
+            raise UserError(
+                f"{path}: {one.topic} has {len(one.values)} messages; expected a motion of at"
+                " least 2"
+            )
         if (bad := np.flatnonzero(~np.isfinite(one.values).all(axis=1))).size:
-            raise UserError(f"{path}: message {bad[0]} of {one.topic}: got a number that is not finite")
+            raise UserError(
+                f"{path}: message {bad[0]} of {one.topic}: got a number that is not finite"
+            )
         tracks[arm] = ArmTrack(
             None if rate_hz is not None else (times[arm] - begin) * 1e-9,
             one.values[:, :3],
@@ -67,20 +79,35 @@ def assembled(
     if rate_hz is not None and len(set(lengths.values())) > 1:
         counts = " and ".join(f"{topic} has {count}" for topic, count in lengths.items())
         raise UserError(
-            f"{path}: {counts} messages; operator.rate_hz needs as many of each. Remove it: they have times"
+            f"{path}: {counts} messages; operator.rate_hz needs as many of each. Remove it: they"
+            " have times"
         )
     source = "header stamps" if by_header else "log times"
     clock = f"{source} of {topics[0]}" if rate_hz is None else f"operator.rate_hz = {rate_hz:g}"
-    notes = () if rate_hz is None else (f"{source} are not used, operator.rate_hz spaces messages evenly",)
+    notes = (
+        ()
+        if rate_hz is None
+        else (f"{source} are not used, operator.rate_hz spaces messages evenly",)
+    )
     return Track(
-        path, clock, tracks, None, tuple(topics), tuple(sorted(name for name in every if name not in topics)), notes
+        path,
+        clock,
+        tracks,
+        None,
+        tuple(topics),
+        tuple(sorted(name for name in every if name not in topics)),
+        notes,
     )
 
 
 def arms_in(path: Path) -> tuple[str, ...]:
     """The arms that a file has tip poses of."""
     _, schemas = _messages(path)
-    return tuple(arm for arm, prefix in ARM_TOPICS.items() if any(f"{prefix}{n}_cp" in schemas for n in SOURCES))
+    return tuple(
+        arm
+        for arm, prefix in ARM_TOPICS.items()
+        if any(f"{prefix}{n}_cp" in schemas for n in SOURCES)
+    )
 
 
 class TopicValues(NamedTuple):
@@ -103,19 +130,28 @@ def _poses(path: Path, messages: dict[str, list[Message]], topic: str) -> TopicV
     return _decoded(path, topic, messages[topic], _pose)
 
 
-def _jaws(path: Path, messages: dict[str, list[Message]], schemas: dict[str, str], prefix: str) -> TopicValues | None:
+def _jaws(
+    path: Path, messages: dict[str, list[Message]], schemas: dict[str, str], prefix: str
+) -> TopicValues | None:
     for topic in (f"{prefix}{name}_js" for name in SOURCES):
         if schemas.get(topic) == JOINT_STATE and topic in messages:
             return _decoded(path, topic, messages[topic], _opening)
     return None
 
 
-def _decoded(path: Path, topic: str, messages: list[Message], value: Callable[[Path, str, bytes], Any]) -> TopicValues:
+def _decoded(
+    path: Path, topic: str, messages: list[Message], value: Callable[[Path, str, bytes], Any]
+) -> TopicValues:
     if max(message.log_time for message in messages) >= 2**63:
-        raise UserError(f"{path}: {topic} has times beyond 2^63 ns, expected nanoseconds since 1970 or the start")
+        raise UserError(
+            f"{path}: {topic} has times beyond 2^63 ns, expected nanoseconds since 1970 or the"
+            " start"
+        )
     values = np.array([value(path, topic, message.data) for message in messages])
     log = np.array([message.log_time for message in messages], np.int64)
-    return TopicValues(topic, log, np.array([_stamp(message.data) for message in messages], np.int64), values)
+    return TopicValues(
+        topic, log, np.array([_stamp(message.data) for message in messages], np.int64), values
+    )
 
 
 def _stamp(data: bytes) -> int:
@@ -140,16 +176,29 @@ def _messages(path: Path) -> tuple[dict[str, list[Message]], dict[str, str]]:
                 elif isinstance(record, Message):
                     messages.setdefault(channels[record.channel_id].topic, []).append(record)
                 whole = whole or isinstance(record, Footer)
-    except (McapError, ValueError, KeyError, struct.error, OverflowError, MemoryError, *_decompression()) as error:
+    except (
+        McapError,
+        ValueError,
+        KeyError,
+        struct.error,
+        OverflowError,
+        MemoryError,
+        *_decompression(),
+    ) as error:
         what = str(error) or type(error).__name__
         raise UserError(
             f"{path}: not a complete MCAP file, perhaps truncated: {what}. Copy or record it again"
         ) from None
     if not whole:
-        raise UserError(f"{path}: the MCAP file ends before its footer: it is truncated. Copy or record it again")
+        raise UserError(
+            f"{path}: the MCAP file ends before its footer: it is truncated. Copy or record it"
+            " again"
+        )
     for some in messages.values():
         some.sort(key=lambda message: message.log_time)
-    return messages, {channel.topic: kinds.get(channel.schema_id, "") for channel in channels.values()}
+    return messages, {
+        channel.topic: kinds.get(channel.schema_id, "") for channel in channels.values()
+    }
 
 
 def _decompression() -> tuple[type[Exception], ...]:
@@ -169,12 +218,15 @@ def topic_of(path: Path, schemas: dict[str, str], prefix: str) -> str:
             return topic
     listed = ", ".join(sorted(schemas)) or "none"
     raise UserError(
-        f"{path}: no topic {' or '.join(wanted)} ({POSE}); the file has {listed}{suggestion(wanted[1], schemas)}"
+        f"{path}: no topic {' or '.join(wanted)} ({POSE}); the file has"
+        f" {listed}{suggestion(wanted[1], schemas)}"
     )
 
 
 class _Cdr:
-    """Reads a little-endian CDR message (OMG DDS-XTypes, plain CDR version 1) from its header on."""
+    """Reads a little-endian CDR message (OMG DDS-XTypes, plain CDR version 1) from its header
+    on.
+    """
 
     def __init__(self, data: bytes) -> None:
         if data[:2] != b"\x00\x01":
@@ -198,7 +250,9 @@ def _pose(path: Path, topic: str, data: bytes) -> tuple[float, ...]:
     try:
         return _Cdr(data).take("7d", 8)
     except (struct.error, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: a message of {topic} is no {POSE} in little-endian CDR: {error}") from None
+        raise UserError(
+            f"{path}: a message of {topic} is no {POSE} in little-endian CDR: {error}"
+        ) from None
 
 
 def _opening(path: Path, topic: str, data: bytes) -> float:
@@ -210,4 +264,6 @@ def _opening(path: Path, topic: str, data: bytes) -> float:
         positions = dict(zip(names, cdr.take(f"{count}d", 8), strict=True))
         return positions[JOINTS[5]] + positions[JOINTS[6]]
     except (struct.error, UnicodeDecodeError, ValueError, KeyError) as error:
-        raise UserError(f"{path}: a message of {topic} is no {JOINT_STATE} with grasp1 and grasp2: {error}") from None
+        raise UserError(
+            f"{path}: a message of {topic} is no {JOINT_STATE} with grasp1 and grasp2: {error}"
+        ) from None

@@ -1,8 +1,10 @@
-"""Reads a recorded stream of a console's packets as a motion: its increments, summed up from where homing ends.
+"""Reads a recorded stream of a console's packets as a motion: its increments, summed up from where
+homing ends.
 
-A table (Parquet) has a column `packet` (124 bytes each) and one that says when each arrived; a capture of the network
-has both by itself. Whole packets are read under the console's profile, in their order. What the robot would drop moves
-nothing: repeated and older numbers, and the packet after a gap. A stream may start anew, see `_restarts`.
+A table (Parquet) has a column `packet` (124 bytes each) and one that says when each arrived; a
+capture of the network has both by itself. Whole packets are read under the console's profile, in
+their order. What the robot would drop moves nothing: repeated and older numbers, and the packet
+after a gap. A stream may start anew, see `_restarts`.
 """
 
 from __future__ import annotations
@@ -80,12 +82,16 @@ def raw(path: Path) -> RawPackets:
     else:
         packets = _of_table(path)
     if len(packets.datagrams) < 2:
-        raise UserError(f"{path}: holds {len(packets.datagrams)} packets; expected a stream of at least 2")
+        raise UserError(
+            f"{path}: holds {len(packets.datagrams)} packets; expected a stream of at least 2"
+        )
     return packets
 
 
 def stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
-    """The packets of a Parquet file or a capture. console: a profile of `store.consoles`, or "auto". UserError."""
+    """The packets of a Parquet file or a capture. console: a profile of `store.consoles`, or
+    "auto". UserError.
+    """
     packets = raw(path)
     fields = [FIELDS.unpack_from(one) for one in packets.datagrams]
     profile = _profile(path, fields, arms, console)
@@ -93,8 +99,12 @@ def stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
     return _summed(path, profile, fields, arms, arrival_s, clock, notes)
 
 
-def arrivals(path: Path, packets: RawPackets, console: str) -> tuple[np.ndarray, str, tuple[str, ...]]:
-    """Seconds of each packet since the first, what says so, and notes. UserError where no profile fits."""
+def arrivals(
+    path: Path, packets: RawPackets, console: str
+) -> tuple[np.ndarray, str, tuple[str, ...]]:
+    """Seconds of each packet since the first, what says so, and notes. UserError where no
+    profile fits.
+    """
     fields = [FIELDS.unpack_from(one) for one in packets.datagrams]
     return _arrivals(path, packets, _profile(path, fields, ARMS, console))
 
@@ -107,13 +117,23 @@ def _of_table(path: Path) -> RawPackets:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
         raise UserError(
-            f"{path}: is no Parquet file, or not a whole one: {str(error).splitlines()[0]}. Expected packets as "
-            ".parquet, .pcap or .pcapng; copy one that was cut short again"
+            f"{path}: is no Parquet file, or not a whole one: {str(error).splitlines()[0]}."
+            " Expected packets as .parquet, .pcap or .pcapng; copy one that was cut short again"
         ) from None
     datagrams = table[PACKET].to_pylist()
-    short = next((i for i, one in enumerate(datagrams) if not isinstance(one, bytes) or len(one) < FIELDS.size), None)
+    short = next(
+        (
+            i
+            for i, one in enumerate(datagrams)
+            if not isinstance(one, bytes) or len(one) < FIELDS.size
+        ),
+        None,
+    )
     if short is not None:
-        raise UserError(f"{path}: row {short}, column {PACKET}: expected {FIELDS.size} bytes or more in each row")
+        raise UserError(
+            f"{path}: row {short}, column {PACKET}: expected {FIELDS.size} bytes or more in"
+            " each row"
+        )
     columns = {name: table[name].to_numpy() for name in table.column_names if name != PACKET}
     return RawPackets(datagrams, columns, None, ())
 
@@ -135,8 +155,13 @@ def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmNam
     lost = int((~read.counted).sum())
     cycles = packet_lengths.lengths(read.arrival_s * 1e3)
     shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
-    model = f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES} ms"
-    note = f"packets are those of console {read.profile.name}; the robot would drop {lost:,} of {len(read.counted):,}"
+    model = (
+        f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES} ms"
+    )
+    note = (
+        f"packets are those of console {read.profile.name}; the robot would drop {lost:,} of"
+        f" {len(read.counted):,}"
+    )
     others = tuple(arm for arm in ARMS if arm not in arms)
     return Track(
         path,
@@ -153,7 +178,9 @@ def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmNam
     )
 
 
-def _profile(path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], console: str) -> ConsoleProfile:
+def _profile(
+    path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], console: str
+) -> ConsoleProfile:
     profiles = loading.choice(console)
     choice = ProfileChoice(profiles, arms)
     for packet in fields:
@@ -167,38 +194,51 @@ def _profile(path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], 
     fits = fitting(fields, profiles, arms)
     if not fits:
         raise UserError(
-            f"{path}: the packets fit no bundled profile of a console; write operator.console = 'FILE.toml'"
+            f"{path}: the packets fit no bundled profile of a console; write operator.console ="
+            " 'FILE.toml'"
         )
     return loading.load(fits)
 
 
-def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> tuple[np.ndarray, str, tuple[str, ...]]:
+def _arrivals(
+    path: Path, packets: RawPackets, profile: ConsoleProfile
+) -> tuple[np.ndarray, str, tuple[str, ...]]:
     if packets.captured_s is None:
         return _of_column(path, packets.columns, profile)
     since = packets.captured_s - packets.captured_s[0]
     if (np.diff(since) < 0).any() or since[-1] <= 0:
-        raise UserError(f"{path}: times of the capture go back; bring it into their order: reordercap IN OUT")
+        raise UserError(
+            f"{path}: times of the capture go back; bring it into their order: reordercap IN OUT"
+        )
     return since, "times of the capture", packets.notes
 
 
 def _of_column(
     path: Path, columns: dict[str, np.ndarray], profile: ConsoleProfile
 ) -> tuple[np.ndarray, str, tuple[str, ...]]:
-    """Seconds since the first packet, the column, and a note where its unit is not what its name says."""
+    """Seconds since the first packet, the column, and a note where its unit is not what its name
+    says.
+    """
     suffixes = {word: unit for unit, (_, words) in stamps.UNITS.items() for word in words}
     names = [name for name in columns if name.rpartition("_")[0] in (ARRIVAL, *stamps.NAMES)]
-    names = [name for name in names if name.rpartition("_")[2] in suffixes and columns[name].dtype.kind in "iuf"]
+    names = [
+        name
+        for name in names
+        if name.rpartition("_")[2] in suffixes and columns[name].dtype.kind in "iuf"
+    ]
     if len(names) != 1:
         raise UserError(
-            f"{path}: expected one column {ARRIVAL}_s (or _ms, _us, _ns) that says when packets arrived, got "
-            f"{', '.join(names or columns) or 'none'}"
+            f"{path}: expected one column {ARRIVAL}_s (or _ms, _us, _ns) that says when packets"
+            f" arrived, got {', '.join(names or columns) or 'none'}"
         )
     (name,) = names
     values = columns[name].astype(np.int64 if columns[name].dtype.kind in "iu" else float)
     with np.errstate(invalid="ignore"):  # of infinite ones, which are refused next
         since = (values - values[0]).astype(float)
     if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
-        raise UserError(f"{path}: column {name} must be finite and never go back, and end later than it begins")
+        raise UserError(
+            f"{path}: column {name} must be finite and never go back, and end later than it begins"
+        )
     unit, expected = suffixes[name.rpartition("_")[2]], profile.stream.rate_hz
     usual, mean = 1.0 / _usual_step(since), (len(since) - 1) / since[-1]  # a unit of the column
     rates = {key: mean / factor for key, (factor, _) in stamps.UNITS.items()}
@@ -211,10 +251,14 @@ def _of_column(
         return since * stamps.UNITS[unit][0], f"column {name}", ()
     if len(near) != 1:
         raise UserError(
-            f"{path}: by column {name} {rates[unit]:.4g} packets arrive in a second; console {profile.name} sends "
-            f"{expected:g}. Name the column's unit, or write the rate into a profile of your own"
+            f"{path}: by column {name} {rates[unit]:.4g} packets arrive in a second; console"
+            f" {profile.name} sends {expected:g}. Name the column's unit, or write the rate into a"
+            " profile of your own"
         )
-    note = f"column {name} is read as {near[0]}: {rates[near[0]]:.4g} packets a second; {rates[unit]:.4g} as {unit}"
+    note = (
+        f"column {name} is read as {near[0]}: {rates[near[0]]:.4g} packets a second;"
+        f" {rates[unit]:.4g} as {unit}"
+    )
     return since * stamps.UNITS[near[0]][0], f"column {name}", (note,)
 
 
@@ -259,9 +303,14 @@ def _summed(
     if len(misfits) > MOST_MISFITS * rows:
         others = [one for one in loading.bundled() if one != profile]
         fits = fitting(misfits, others, arms)
-        advice = f"they fit {fits}: write operator.console = '{fits}'" if fits else "no bundled profile fits them"
+        advice = (
+            f"they fit {fits}: write operator.console = '{fits}'"
+            if fits
+            else "no bundled profile fits them"
+        )
         raise UserError(
-            f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last for {why}; {advice}"
+            f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
+            f" for {why}; {advice}"
         )
     return PacketStream(profile, arrival_s, delta, quat, grasp, pedal, counted, clock, notes)
 
@@ -269,14 +318,19 @@ def _summed(
 def _restarts(number: int, last: int, silence_s: float) -> bool:
     """Whether a number below the last one begins the stream anew; that packet itself moves nothing.
 
-    The robot's own rule, far behind; and those by which a console that was started again comes back in a session.
+    The robot's own rule, far behind; and those by which a console that was started again comes back
+    in a session.
     """
     far = last > RESET_GAP and number < last - RESET_GAP
-    return number > 0 and (far or (number == 1 and silence_s * 1e3 > QUIET_MS) or silence_s * 1e3 > RELEASE_MS)
+    return number > 0 and (
+        far or (number == 1 and silence_s * 1e3 > QUIET_MS) or silence_s * 1e3 > RELEASE_MS
+    )
 
 
 def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Orientation after each of `turns` [T, 4], each multiplied from the left as the robot does; [T, 4], unit."""
+    """Orientation after each of `turns` [T, 4], each multiplied from the left as the robot does;
+    [T, 4], unit.
+    """
     from scipy.spatial.transform import Rotation
 
     out, at = np.empty((len(turns), 4)), Rotation.from_quat(quat)

@@ -11,31 +11,37 @@ from ravenjax.store.motion.table_file import LENGTHS
 from ravenjax.store.motion.track import Track
 
 NEAREST_M, FARTHEST_M = 0.005, 0.5
-"""A tip stays farther than the one from the remote centre (the wrist alone is 13 mm long) and nearer than the other
-(the insertion ends at 0.25 m): a whole recording outside has another unit, or another frame."""
+"""A tip stays farther than the one from the remote centre (the wrist alone is 13 mm long) and
+nearer than the other (the insertion ends at 0.25 m): a whole recording outside has another unit, or
+another frame."""
 
 WIDEST_RAD = math.radians(245.0)
 """Jaws cannot open wider: each turns by 120 degrees at most."""
 
 
 def check(track: Track) -> None:
-    """UserError for positions that are not those of a tip in frame 0, and for jaws that open too wide."""
+    """UserError for positions that are not those of a tip in frame 0, and for jaws that open too
+    wide.
+    """
     for arm, one in track.arms.items():
         distance = np.linalg.norm(one.position, axis=1)
         nearest, farthest = float(distance.min()), float(distance.max())
         if farthest < NEAREST_M or nearest > FARTHEST_M:
             raise UserError(
-                f"{track.path}: the tip of {arm} would be {_length(nearest)} to {_length(farthest)} from the remote "
-                f"centre, the origin of frame 0; expected {_length(NEAREST_M)} to {_length(FARTHEST_M)}. "
-                f"{_hint(track, arm, float(np.median(distance)))}"
+                f"{track.path}: the tip of {arm} would be {_length(nearest)} to {_length(farthest)}"
+                f" from the remote centre, the origin of frame 0; expected {_length(NEAREST_M)} to"
+                f" {_length(FARTHEST_M)}. {_hint(track, arm, float(np.median(distance)))}"
             )
         opening = one.opening_mrad
-        if opening is not None and (wide := np.flatnonzero(np.abs(opening) > WIDEST_RAD * 1e3)).size:
+        if (
+            opening is not None
+            and (wide := np.flatnonzero(np.abs(opening) > WIDEST_RAD * 1e3)).size
+        ):
             row = int(wide[0])
             raise UserError(
-                f"{track.path}: row {row}: the jaws of {arm} would open by {opening[row] / 1e3:.4g} rad; expected at "
-                f"most {WIDEST_RAD:.3g}. If the numbers are degrees name the column {arm}_grasp_deg, if they are "
-                f"milliradians {arm}_grasp_mrad"
+                f"{track.path}: row {row}: the jaws of {arm} would open by {opening[row] / 1e3:.4g}"
+                f" rad; expected at most {WIDEST_RAD:.3g}. If the numbers are degrees name the"
+                f" column {arm}_grasp_deg, if they are milliradians {arm}_grasp_mrad"
             )
 
 
@@ -43,9 +49,14 @@ def _hint(track: Track, arm: str, median_m: float) -> str:
     """What to write instead: the units in which the same numbers are a tip's."""
     unit = next((u for u in LENGTHS if f"{arm}_x_{u}" in track.read), "m")
     number = median_m / LENGTHS[unit]
-    likely = [u for u, size in LENGTHS.items() if u != unit and NEAREST_M <= number * size <= FARTHEST_M]
+    likely = [
+        u for u, size in LENGTHS.items() if u != unit and NEAREST_M <= number * size <= FARTHEST_M
+    ]
     if not likely or f"{arm}_x_{unit}" not in track.read:
-        return "Write tip positions in frame 0 of the arm: m, mm or um, as the column's name says, or m in MCAP"
+        return (
+            "Write tip positions in frame 0 of the arm: m, mm or um, as the column's name says, or"
+            " m in MCAP"
+        )
     names = ", ".join(f"{arm}_{axis}_{likely[0]}" for axis in "xyz")
     return f"If the numbers are {likely[0]}, name the columns {names}"
 

@@ -25,7 +25,9 @@ _INSERTION = JOINTS.index("insertion")
 
 
 class Bounds(NamedTuple):
-    """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without the margin."""
+    """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without
+    the margin.
+    """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
@@ -80,7 +82,9 @@ def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.nd
     rows, best, inside = len(poses.position), [], []
     for begin in range(0, rows, BLOCK_ROWS):
         candidates, valid = _candidates(poses, i, np.arange(begin, min(begin + BLOCK_ROWS, rows)))
-        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(axis=-1)
+        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(
+            axis=-1
+        )
         first = np.argmax(fits, axis=1)
         best.append(np.take_along_axis(candidates, first[:, None, None], axis=1)[:, 0])
         inside.append(fits.any(axis=1))
@@ -100,13 +104,18 @@ def reason(poses: Poses, row: int, bounds: Bounds) -> str:
         joint = int(np.argmax(excess[nearest]))
         if excess[nearest, joint] > 0.0:
             value, metric = float(reachable[nearest, joint]), joint == _INSERTION
-            low, high, scale, unit = bounds.lower[joint], bounds.upper[joint], math.degrees(1.0), "deg"
+            low, high, scale, unit = (
+                bounds.lower[joint],
+                bounds.upper[joint],
+                math.degrees(1.0),
+                "deg",
+            )
             if metric:
                 scale, unit = 1e3, "mm"
             margin = f"{MARGIN_M * 1e3:g} mm" if metric else f"{math.degrees(MARGIN_RAD):g} deg"
             return (
-                f"{JOINTS[joint]} of {arm} would be at {value * scale:.2f} {unit}, soft limits {low * scale:.1f} to "
-                f"{high * scale:.1f} {unit} less {margin}"
+                f"{JOINTS[joint]} of {arm} would be at {value * scale:.2f} {unit}, soft limits"
+                f" {low * scale:.1f} to {high * scale:.1f} {unit} less {margin}"
             )
     return f"a joint would step by more than {LARGEST_STEP:g} rad or m within a millisecond"
 
@@ -135,7 +144,9 @@ def _solver(arm: ArmName) -> Callable[..., Any]:
     def solve(position: Any, quat: Any, opening: Any) -> tuple[Any, Any]:
         pose = kinematics.Pose(Vec(position), matrix_from_quat(Vec(quat)))
         candidates = kinematics.inverse_candidates(arm, pose)
-        solutions = [jnp.stack(list(joint_from_theta(arm, theta, opening))) for theta, _ in candidates]
+        solutions = [
+            jnp.stack(list(joint_from_theta(arm, theta, opening))) for theta, _ in candidates
+        ]
         return jnp.stack(solutions), jnp.stack([jnp.asarray(valid) for _, valid in candidates])
 
     return jax.jit(jax.vmap(solve))

@@ -1,4 +1,6 @@
-"""A recording, evenly timed: a row a millisecond, by the file's stamps or at the stated rate, filtered where asked."""
+"""A recording, evenly timed: a row a millisecond, by the file's stamps or at the stated rate,
+filtered where asked.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandRecording:
-    """Every sample of a file, and its motion at 1 kHz: row k is k ms after the first sample that all arms have."""
+    """Every sample of a file, and its motion at 1 kHz: row k is k ms after the first sample that
+    all arms have.
+    """
 
     track: Track
     time_s: dict[str, np.ndarray]  # [T] of each arm's samples
@@ -41,7 +45,9 @@ class HandRecording:
     covered: np.ndarray  # [rows] False in gaps and jumps that the options refuse
     cuts: tuple[int, ...]  # rows after these gaps and jumps, at which a new stretch begins
     spikes: tuple[Spike, ...]
-    gaps: tuple[tuple[int, float, float], ...]  # row before it, its begin and end: longer than usual, in order
+    gaps: tuple[
+        tuple[int, float, float], ...
+    ]  # row before it, its begin and end: longer than usual, in order
 
     @property
     def path(self) -> Path:
@@ -57,12 +63,16 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
 
     require_readable(path)
     source = _source(path)
-    arms: tuple[ArmName, ...] = tuple(arm for arm in ("gold", "green") if arm in source.arms_in(path))
+    arms: tuple[ArmName, ...] = tuple(
+        arm for arm in ("gold", "green") if arm in source.arms_in(path)
+    )
     return arms or ("gold",)  # which then is missed by name
 
 
 def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
-    """The recording of `arms`. UserError for a file that cannot be used, whichever part of it is replayed."""
+    """The recording of `arms`. UserError for a file that cannot be used, whichever part of it is
+    replayed.
+    """
     from ravenjax.store.motion import packet_file, table_file
 
     require_readable(path)
@@ -70,15 +80,23 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     if table_file.holds_packets(path):
         track = packet_file.track(path, arms, options.console, {arm: _home(arm) for arm in arms})
     elif options.console != "auto":
-        raise UserError(f"{path}: operator.console is of a stream of packets, this file holds tips: remove it")
+        raise UserError(
+            f"{path}: operator.console is of a stream of packets, this file holds tips: remove it"
+        )
     else:
         track = source.read(path, arms, options.rate_hz)
     plausible.check(track)
     time_s = _times(track, options)
-    jumps = [spike for arm in arms for spike in spikes.find(arm, track.arms[arm], time_s[arm], options.max_gap_s)]
+    jumps = [
+        spike
+        for arm in arms
+        for spike in spikes.find(arm, track.arms[arm], time_s[arm], options.max_gap_s)
+    ]
     rows = math.floor(min(times[-1] for times in time_s.values()) / TICK_S + 1e-6) + 1
     if rows < 2:
-        raise UserError(f"{path}: lasts less than 2 ms, or its arms were not recorded at the same time")
+        raise UserError(
+            f"{path}: lasts less than 2 ms, or its arms were not recorded at the same time"
+        )
     unfiltered, pedal = _evenly(track, time_s, jumps, options, rows)
     gaps = tuple(_gaps(time_s))
     breaks = [(begin, end) for _, begin, end in gaps if end - begin > options.max_gap_s]
@@ -91,9 +109,11 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
         track=track,
         time_s=time_s,
         options=options,
-        poses=unfiltered
-        if options.cutoff_hz is None
-        else _smooth(unfiltered, resampling.stretches(covered, cuts), options.cutoff_hz),
+        poses=(
+            unfiltered
+            if options.cutoff_hz is None
+            else _smooth(unfiltered, resampling.stretches(covered, cuts), options.cutoff_hz)
+        ),
         unfiltered=unfiltered.position,
         pedal=pedal,
         covered=covered,
@@ -108,7 +128,9 @@ def _source(path: Path) -> Any:
     from ravenjax.store.motion import bag_file, mcap_file, table_file
 
     suffix = path.suffix.lower()
-    return mcap_file if suffix == ".mcap" else bag_file if suffix in bag_file.SUFFIXES else table_file
+    return (
+        mcap_file if suffix == ".mcap" else bag_file if suffix in bag_file.SUFFIXES else table_file
+    )
 
 
 def require_readable(path: Path) -> None:
@@ -116,7 +138,9 @@ def require_readable(path: Path) -> None:
     if not path.is_file():
         raise UserError(f"{path}: no such file; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
-        raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {ANY_KIND}")
+        raise UserError(
+            f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {ANY_KIND}"
+        )
     if path.stat().st_size == 0:
         raise UserError(f"{path}: the file is empty; expected a recorded operator motion")
 
@@ -135,7 +159,11 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
 
 
 def _evenly(
-    track: Track, time_s: dict[str, np.ndarray], jumps: list[Spike], options: ReplayOptions, rows: int
+    track: Track,
+    time_s: dict[str, np.ndarray],
+    jumps: list[Spike],
+    options: ReplayOptions,
+    rows: int,
 ) -> tuple[Poses, np.ndarray | None]:
     """Poses and pedal a row a millisecond."""
     at = np.arange(rows) * TICK_S
@@ -144,7 +172,9 @@ def _evenly(
     for arm in arms:
         samples, times = track.arms[arm], time_s[arm]
         if options.spikes == "remove":
-            samples, times = spikes.without(samples, times, [spike for spike in jumps if spike.arm == arm])
+            samples, times = spikes.without(
+                samples, times, [spike for spike in jumps if spike.arm == arm]
+            )
         position.append(resampling.by_time(times, samples.position, at))
         quat.append(
             np.repeat(_home_quat(arm)[None], rows, axis=0)
@@ -152,7 +182,11 @@ def _evenly(
             else resampling.turns_by_time(times, samples.quat, at)
         )
         jaws = samples.opening_mrad
-        opening.append(np.full(rows, _home_opening_mrad()) if jaws is None else resampling.by_time(times, jaws, at))
+        opening.append(
+            np.full(rows, _home_opening_mrad())
+            if jaws is None
+            else resampling.by_time(times, jaws, at)
+        )
     pedal = None
     if track.surgeon_mode is not None:
         pedal = resampling.before(time_s[arms[0]], track.surgeon_mode, at)
@@ -173,7 +207,9 @@ def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
     gaps: dict[tuple[float, float], int] = {}
     for times in time_s.values():
         steps = np.diff(times)
-        for row in np.flatnonzero(steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S)).tolist():
+        for row in np.flatnonzero(
+            steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S)
+        ).tolist():
             gaps.setdefault((float(times[row]), float(times[row + 1])), row)
     return sorted(((row, begin, end) for (begin, end), row in gaps.items()), key=lambda gap: gap[1])
 

@@ -1,4 +1,6 @@
-"""A recording becomes a motion: as long as the campaign, inside what the arms can reach, in the frame of the hands."""
+"""A recording becomes a motion: as long as the campaign, inside what the arms can reach, in the
+frame of the hands.
+"""
 
 from __future__ import annotations
 
@@ -54,18 +56,22 @@ def replay(
 ) -> OperatorReplay:
     """The motion of `ticks` ms that a recording makes; None: as long as its window.
 
-    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits, by default those of
-    raven2 with its own tool. Raises UserError for a file that cannot be used, and where what is replayed has a gap or a
-    jump, is too short, leaves the limits, or does not move.
+    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits, by
+    default those of raven2 with its own tool. Raises UserError for a file that cannot be used, and
+    where what is replayed has a gap or a jump, is too short, leaves the limits, or does not move.
     """
     path = Path(path)
     require_readable(path)
     state = path.stat()
     key = state.st_mtime_ns, state.st_size
-    return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds or usual_bounds())
+    return _replay(
+        path, key, arms, options or ReplayOptions(), ticks, scale, bounds or usual_bounds()
+    )
 
 
-@functools.lru_cache(maxsize=2)  # a campaign is planned for each look of its stop rule, and printed before
+@functools.lru_cache(
+    maxsize=2
+)  # a campaign is planned for each look of its stop rule, and printed before
 def _replay(
     path: Path,
     state: tuple[int, int],
@@ -90,7 +96,10 @@ def _replay(
     poses = recording.poses
     for i, arm in enumerate(arms):
         position, turn = _itp(
-            arm, resampling.at_rows(poses.position[:, i], rows), resampling.at_rows(poses.quat[:, i], rows), scale
+            arm,
+            resampling.at_rows(poses.position[:, i], rows),
+            resampling.at_rows(poses.quat[:, i], rows),
+            scale,
         )
         hand.append(position)
         quat.append(turn)
@@ -118,17 +127,23 @@ def usual_bounds() -> Bounds:
 
 
 def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
-    """UserError where a teleoperation scale that a campaign varies takes a tip out of its joint limits."""
+    """UserError where a teleoperation scale that a campaign varies takes a tip out of its joint
+    limits.
+    """
     begin, end = one.begin, one.end
     poses, base = one.recording.poses.part(begin, end), one.summary.scale
 
     def first_outside(scale: float) -> int | None:
         start = poses.position[:1]
-        magnified = dataclasses.replace(poses, position=start + scale / base * (poses.position - start))
+        magnified = dataclasses.replace(
+            poses, position=start + scale / base * (poses.position - start)
+        )
         return reach(magnified, one.bounds).first_bad(0, end - begin)
 
     different = np.unique(np.asarray(scales, float))
-    for scale in different[np.unique(np.linspace(0, len(different) - 1, 5).round().astype(int))][::-1].tolist():
+    for scale in different[np.unique(np.linspace(0, len(different) - 1, 5).round().astype(int))][
+        ::-1
+    ].tolist():
         if scale == base or (row := first_outside(scale)) is None:
             continue
         fits, fails = base, scale
@@ -136,14 +151,17 @@ def require_scales(one: OperatorReplay, scales: Sequence[float] | np.ndarray) ->
             middle = (fits + fails) / 2
             fits, fails = (middle, fails) if first_outside(middle) is None else (fits, middle)
         raise UserError(
-            f"{one.recording.path}: operator.scale varied to {scale:g} moves the tip {scale / base:.3g} times as far "
-            f"as recorded: at {(begin + row) * TICK_S:.3f} s of the recording it leaves the joint limits. "
-            f"The scale of [operator], {base:g}, moves it as recorded; vary it {'up' if scale > base else 'down'} to "
-            f"{fits:.3g}, or write scale = {scale:g} in [operator] and do not vary it"
+            f"{one.recording.path}: operator.scale varied to {scale:g} moves the tip"
+            f" {scale / base:.3g} times as far as recorded: at {(begin + row) * TICK_S:.3f} s of"
+            f" the recording it leaves the joint limits. The scale of [operator], {base:g}, moves"
+            f" it as recorded; vary it {'up' if scale > base else 'down'} to {fits:.3g}, or write"
+            f" scale = {scale:g} in [operator] and do not vary it"
         )
 
 
-def courses(recording: HandRecording, inside: np.ndarray, one: OperatorReplay | None) -> tuple[TipCourse, ...]:
+def courses(
+    recording: HandRecording, inside: np.ndarray, one: OperatorReplay | None
+) -> tuple[TipCourse, ...]:
     """What a picture shows: each arm's samples, and what `one` makes of them."""
     none = np.zeros(0)
     limit = recording.options.max_gap_s
@@ -153,10 +171,16 @@ def courses(recording: HandRecording, inside: np.ndarray, one: OperatorReplay | 
             recorded_s=recording.time_s[arm],
             recorded=recording.track.arms[arm].position,
             replayed_s=none if one is None else (one.begin + one.timeline.row) * TICK_S,
-            replayed=none.reshape(0, 3)
-            if one is None
-            else resampling.at_rows(recording.poses.position[:, i], one.begin + one.timeline.row),
-            outside=tuple(resampling.seconds(resampling.stretches(recording.covered & ~inside[:, i]))),
+            replayed=(
+                none.reshape(0, 3)
+                if one is None
+                else resampling.at_rows(
+                    recording.poses.position[:, i], one.begin + one.timeline.row
+                )
+            ),
+            outside=tuple(
+                resampling.seconds(resampling.stretches(recording.covered & ~inside[:, i]))
+            ),
             gaps=tuple((begin, end) for _, begin, end in recording.gaps if end - begin > limit),
             spikes=tuple(spike.time_s for spike in recording.spikes if spike.arm == arm),
         )
@@ -164,7 +188,8 @@ def courses(recording: HandRecording, inside: np.ndarray, one: OperatorReplay | 
     )
 
 
-# --- what is replayed -------------------------------------------------------------------------------------------------
+# --- what is replayed
+# -------------------------------------------------------------------------------------------------
 
 
 def _end(begin: int, course: Timeline) -> int:
@@ -178,8 +203,8 @@ def _window(recording: HandRecording) -> tuple[int, int]:
     begin, end = (round(seconds / TICK_S) for seconds in recording.options.window_s)
     if not 0 <= begin < end - 1 or end > len(recording):
         raise UserError(
-            f"{recording.path}: window_s {list(recording.options.window_s)} is outside the recording, expected in "
-            f"0 .. {len(recording) * TICK_S:.3f} s"
+            f"{recording.path}: window_s {list(recording.options.window_s)} is outside the"
+            f" recording, expected in 0 .. {len(recording) * TICK_S:.3f} s"
         )
     return begin, end
 
@@ -187,43 +212,66 @@ def _window(recording: HandRecording) -> tuple[int, int]:
 def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
     """UserError where what is replayed has a gap or a jump that the options refuse."""
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
-    jumps = [s for s in refused(recording.spikes, recording.options) if s.begin_s < last and s.end_s > first]
+    jumps = [
+        s
+        for s in refused(recording.spikes, recording.options)
+        if s.begin_s < last and s.end_s > first
+    ]
     if jumps:
         raise spikes.refusal(path, jumps, recording.options.spikes)
     limit = recording.options.max_gap_s
-    gaps = [gap for gap in recording.gaps if gap[2] - gap[1] > limit and gap[1] < last and gap[2] > first]
+    gaps = [
+        gap
+        for gap in recording.gaps
+        if gap[2] - gap[1] > limit and gap[1] < last and gap[2] > first
+    ]
     if not gaps:
         return
     row, at, until = gaps[0]
     worst = max(gaps, key=lambda gap: gap[2] - gap[1])
     longest = worst[2] - worst[1]
     raise UserError(
-        f"{path}: gap of {until - at:.3f} s after row {row} (t = {at:.3f} s); expected at most {limit:g} s between "
-        f"samples. {len(gaps)} such gaps, the longest {longest:.3f} s after row {worst[0]}. Replay a part without: "
-        f"operator.window_s within {words.stretches(_longest_first(recording, recording.covered), 4)}; or bridge them: "
-        f"operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
+        f"{path}: gap of {until - at:.3f} s after row {row} (t = {at:.3f} s); expected at most"
+        f" {limit:g} s between samples. {len(gaps)} such gaps, the longest {longest:.3f} s after"
+        f" row {worst[0]}. Replay a part without: operator.window_s within"
+        f" {words.stretches(_longest_first(recording, recording.covered), 4)}; or bridge them:"
+        f" operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
     )
 
 
-def _require_inside(recording: HandRecording, reachable: ArmReach, begin: int, end: int, bounds: Bounds) -> None:
+def _require_inside(
+    recording: HandRecording, reachable: ArmReach, begin: int, end: int, bounds: Bounds
+) -> None:
     """UserError where what is replayed leaves the joint limits of an arm."""
     if (bad := reachable.first_bad(begin, end)) is None:
         return
     inside = np.all(reachable.inside, axis=1)
-    usable = _longest_first(recording, inside & recording.covered, np.flatnonzero(reachable.leaps).tolist())
-    where = f"of the recording from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s, which is to be replayed"
+    usable = _longest_first(
+        recording, inside & recording.covered, np.flatnonzero(reachable.leaps).tolist()
+    )
+    where = (
+        f"of the recording from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s, which is to be"
+        " replayed"
+    )
     if not usable:
-        where = f"{where}; no row lies inside the joint limits of every arm, nothing can be replayed"
+        where = (
+            f"{where}; no row lies inside the joint limits of every arm, nothing can be replayed"
+        )
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
-        f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft joint limits: "
-        f"{reason(recording.poses, bad, bounds)}. That is so for {_percent(share)} {where}. Reachable stretches, "
-        f"longest first: {words.stretches(usable, 4)}; write one, or a part of one, as operator.window_s"
+        f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
+        f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {_percent(share)}"
+        f" {where}. Reachable stretches, longest first: {words.stretches(usable, 4)}; write one, or"
+        " a part of one, as operator.window_s"
     )
 
 
-def _longest_first(recording: HandRecording, mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[float, float]]:
-    """Stretches of at least two rows without a break, s; a new one begins at each of `cuts`, too."""
+def _longest_first(
+    recording: HandRecording, mask: np.ndarray, cuts: Sequence[int] = ()
+) -> list[tuple[float, float]]:
+    """Stretches of at least two rows without a break, s; a new one begins at each of `cuts`,
+    too.
+    """
     spans = resampling.stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
     return resampling.seconds(sorted(spans, key=lambda span: span[0] - span[1]))
@@ -233,15 +281,18 @@ def _percent(share: float) -> str:
     return f"{100 * share:.1f} %" if share >= 5e-4 else "less than 0.1 %"
 
 
-def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray, pedal: np.ndarray) -> None:
+def _require_moving(
+    recording: HandRecording, begin: int, end: int, rows: np.ndarray, pedal: np.ndarray
+) -> None:
     """UserError where nothing moves while the pedal is down."""
     span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
     if not pedal.any():
         down = np.flatnonzero(recording.pedal) if recording.pedal is not None else np.zeros(0, int)
         hint = f"; it goes down at {down[0] * TICK_S:.3f} s" if down.size else ""
         raise UserError(
-            f"{recording.path}: the pedal is never down {span}, so nothing would move (surgeon_mode){hint}. Expected a "
-            "part in which it is down: operator.window_s; or drop the column surgeon_mode"
+            f"{recording.path}: the pedal is never down {span}, so nothing would move"
+            f" (surgeon_mode){hint}. Expected a part in which it is down: operator.window_s; or"
+            " drop the column surgeon_mode"
         )
     poses = recording.poses
     used = np.unique(np.rint(rows[pedal > 0]).astype(int))
@@ -249,11 +300,17 @@ def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.nda
         return
     away = np.linalg.norm(poses.position - poses.position[begin], axis=2).max(axis=1) > STILL_M
     later = np.flatnonzero(away[end:])
-    hint = f"Its tip first moves at {(end + later[0]) * TICK_S:.3f} s: operator.window_s. " if later.size else ""
+    hint = (
+        f"Its tip first moves at {(end + later[0]) * TICK_S:.3f} s: operator.window_s. "
+        if later.size
+        else ""
+    )
     extent = float(np.ptp(poses.position[used], axis=0).max())
     raise UserError(
-        f"{recording.path}: nothing moves {span}: the tip stays within {extent * 1e6:.3g} um, expected more than "
-        f'{STILL_M * 1e6:g} um. {hint}For hands at rest write operator.motion = "still" instead of the file'
+        f"{recording.path}: nothing moves {span}: the tip stays within {extent * 1e6:.3g} um,"
+        " expected more than "
+        f'{STILL_M * 1e6:g} um. {hint}For hands at rest write operator.motion = "still" instead of'
+        " the file"
     )
 
 
@@ -266,11 +323,16 @@ def _moves(poses: Poses, rows: np.ndarray) -> bool:
     )
 
 
-# --- into the hands' frame --------------------------------------------------------------------------------------------
+# --- into the hands' frame
+# --------------------------------------------------------------------------------------------
 
 
-def _itp(arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Hand positions [T, 3] um and quaternions [T, 4] in the ITP frame, relative to the first row."""
+def _itp(
+    arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Hand positions [T, 3] um and quaternions [T, 4] in the ITP frame, relative to the first
+    row.
+    """
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES

@@ -13,7 +13,9 @@ from ravenjax.store.motion.options import Spikes
 from ravenjax.store.motion.track import ArmTrack
 
 FASTEST_M_S = 0.5
-"""Tips of instruments move at 5 to 60 mm/s in surgery; the fastest of the public recording at 190 mm/s."""
+"""Tips of instruments move at 5 to 60 mm/s in surgery; the fastest of the public recording at
+190 mm/s.
+"""
 
 LEAST_M = 1e-3
 """A step that is smaller is no jump, however close its two stamps."""
@@ -40,7 +42,13 @@ class Spike(NamedTuple):
     def words(self) -> str:
         """Row, time and size."""
         what = f"{self.size_mm:.3g} mm"
-        length = f" for {self.rows} rows" if self.rows > 1 else "" if self.rows else ", without coming back"
+        length = (
+            f" for {self.rows} rows"
+            if self.rows > 1
+            else ""
+            if self.rows
+            else ", without coming back"
+        )
         return f"row {self.row} ({self.time_s:.3f} s, {self.arm}): {what}{length}"
 
 
@@ -54,13 +62,22 @@ def find(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> lis
     for step in jumps:
         if step <= last:
             continue
-        near = (j for j in jumps if step < j <= step + MOST_ROWS and time_s[j + 1] - time_s[step] <= max_gap_s)
+        near = (
+            j
+            for j in jumps
+            if step < j <= step + MOST_ROWS and time_s[j + 1] - time_s[step] <= max_gap_s
+        )
         back = next((j for j in near if _returns(place, time_s, step, j)), None)
         last = step if back is None else back
         away = place[step + 1 : (step + 1 if back is None else back) + 1]
         size = float(np.linalg.norm(away - place[step], axis=1).max()) * 1e3
-        rows, times = 0 if back is None else back - step, (time_s[step + 1], time_s[step], time_s[last + 1])
-        spikes.append(Spike(arm, step + 1, rows, float(times[0]), size, float(times[1]), float(times[2])))
+        rows, times = (
+            0 if back is None else back - step,
+            (time_s[step + 1], time_s[step], time_s[last + 1]),
+        )
+        spikes.append(
+            Spike(arm, step + 1, rows, float(times[0]), size, float(times[1]), float(times[2]))
+        )
     return spikes
 
 
@@ -70,7 +87,9 @@ def _returns(place: np.ndarray, time_s: np.ndarray, before: int, after: int) -> 
     return way <= max(LEAST_M, FASTEST_M_S * float(time_s[after + 1] - time_s[before]))
 
 
-def without(track: ArmTrack, time_s: np.ndarray, spikes: list[Spike]) -> tuple[ArmTrack, np.ndarray]:
+def without(
+    track: ArmTrack, time_s: np.ndarray, spikes: list[Spike]
+) -> tuple[ArmTrack, np.ndarray]:
     """The arm's samples and their times less the samples that are away."""
     stay = np.ones(len(track), bool)
     for spike in spikes:
@@ -92,7 +111,8 @@ def refusal(path: Path, spikes: list[Spike], treatment: Spikes) -> UserError:
     if not all(spike.rows for spike in spikes):
         removal = ""
     return UserError(
-        f"{path}: the tip jumps at {'; '.join(spike.words for spike in spikes[:SHOWN])}{more}. Expected no step of "
-        f"more than {LEAST_M * 1e3:g} mm at more than {FASTEST_M_S:g} m/s. {removal}operator.window_s cuts a part "
-        'without them; operator.spikes = "replay" plays them as they are'
+        f"{path}: the tip jumps at {'; '.join(spike.words for spike in spikes[:SHOWN])}{more}."
+        f" Expected no step of more than {LEAST_M * 1e3:g} mm at more than {FASTEST_M_S:g} m/s."
+        f' {removal}operator.window_s cuts a part without them; operator.spikes = "replay" plays'
+        " them as they are"
     )

@@ -1,4 +1,6 @@
-"""What a recording holds and what became of it: what the manifest keeps, the terminal prints and the report shows."""
+"""What a recording holds and what became of it: what the manifest keeps, the terminal prints and
+the report shows.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 POINTS = 200
-"""Stretches of a picture's lines; each is drawn from its least to its greatest value, so that no spike is lost."""
+"""Stretches of a picture's lines; each is drawn from its least to its greatest value, so that no
+spike is lost.
+"""
 
 
 class ArmSummary(BaseModel):
@@ -47,7 +51,9 @@ class TipLine(BaseModel):
 
 
 class MotionSummary(BaseModel):
-    """One recorded operator. Times are seconds in the recording unless they say otherwise; rows count from 0."""
+    """One recorded operator. Times are seconds in the recording unless they say otherwise; rows
+    count from 0.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -78,7 +84,9 @@ class MotionSummary(BaseModel):
     rest_s: float
     run_up_s: float
     at_end: str  # of ravenjax.store.motion.options.AtEnd
-    end_s: float | None  # of the campaign: when the recording ended and hands stopped or turned; None: it did not
+    end_s: (
+        float | None
+    )  # of the campaign: when the recording ended and hands stopped or turned; None: it did not
     turns: int  # how often it was played in the other direction after that
     pedal: str  # "recorded" or "down"
     pedal_down: float  # share of the campaign
@@ -89,7 +97,9 @@ class MotionSummary(BaseModel):
 
 
 def line(arm: str, what: str, time_s: np.ndarray, position: np.ndarray) -> TipLine:
-    """The curve of positions [T, 3] m, thinned to the least and the greatest value of each of POINTS stretches."""
+    """The curve of positions [T, 3] m, thinned to the least and the greatest value of each of
+    POINTS stretches.
+    """
     edges = np.unique(np.linspace(0, len(time_s), POINTS + 1).round().astype(int))
     time, columns = [], ([], [], [])
     for begin, end in itertools.pairwise(edges.tolist()):
@@ -99,4 +109,11 @@ def line(arm: str, what: str, time_s: np.ndarray, position: np.ndarray) -> TipLi
             low, high = int(np.argmin(some)), int(np.argmax(some))
             column += [some[min(low, high)], some[max(low, high)]]
     x, y, z = (" ".join(f"{value * 1e6:.0f}" for value in column) for column in columns)
-    return TipLine(arm=arm, what=what, time_ms=" ".join(f"{value * 1e3:.0f}" for value in time), x_um=x, y_um=y, z_um=z)
+    return TipLine(
+        arm=arm,
+        what=what,
+        time_ms=" ".join(f"{value * 1e3:.0f}" for value in time),
+        x_um=x,
+        y_um=y,
+        z_um=z,
+    )

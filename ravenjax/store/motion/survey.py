@@ -35,7 +35,9 @@ def summary(
     lines = []
     for i, arm in enumerate(poses.arms):
         lines.append(line(arm, "recorded", recording.time_s[arm], track.arms[arm].position))
-        lines.append(line(arm, "replayed", np.arange(begin, end) * TICK_S, poses.position[begin:end, i]))
+        lines.append(
+            line(arm, "replayed", np.arange(begin, end) * TICK_S, poses.position[begin:end, i])
+        )
     return MotionSummary(
         file=str(track.path),
         sha256=files.sha256(track.path),
@@ -69,12 +71,16 @@ def summary(
         pedal="down" if recording.pedal is None else "recorded",
         pedal_down=float(np.mean(pedal)),
         scale=scale,
-        arms=tuple(_arm_summary(recording, inside, i, begin, end, course) for i in range(len(poses.arms))),
+        arms=tuple(
+            _arm_summary(recording, inside, i, begin, end, course) for i in range(len(poses.arms))
+        ),
         lines=tuple(lines),
     )
 
 
-def _unfollowed(recording: HandRecording, begin: int, course: Timeline, pedal: np.ndarray) -> list[str]:
+def _unfollowed(
+    recording: HandRecording, begin: int, course: Timeline, pedal: np.ndarray
+) -> list[str]:
     """What the console does not send: motion while the recorded pedal is up."""
     notes = []
     for i, arm in enumerate(recording.poses.arms):
@@ -83,8 +89,9 @@ def _unfollowed(recording: HandRecording, begin: int, course: Timeline, pedal: n
         farthest = float(np.linalg.norm(dropped, axis=1).max(initial=0.0)) * 1e3
         if farthest > UNFOLLOWED_MM:
             notes.append(
-                f"the recorded tip of {arm} moves while the pedal is up: the console sends no motion then, and the tip "
-                f"goes on from where it is, up to {farthest:.3g} mm off the recorded path"
+                f"the recorded tip of {arm} moves while the pedal is up: the console sends no"
+                f" motion then, and the tip goes on from where it is, up to {farthest:.3g} mm off"
+                " the recorded path"
             )
     return notes
 
@@ -96,7 +103,10 @@ def _arm_summary(
     path = resampling.at_rows(recording.poses.position[:, i], begin + course.row)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     distance = np.linalg.norm(path, axis=1) * 1e3
-    removed = np.linalg.norm((recording.unfiltered - recording.poses.position)[begin:end, i], axis=1) * 1e3
+    removed = (
+        np.linalg.norm((recording.unfiltered - recording.poses.position)[begin:end, i], axis=1)
+        * 1e3
+    )
     filtered = recording.options.cutoff_hz is not None
     x, y, z = (np.ptp(path, axis=0) * 1e3).tolist()
     return ArmSummary(

@@ -23,13 +23,21 @@ PEDAL = "surgeon_mode"
 
 
 def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
-    """The recording of `arms` in a table. UserError names file, row and column of what is wrong with it."""
+    """The recording of `arms` in a table. UserError names file, row and column of what is wrong
+    with it.
+    """
     columns = _parquet(path, rate_hz) if path.suffix.lower() == ".parquet" else _csv(path)
     picked = _Columns(path, columns)
-    tracks = {arm: (picked.position(arm), picked.quat(arm), picked.one(f"{arm}_grasp", ANGLES)) for arm in arms}
+    tracks = {
+        arm: (picked.position(arm), picked.quat(arm), picked.one(f"{arm}_grasp", ANGLES))
+        for arm in arms
+    }
     pedal = picked.plain(PEDAL)
     if pedal is not None and (bad := np.flatnonzero((pedal != 0.0) & (pedal != 1.0))).size:
-        raise UserError(f"{path}: row {bad[0]}, column {PEDAL}: got {pedal[bad[0]]:g}, expected 1 (pedal down) or 0")
+        raise UserError(
+            f"{path}: row {bad[0]}, column {PEDAL}: got {pedal[bad[0]]:g}, expected 1 (pedal down)"
+            " or 0"
+        )
     rows = len(next(iter(columns.values())))
     if rows < 2:
         raise UserError(f"{path}: holds {rows} rows; expected a motion of at least 2")
@@ -51,13 +59,19 @@ def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
 
 
 def holds_packets(path: Path) -> bool:
-    """Whether a file is a table of a console's packets, or a capture; UserError where it cannot be read."""
+    """Whether a file is a table of a console's packets, or a capture; UserError where it cannot
+    be read.
+    """
     suffix = path.suffix.lower()
-    return suffix in capture_file.SUFFIXES or (suffix == ".parquet" and packet_file.holds_packets(_schema(path).names))
+    return suffix in capture_file.SUFFIXES or (
+        suffix == ".parquet" and packet_file.holds_packets(_schema(path).names)
+    )
 
 
 def arms_in(path: Path) -> tuple[str, ...]:
-    """The arms that a table has positions of, by the names of its columns; UserError where it cannot be read."""
+    """The arms that a table has positions of, by the names of its columns; UserError where it
+    cannot be read.
+    """
     if holds_packets(path):
         return ARMS
     names = _schema(path).names if path.suffix.lower() == ".parquet" else list(_csv(path))
@@ -76,17 +90,23 @@ def _schema(path: Path) -> Any:
 
 def _damaged(path: Path, error: Exception) -> UserError:
     what = str(error).splitlines()[0]
-    return UserError(f"{path}: not a complete Parquet file, perhaps truncated: {what}. Copy or record it again")
+    return UserError(
+        f"{path}: not a complete Parquet file, perhaps truncated: {what}. Copy or record it again"
+    )
 
 
 def _parquet(path: Path, rate_hz: float | None) -> dict[str, np.ndarray]:
-    """Every column by name; of what nobody looks at the name alone, with zeros of an unsuitable type."""
+    """Every column by name; of what nobody looks at the name alone, with zeros of an unsuitable
+    type.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     schema = _schema(path)
     names = schema.names
-    wanted = [name for name in names if name == PEDAL or name.startswith(tuple(f"{arm}_" for arm in ARMS))]
+    wanted = [
+        name for name in names if name == PEDAL or name.startswith(tuple(f"{arm}_" for arm in ARMS))
+    ]
     times = stamps.time_columns(names)
     numeric = [f.name for f in schema if pa.types.is_temporal(f.type) or _is_number(f.type)]
     wanted += times or [name for name in names if name in numeric or stamps.looks_like_time(name)]
@@ -110,7 +130,9 @@ def _csv(path: Path) -> dict[str, np.ndarray]:
     try:
         table = pd.read_csv(path, skipinitialspace=True)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not a CSV table with one header line, perhaps truncated: {error}") from None
+        raise UserError(
+            f"{path}: not a CSV table with one header line, perhaps truncated: {error}"
+        ) from None
     return {str(name): table[name].to_numpy() for name in table.columns}
 
 
@@ -137,7 +159,8 @@ class _Columns:
         if len(present) < 4:
             absent = [f"{arm}_q{c}" for c, turn in zip("xyzw", turns, strict=True) if turn is None]
             raise UserError(
-                f"{self.path}: an orientation needs {arm}_qx, _qy, _qz and _qw; {', '.join(absent)} missing"
+                f"{self.path}: an orientation needs {arm}_qx, _qy, _qz and _qw; {', '.join(absent)}"
+                " missing"
             )
         return unit(self.path, arm, np.stack(present, axis=1))
 
@@ -145,15 +168,17 @@ class _Columns:
         """The column `name`_<unit> in the base unit; None where it is absent and not needed."""
         names = [f"{name}_{unit}" for unit in units if f"{name}_{unit}" in self.columns]
         if len(names) > 1:
-            raise UserError(f"{self.path}: columns {' and '.join(names)} say the same; keep one of them")
+            raise UserError(
+                f"{self.path}: columns {' and '.join(names)} say the same; keep one of them"
+            )
         if names:
             return self._numbers(names[0]) * units[names[0].rpartition("_")[2]]
         if not needed:
             return None
         wanted = f"{name}_um"
         raise UserError(
-            f"{self.path}: no column {' or '.join(f'{name}_{unit}' for unit in units)}; the file has "
-            f"{self._listed()}{suggestion(wanted, [c for c in self.columns if c != wanted])}"
+            f"{self.path}: no column {' or '.join(f'{name}_{unit}' for unit in units)}; the file"
+            f" has {self._listed()}{suggestion(wanted, [c for c in self.columns if c != wanted])}"
         )
 
     def plain(self, name: str) -> Any:
@@ -161,10 +186,20 @@ class _Columns:
         return self._numbers(name) if name in self.columns else None
 
     def times(self, arms: Iterable[str]) -> dict[str, np.ndarray]:
-        """What may be a time: every column but those of an arm and the pedal; those with a unit checked."""
-        others = {name: v for name, v in self.columns.items() if name != PEDAL and not name.startswith(_of_an_arm)}
+        """What may be a time: every column but those of an arm and the pedal; those with a unit
+        checked.
+        """
+        others = {
+            name: v
+            for name, v in self.columns.items()
+            if name != PEDAL and not name.startswith(_of_an_arm)
+        }
         return {
-            name: values if values.dtype.kind in "iumM" or name not in stamps.KNOWN else self._numbers(name)
+            name: (
+                values
+                if values.dtype.kind in "iumM" or name not in stamps.KNOWN
+                else self._numbers(name)
+            )
             for name, values in others.items()
         }
 
@@ -177,16 +212,21 @@ class _Columns:
         if name not in stamps.KNOWN:
             self.used.append(name)
         if values.dtype.kind in "mM":
-            raise UserError(f"{self.path}: column {name} holds dates or durations, expected numbers")
+            raise UserError(
+                f"{self.path}: column {name} holds dates or durations, expected numbers"
+            )
         try:
             numbers = np.asarray(values, float)
         except (TypeError, ValueError):
             row, value = _first_text(values)
-            raise UserError(f"{self.path}: row {row}, column {name}: got {value!r}, expected a number") from None
+            raise UserError(
+                f"{self.path}: row {row}, column {name}: got {value!r}, expected a number"
+            ) from None
         if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
             raise UserError(
-                f"{self.path}: row {bad[0]}, column {name}: got {numbers[bad[0]]}, expected a finite number "
-                f"({bad.size} such rows). Fill or cut them: a missing sample is not a position"
+                f"{self.path}: row {bad[0]}, column {name}: got {numbers[bad[0]]}, expected a"
+                f" finite number ({bad.size} such rows). Fill or cut them: a missing sample is not"
+                " a position"
             )
         return numbers
 
@@ -195,13 +235,16 @@ _of_an_arm = tuple(f"{arm}_" for arm in ARMS)
 
 
 def unit(path: Path, arm: str, quat: np.ndarray) -> np.ndarray | None:
-    """Quaternions [T, 4] of length 1; None where all are zero, as a trace without rotations writes them."""
+    """Quaternions [T, 4] of length 1; None where all are zero, as a trace without rotations
+    writes them.
+    """
     length = np.linalg.norm(quat, axis=1)
     if (length == 0.0).all():
         return None
     if (bad := np.flatnonzero(np.abs(length - 1.0) > 1e-2)).size:
         raise UserError(
-            f"{path}: row {bad[0]}: quaternion {arm}_qx.. has length {length[bad[0]]:.4g}, expected 1 (x, y, z, w)"
+            f"{path}: row {bad[0]}: quaternion {arm}_qx.. has length {length[bad[0]]:.4g}, expected"
+            " 1 (x, y, z, w)"
         )
     return quat / length[:, None]
 

@@ -1,4 +1,6 @@
-"""Which row of a recording the hands are at in each millisecond of a run, and when the pedal is down."""
+"""Which row of a recording the hands are at in each millisecond of a run, and when the pedal is
+down.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ class Timeline:
 
     row: np.ndarray  # [ticks] row of the recording, fractional, from the first that is replayed
     pedal: np.ndarray  # [ticks] 1 down, 0 up: before the motion begins
-    end_s: float | None  # when the recording came to its end and hands stopped or turned, s; None: it did not
+    end_s: (
+        float | None
+    )  # when the recording came to its end and hands stopped or turned, s; None: it did not
     turns: int  # how often it was played in the other direction after that
 
 
@@ -46,8 +50,8 @@ def make(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Ti
     ticks = natural if ticks is None else ticks
     if ticks <= REST_TICKS:
         raise UserError(
-            f"{path}: the campaign ends after {ticks * TICK_S:g} s, and hands rest for the first {MOTION_S:g} s: "
-            "nothing would move. Write a longer campaign.duration_s"
+            f"{path}: the campaign ends after {ticks * TICK_S:g} s, and hands rest for the first"
+            f" {MOTION_S:g} s: nothing would move. Write a longer campaign.duration_s"
         )
     pedal = (np.arange(ticks) >= round(PEDAL_DOWN_S / TICK_S)).astype(float)
     if ticks <= natural:
@@ -58,9 +62,12 @@ def make(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Ti
     if options.at_end == "refuse":
         slower = math.ceil((ticks - REST_TICKS - RUN_UP_TICKS / 2 + 1) / (rows - 1) * 100) / 100
         raise UserError(
-            f"{path}: what is replayed ends after {natural * TICK_S:.3f} s, {rows * TICK_S:.3f} s of the recording "
-            f"with {MOTION_S:g} s of rest and {RUN_UP_S:g} s to get up to speed; the campaign lasts "
-            f"{ticks * TICK_S:g} s. Write campaign.duration_s = {natural * TICK_S:.3f} or less, operator.at_end = "
+            f"{path}: what is replayed ends after {natural * TICK_S:.3f} s, {rows * TICK_S:.3f} s"
+            " of the recording "
+            f"with {MOTION_S:g} s of rest and {RUN_UP_S:g} s to get up to speed; the campaign"
+            " lasts "
+            f"{ticks * TICK_S:g} s. Write campaign.duration_s = {natural * TICK_S:.3f} or less,"
+            " operator.at_end = "
             f'"hold" (the hands slow down and rest) or "reverse" (backwards and forwards again)'
             + (f", or operator.slow_down = {slower:g}" if slower <= SLOWEST else "")
         )
@@ -77,7 +84,9 @@ def make(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Ti
 
 
 def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:
-    """Rows after each tick of getting up to speed: speed and acceleration begin at 0, speed ends at full."""
+    """Rows after each tick of getting up to speed: speed and acceleration begin at 0, speed ends
+    at full.
+    """
     fraction = np.arange(1, ticks + 1) / ticks
     return ticks / slow_down * fraction**4 * (2.5 - 3.0 * fraction + fraction**2)
 
@@ -88,7 +97,9 @@ def _cruise(rows: float, slow_down: float) -> int:
 
 
 def _there(rows: int, slow_down: float) -> np.ndarray:
-    """Rows after each tick from rest in the first row to rest in the last, `rows` on: up to speed, steady, to rest."""
+    """Rows after each tick from rest in the first row to rest in the last, `rows` on: up to
+    speed, steady, to rest.
+    """
     up = _ramp(slow_down, min(RUN_UP_TICKS, max(1, math.floor(rows * slow_down))))
     up *= min(1.0, rows / 2.0 / up[-1])
     steady = rows - 2.0 * up[-1]

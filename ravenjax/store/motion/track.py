@@ -12,7 +12,9 @@ import numpy as np
 class ArmTrack:
     """One arm's samples; rows of a file may be fewer for one arm than for the other."""
 
-    time_s: np.ndarray | None  # [T] s, on a clock that both arms share; None where the file has no times
+    time_s: (
+        np.ndarray | None
+    )  # [T] s, on a clock that both arms share; None where the file has no times
     position: np.ndarray  # [T, 3] m, tip in frame 0
     quat: np.ndarray | None  # [T, 4] x, y, z, w, tip in frame 0
     opening_mrad: np.ndarray | None  # [T] positive opens

@@ -1,7 +1,9 @@
-"""Which detector knows first, and how often does it cry wolf: every detector beside the robot's checks and the cue.
+"""Which detector knows first, and how often does it cry wolf: every detector beside the robot's
+checks and the cue.
 
-Faults of the whole library and about the boundary of unintended motion, under four motions; false alarms on long motion
-without a fault. Thresholds are chosen by false alarms an hour (`detector_points`), never by what they catch.
+Faults of the whole library and about the boundary of unintended motion, under four motions; false
+alarms on long motion without a fault. Thresholds are chosen by false alarms an hour
+(`detector_points`), never by what they catch.
 """
 
 from __future__ import annotations
@@ -112,16 +114,31 @@ def _lines(
     every = StudyEstimate(faults, of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions")
     lines = [
         Line("faults, distinct", "", None, every),
-        Line("faulty runs with unintended motion", "runs", None,
-             StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design")),
         Line(
-            "motion without a fault, robot as modelled", "h", None, StudyEstimate(round(float(modelled.hours.sum()), 2))
+            "faulty runs with unintended motion",
+            "runs",
+            None,
+            StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design"),
         ),
-        *(Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name), of=MOVED)) for p in quiet),
-    ]  # fmt: skip
+        Line(
+            "motion without a fault, robot as modelled",
+            "h",
+            None,
+            StudyEstimate(round(float(modelled.hours.sum()), 2)),
+        ),
+        *(
+            Line(f"AUC, {p.name}", "", None, found.estimate(listed.index(p.name), of=MOVED))
+            for p in quiet
+        ),
+    ]
     for p in quiet:
         lines.append(
-            Line(f"{p.name}, threshold {p.threshold:g}: unintended motion caught", "%", None, hundred(p.caught))
+            Line(
+                f"{p.name}, threshold {p.threshold:g}: unintended motion caught",
+                "%",
+                None,
+                hundred(p.caught),
+            )
         )
         if not by_definition(faulty, p.name, p.threshold):
             words = f"{p.name}, threshold {p.threshold:g}: caught before it began"
@@ -130,13 +147,23 @@ def _lines(
     for name in (p.name for p in quiet if slow.hours.sum() > 0):
         threshold = threshold_for(slow, name)
         if threshold is not None:
-            words = f"{name}, threshold {threshold:g}, quiet at scale 0.1 without clutching: unintended motion caught"
+            words = (
+                f"{name}, threshold {threshold:g}, quiet at scale 0.1 without clutching: unintended"
+                " motion caught"
+            )
             lines.append(Line(words, "%", None, hundred(caught(faulty, name, threshold))))
     for p in published:
         lines.append(
-            Line(f"{p.name}, threshold {p.threshold:g}: unintended motion caught", "%", None, hundred(p.caught))
+            Line(
+                f"{p.name}, threshold {p.threshold:g}: unintended motion caught",
+                "%",
+                None,
+                hundred(p.caught),
+            )
         )
-        lines.append(Line(f"{p.name}, threshold {p.threshold:g}: false alarms", "1/h", None, p.false))
+        lines.append(
+            Line(f"{p.name}, threshold {p.threshold:g}: false alarms", "1/h", None, p.false)
+        )
     for p in spoken:
         lines.append(Line(f"{p.name}: unintended motion caught", "%", None, hundred(p.caught)))
         if not by_definition(faulty, p.name, p.threshold):
@@ -148,40 +175,62 @@ def _lines(
 def _notes(faulty: FaultyScores, modelled: FreeScores, best: Point | None) -> tuple[str, ...]:
     hours, recordings = float(modelled.hours.sum()), len(np.unique(modelled.recording))
     return (
-        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. Whether tip_error and the cue come "
-        "before it is not asked where they fire at that distance or beyond: by their definitions they come with it or "
-        "later. Nor is it asked of a stop, which ends what could become a motion. That they come at all is no surprise "
-        "either; the table by kind of hazard shows how much hangs on it.",
-        "Of the built-in checks those count that stop the robot or tell a person: one that clips a command or drops a "
-        "packet tells nobody. Beside faults, what a check does on the golden run, too, is not counted; without a fault "
-        "every trip is. A robot that was stopped is not live, so that no unintended motion follows a stop: in the runs "
-        "that are counted a stop comes after it, and what stops prevented is in no rate.",
-        "The detectors see the virtual robot as its own perfect model: their steps are those of the simulated motors "
-        "and links, without a model that runs beside and drifts. A real detector adds the error of its model to "
-        "every step, and no figure here holds that.",
-        f"Thresholds stand on {hours:.1f} h of generated motion of {recordings} recordings, robot as modelled. Without "
-        f"any alarm the true rate could still be {alarm_rate(0, hours).high:.1f} an hour (95 %, were the hours "
-        f"independent), so that at most {PER_HOUR:g} an hour is what was seen, not what is known: to state it takes "
-        f"{hours_to_bound(PER_HOUR):.1f} h without any. With a generated operator, whose speed has a ceiling, more "
-        "hours add little. Surgeons have no such ceiling.",
-        "Which faults there are is a design: the library's own values and sampled ones about the boundary of "
-        "unintended motion, so rates compare detectors and are no probabilities of missing a fault in use. The table "
-        "by layer shows how much they differ from place to place.",
+        (
+            f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. Whether"
+            " tip_error and the cue come before it is not asked where they fire at that distance"
+            " or beyond: by their definitions they come with it or later. Nor is it asked of a"
+            " stop, which ends what could become a motion. That they come at all is no surprise"
+            " either; the table by kind of hazard shows how much hangs on it."
+        ),
+        (
+            "Of the built-in checks those count that stop the robot or tell a person: one that"
+            " clips a command or drops a packet tells nobody. Beside faults, what a check does on"
+            " the golden run, too, is not counted; without a fault every trip is. A robot that was"
+            " stopped is not live, so that no unintended motion follows a stop: in the runs that"
+            " are counted a stop comes after it, and what stops prevented is in no rate."
+        ),
+        (
+            "The detectors see the virtual robot as its own perfect model: their steps are those of"
+            " the simulated motors and links, without a model that runs beside and drifts. A real"
+            " detector adds the error of its model to every step, and no figure here holds that."
+        ),
+        (
+            f"Thresholds stand on {hours:.1f} h of generated motion of {recordings} recordings,"
+            " robot as modelled. Without any alarm the true rate could still be"
+            f" {alarm_rate(0, hours).high:.1f} an hour (95 %, were the hours independent), so that"
+            f" at most {PER_HOUR:g} an hour is what was seen, not what is known: to state it takes"
+            f" {hours_to_bound(PER_HOUR):.1f} h without any. With a generated operator, whose speed"
+            " has a ceiling, more hours add little. Surgeons have no such ceiling."
+        ),
+        (
+            "Which faults there are is a design: the library's own values and sampled ones about"
+            " the boundary of unintended motion, so rates compare detectors and are no"
+            " probabilities of missing a fault in use. The table by layer shows how much they"
+            " differ from place to place."
+        ),
         kinds.NOTE,
         *(
-            [f"{best.name} is the rule of 18 that caught most, picked on these very runs, which flatters it."]
+            [
+                f"{best.name} is the rule of 18 that caught most, picked on these very runs, which"
+                " flatters it."
+            ]
             if best
             else []
         ),
-        "Detectors are armed in pedal-down without a software E-stop, from 0.5 s on: they cannot speak of a fault "
-        "that stops the robot at once, and such a run counts as without alarm. The cue goes on after a stop, where "
-        "the model moves away from a robot that stands.",
+        (
+            "Detectors are armed in pedal-down without a software E-stop, from 0.5 s on: they"
+            " cannot speak of a fault that stops the robot at once, and such a run counts as"
+            " without alarm. The cue goes on after a stop, where the model moves away from a robot"
+            " that stands."
+        ),
     )
 
 
 def _variants() -> tuple[Variant, ...]:
     free = [
-        motions_alike.fault_free(CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there an alarm for nothing?")
+        motions_alike.fault_free(
+            CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there an alarm for nothing?"
+        )
         for motion, seed in RECORDINGS
     ]
     noisy = [
@@ -210,9 +259,13 @@ def _variants() -> tuple[Variant, ...]:
 STUDY = Study(
     name="detectors",
     title="Which detector knows first, and how often does it cry wolf?",
-    source="a study of our own; detectors of DSN 2016, raven2_sim, IROS 2016 and the control software",
-    question="Over every layer's faults and hours of motion without one: what does each detector catch, how early, and "
-    "how often is it wrong?",
+    source=(
+        "a study of our own; detectors of DSN 2016, raven2_sim, IROS 2016 and the control software"
+    ),
+    question=(
+        "Over every layer's faults and hours of motion without one: what does each detector catch,"
+        " how early, and how often is it wrong?"
+    ),
     variants=_variants(),
     compare=compare,
     minutes=2.0,

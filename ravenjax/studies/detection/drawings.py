@@ -1,4 +1,6 @@
-"""Figures of the study of detectors: curves of score, what is caught against false alarms, times, and layers."""
+"""Figures of the study of detectors: curves of score, what is caught against false alarms,
+times, and layers.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,13 @@ MARKS = ("X", "P", "*", "D", "s")
 
 
 def roc(
-    bands: Mapping[str, tuple[CurveBand, CurveBand]], single: Mapping[str, tuple[float, float, float]], base: float
+    bands: Mapping[str, tuple[CurveBand, CurveBand]],
+    single: Mapping[str, tuple[float, float, float]],
+    base: float,
 ) -> Callable[[Any], None]:
-    """ROC and precision-recall; single: name -> (false, true, precision) rates; base: of unintended motion."""
+    """ROC and precision-recall; single: name -> (false, true, precision) rates; base: of
+    unintended motion.
+    """
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, 4.6)
@@ -35,12 +41,25 @@ def roc(
             _band(left, curve.grid, curve, colour, label)
             _band(right, recall.grid, recall, colour, None)
         for marker, (name, (false, true, precision)) in zip(MARKERS, single.items(), strict=False):
-            style = {"color": MUTED, "marker": marker, "ls": "none", "ms": 6, "mfc": "white", "zorder": 5}
+            style = {
+                "color": MUTED,
+                "marker": marker,
+                "ls": "none",
+                "ms": 6,
+                "mfc": "white",
+                "zorder": 5,
+            }
             left.plot(false, true, label=name, **style)
             right.plot(true, precision, **style)
         left.plot([0, 1], [0, 1], color="0.75", lw=0.8, ls=":")
         right.axhline(base, color="0.75", lw=0.8, ls=":")
-        left.set(title="ROC", xlabel="other faults with an alarm", ylabel="recall", xlim=(0, 1), ylim=(0, 1.01))
+        left.set(
+            title="ROC",
+            xlabel="other faults with an alarm",
+            ylabel="recall",
+            xlim=(0, 1),
+            ylim=(0, 1.01),
+        )
         right.set(title="Precision and recall", xlabel="recall", ylabel="precision", xlim=(0, 1))
         right.set_ylim(0, 1.01)
         handles, labels = left.get_legend_handles_labels()
@@ -50,7 +69,9 @@ def roc(
 
 
 class Trade(NamedTuple):
-    """One panel of `trade`: curves name -> [thresholds, 2] and marks name -> (false alarms an hour, share caught)."""
+    """One panel of `trade`: curves name -> [thresholds, 2] and marks name -> (false alarms an
+    hour, share caught).
+    """
 
     title: str
     curves: Mapping[str, np.ndarray]
@@ -67,16 +88,36 @@ def trade(panels: Sequence[Trade], wanted: float) -> Callable[[Any], None]:
         for axis, panel in zip(axes, panels, strict=True):
             least = 0.4 / panel.hours  # where no alarm came
             axis.axvspan(least / 1.35, least * 1.35, color="0.93", lw=0, zorder=0)
-            axis.text(least, 101, "none seen", fontsize=7, color="0.35", ha="center", va="top", rotation=90)
+            axis.text(
+                least,
+                101,
+                "none seen",
+                fontsize=7,
+                color="0.35",
+                ha="center",
+                va="top",
+                rotation=90,
+            )
             for colour, (name, points) in zip(SERIES, panel.curves.items(), strict=False):
                 rate, caught = np.maximum(points[:, 0], least), 100 * points[:, 1]
                 axis.plot(rate, caught, color=colour, lw=1.2, marker=".", ms=4, label=name)
             for marker, (name, (rate, caught)) in zip(MARKS, panel.marks.items(), strict=False):
-                style = {"color": MUTED, "mec": "white", "mew": 0.7, "ms": 8, "ls": "none", "zorder": 5}
+                style = {
+                    "color": MUTED,
+                    "mec": "white",
+                    "mew": 0.7,
+                    "ms": 8,
+                    "ls": "none",
+                    "zorder": 5,
+                }
                 axis.plot(max(rate, least), 100 * caught, marker=marker, label=name, **style)
             axis.axvline(wanted, color="0.4", lw=0.9, ls="--")
             axis.set_xscale("log")
-            axis.set(title=f"{panel.title}: {panel.hours:.1f} h", xlabel="false alarms an hour", ylim=(0, 102))
+            axis.set(
+                title=f"{panel.title}: {panel.hours:.1f} h",
+                xlabel="false alarms an hour",
+                ylim=(0, 102),
+            )
             axis.set_xlim(least / 1.5, 2e4)
         axes[0].set_ylabel("unintended motion caught, %")
         _below(figure, axes[0])
@@ -85,10 +126,14 @@ def trade(panels: Sequence[Trade], wanted: float) -> Callable[[Any], None]:
 
 
 def incidences(
-    curves: Mapping[str, tuple[Incidence, Lead]], ylabel: str, height_in: float, legend: Callable[[Any, Any], Any]
+    curves: Mapping[str, tuple[Incidence, Lead]],
+    ylabel: str,
+    height_in: float,
+    legend: Callable[[Any, Any], Any],
 ) -> Callable[[Any], None]:
-    """Incidence of the alarm after the first effect and about the beginning of the unintended motion; `legend` is
-    called with the figure and its left panel. Without bands: theirs take faults as independent."""
+    """Incidence of the alarm after the first effect and about the beginning of the unintended
+    motion; `legend` is called with the figure and its left panel. Without bands: theirs take faults
+    as independent."""
 
     def draw(figure: Any) -> None:
         figure.set_size_inches(WIDTH_IN, height_in)
@@ -108,7 +153,9 @@ def incidences(
         )
         right.axvline(0, color="0.4", lw=0.9, ls="--")
         right.set(
-            title="Before and after the motion", xlabel="ms from its beginning, negative: before", xlim=(-300, 300)
+            title="Before and after the motion",
+            xlabel="ms from its beginning, negative: before",
+            xlim=(-300, 300),
         )
         legend(figure, left)
 
@@ -119,7 +166,9 @@ def _below(figure: Any, panel: Any) -> None:
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
-def layers(caught: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> Callable[[Any], None]:
+def layers(
+    caught: np.ndarray, rows: Sequence[str], columns: Sequence[str]
+) -> Callable[[Any], None]:
     """Map of what is caught [layers, detectors], fractions."""
 
     def draw(figure: Any) -> None:
@@ -131,7 +180,9 @@ def layers(caught: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> C
             ink = "black" if value > 55 else "white"
             axis.text(column, row, f"{value:.0f}", ha="center", va="center", fontsize=8, color=ink)
         axis.grid(False)
-        axis.set_xticks(range(len(columns)), columns, rotation=35, ha="right", rotation_mode="anchor")
+        axis.set_xticks(
+            range(len(columns)), columns, rotation=35, ha="right", rotation_mode="anchor"
+        )
         axis.set_yticks(range(len(rows)), rows)
         figure.colorbar(image, ax=axis, label="unintended motion caught, %", shrink=0.9)
 
@@ -157,7 +208,9 @@ def drawings(
         )
     single = {
         name: (
-            share(spoke := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.unintended, faulty.faults, "").value,
+            share(
+                spoke := faulty.spoke_ms(name, np.nan) >= 0, ~faulty.unintended, faulty.faults, ""
+            ).value,
             share(spoke, faulty.unintended, faulty.faults, "").value,
             share(faulty.unintended, spoke, faulty.faults, "").value,
         )
@@ -183,7 +236,10 @@ def drawings(
     there = layers_of(faulty.layer[faulty.unintended])
     caught = np.array(
         [
-            [(faulty.spoke_ms(*one) >= 0)[(faulty.layer == layer) & faulty.unintended].mean() for one in chosen]
+            [
+                (faulty.spoke_ms(*one) >= 0)[(faulty.layer == layer) & faulty.unintended].mean()
+                for one in chosen
+            ]
             for layer in there
         ]
     )
@@ -191,40 +247,43 @@ def drawings(
     return [
         Drawing(
             "detectors_roc",
-            "How well a run's score tells an unintended motion from other faults: ROC and precision-recall, 95 % bands "
-            "over kinds of faults; the robot's checks and the haptic cue have one point each.",
+            "How well a run's score tells an unintended motion from other faults: ROC and"
+            " precision-recall, 95 % bands over kinds of faults; the robot's checks and the haptic"
+            " cue have one point each.",
             roc(bands, single, float(faulty.unintended.mean())),
         ),
         Drawing(
             "detectors_trade",
-            "What each threshold catches against how often it disturbs: unintended motion, false alarms an hour on "
-            "motion without a fault. One threshold for every scale must sit above the fastest motion; where the scale "
-            "is known it need not.",
+            "What each threshold catches against how often it disturbs: unintended motion, false"
+            " alarms an hour on motion without a fault. One threshold for every scale must sit"
+            " above the fastest motion; where the scale is known it need not.",
             trade(panels, PER_HOUR),
         ),
         Drawing(
             "detectors_time",
-            "When they know: share of faults with unintended motion that have an alarm, after the fault's first effect "
-            f"and before the motion began, at most {PER_HOUR:g} false alarm an hour. Kaplan-Meier.",
+            "When they know: share of faults with unintended motion that have an alarm, after the"
+            f" fault's first effect and before the motion began, at most {PER_HOUR:g} false alarm"
+            " an hour. Kaplan-Meier.",
             incidences(curves, "faults with an alarm, %", 4.6, _below),
         ),
         Drawing(
             "detectors_layers",
-            f"Unintended motion caught by layer of the fault, %, at most {PER_HOUR:g} false alarm an hour; in "
-            "brackets runs with one.",
+            f"Unintended motion caught by layer of the fault, %, at most {PER_HOUR:g} false alarm"
+            " an hour; in brackets runs with one.",
             layers(
-                caught, [f"{layer} ({n:,})" for layer, n in zip(there, counts, strict=True)],
+                caught,
+                [f"{layer} ({n:,})" for layer, n in zip(there, counts, strict=True)],
                 [one.told for one in chosen],
             ),
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _trade(faulty: FaultyScores, free: FreeScores, name: str) -> np.ndarray:
     """[thresholds, 2] false alarms an hour and recall, by rising threshold.
 
-    Those that catch less than a higher one are left out: there an alarm is mostly on before the fault. So are those
-    without a false alarm but the lowest.
+    Those that catch less than a higher one are left out: there an alarm is mostly on before the
+    fault. So are those without a false alarm but the lowest.
     """
     thresholds = next(one.thresholds for one in faulty.detectors if one.name == name)
     points = np.array([_at((name, threshold), free, faulty) for threshold in sorted(thresholds)])

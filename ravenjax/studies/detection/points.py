@@ -1,8 +1,10 @@
-"""Operating points: what a detector does at one threshold, and the threshold that disturbs at most so often.
+"""Operating points: what a detector does at one threshold, and the threshold that disturbs at most
+so often.
 
-A threshold is chosen by its rate of false alarms on motion without a fault, never by a percentile of samples: the
-lowest of the campaign whose separate alarms came at most so often an hour there, and those of each higher one, too.
-That is what was seen; how often they may come in truth, the interval of the rate says.
+A threshold is chosen by its rate of false alarms on motion without a fault, never by a percentile
+of samples: the lowest of the campaign whose separate alarms came at most so often an hour there,
+and those of each higher one, too. That is what was seen; how often they may come in truth, the
+interval of the rate says.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ HORIZON_MS = 1000
 
 
 PUBLISHED = ("steps/all/1", 1.0)
-"""The published rule: each step over its 99.8 to 99.9 percentile, all three together, one millisecond."""
+"""The published rule: each step over its 99.8 to 99.9 percentile, all three together, one
+millisecond.
+"""
 FORK = ("derivative_sum", 55.0)
 """The disabled second detector of raven2_sim and its threshold."""
 CLIP = ("overdrive", 1.0)
@@ -53,7 +57,11 @@ class Chosen(NamedTuple):
     @property
     def told(self) -> str:
         """In words."""
-        return self.name if math.isnan(self.threshold) else f"{self.name}, threshold {self.threshold:g}"
+        return (
+            self.name
+            if math.isnan(self.threshold)
+            else f"{self.name}, threshold {self.threshold:g}"
+        )
 
 
 class Point(NamedTuple):
@@ -72,14 +80,17 @@ class Point(NamedTuple):
 
 
 def threshold_for(free: FreeScores, name: str, per_hour: float = PER_HOUR) -> float | None:
-    """Lowest threshold of a detector from which on false alarms come at most so often; None if never.
+    """Lowest threshold of a detector from which on false alarms come at most so often; None if
+    never.
 
     ValueError without any hours.
     """
     if not free.hours.sum() > 0:
         raise ValueError(f"no motion without a fault to choose a threshold of {name} on")
     thresholds = next(one.thresholds for one in free.detectors if one.name == name)
-    rates = np.array([free.count(name, threshold).sum() / free.hours.sum() for threshold in thresholds])
+    rates = np.array(
+        [free.count(name, threshold).sum() / free.hours.sum() for threshold in thresholds]
+    )
     order = np.argsort(thresholds)
     quiet = np.logical_and.accumulate((rates[order] <= per_hour)[::-1])[::-1]
     return float(np.array(thresholds)[order][quiet][0]) if quiet.any() else None
@@ -107,7 +118,8 @@ def point(faulty: FaultyScores, free: FreeScores, name: str, threshold: float) -
 def latencies(
     first_ms: np.ndarray, active_ms: np.ndarray, unintended_ms: np.ndarray, end_ms: float
 ) -> tuple[Incidence, Lead]:
-    """Delay of the first alarm (ms, -1: never) after the fault's first effect, and its lead over the unintended motion.
+    """Delay of the first alarm (ms, -1: never) after the fault's first effect, and its lead over
+    the unintended motion.
 
     One entry a fault. A run is watched to its end; one that a stop ended has no alarm any more.
     """
@@ -117,10 +129,11 @@ def latencies(
 
 
 def by_definition(faulty: FaultyScores, name: str, threshold: float) -> bool:
-    """Whether the definitions alone decide that an alarm comes with the unintended motion or after it.
+    """Whether the definitions alone decide that an alarm comes with the unintended motion or after
+    it.
 
-    So the distance of the tip from the model at the motion's limit or beyond (but for what the reported tip differs
-    from the true one), and a stop: the robot is not live then.
+    So the distance of the tip from the model at the motion's limit or beyond (but for what the
+    reported tip differs from the true one), and a stop: the robot is not live then.
     """
     far = faulty.rules.threshold_mm if name == CUE else threshold if name == TIP_ERROR else math.nan
     return name == STOPS or far >= faulty.rules.limit_mm
@@ -133,8 +146,12 @@ def times(faulty: FaultyScores, name: str, threshold: float) -> tuple[Incidence,
     return latencies(once.spoke_ms(name, threshold), once.active_ms, once.unintended_ms, end)
 
 
-def medians(faulty: FaultyScores, name: str, threshold: float) -> tuple[StudyEstimate, StudyEstimate, StudyEstimate]:
-    """Of the same runs with intervals over kinds of faults: median delay, its mean within HORIZON_MS, median lead."""
+def medians(
+    faulty: FaultyScores, name: str, threshold: float
+) -> tuple[StudyEstimate, StudyEstimate, StudyEstimate]:
+    """Of the same runs with intervals over kinds of faults: median delay, its mean within
+    HORIZON_MS, median lead.
+    """
     once = faulty.where(faulty.unintended).once()
     first_ms, end = once.spoke_ms(name, threshold), float(faulty.duration_ms)
     delay, lead = median_times(first_ms, once.active_ms, once.unintended_ms, end, once.faults)
@@ -146,9 +163,15 @@ def medians(faulty: FaultyScores, name: str, threshold: float) -> tuple[StudyEst
 
 
 def median_times(
-    first_ms: np.ndarray, active_ms: np.ndarray, unintended_ms: np.ndarray, end_ms: float, faults: Units
+    first_ms: np.ndarray,
+    active_ms: np.ndarray,
+    unintended_ms: np.ndarray,
+    end_ms: float,
+    faults: Units,
 ) -> tuple[StudyEstimate, StudyEstimate]:
-    """Medians of the delay and of the lead of `latencies`, intervals over kinds of faults; one entry a fault."""
+    """Medians of the delay and of the lead of `latencies`, intervals over kinds of faults; one
+    entry a fault.
+    """
     came = first_ms >= 0
     spoke = np.where(came, first_ms, end_ms)
     delay = latency.quantile(spoke - active_ms, came, 0.5, faults)
@@ -157,11 +180,13 @@ def median_times(
 
 
 def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEstimate:
-    """Rate of `hit` among `among` (bool [runs]), its interval over kinds of faults (`units.rate`); faults: kinds of the
-    runs. NaN where there are none."""
+    """Rate of `hit` among `among` (bool [runs]), its interval over kinds of faults (`units.rate`);
+    faults: kinds of the runs. NaN where there are none."""
     mine = faults.where(among)
     rate = units.rate(hit[among], mine, resamples=RESAMPLES)
-    return StudyEstimate(rate.value, rate.low, rate.high, rate.n, f"{of}, {kinds.count(mine)}" if rate.n else of)
+    return StudyEstimate(
+        rate.value, rate.low, rate.high, rate.n, f"{of}, {kinds.count(mine)}" if rate.n else of
+    )
 
 
 def others(faulty: FaultyScores, free: FreeScores) -> list[Point]:
@@ -194,7 +219,11 @@ def percent(value: StudyEstimate) -> str:
         return wording.DASH
     if not value.n:
         return "no runs"
-    ends = f" ({wording.percent(value.low)} to {wording.percent(value.high)})" if np.isfinite(value.low) else ""
+    ends = (
+        f" ({wording.percent(value.low)} to {wording.percent(value.high)})"
+        if np.isfinite(value.low)
+        else ""
+    )
     return f"{wording.percent(value.value)}{ends} of {wording.count(value.n)}"
 
 
@@ -202,7 +231,11 @@ def plain(value: StudyEstimate, show: Callable[[float], str] = wording.number) -
     """12 (10 to 15); a dash for what is not known."""
     if not np.isfinite(value.value):
         return wording.DASH
-    ends = f" ({show(value.low)} to {show(value.high)})" if np.isfinite([value.low, value.high]).any() else ""
+    ends = (
+        f" ({show(value.low)} to {show(value.high)})"
+        if np.isfinite([value.low, value.high]).any()
+        else ""
+    )
     return show(value.value + 0.0) + ends  # no -0
 
 

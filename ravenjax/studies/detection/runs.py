@@ -1,8 +1,10 @@
-"""What the study of detectors reads from its campaigns: faulty runs side by side, and motion without a fault.
+"""What the study of detectors reads from its campaigns: faulty runs side by side, and motion
+without a fault.
 
-The faulty runs of all motions are pooled; faults of one kind resemble each other, so that kinds are resampled. An alarm
-of a faulty run counts from the fault's first effect on: what spoke before tells of something else. Of the built-in
-checks those count that tell a person or stop the robot; one that limits a command or drops a packet tells nobody.
+The faulty runs of all motions are pooled; faults of one kind resemble each other, so that kinds are
+resampled. An alarm of a faulty run counts from the fault's first effect on: what spoke before tells
+of something else. Of the built-in checks those count that tell a person or stop the robot; one that
+limits a command or drops a packet tells nobody.
 """
 
 from __future__ import annotations
@@ -66,7 +68,9 @@ class FaultyScores(NamedTuple):
         return units.units(self.kind, self.family)
 
     def spoke_ms(self, name: str, threshold: float) -> np.ndarray:
-        """When a detector, or one of OTHERS (any threshold), first spoke of the fault, -1: never. Key-, ValueError."""
+        """When a detector, or one of OTHERS (any threshold), first spoke of the fault, -1:
+        never. Key-, ValueError.
+        """
         if name in self.others_ms:
             return self.others_ms[name]
         d = names(self.detectors).index(name)
@@ -132,9 +136,11 @@ class FreeScores(NamedTuple):
         return per_hour(counts, self.hours, self.recording)
 
 
-def per_hour(counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: str = "alarms") -> StudyEstimate:
-    """Rate of `counts` [runs] over `hours` [runs], its interval by resampling recordings, none with too few of them;
-    where none came the exact Poisson one, as if the hours were independent."""
+def per_hour(
+    counts: np.ndarray, hours: np.ndarray, recording: np.ndarray, of: str = "alarms"
+) -> StudyEstimate:
+    """Rate of `counts` [runs] over `hours` [runs], its interval by resampling recordings, none with
+    too few of them; where none came the exact Poisson one, as if the hours were independent."""
     total, all_hours = int(counts.sum()), float(hours.sum())
     exact = alarm_rate(total, all_hours)
     low, high = exact.low, exact.high
@@ -153,7 +159,9 @@ def names(detectors: Sequence[DetectorRecord]) -> list[str]:
 
 
 def faulty(folders: Sequence[Path]) -> FaultyScores:
-    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where their faults differ."""
+    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where
+    their faults differ.
+    """
     read = [(folder.read_all(path), manifest.read(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
@@ -184,12 +192,25 @@ def _faulty(runs: Activated, made: Manifest) -> FaultyScores:
         hazard=facts["hazard"].to_numpy(object),
         jumped=frame[made.verdict_jump].to_numpy(bool),
         leapt=frame["jump_tip"].to_numpy(bool),
-        score=np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(made.detectors))], axis=1),
+        score=np.stack(
+            [frame[f"detector{d}_score"].to_numpy(float) for d in range(len(made.detectors))],
+            axis=1,
+        ),
         first_ms=tuple(
-            np.stack([told(frame[f"detector{d}_threshold{k}_first_ms"]) for k in range(len(one.thresholds))], axis=1)
+            np.stack(
+                [
+                    told(frame[f"detector{d}_threshold{k}_first_ms"])
+                    for k in range(len(one.thresholds))
+                ],
+                axis=1,
+            )
             for d, one in enumerate(made.detectors)
         ),
-        others_ms={CHECKS: told(facts["told_ms"]), STOPS: told(stop), CUE: told(facts["warned_ms"])},
+        others_ms={
+            CHECKS: told(facts["told_ms"]),
+            STOPS: told(stop),
+            CUE: told(facts["warned_ms"]),
+        },
         duration_ms=made.duration_ms,
         rules=made.rules,
     )
@@ -199,18 +220,24 @@ def _joined(parts: Sequence[FaultyScores]) -> FaultyScores:
     first = parts[0]
     return first._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN},
-        first_ms=tuple(np.concatenate(times) for times in zip(*(part.first_ms for part in parts), strict=True)),
-        others_ms={name: np.concatenate([part.others_ms[name] for part in parts]) for name in OTHERS},
+        first_ms=tuple(
+            np.concatenate(times) for times in zip(*(part.first_ms for part in parts), strict=True)
+        ),
+        others_ms={
+            name: np.concatenate([part.others_ms[name] for part in parts]) for name in OTHERS
+        },
     )
 
 
 def free(folders: Sequence[tuple[str, Path]]) -> FreeScores:
-    """Runs without a fault of campaigns, each with the name of its recording; where there is noise, the robot as
-    modelled is called another one."""
+    """Runs without a fault of campaigns, each with the name of its recording; where there is noise,
+    the robot as modelled is called another one."""
     parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
     return parts[0]._replace(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN},
-        alarms=tuple(np.concatenate(counts) for counts in zip(*(part.alarms for part in parts), strict=True)),
+        alarms=tuple(
+            np.concatenate(counts) for counts in zip(*(part.alarms for part in parts), strict=True)
+        ),
         others={name: np.concatenate([part.others[name] for part in parts]) for name in OTHERS},
     )
 
@@ -232,9 +259,18 @@ def alone(frame: pd.DataFrame, header: Manifest, recording: str) -> FreeScores:
         np.full(len(frame), recording, object),
         frame[SCALE].to_numpy(float),
         frame["pedal_down_ms"].to_numpy(float) / 3.6e6,
-        np.stack([frame[f"detector{d}_score"].to_numpy(float) for d in range(len(header.detectors))], axis=1),
+        np.stack(
+            [frame[f"detector{d}_score"].to_numpy(float) for d in range(len(header.detectors))],
+            axis=1,
+        ),
         tuple(
-            np.stack([frame[f"detector{d}_threshold{k}_alarms"].to_numpy() for k in range(len(one.thresholds))], axis=1)
+            np.stack(
+                [
+                    frame[f"detector{d}_threshold{k}_alarms"].to_numpy()
+                    for k in range(len(one.thresholds))
+                ],
+                axis=1,
+            )
             for d, one in enumerate(header.detectors)
         ),
         {
@@ -248,9 +284,12 @@ def alone(frame: pd.DataFrame, header: Manifest, recording: str) -> FreeScores:
 def _tripped(frame: pd.DataFrame, *actions: checks.Action) -> np.ndarray:
     """1 for each run in which a check of these actions tripped, else 0.
 
-    A run without a fault is its own golden run, so that its column `response` is silent whatever the checks did.
+    A run without a fault is its own golden run, so that its column `response` is silent whatever
+    the checks did.
     """
-    columns = [f"check_{name}_count" for name in checks.names(frame) if ROBOT.check(name).action in actions]
+    columns = [
+        f"check_{name}_count" for name in checks.names(frame) if ROBOT.check(name).action in actions
+    ]
     return (frame[columns].to_numpy() > 0).any(axis=1).astype(int)
 
 

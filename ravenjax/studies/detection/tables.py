@@ -28,7 +28,14 @@ from ravenjax.studies.detection.points import (
     share,
     threshold_for,
 )
-from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, FaultyScores, FreeScores, names
+from ravenjax.studies.detection.runs import (
+    AS_MODELLED,
+    CHECKS,
+    CUE,
+    FaultyScores,
+    FreeScores,
+    names,
+)
 from ravenjax.studies.framework import kinds
 from ravenjax.studies.framework.study import Table
 from ravenjax.vocabulary.robot import OTHER_LAYER
@@ -37,7 +44,9 @@ CLUTCHED = "clutched"
 """Begin of the recordings in which the pedal goes up and down."""
 
 
-def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequence[Point]) -> Table:
+def point_table(
+    quiet: Sequence[Point], published: Sequence[Point], spoken: Sequence[Point]
+) -> Table:
     """Operating points side by side."""
     rows = [
         *((p, f"at most {PER_HOUR:g} false alarm an hour seen") for p in quiet),
@@ -47,26 +56,43 @@ def point_table(quiet: Sequence[Point], published: Sequence[Point], spoken: Sequ
     return Table(
         "Operating points",
         (
-            "detector", "threshold", "chosen", "false alarms an hour", "recall", "other faults with an alarm",
-            "precision", "caught before it began", "median delay, ms",
-            f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "median lead, ms",
+            "detector",
+            "threshold",
+            "chosen",
+            "false alarms an hour",
+            "recall",
+            "other faults with an alarm",
+            "precision",
+            "caught before it began",
+            "median delay, ms",
+            f"mean delay within {HORIZON_MS / 1e3:g} s, ms",
+            "median lead, ms",
         ),
         tuple(
             (
-                p.name, "" if math.isnan(p.threshold) else p.threshold, how, rate(p.false), percent(p.caught),
-                percent(p.disturbed), percent(p.precision), percent(p.before), plain(p.delay_ms),
-                plain(p.mean_delay_ms), plain(p.lead_ms),
+                p.name,
+                "" if math.isnan(p.threshold) else p.threshold,
+                how,
+                rate(p.false),
+                percent(p.caught),
+                percent(p.disturbed),
+                percent(p.precision),
+                percent(p.before),
+                plain(p.delay_ms),
+                plain(p.mean_delay_ms),
+                plain(p.lead_ms),
             )
             for p, how in rows
         ),
-        "Caught: of runs with unintended motion, those with an alarm; precision: of alarms in faulty runs, those in a "
-        "run with unintended motion. False alarms: separate ones on motion without a fault, robot as modelled, scales "
-        "0.05 to 0.2, interval over recordings; of the built-in checks, runs in which one tripped. Rates and "
-        "times: 95 % over kinds of faults. Delay: from the fault's first effect, one run of each fault "
-        "that made an unintended motion, runs without an alarm censored at their end; a dash: half of them never had "
-        "one. Lead over the unintended motion: positive where the alarm comes first; a dash in both columns about the "
-        "motion's beginning: when the alarm comes follows from the definitions.",
-    )  # fmt: skip
+        "Caught: of runs with unintended motion, those with an alarm; precision: of alarms in"
+        " faulty runs, those in a run with unintended motion. False alarms: separate ones on motion"
+        " without a fault, robot as modelled, scales 0.05 to 0.2, interval over recordings; of the"
+        " built-in checks, runs in which one tripped. Rates and times: 95 % over kinds of faults."
+        " Delay: from the fault's first effect, one run of each fault that made an unintended"
+        " motion, runs without an alarm censored at their end; a dash: half of them never had one."
+        " Lead over the unintended motion: positive where the alarm comes first; a dash in both"
+        " columns about the motion's beginning: when the alarm comes follows from the definitions.",
+    )
 
 
 def rule_table(points: Mapping[str, Point | None], auc: Areas, listed: Sequence[str]) -> Table:
@@ -79,19 +105,33 @@ def rule_table(points: Mapping[str, Point | None], auc: Areas, listed: Sequence[
         p = points[name]
         cells = ("no threshold is quiet", *[""] * 5)
         if p is not None:
-            cells = (p.threshold, percent(p.caught), percent(p.disturbed), percent(p.before), plain(p.mean_delay_ms),
-                    rate(p.false))  # fmt: skip
+            cells = (
+                p.threshold,
+                percent(p.caught),
+                percent(p.disturbed),
+                percent(p.before),
+                plain(p.mean_delay_ms),
+                rate(p.false),
+            )
         rows.append((fusion, int(count), plain(auc.estimate(d)), *cells))
     return Table(
-        f"Steps: which must be over, and for how long, at most {PER_HOUR:g} false alarm an hour seen",
+        f"Steps: which must be over, and for how long, at most {PER_HOUR:g} false alarm an hour"
+        " seen",
         (
-            "fusion", "ms in a row", "AUC", "threshold", "recall", "other faults with an alarm",
-            "caught before it began", f"mean delay within {HORIZON_MS / 1e3:g} s, ms", "false alarms an hour",
+            "fusion",
+            "ms in a row",
+            "AUC",
+            "threshold",
+            "recall",
+            "other faults with an alarm",
+            "caught before it began",
+            f"mean delay within {HORIZON_MS / 1e3:g} s, ms",
+            "false alarms an hour",
         ),
         tuple(rows),
-        "A step of motor velocity counts when two in a row have it, as published, so that 1 and 2 ms in a row are "
-        "nearly the same for it.",
-    )  # fmt: skip
+        "A step of motor velocity counts when two in a row have it, as published, so that 1 and 2"
+        " ms in a row are nearly the same for it.",
+    )
 
 
 def area_table(faulty: FaultyScores, auc: Areas) -> Table:
@@ -106,17 +146,28 @@ def area_table(faulty: FaultyScores, auc: Areas) -> Table:
         cells = ("", "", "")
         if name in differences:
             adjusted = tested[name].adjusted
-            cells = (plain(differences[name][0]), wording.number(adjusted) if adjusted >= 1e-4 else "< 0.0001",
-                    "yes" if tested[name].rejected else "no")  # fmt: skip
+            cells = (
+                plain(differences[name][0]),
+                wording.number(adjusted) if adjusted >= 1e-4 else "< 0.0001",
+                "yes" if tested[name].rejected else "no",
+            )
         rows.append((name, plain(auc.estimate(d)), round(precision, 3), *cells))
     return Table(
         "Areas: how well a run's score tells an unintended motion from another fault",
-        ("detector", "AUC", "average precision", f"AUC minus that of {PUBLISHED[0]}", "p, Holm", "differ"),
+        (
+            "detector",
+            "AUC",
+            "average precision",
+            f"AUC minus that of {PUBLISHED[0]}",
+            "p, Holm",
+            "differ",
+        ),
         tuple(rows),
-        f"{wording.count(auc.positives)} runs with unintended motion and {wording.count(auc.negatives)} others of "
-        f"{wording.count(len(np.unique(faulty.cell)))} faults, {kinds.count(faulty.faults)}; every detector saw the "
-        "same. Intervals and tests are over kinds of faults (Obuchowski 1997). Average precision of chance: "
-        f"{faulty.unintended.mean():.3f}.",
+        f"{wording.count(auc.positives)} runs with unintended motion and"
+        f" {wording.count(auc.negatives)} others of {wording.count(len(np.unique(faulty.cell)))}"
+        f" faults, {kinds.count(faulty.faults)}; every detector saw the same. Intervals and tests"
+        " are over kinds of faults (Obuchowski 1997). Average precision of chance:"
+        f" {faulty.unintended.mean():.3f}.",
     )
 
 
@@ -130,12 +181,17 @@ def first_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
     count = first.sum(axis=0)
     rows = []
     for one, mine, own in zip(chosen, first, spoke, strict=True):
-        others_first = np.min(np.delete(spoke, [k for k, c in enumerate(chosen) if c == one], axis=0), axis=0)
+        others_first = np.min(
+            np.delete(spoke, [k for k, c in enumerate(chosen) if c == one], axis=0), axis=0
+        )
         alone = np.isfinite(own) & np.isinf(others_first)
         rows.append(
             (
                 one.told,
-                *(percent(share(hit, np.ones(len(hit), bool), once.faults, "")) for hit in (mine, mine & (count == 1))),
+                *(
+                    percent(share(hit, np.ones(len(hit), bool), once.faults, ""))
+                    for hit in (mine, mine & (count == 1))
+                ),
                 percent(share(alone, np.ones(len(alone), bool), once.faults, "")),
             )
         )
@@ -143,14 +199,20 @@ def first_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
     late = np.isfinite(earliest) & (earliest >= once.unintended_ms)
     everyone = np.ones(len(nobody), bool)
     rows += [
-        ("someone, but not before the motion", percent(share(late, everyone, once.faults, "")), "", ""),
+        (
+            "someone, but not before the motion",
+            percent(share(late, everyone, once.faults, "")),
+            "",
+            "",
+        ),
         ("nobody", percent(share(nobody, everyone, once.faults, "")), "", ""),
     ]
     return Table(
         "Who knows first",
         ("detector", "first, or with the first", "first alone", "the only one that ever knows"),
         tuple(rows),
-        "One run of each fault that made an unintended motion; detectors at the threshold of the first table.",
+        "One run of each fault that made an unintended motion; detectors at the threshold of the"
+        " first table.",
     )
 
 
@@ -160,19 +222,26 @@ def layer_table(faulty: FaultyScores, chosen: Sequence[Chosen]) -> Table:
     parts = {layer: moved.where(moved.layer == layer) for layer in layers_of(moved.layer)}
     rows = []
     for layer, part in parts.items():
-        shares = [percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.faults, "")) for one in chosen]
-        rows.append((layer, len(part.cell), len(np.unique(part.cell)), kinds.count(part.faults), *shares))
+        shares = [
+            percent(share(part.spoke_ms(*one) >= 0, part.unintended, part.faults, ""))
+            for one in chosen
+        ]
+        rows.append(
+            (layer, len(part.cell), len(np.unique(part.cell)), kinds.count(part.faults), *shares)
+        )
     return Table(
         "Unintended motion caught, by layer of the fault",
         ("layer", MOVED, "of faults", "of kinds", *(one.told for one in chosen)),
         tuple(rows),
-        "How many faults each layer has is a design, so that the rates of all layers together depend on it. "
-        f"{kinds.NOTE}",
+        "How many faults each layer has is a design, so that the rates of all layers together"
+        f" depend on it. {kinds.NOTE}",
     )
 
 
 def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> Table:
-    """What an uncertain robot and noise do to false alarms, and to the threshold that would be needed."""
+    """What an uncertain robot and noise do to false alarms, and to the threshold that would be
+    needed.
+    """
     modelled = free.where(free.robot == AS_MODELLED)
     rows = []
     for robot in dict.fromkeys(free.robot.tolist()):
@@ -185,7 +254,10 @@ def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> 
             rates = ["", ""]
             if threshold is not None:
                 rates = [rate(part.per_hour(part.count(name, threshold))) for part in (same, mine)]
-            shares = [percent(caught(faulty, name, one)) if one is not None else "" for one in (threshold, needed)]
+            shares = [
+                percent(caught(faulty, name, one)) if one is not None else ""
+                for one in (threshold, needed)
+            ]
             rows.append((robot, name, _threshold(threshold), *rates, _threshold(needed), *shares))
         for name in (CUE, CHECKS):
             rates = [rate(part.per_hour(part.count(name, np.nan))) for part in (same, mine)]
@@ -193,19 +265,29 @@ def robot_table(faulty: FaultyScores, free: FreeScores, main: Sequence[str]) -> 
     return Table(
         "How much false alarms depend on knowing the robot",
         (
-            "robot", "detector", "threshold chosen on the robot as modelled", "false alarms an hour there, as modelled",
-            "and with this robot", "threshold that this robot needs", "caught at the first", "at the second",
+            "robot",
+            "detector",
+            "threshold chosen on the robot as modelled",
+            "false alarms an hour there, as modelled",
+            "and with this robot",
+            "threshold that this robot needs",
+            "caught at the first",
+            "at the second",
         ),
         tuple(rows),
-        "On the same recordings each time. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable "
-        "stiffness x 0.5 to 2, motor constant x 0.9 to 1.1, drawn anew for each run. Noise: the encoders' "
-        "quantisation and the controller's torque step; more noise: 2 counts and 0.02 N m, assumed. Caught: "
-        "unintended motion of the robot as modelled.",
-    )  # fmt: skip
+        "On the same recordings each time. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to"
+        " 1.25, cable stiffness x 0.5 to 2, motor constant x 0.9 to 1.1, drawn anew for each run."
+        " Noise: the encoders' quantisation and the controller's torque step; more noise: 2 counts"
+        " and 0.02 N m, assumed. Caught: unintended motion of the robot as modelled.",
+    )
 
 
-def condition_table(faulty: FaultyScores, fast: FaultyScores, modelled: FreeScores, main: Sequence[str]) -> Table:
-    """What the motion that a threshold must be quiet on does to the threshold, and so to what is caught."""
+def condition_table(
+    faulty: FaultyScores, fast: FaultyScores, modelled: FreeScores, main: Sequence[str]
+) -> Table:
+    """What the motion that a threshold must be quiet on does to the threshold, and so to what is
+    caught.
+    """
     still_down = unclutched(modelled)
     conditions = (
         ("every motion and scale", modelled, faulty, 0.1),
@@ -234,13 +316,19 @@ def condition_table(faulty: FaultyScores, fast: FaultyScores, modelled: FreeScor
     return Table(
         "What a threshold must be quiet on, and what that costs",
         (
-            "quiet on", "faults at scale", "detector", "threshold", "false alarms an hour", "recall",
-            "other faults with an alarm", "caught before it began",
+            "quiet on",
+            "faults at scale",
+            "detector",
+            "threshold",
+            "false alarms an hour",
+            "recall",
+            "other faults with an alarm",
+            "caught before it began",
         ),
         tuple(rows),
-        f"Thresholds: the lowest with at most {PER_HOUR:g} false alarm an hour on that motion. Faults at 0.1 under "
-        "four motions; at 0.2 while suturing.",
-    )  # fmt: skip
+        f"Thresholds: the lowest with at most {PER_HOUR:g} false alarm an hour on that motion."
+        " Faults at 0.1 under four motions; at 0.2 while suturing.",
+    )
 
 
 def recording_table(modelled: FreeScores, main: Sequence[str]) -> Table:
@@ -256,8 +344,9 @@ def recording_table(modelled: FreeScores, main: Sequence[str]) -> Table:
         "Highest score without a fault, robot as modelled",
         ("recording", "scale", *main, "pulses of the cue"),
         tuple(rows),
-        "Scores grow with the scale, and there where the control software clips its commands (overdrive over 1) the "
-        "robot falls behind its model. With clutching the distance to the model grows over the run at every scale.",
+        "Scores grow with the scale, and there where the control software clips its commands"
+        " (overdrive over 1) the robot falls behind its model. With clutching the distance to the"
+        " model grows over the run at every scale.",
     )
 
 
@@ -269,14 +358,22 @@ def published_table(modelled: FreeScores, chosen: Sequence[tuple[str, float]]) -
             mine = modelled.where(modelled.scale == scale)
             counts = mine.count(name, threshold)
             alarmed = len(np.unique(mine.recording[counts > 0]))
-            rows.append((name, threshold, float(scale), rate(mine.per_hour(counts)),
-                         f"{alarmed} of {len(np.unique(mine.recording))}"))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    threshold,
+                    float(scale),
+                    rate(mine.per_hour(counts)),
+                    f"{alarmed} of {len(np.unique(mine.recording))}",
+                )
+            )
     return Table(
         "False alarms of the published thresholds, by scale",
         ("detector", "threshold", "scale", "false alarms an hour", "recordings with one"),
         tuple(rows),
-        "A percentile of samples fixes the share of milliseconds above each threshold on the motion that it was "
-        "learned on, here scales 0.05 and 0.1; not how often an alarm comes, nor what happens at another scale.",
+        "A percentile of samples fixes the share of milliseconds above each threshold on the motion"
+        " that it was learned on, here scales 0.05 and 0.1; not how often an alarm comes, nor what"
+        " happens at another scale.",
     )
 
 
@@ -285,7 +382,9 @@ def hazard_table(faulty: FaultyScores, main: Sequence[str]) -> Table:
     listed = names(faulty.detectors)
     calm = (faulty.hazard == "none") & ~faulty.jumped & ~faulty.leapt
     kinds = {
-        **{f"{word}, the run's hazard": faulty.hazard == word for word in HAZARDS if word != "none"},
+        **{
+            f"{word}, the run's hazard": faulty.hazard == word for word in HAZARDS if word != "none"
+        },
         "jump of the true tip": faulty.leapt,
         "jump of the reported tip alone": faulty.jumped & ~faulty.leapt,
     }
@@ -293,17 +392,20 @@ def hazard_table(faulty: FaultyScores, main: Sequence[str]) -> Table:
     for words, kind in kinds.items():
         rows_in = kind | calm
         auc = areas(faulty.score[rows_in], kind[rows_in], faulty.kind[rows_in])
-        rows.append((words, auc.positives, *(plain(auc.estimate(listed.index(name))) for name in main)))
+        rows.append(
+            (words, auc.positives, *(plain(auc.estimate(listed.index(name))) for name in main))
+        )
     return Table(
         "AUC by kind of hazard",
         ("what a detector is to tell", "runs", *main),
         tuple(rows),
-        f"Against {wording.count(int(calm.sum()))} faulty runs without hazard and jump each time. A run's hazard is "
-        "the gravest that it has. Jumps are those of the published code's rule: with faults of encoders and estimates "
-        "the reported tip jumps and the robot need not. tip_error and the cue measure the distance of the reported tip "
-        "from the model, of which the true one's belongs to the definition of an unintended motion and of a loss of "
-        "motion, while the steps look for jumps. A robot that stops early shows less motion than one that goes on, and "
-        "so scores less: areas below 0.5 are of such.",
+        f"Against {wording.count(int(calm.sum()))} faulty runs without hazard and jump each time. A"
+        " run's hazard is the gravest that it has. Jumps are those of the published code's rule:"
+        " with faults of encoders and estimates the reported tip jumps and the robot need not."
+        " tip_error and the cue measure the distance of the reported tip from the model, of which"
+        " the true one's belongs to the definition of an unintended motion and of a loss of"
+        " motion, while the steps look for jumps. A robot that stops early shows less motion than"
+        " one that goes on, and so scores less: areas below 0.5 are of such.",
     )
 
 
@@ -314,16 +416,30 @@ def hours_table(free: FreeScores) -> Table:
         mine = free.where(free.robot == robot)
         for scale in np.unique(mine.scale):
             part = mine.where(mine.scale == scale)
-            rows.append((robot, float(scale), len(part.hours), len(np.unique(part.recording)),
-                         round(float(part.hours.sum()), 2)))  # fmt: skip
-        rows.append((robot, "all", len(mine.hours), len(np.unique(mine.recording)),
-                     round(float(mine.hours.sum()), 2)))  # fmt: skip
+            rows.append(
+                (
+                    robot,
+                    float(scale),
+                    len(part.hours),
+                    len(np.unique(part.recording)),
+                    round(float(part.hours.sum()), 2),
+                )
+            )
+        rows.append(
+            (
+                robot,
+                "all",
+                len(mine.hours),
+                len(np.unique(mine.recording)),
+                round(float(mine.hours.sum()), 2),
+            )
+        )
     return Table(
         "Motion without a fault",
         ("robot", "scale", "runs", "recordings", "hours in pedal-down"),
         tuple(rows),
-        "A recording is one generated motion of one seed; its runs at several scales and robots resemble each other, "
-        "so that intervals resample recordings.",
+        "A recording is one generated motion of one seed; its runs at several scales and robots"
+        " resemble each other, so that intervals resample recordings.",
     )
 
 

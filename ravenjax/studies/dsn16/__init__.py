@@ -1,1 +1,3 @@
-"""Targeted attacks and the dynamic model (DSN 2016): both scenarios, the detector and its thresholds, the recording."""
+"""Targeted attacks and the dynamic model (DSN 2016): both scenarios, the detector and its
+thresholds, the recording.
+"""

@@ -1,8 +1,9 @@
 """What the counts of the targeted attacks say: shares of cells, bias, the alarm's window.
 
-A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at, and in how long
-packets last where that is drawn. Values, durations and onsets are a fixed grid and the robot has no noise, so a
-predicted share has no interval; what the draws of packets do to it, variants with other draws tell.
+A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at,
+and in how long packets last where that is drawn. Values, durations and onsets are a fixed grid and
+the robot has no noise, so a predicted share has no interval; what the draws of packets do to it,
+variants with other draws tell.
 """
 
 from __future__ import annotations
@@ -18,13 +19,16 @@ DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
 
 
 def inside(ended: np.ndarray, start: np.ndarray, duration: np.ndarray) -> np.ndarray:
-    """Whether a first jump counts for the published analysis when it only looks at packets t1 to t1 + d + 1.
+    """Whether a first jump counts for the published analysis when it only looks at packets t1 to t1
+    + d + 1.
 
-    ended: packet that ends the second long step, as the monitor notes it, 0 never; the jump's own packet is two
-    before. start, duration: packets.
+    ended: packet that ends the second long step, as the monitor notes it, 0 never; the jump's own
+    packet is two before. start, duration: packets.
     """
     packet = np.asarray(ended) - 2
-    return (np.asarray(ended) > 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
+    return (
+        (np.asarray(ended) > 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
+    )
 
 
 class CellShares(NamedTuple):
@@ -38,7 +42,9 @@ class CellShares(NamedTuple):
         """Of all values held for so many packets, [V]. KeyError where there is no such duration."""
         place = np.flatnonzero(self.durations == duration)
         if not len(place):
-            raise KeyError(f"no fault lasts {duration} packets; there are {self.durations.tolist()}")
+            raise KeyError(
+                f"no fault lasts {duration} packets; there are {self.durations.tolist()}"
+            )
         return self.shares[:, place[0]]
 
     @property
@@ -58,7 +64,9 @@ def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShare
     durations, column = np.unique(duration, return_inverse=True)
     place, size = row * len(durations) + column, len(values) * len(durations)
     with np.errstate(invalid="ignore"):
-        shares = np.bincount(place, np.asarray(hit, float), size) / np.bincount(place, minlength=size)
+        shares = np.bincount(place, np.asarray(hit, float), size) / np.bincount(
+            place, minlength=size
+        )
     return CellShares(values, durations, shares.reshape(len(values), len(durations)))
 
 

@@ -1,9 +1,11 @@
-"""The published detector: thresholds learned from fault-free steps, and the alarms that they raise in a run.
+"""The published detector: thresholds learned from fault-free steps, and the alarms that they raise
+in a run.
 
-analyze_faultfree.py and analyze_faulty.py of CSLDepend/raven2_sim: steps from one logged row to the next of motor
-position, motor velocity and joint position of the first three joints. An alarm is raised where, in one row, each of the
-three is over its threshold for some joint, motor velocity in that row and the next. The code pools the steps of all
-runs and takes a percentile; the text speaks of the runs' maxima.
+analyze_faultfree.py and analyze_faulty.py of CSLDepend/raven2_sim: steps from one logged row to the
+next of motor position, motor velocity and joint position of the first three joints. An alarm is
+raised where, in one row, each of the three is over its threshold for some joint, motor velocity in
+that row and the next. The code pools the steps of all runs and takes a percentile; the text speaks
+of the runs' maxima.
 """
 
 from __future__ import annotations
@@ -26,13 +28,15 @@ FIRST_PACKET = 500
 """Before it the hands rest and the arm settles."""
 
 TAIL = 20.0
-"""Steps that are kept for the bootstrap, times those above the percentile: no draw of runs leaves so few."""
+"""Steps that are kept for the bootstrap, times those above the percentile: no draw of runs
+leaves so few.
+"""
 RESAMPLES = 1000
 SEED = 2016
 
 
 def steps(log: Log) -> np.ndarray:
-    """|step| [rows - 1, 3 variables, 3 joints]: row i is what happens from row i of the log to the next."""
+    """|step| [rows - 1, 3 variables, 3 joints]: row i is what happens from row i of the log to the next."""  # noqa: E501
     return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
 
 
@@ -66,7 +70,9 @@ def learn(runs: Iterable[np.ndarray]) -> Learned:
 
 
 def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
-    """[runs, rows, ..] of a series [rows, ..] a run, each cut to the shortest: runs have more packets or fewer."""
+    """[runs, rows, ..] of a series [rows, ..] a run, each cut to the shortest: runs have more
+    packets or fewer.
+    """
     if not series:
         raise ValueError("thresholds are learned from at least one run, got none")
     rows = min(map(len, series))
@@ -74,7 +80,9 @@ def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
-    """Percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, their rows stay together."""
+    """Percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, their rows
+    stay together.
+    """
     runs, rows = values.shape
     flat, owner = values.ravel(), np.repeat(np.arange(runs), rows)
     beyond = (1.0 - percent / 100.0) * flat.size
@@ -82,34 +90,46 @@ def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95
     largest, owner = flat[tail], owner[tail]
 
     def quantile(indices: np.ndarray) -> np.ndarray:
-        times = np.stack([np.bincount(index, minlength=runs) for index in indices])  # how often each run was drawn
+        times = np.stack(
+            [np.bincount(index, minlength=runs) for index in indices]
+        )  # how often each run was drawn
         passed = np.cumsum(times[:, owner], axis=1)  # steps at least as large, of each resample
         return largest[np.minimum((passed <= beyond).sum(axis=1), len(largest) - 1)]
 
     band = bootstrap(runs, quantile, confidence, resamples=RESAMPLES, seed=SEED, batch=50)
-    return StudyEstimate(float(np.percentile(flat, percent)), float(band.low), float(band.high), runs, "runs")
+    return StudyEstimate(
+        float(np.percentile(flat, percent)), float(band.low), float(band.high), runs, "runs"
+    )
 
 
 def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
-    """Percentile of the runs' maxima [runs] with its order-statistic interval; an end that no run can give is NaN."""
+    """Percentile of the runs' maxima [runs] with its order-statistic interval; an end that no
+    run can give is NaN.
+    """
     from scipy.stats import quantile_test
 
     interval = quantile_test(maxima, p=percent / 100.0).confidence_interval(confidence)
-    low, high = (float(end) if math.isfinite(end) else math.nan for end in (interval.low, interval.high))
+    low, high = (
+        float(end) if math.isfinite(end) else math.nan for end in (interval.low, interval.high)
+    )
     return StudyEstimate(float(np.percentile(maxima, percent)), low, high, len(maxima), "runs")
 
 
 class RunAlarms(NamedTuple):
     """Which of a run's alarms came, inside the published window and anywhere."""
 
-    inside: tuple[bool, bool, bool, bool]  # motor position, motor velocity, joint position, all three in one row
+    inside: tuple[
+        bool, bool, bool, bool
+    ]  # motor position, motor velocity, joint position, all three in one row
     anywhere: tuple[bool, bool, bool, bool]
     first: int  # packets from t1 to the first fused alarm inside the window, -1: none
 
 
 def alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> RunAlarms:
     """Of one run with a fault in packets `start` to `start + duration - 1`; thresholds [3, 3]."""
-    position, velocity, joint = np.any(steps(log) > thresholds, axis=2).T  # each [rows - 1]: its joints are or-ed
+    position, velocity, joint = np.any(
+        steps(log) > thresholds, axis=2
+    ).T  # each [rows - 1]: its joints are or-ed
     velocity = velocity & np.append(velocity[1:], False)
     over = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
     packet = log.packet[:-1]
@@ -125,7 +145,12 @@ def alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> RunAl
 
 def _four(found: np.ndarray) -> tuple[bool, bool, bool, bool]:
     """Which columns of bool [rows, 4] are true anywhere."""
-    return bool(found[:, 0].any()), bool(found[:, 1].any()), bool(found[:, 2].any()), bool(found[:, 3].any())
+    return (
+        bool(found[:, 0].any()),
+        bool(found[:, 1].any()),
+        bool(found[:, 2].any()),
+        bool(found[:, 3].any()),
+    )
 
 
 class DetectionScore(NamedTuple):
@@ -138,7 +163,9 @@ class DetectionScore(NamedTuple):
     f1: float
 
 
-def score(alarmed: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray) -> DetectionScore:
+def score(
+    alarmed: Sequence[bool] | np.ndarray, jumped: Sequence[bool] | np.ndarray
+) -> DetectionScore:
     """Of runs [n]. ValueError for lengths that differ."""
     alarmed, jumped = np.asarray(alarmed, bool), np.asarray(jumped, bool)
     if alarmed.shape != jumped.shape:

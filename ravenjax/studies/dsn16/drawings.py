@@ -59,7 +59,9 @@ def _panel(axis: Any, panel: Panel, places: np.ndarray, label: str) -> None:
             )
     if panel.packets is not None:
         low, high = panel.packets
-        axis.fill_between(places, low, high, color=PREDICTED, alpha=0.15, lw=0, label="other lengths of packets")
+        axis.fill_between(
+            places, low, high, color=PREDICTED, alpha=0.15, lw=0, label="other lengths of packets"
+        )
     for colour, (name, percent) in zip(OTHERS, panel.others.items(), strict=False):
         axis.plot(places, percent, color=colour, lw=1.0, marker=".", ms=4, label=name)
     axis.plot(places, panel.predicted, color=PREDICTED, lw=1.8, marker="o", ms=4, label=label)
@@ -82,7 +84,9 @@ def _panel(axis: Any, panel: Panel, places: np.ndarray, label: str) -> None:
         )
 
 
-def maps(shares: Mapping[str, CellShares], labels: Sequence[str], quantity: str) -> Callable[[Any], None]:
+def maps(
+    shares: Mapping[str, CellShares], labels: Sequence[str], quantity: str
+) -> Callable[[Any], None]:
     """Draws value x duration maps side by side; shares: title -> cells."""
 
     def draw(figure: Any) -> None:
@@ -91,11 +95,15 @@ def maps(shares: Mapping[str, CellShares], labels: Sequence[str], quantity: str)
         image = None
         for axis, (title, cells) in zip(axes, shares.items(), strict=True):
             percent = 100.0 * cells.shares
-            image = axis.imshow(percent, cmap="cividis", vmin=0, vmax=100, aspect="auto", origin="lower")
+            image = axis.imshow(
+                percent, cmap="cividis", vmin=0, vmax=100, aspect="auto", origin="lower"
+            )
             for (row, column), value in np.ndenumerate(percent):
                 if value > 0:
                     ink = "black" if value > 55 else "white"
-                    axis.text(column, row, f"{value:.0f}", ha="center", va="center", fontsize=7, color=ink)
+                    axis.text(
+                        column, row, f"{value:.0f}", ha="center", va="center", fontsize=7, color=ink
+                    )
             axis.set(title=title, xlabel="duration of the fault, packets")
             axis.grid(False)
             axis.set_xticks(range(len(cells.durations)), [str(d) for d in cells.durations])

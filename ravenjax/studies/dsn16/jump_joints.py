@@ -1,4 +1,6 @@
-"""Which joints make a jump, and whether the published detector, which watches the first three, could tell it."""
+"""Which joints make a jump, and whether the published detector, which watches the first three,
+could tell it.
+"""
 
 from __future__ import annotations
 
@@ -23,36 +25,58 @@ POSITIONING = 3
 MOVERS = tuple(joint.replace("_", " ") for joint in JOINTS[:5])
 """Joints that move the reported tip: the jaws turn about it."""
 
-KINDS = ("joints 1-3 alone are a jump", "tool joints alone are a jump", "both alone are", "neither alone is")
+KINDS = (
+    "joints 1-3 alone are a jump",
+    "tool joints alone are a jump",
+    "both alone are",
+    "neither alone is",
+)
 
 
 class JumpJoints(NamedTuple):
-    """What joints do in the two long steps of each run's first jump; the joints of a run without one are NaN."""
+    """What joints do in the two long steps of each run's first jump; the joints of a run without
+    one are NaN.
+    """
 
-    shares: np.ndarray  # [runs, 5] of the steps' length, that each joint makes when it alone moves; signed
-    positioning: np.ndarray  # bool [runs], with tool joints held both steps are still over the limit
+    shares: (
+        np.ndarray
+    )  # [runs, 5] of the steps' length, that each joint makes when it alone moves; signed
+    positioning: (
+        np.ndarray
+    )  # bool [runs], with tool joints held both steps are still over the limit
     tool: np.ndarray  # bool [runs], with joints 1-3 held they are
 
     @property
     def kinds(self) -> tuple[np.ndarray, ...]:
         """Of KINDS: bool [runs] each; runs without a jump are in none."""
         jumped, first, last = np.isfinite(self.shares[:, 0]), self.positioning, self.tool
-        return jumped & first & ~last, jumped & last & ~first, jumped & first & last, jumped & ~first & ~last
+        return (
+            jumped & first & ~last,
+            jumped & last & ~first,
+            jumped & first & last,
+            jumped & ~first & ~last,
+        )
 
 
 def attribute(joints: np.ndarray, limit_mm: float) -> JumpJoints:
-    """joints: [runs, 3, 7] (rad, m) of the gold arm, reported in the three packets of a jump; limit of a step."""
+    """joints: [runs, 3, 7] (rad, m) of the gold arm, reported in the three packets of a jump;
+    limit of a step.
+    """
     before, after = joints[:, :-1], joints[:, 1:]  # [runs, 2 steps, 7]
     start = _tip(before)
     step = _tip(after) - start
-    alone = np.stack([_tip(_moved(before, after, slice(j, j + 1))) - start for j in range(len(MOVERS))], axis=2)
+    alone = np.stack(
+        [_tip(_moved(before, after, slice(j, j + 1))) - start for j in range(len(MOVERS))], axis=2
+    )
     along = (alone * step[:, :, None]).sum(axis=-1) / (step**2).sum(axis=-1)[:, :, None]
 
     def jumps(part: slice) -> np.ndarray:
         lengths = np.linalg.norm(_tip(_moved(before, after, part)) - start, axis=-1)
         return (lengths * 1e3 > limit_mm).all(axis=1)
 
-    return JumpJoints(along.mean(axis=1), jumps(slice(0, POSITIONING)), jumps(slice(POSITIONING, None)))
+    return JumpJoints(
+        along.mean(axis=1), jumps(slice(0, POSITIONING)), jumps(slice(POSITIONING, None))
+    )
 
 
 def _moved(before: np.ndarray, after: np.ndarray, part: slice) -> np.ndarray:
@@ -69,7 +93,9 @@ def _tip(joints: np.ndarray) -> np.ndarray:
 
 
 class Visibility(NamedTuple):
-    """Which alarms of the detector come, inside the published window, with the CHOSEN thresholds."""
+    """Which alarms of the detector come, inside the published window, with the CHOSEN
+    thresholds.
+    """
 
     fused: np.ndarray  # bool [runs]: all three variables over their thresholds in one row
     one: np.ndarray  # bool [runs]: at least one of them at some row
@@ -95,19 +121,30 @@ def case(runs: VariantRuns, watched: Watched, limit_mm: float) -> JumpCase:
 
 
 def by_kind(cases: Mapping[str, JumpCase]) -> Table:
-    """First jumps by the joints that make them, and what the detector and the robot tell of them; name -> case."""
+    """First jumps by the joints that make them, and what the detector and the robot tell of
+    them; name -> case.
+    """
     rows = []
     for name, one in cases.items():
-        kinds = dict(zip(KINDS, one.joints.kinds, strict=True)) | {"all": np.isfinite(one.joints.shares[:, 0])}
+        kinds = dict(zip(KINDS, one.joints.kinds, strict=True)) | {
+            "all": np.isfinite(one.joints.shares[:, 0])
+        }
         for kind, mask in kinds.items():
             rows.append((name, kind, int(mask.sum()), *_told(one, mask)))
-    heads = ("variant", "first jumps of which", "runs", "at 1 packet", "joints 1-3, median % of the steps")
+    heads = (
+        "variant",
+        "first jumps of which",
+        "runs",
+        "at 1 packet",
+        "joints 1-3, median % of the steps",
+    )
     heads += ("all three variables over, %", "none of the three over, %", "E-stop, %")
     note = (
-        "A run's first jump is two long steps of the reported tip; each is taken again with joints 1-3 alone moving, "
-        "and with the tool joints alone. Variables are those of the published detector: steps of motor position, "
-        f"motor velocity and joint position of joints 1-3 inside t1 .. t1 + d + 1, thresholds at {CHOSEN}. "
-        "The detector raises an alarm where all three are over; a jump with none of them over it cannot see."
+        "A run's first jump is two long steps of the reported tip; each is taken again with joints"
+        " 1-3 alone moving, and with the tool joints alone. Variables are those of the published"
+        " detector: steps of motor position, motor velocity and joint position of joints 1-3"
+        f" inside t1 .. t1 + d + 1, thresholds at {CHOSEN}. The detector raises an alarm where all"
+        " three are over; a jump with none of them over it cannot see."
     )
     return Table("Which joints make the jumps, and who could tell", heads, tuple(rows), note)
 
@@ -128,15 +165,24 @@ def by_joint(one: JumpCase) -> Table:
     rows = []
     for label, mask in groups:
         means = one.joints.shares[mask].mean(axis=0) if mask.any() else None
-        shares = ("",) * len(MOVERS) if means is None else tuple(round(100.0 * float(x), 1) for x in means)
+        shares = (
+            ("",) * len(MOVERS)
+            if means is None
+            else tuple(round(100.0 * float(x), 1) for x in means)
+        )
         rows.append((label, int(mask.sum()), *shares))
-    note = "Mean over first jumps; a joint against the step counts negative, and joints that cancel pass 100 %."
+    note = (
+        "Mean over first jumps; a joint against the step counts negative, and joints that cancel"
+        " pass 100 %."
+    )
     heads = ("duration, packets", "jumps", *(f"{joint}, %" for joint in MOVERS))
     return Table(f"Whose motion the jumps are; {one.runs.name}", heads, tuple(rows), note)
 
 
 def visible(one: JumpCase) -> Line:
-    """Whether the published detector can see most of the predicted jumps: what it cannot see, it was not scored on."""
+    """Whether the published detector can see most of the predicted jumps: what it cannot see, it
+    was not scored on.
+    """
     jumped = np.isfinite(one.joints.shares[:, 0])
     runs = int(jumped.sum())
     fused, none = int((jumped & one.visible.fused).sum()), int((jumped & ~one.visible.one).sum())
@@ -144,8 +190,8 @@ def visible(one: JumpCase) -> Line:
         "the predicted jumps are ones that the published detector can see",
         None,
         2 * fused > runs,
-        f"counted as: it tells more than half of the {runs} runs that jump; it tells {fused}, and in {none} none of "
-        "its variables passes its threshold",
+        f"counted as: it tells more than half of the {runs} runs that jump; it tells {fused}, and"
+        f" in {none} none of its variables passes its threshold",
     )
 
 
@@ -161,6 +207,6 @@ def _sentence(one: JumpCase) -> str:
         return f"{one.runs.name}: no run jumps."
     first, tool, both, neither = (int(kind.sum()) for kind in one.joints.kinds)
     return (
-        f"{one.runs.name}: {runs} of {len(jumped)} runs jump, by joints 1-3 alone {first}, by the tool joints alone "
-        f"{tool}, by either {both}, by both together only {neither}."
+        f"{one.runs.name}: {runs} of {len(jumped)} runs jump, by joints 1-3 alone {first}, by the"
+        f" tool joints alone {tool}, by either {both}, by both together only {neither}."
     )

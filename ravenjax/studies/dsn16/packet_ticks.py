@@ -1,4 +1,6 @@
-"""When each packet of a run comes: faults and published logs count packets, simulated runs count milliseconds."""
+"""When each packet of a run comes: faults and published logs count packets, simulated runs count
+milliseconds.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,24 @@ CYCLES = "network.cycles_per_packet"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PacketTicks:
-    """Of the runs of a campaign, in its order, as if nothing ever stopped them; packets count from 1."""
+    """Of the runs of a campaign, in its order, as if nothing ever stopped them; packets count
+    from 1.
+    """
 
     ticks: np.ndarray  # int32 [runs, packets] at which each comes, ascending
-    by_time: bool  # a packet is of the hand's place at its tick; else each is of the next row of the motion
+    # a packet is of the hand's place at its tick; else each is of the next row of the motion
+    by_time: bool
 
     def packet(self, index: np.ndarray, tick: np.ndarray) -> np.ndarray:
-        """Number of the newest packet in run `index` [n] at `tick` [n] (ms); 0 where the tick is negative."""
+        """Number of the newest packet in run `index` [n] at `tick` [n] (ms); 0 where the tick is
+        negative.
+        """
         return np.array(
-            [np.searchsorted(self.ticks[row], t, side="right") for row, t in zip(index, tick, strict=True)], int
+            [
+                np.searchsorted(self.ticks[row], t, side="right")
+                for row, t in zip(index, tick, strict=True)
+            ],
+            int,
         )
 
     def motion_row(self, index: np.ndarray, packet: np.ndarray) -> np.ndarray:
@@ -51,9 +62,13 @@ def regular(runs: int, length: int, cycles: int = 1) -> PacketTicks:
 
 
 def drawn(shares: tuple[float, ...], keys: np.ndarray, length: int) -> PacketTicks:
-    """Of runs with these packet keys (uint32 [runs]) and lengths that have `shares`, for `length` ms."""
+    """Of runs with these packet keys (uint32 [runs]) and lengths that have `shares`, for
+    `length` ms.
+    """
     packets = jnp.arange(length, dtype=jnp.int32)  # as many as there can be
-    cycles = packet_clock.length((shares,), np.int32(0), jnp.asarray(keys)[:, None], packets[None, :])
+    cycles = packet_clock.length(
+        (shares,), np.int32(0), jnp.asarray(keys)[:, None], packets[None, :]
+    )
     after = np.cumsum(np.asarray(cycles), axis=1, dtype=np.int32)
     ticks = np.concatenate([np.zeros((len(keys), 1), np.int32), after[:, :-1]], axis=1)
     return PacketTicks(ticks[:, : int((ticks < length).sum(axis=1).max())], by_time=True)

@@ -1,4 +1,6 @@
-"""The result table of one variant of the targeted attacks as its study counts it: one row a faulty run."""
+"""The result table of one variant of the targeted attacks as its study counts it: one row a
+faulty run.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ class VariantRuns:
     duration: np.ndarray  # packets
     start: np.ndarray  # packet
     jump_packet: np.ndarray  # that ends the first jump's second long step, 0: none
-    hits: Mapping[str, np.ndarray]  # bool: jump, inside (the published window), stop, ik, missed (jump without a stop)
+    hits: Mapping[
+        str, np.ndarray
+    ]  # bool: jump, inside (the published window), stop, ik, missed (jump without a stop)
 
     def counting(self, **hits: np.ndarray) -> VariantRuns:
         """The same runs with more to count."""
@@ -53,7 +57,9 @@ def read(name: str, folder: Path) -> VariantRuns:
 
 
 def of(name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTicks) -> VariantRuns:
-    """The valid faulty rows of a result table. A displacement's value is the group's (its slots hold shares of it)."""
+    """The valid faulty rows of a result table. A displacement's value is the group's (its slots
+    hold shares of it).
+    """
     columns = {str(column): table[column].to_numpy() for column in table.columns}
     has_fault, valid = columns["fault0_site"] != "", columns["failed"] == ""
     faulty = np.flatnonzero(has_fault & valid)
@@ -64,7 +70,10 @@ def of(name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTi
     index, jump = columns["index"][rows], columns["jump_code"][rows].astype(bool)
     ended = packets.packet(index, columns["jump_code_first_ms"][rows])
     stop = columns["response"][rows] == "stopped"
-    value = [_displacement(g, v) for g, v in zip(columns["group"][rows], columns["fault0_value"][rows], strict=True)]
+    value = [
+        _displacement(g, v)
+        for g, v in zip(columns["group"][rows], columns["fault0_value"][rows], strict=True)
+    ]
     return VariantRuns(
         name=name,
         config=config,

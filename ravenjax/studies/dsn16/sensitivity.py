@@ -1,4 +1,6 @@
-"""What each open question of the targeted attacks is worth: every variant beside the baseline, cell by cell."""
+"""What each open question of the targeted attacks is worth: every variant beside the baseline,
+cell by cell.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,8 @@ from ravenjax.studies.dsn16.runs import VariantRuns
 from ravenjax.studies.framework.study import Table
 
 NOTE = (
-    "Points are means over all cells of the fixed grid, each variant's cell against the same cell of the baseline. A "
-    "cell changes where at least half of its runs come out the other way."
+    "Points are means over all cells of the fixed grid, each variant's cell against the same cell"
+    " of the baseline. A cell changes where at least half of its runs come out the other way."
 )
 
 INSIDE = "jumps only inside t1 .. t1 + d + 1"
@@ -37,7 +39,9 @@ class VariantCase(NamedTuple):
 
 
 def rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
-    """The baseline's own runs with other rules of what a jump is; leaps: bool [runs], the text's."""
+    """The baseline's own runs with other rules of what a jump is; leaps: bool [runs], the
+    text's.
+    """
     return [
         VariantCase(base, INSIDE, "inside", "inside_window"),
         VariantCase(
@@ -70,8 +74,15 @@ def table(
     hit: str = "jump",
     note: str = "",
 ) -> Table:
-    """Percent by duration of each case, and its distance from the baseline and, where it is given, the publication."""
-    heads = ["variant", "open question answered otherwise", "lever", *(f"{d} packets" for d in DURATIONS)]
+    """Percent by duration of each case, and its distance from the baseline and, where it is
+    given, the publication.
+    """
+    heads = [
+        "variant",
+        "open question answered otherwise",
+        "lever",
+        *(f"{d} packets" for d in DURATIONS),
+    ]
     heads += ["cells changed", "points from baseline"]
     if published is not None:
         heads += ["points from publication", "above / below", "sign test p"]
@@ -79,7 +90,15 @@ def table(
         heads += ["in band"]
     rows = []
     if published is not None:
-        rows.append(("published", "", "", *(round(float(p), 1) for p in published), *("",) * (len(heads) - 11)))
+        rows.append(
+            (
+                "published",
+                "",
+                "",
+                *(round(float(p), 1) for p in published),
+                *("",) * (len(heads) - 11),
+            )
+        )
     for case in cases:
         percent = case.runs.percent(case.hit)
         apart, changed = shifts(case, baseline, hit)
@@ -88,9 +107,16 @@ def table(
         row += [changed, _points(apart)]
         if published is not None:
             sign = dsn16_cells.bias(percent, published, reading_error)
-            row += [f"{float(np.mean(percent - published)):+.1f}", f"{sign.above} / {sign.below}", round(sign.p, 3)]
+            row += [
+                f"{float(np.mean(percent - published)):+.1f}",
+                f"{sign.above} / {sign.below}",
+                round(sign.p, 3),
+            ]
         if bands is not None:
-            row += [f"{sum(dsn16_cells.in_band(p, b) for p, b in zip(percent, bands, strict=True))} of {len(bands)}"]
+            row += [
+                f"{sum(dsn16_cells.in_band(p, b) for p, b in zip(percent, bands, strict=True))} of"
+                f" {len(bands)}"
+            ]
         rows.append(tuple(row))
     return Table(title, tuple(heads), tuple(rows), note)
 
@@ -103,6 +129,8 @@ def _points(apart: float) -> str:
 
 
 def ranked(cases: Iterable[VariantCase], baseline: VariantRuns) -> list[tuple[str, float, int]]:
-    """Name, mean difference in points and changed cells of each case, the largest difference first."""
+    """Name, mean difference in points and changed cells of each case, the largest difference
+    first.
+    """
     differences = [(case.name, *shifts(case, baseline)) for case in cases]
     return sorted((f for f in differences if not math.isnan(f[1])), key=lambda f: -abs(f[1]))

@@ -1,6 +1,8 @@
-"""Every signal of many runs of a finished campaign: one kernel that keeps them all, compiled once, runs side by side.
+"""Every signal of many runs of a finished campaign: one kernel that keeps them all, compiled once,
+runs side by side.
 
-`series` tells a few chosen signals of campaigns with faults; the detector needs motors, of fault-free campaigns too.
+`series` tells a few chosen signals of campaigns with faults; the detector needs motors, of
+fault-free campaigns too.
 """
 
 from __future__ import annotations
@@ -25,11 +27,14 @@ Series = Mapping[str, np.ndarray]
 """Name -> [ticks] or [ticks, k], as `store.logs.time_series` names them."""
 
 
-def measure(path: Path, measured: Callable[[int, Series], T], rows: Sequence[int] | None = None) -> list[T]:
-    """What `measured` makes of each of these rows of the result folder `path` (None: all): of its index and its series.
+def measure(
+    path: Path, measured: Callable[[int, Series], T], rows: Sequence[int] | None = None
+) -> list[T]:
+    """What `measured` makes of each of these rows of the result folder `path` (None: all): of its
+    index and its series.
 
-    Each run is measured at once and dropped: its signals take about 2 MB a second of it. Raises StoreError as
-    `manifest.read`.
+    Each run is measured at once and dropped: its signals take about 2 MB a second of it. Raises
+    StoreError as `manifest.read`.
     """
     compile_cache.enable()
     ready = plan.make(validated(manifest.read(path).config))

@@ -1,4 +1,6 @@
-"""What the detector of the targeted attacks (DSN 2016) learns from fault-free runs, and how sure that is."""
+"""What the detector of the targeted attacks (DSN 2016) learns from fault-free runs, and how sure
+that is.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,16 @@ from ravenjax.studies.dsn16.signals import Series, measure
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.drawing import PUBLISHED, SERIES
 from ravenjax.studies.framework.literature import Published
-from ravenjax.studies.framework.study import Context, Drawing, Findings, Line, Study, StudyEstimate, Table, Variant
+from ravenjax.studies.framework.study import (
+    Context,
+    Drawing,
+    Findings,
+    Line,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
 
 CAMPAIGN = "dsn16_thresholds.toml"
 SECOND = "peg_transfer"
@@ -32,14 +43,22 @@ ABLATIONS = (
         for name, over in trajectory.LEVERS.items()
     ),
     Variant("substeps_4", CAMPAIGN, ("campaign.substeps=4", FEW), "four plant steps a millisecond"),
-    Variant("substeps_10", CAMPAIGN, ("campaign.substeps=10", FEW), "ten plant steps a millisecond"),
     Variant(
-        "build_robot", CAMPAIGN, ("campaign.build=robot", FEW), "encoders and velocity filter instead of the model"
+        "substeps_10", CAMPAIGN, ("campaign.substeps=10", FEW), "ten plant steps a millisecond"
+    ),
+    Variant(
+        "build_robot",
+        CAMPAIGN,
+        ("campaign.build=robot", FEW),
+        "encoders and velocity filter instead of the model",
     ),
     *timing.variants(CAMPAIGN, FEW),
     *(
         Variant(
-            f"plant_{name}", CAMPAIGN, (f"campaign.parameter_set={name}", FEW), f"the authors' law and their set {name}"
+            f"plant_{name}",
+            CAMPAIGN,
+            (f"campaign.parameter_set={name}", FEW),
+            f"the authors' law and their set {name}",
         )
         for name in ("traj3", "B", "matlab_main")
     ),
@@ -47,13 +66,20 @@ ABLATIONS = (
 
 
 def variants() -> tuple[Variant, ...]:
-    """Two motions of 300 runs, fewer runs of everything else, recorded hands where the recording is at hand."""
+    """Two motions of 300 runs, fewer runs of everything else, recorded hands where the recording
+    is at hand.
+    """
     recorded = trajectory.recorded()
     return (
         Variant(BASELINE, CAMPAIGN),
-        Variant(SECOND, CAMPAIGN, ("operator.motion=peg_transfer",), "the second motion of the 600 runs"),
+        Variant(
+            SECOND, CAMPAIGN, ("operator.motion=peg_transfer",), "the second motion of the 600 runs"
+        ),
         *ABLATIONS,
-        *(Variant(name, CAMPAIGN, (*over, FEW), "recorded hands") for name, over in recorded.items()),
+        *(
+            Variant(name, CAMPAIGN, (*over, FEW), "recorded hands")
+            for name, over in recorded.items()
+        ),
     )
 
 
@@ -70,7 +96,11 @@ def compare(context: Context) -> Findings:
     learned, windows = trajectory.apart(learned)
     both = _joined([learned[name] for name in (BASELINE, SECOND) if name in learned])
     questions = {variant.name: variant.question for variant in variants()}
-    lines = [*_spread(learned, tips, published), *_largest(learned, published), *_integrator(learned, published)]
+    lines = [
+        *_spread(learned, tips, published),
+        *_largest(learned, published),
+        *_integrator(learned, published),
+    ]
     lines += _tracking(runs_of, published)
     title = "What moves fault-free steps and thresholds"
     tables = [_thresholds(both), _sensitivity(title, learned, tips, questions, published)]
@@ -100,7 +130,9 @@ def _measured(row: int, series: Series) -> FaultFree:
     """Of one run."""
     trace, moving = log(series), np.asarray(series["last_seq"]) >= detector.FIRST_PACKET
     error = (series["gold/mpos_d"] - series["gold/mpos"])[moving, :3]
-    distance = np.linalg.norm((series["gold/position_d"] - series["gold/position"])[moving], axis=1) * 1e3
+    distance = (
+        np.linalg.norm((series["gold/position_d"] - series["gold/position"])[moving], axis=1) * 1e3
+    )
     return FaultFree(
         steps=detector.fault_free(trace),
         tip=tip_steps(trace),
@@ -115,7 +147,9 @@ def tip_steps(found: Log) -> np.ndarray:
     return np.diff(found.tip, axis=0)[found.packet[:-1] >= detector.FIRST_PACKET]
 
 
-def _spread(learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published) -> Iterator[Line]:
+def _spread(
+    learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published
+) -> Iterator[Line]:
     """Standard deviations of steps, beside those of the fork's fault-free runs."""
     for name in (name for name in (BASELINE, SECOND) if name in learned):
         for v in ("mpos", "mvel"):
@@ -127,12 +161,18 @@ def _spread(learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], publ
                     UNITS[v][j],
                     reference,
                     predicted,
-                    reason=f"{predicted.value / reference.value:.2f} of the published one: another motion",
+                    reason=(
+                        f"{predicted.value / reference.value:.2f} of the published one: another"
+                        " motion"
+                    ),
                 )
         tip = tips[name]
         predicted = deviation(tip.reshape(len(tip), -1))
         yield Line(
-            f"standard deviation of a step, tip, per axis; {name}", "um", published.estimate("step.tip"), predicted
+            f"standard deviation of a step, tip, per axis; {name}",
+            "um",
+            published.estimate("step.tip"),
+            predicted,
         )
 
 
@@ -145,13 +185,19 @@ def _largest(learned: Mapping[str, Learned], published: Published) -> Iterator[L
             f"largest step, {NAMES[v]}, {joint}; {BASELINE}",
             UNITS[v][j],
             published.estimate(f"largest.{key}"),
-            StudyEstimate(float(maxima.max()), float(maxima.min()), float(maxima.max()), len(maxima), "runs"),
-            reason="generated hands move smoothly; the published trajectories have steps of their own",
+            StudyEstimate(
+                float(maxima.max()), float(maxima.min()), float(maxima.max()), len(maxima), "runs"
+            ),
+            reason=(
+                "generated hands move smoothly; the published trajectories have steps of their own"
+            ),
         )
 
 
 def _integrator(learned: Mapping[str, Learned], published: Published) -> Iterator[Line]:
-    """Velocity steps of the insertion by plant steps a millisecond, beside a rebuild's by integrator."""
+    """Velocity steps of the insertion by plant steps a millisecond, beside a rebuild's by
+    integrator.
+    """
     for name, key in ((BASELINE, "euler"), ("substeps_4", "rk4"), ("substeps_10", "converged")):
         if name in learned:
             yield Line(
@@ -159,28 +205,49 @@ def _integrator(learned: Mapping[str, Learned], published: Published) -> Iterato
                 "rad/s",
                 published.estimate(f"integrator.{key}"),
                 deviation(learned[name].pooled[:, :, VARIABLES.index("mvel"), 2]),
-                reason="an implicit step, not explicit Euler: these steps are the motion's, whatever the plant's step",
+                reason=(
+                    "an implicit step, not explicit Euler: these steps are the motion's, whatever"
+                    " the plant's step"
+                ),
             )
 
 
 def _tracking(runs_of: Mapping[str, Sequence[FaultFree]], published: Published) -> Iterator[Line]:
-    """How well motors and tip follow, beside a rebuild that followed the recording of one published trajectory."""
+    """How well motors and tip follow, beside a rebuild that followed the recording of one
+    published trajectory.
+    """
     reason = "another motion"
     for name in (name for name in (BASELINE, SECOND) if name in runs_of):
         for j, joint in enumerate(JOINTS):
             key, error, dac = published.estimate(f"rms.{joint}"), *_over(runs_of[name], j)
-            yield Line(f"motor error, root mean square, {joint}; {name}", "rad", key, error, reason=reason)
+            yield Line(
+                f"motor error, root mean square, {joint}; {name}", "rad", key, error, reason=reason
+            )
             reference = published.estimate(f"dac.{joint}")
-            yield Line(f"DAC command, standard deviation, {joint}; {name}", "counts", reference, dac, reason=reason)
+            yield Line(
+                f"DAC command, standard deviation, {joint}; {name}",
+                "counts",
+                reference,
+                dac,
+                reason=reason,
+            )
         for k, key in enumerate(("mean", "largest")):
             values = [one.distance_mm[k] for one in runs_of[name]]
             reference = published.estimate(f"tip_error.{key}")
-            yield Line(f"tip from desired tip, {key}; {name}", "mm", reference, _range(values), reason=reason)
+            yield Line(
+                f"tip from desired tip, {key}; {name}",
+                "mm",
+                reference,
+                _range(values),
+                reason=reason,
+            )
 
 
 def _over(runs: Sequence[FaultFree], joint: int) -> tuple[StudyEstimate, StudyEstimate]:
     """Motor error and DAC spread of a joint over runs."""
-    return _range([float(one.error[joint]) for one in runs]), _range([float(one.dac[joint]) for one in runs])
+    return _range([float(one.error[joint]) for one in runs]), _range(
+        [float(one.dac[joint]) for one in runs]
+    )
 
 
 def _range(values: Sequence[float]) -> StudyEstimate:
@@ -214,11 +281,12 @@ def _thresholds(learned: Learned) -> Table:
     )
     runs = len(learned.pooled)
     note = (
-        f"{runs} fault-free runs on two motions, packets from {detector.FIRST_PACKET} on. The published values "
-        "are not known. Runs of one motion differ by torque noise and by how long each packet lasts, so the intervals "
-        "say how well this campaign knows its own percentile; two motions are two facts, and the table of "
-        "sensitivities says how far the choice of motion moves it. "
-        f"An order statistic of {runs} runs has no upper end at these percentiles (-)."
+        f"{runs} fault-free runs on two motions, packets from {detector.FIRST_PACKET} on. The"
+        " published values are not known. Runs of one motion differ by torque noise and by how"
+        " long each packet lasts, so the intervals say how well this campaign knows its own"
+        " percentile; two motions are two facts, and the table of sensitivities says how far the"
+        f" choice of motion moves it. An order statistic of {runs} runs has no upper end at these"
+        " percentiles (-)."
     )
     return Table("Thresholds, predicted blind", heads, tuple(rows), note)
 
@@ -236,7 +304,9 @@ def _sensitivity(
     published: Published,
 ) -> Table:
     heads = ["variant", "question", "runs"]
-    heads += [f"sd {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS] + ["sd tip, um"]
+    heads += [f"sd {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS] + [
+        "sd tip, um"
+    ]
     heads += [f"99.9 % {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS]
     reference = [published.value(f"step.{v}.{joint}") for v in ("mpos", "mvel") for joint in JOINTS]
     rows: list[tuple[str | int | float, ...]] = [
@@ -260,22 +330,35 @@ def _drawing(learned: Learned) -> Drawing:
                 values = np.sort(learned.pooled[:, :, v, j].ravel())
                 at = np.unique(np.rint(np.geomspace(1, len(values), 400)).astype(int))
                 scale = learned.maxima[:, v, j].max()
-                axis.plot(values[-at] / scale, at / len(values), color=SERIES[j], lw=1.2, label=joint)
+                axis.plot(
+                    values[-at] / scale, at / len(values), color=SERIES[j], lw=1.2, label=joint
+                )
             for percent in PERCENTILES:
                 axis.axhline(1.0 - percent / 100.0, color=PUBLISHED, lw=0.6, ls=":")
-            axis.set(title=NAMES[variable], xlabel="step / largest step", yscale="log", xlim=(0, 1.02))
+            axis.set(
+                title=NAMES[variable], xlabel="step / largest step", yscale="log", xlim=(0, 1.02)
+            )
         axes[0].legend(loc="lower left")
         axes[0].set_ylabel("share of steps above it")
 
-    caption = "Fault-free steps of 600 runs: share above a size, and (dotted) where the published percentiles cut."
+    caption = (
+        "Fault-free steps of 600 runs: share above a size, and (dotted) where the published"
+        " percentiles cut."
+    )
     return Drawing("dsn16_thresholds_steps", caption, draw)
 
 
 STUDY = Study(
     name="dsn16_thresholds",
     title="Targeted attacks: the detector's thresholds from fault-free runs",
-    source='Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016; CSLDepend/raven2_sim',
-    question="How far do motors and joints move from packet to packet when nothing is wrong, and how sure is that?",
+    source=(
+        'Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016;'
+        " CSLDepend/raven2_sim"
+    ),
+    question=(
+        "How far do motors and joints move from packet to packet when nothing is wrong, and how"
+        " sure is that?"
+    ),
     variants=variants(),
     compare=compare,
     minutes=1.5,

@@ -1,11 +1,13 @@
-"""Whose hands moved while the attacks struck, and the lever of a shoulder fault: the tip's distance to the first axis.
+"""Whose hands moved while the attacks struck, and the lever of a shoulder fault: the tip's distance
+to the first axis.
 
-The two published trajectories are not at hand; the recording of one of them has levers of 77 to 85 mm, as have the
-generated motions, which begin at home. Three variants are the same stitches with the instrument drawn back, so that
-levers of 80 to 180 mm are covered. Where the environment variable RAVENJAX_DATA names a folder that holds the
-public `operator_positions.parquet`, four windows of it are added: real hands, at 55 to 183 mm. They stand in tables of
-their own, and nothing else depends on whether they are there. The windows were chosen by length and reach alone. The
-time stamps come in bursts, so rows are spaced evenly; a low-pass removes the steps of the recorder.
+The two published trajectories are not at hand; the recording of one of them has levers of 77 to 85
+mm, as have the generated motions, which begin at home. Three variants are the same stitches with
+the instrument drawn back, so that levers of 80 to 180 mm are covered. Where the environment
+variable RAVENJAX_DATA names a folder that holds the public `operator_positions.parquet`, four
+windows of it are added: real hands, at 55 to 183 mm. They stand in tables of their own, and nothing
+else depends on whether they are there. The windows were chosen by length and reach alone. The time
+stamps come in bursts, so rows are spaced evenly; a low-pass removes the steps of the recorder.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ HANDS = "Recorded hands"
 """How each table and note begins that needs the recording."""
 
 WINDOWS_S = ((0.0, 2.95), (6.4, 14.9), (18.2, 47.9), (50.7, 60.9))
-"""Stretches of the public recording, s, that the arm reaches with a fixed wrist: the longest, and the first."""
+"""Stretches of the public recording, s, that the arm reaches with a fixed wrist: the longest,
+and the first.
+"""
 
 MOTIONS: Mapping[str, tuple[str, ...]] = {
     "peg_transfer": ("operator.motion=peg_transfer",),
@@ -59,15 +63,26 @@ def recorded(environment: Mapping[str, str] | None = None) -> dict[str, tuple[st
     path = Path(folder or ".").absolute() / RECORDING
     if not folder or not path.is_file():
         return {}
-    even = f"operator.rate_hz={RATE_HZ}", f"operator.cutoff_hz={CUTOFF_HZ:g}", "operator.at_end=reverse"
+    even = (
+        f"operator.rate_hz={RATE_HZ}",
+        f"operator.cutoff_hz={CUTOFF_HZ:g}",
+        "operator.at_end=reverse",
+    )
     return {
-        f"recorded_{begin:.0f}s": ("operator={}", f"operator.file={path}", f"operator.window_s=[{begin},{end}]", *even)
+        f"recorded_{begin:.0f}s": (
+            "operator={}",
+            f"operator.file={path}",
+            f"operator.window_s=[{begin},{end}]",
+            *even,
+        )
         for begin, end in WINDOWS_S
     }
 
 
 def apart(variants: Mapping[str, T]) -> tuple[dict[str, T], dict[str, T]]:
-    """What everybody has of `variants` (name -> anything), and the windows of the recording, which stand apart."""
+    """What everybody has of `variants` (name -> anything), and the windows of the recording,
+    which stand apart.
+    """
     windows = recorded()
     return (
         {name: one for name, one in variants.items() if name not in windows},
@@ -78,10 +93,14 @@ def apart(variants: Mapping[str, T]) -> tuple[dict[str, T], dict[str, T]]:
 def hands_note(windows: int) -> str:
     """What a study says of this many windows of the recording."""
     if not windows:
-        return f"{HANDS}: none were run. Set {DATA} to the folder that holds {RECORDING}, and they get tables here."
+        return (
+            f"{HANDS}: none were run. Set {DATA} to the folder that holds {RECORDING}, and they get"
+            " tables here."
+        )
     return (
-        f"{HANDS}: {windows} windows of {RECORDING} stand in tables of their own. No other line, table, figure or "
-        f"note depends on them: without the recording ({DATA}) all the rest is the same."
+        f"{HANDS}: {windows} windows of {RECORDING} stand in tables of their own. No other line,"
+        f" table, figure or note depends on them: without the recording ({DATA}) all the rest is"
+        " the same."
     )
 
 
@@ -94,12 +113,16 @@ class Lever(NamedTuple):
     @property
     def words(self) -> str:
         """As a range."""
-        return f"{self.low:.0f} mm" if round(self.low) == round(self.high) else f"{self.low:.0f}-{self.high:.0f} mm"
+        return (
+            f"{self.low:.0f} mm"
+            if round(self.low) == round(self.high)
+            else f"{self.low:.0f}-{self.high:.0f} mm"
+        )
 
 
 def lever(config: CampaignConfig, rows: np.ndarray) -> Lever:
-    """Of the gold arm's desired tip at these rows of the motion, ms. The first axis is the z axis of the arm's
-    frame 0."""
+    """Of the gold arm's desired tip at these rows of the motion, ms. The first axis is the z axis
+    of the arm's frame 0."""
     tips = desired_tip(config)[np.asarray(rows, int)]
     distance = np.hypot(tips[:, 0], tips[:, 1]) * 1e3
     return Lever(float(distance.min()), float(distance.max()))
@@ -112,6 +135,11 @@ def desired_tip(config: CampaignConfig) -> np.ndarray:
     raven = of_raven(config)
     motion = hands.operator_motion(raven)
     with jax.enable_x64(True):
-        start = kinematics.forward("gold", Vec(np.float64(q) for q in motion.start_jpos[0])).position
+        start = kinematics.forward(
+            "gold", Vec(np.float64(q) for q in motion.start_jpos[0])
+        ).position
     axes = np.array(ITP_AXES["gold"], float)
-    return np.array([float(x) for x in start]) + motion.position_um[:, 0] @ axes.T * raven.operator.scale * 1e-6
+    return (
+        np.array([float(x) for x in start])
+        + motion.position_um[:, 0] @ axes.T * raven.operator.scale * 1e-6
+    )

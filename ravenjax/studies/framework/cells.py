@@ -21,7 +21,9 @@ def span(low: float | None, high: float | None) -> str:
 
 
 def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
-    """`0.51 mm (0.43 to 0.58)`, of an estimate as findings.json has it; without brackets where it has no interval."""
+    """`0.51 mm (0.43 to 0.58)`, of an estimate as findings.json has it; without brackets where
+    it has no interval.
+    """
     text = f"{number(estimate['value'])} {unit}".rstrip()
     if estimate["low"] is None or estimate["high"] is None:
         return text
@@ -29,8 +31,14 @@ def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
 
 
 def counted_over(estimate: Mapping[str, Any]) -> str:
-    """`36 segments`: what an estimate was counted over or read from; empty where that is not known."""
-    return f"{wording.count(estimate['n'])} {estimate['of']}".rstrip() if estimate["n"] else estimate["of"]
+    """`36 segments`: what an estimate was counted over or read from; empty where that is not
+    known.
+    """
+    return (
+        f"{wording.count(estimate['n'])} {estimate['of']}".rstrip()
+        if estimate["n"]
+        else estimate["of"]
+    )
 
 
 def cell(value: str | float | None) -> str:

@@ -1,9 +1,12 @@
-"""What each study claims and what that rests on, as data: `studies/claims/NAME.toml`, one file a study.
+"""What each study claims and what that rests on, as data: `studies/claims/NAME.toml`, one file a
+study.
 
-Terms and their order are those of the guidance *Assessing the Credibility of Computational Modeling and Simulation in
-Medical Device Submissions* (FDA, November 2023). What several claims rest on stands once, in `claims/model.toml`.
+Terms and their order are those of the guidance *Assessing the Credibility of Computational Modeling
+and Simulation in Medical Device Submissions* (FDA, November 2023). What several claims rest on
+stands once, in `claims/model.toml`.
 
-A text may hold numbers of findings, each by its name in braces. `numbers` says where it is read, so that none is typed:
+A text may hold numbers of findings, each by its name in braces. `numbers` says where it is read, so
+that none is typed:
 
     answer = "The predicted mean is {mean}, over {mean.over}; published is {mean.published}."
     numbers.mean = { line = "mean tip error of all segments" }
@@ -48,14 +51,18 @@ class _Strict(BaseModel):
 
 
 class Quotation(_Strict):
-    """Where a number of findings is read: one of a line, a cell, a target, or lines inside their bands."""
+    """Where a number of findings is read: one of a line, a cell, a target, or lines inside their
+    bands.
+    """
 
     line: str = Field(default="", description="quantity of a line")
     table: str = Field(default="", description="title of a table; with row and column")
     row: tuple[str, ...] = Field(default=(), description="first cells of the row")
     column: str = ""
     target: str = Field(default="", description="A1: what its lines say")
-    inside: str = Field(default="", description="quantities of lines, of which those inside their band are counted")
+    inside: str = Field(
+        default="", description="quantities of lines, of which those inside their band are counted"
+    )
 
     @model_validator(mode="after")
     def _one_place(self) -> Quotation:
@@ -71,9 +78,15 @@ class Evidence(_Strict):
 
     category: Category
     text: str = Field(min_length=1)
-    tests: tuple[str, ...] = Field(default=(), description="tests/... or analysis/..., a test's name behind ::")
-    pages: tuple[str, ...] = Field(default=(), description="docs/... or models/..., a heading's anchor behind #")
-    tables: tuple[str, ...] = Field(default=(), description="titles of tables of the study's findings")
+    tests: tuple[str, ...] = Field(
+        default=(), description="tests/... or analysis/..., a test's name behind ::"
+    )
+    pages: tuple[str, ...] = Field(
+        default=(), description="docs/... or models/..., a heading's anchor behind #"
+    )
+    tables: tuple[str, ...] = Field(
+        default=(), description="titles of tables of the study's findings"
+    )
 
     @model_validator(mode="after")
     def _points_somewhere(self) -> Evidence:
@@ -109,7 +122,9 @@ class Claim(_Strict):
     answer: str = Field(min_length=1)
     rests_on: tuple[str, ...] = Field(min_length=1, description="names of evidence of the model")
     evidence: tuple[Evidence, ...] = Field(min_length=1, description="of this claim alone")
-    goal: str = Field(default="", description="what was set before the prediction was made; empty for nothing")
+    goal: str = Field(
+        default="", description="what was set before the prediction was made; empty for nothing"
+    )
     adequate_for: str = Field(min_length=1)
     not_adequate_for: str = Field(min_length=1)
     what_would_change_it: str = Field(min_length=1)
@@ -137,7 +152,9 @@ class _ModelFile(_Strict):
 
 
 def of_study(name: str) -> tuple[Claim, ...]:
-    """The claims of a study; none where it has no file. Raises UserError for a file that is not as described above."""
+    """The claims of a study; none where it has no file. Raises UserError for a file that is not
+    as described above.
+    """
     path = FOLDER / f"{name}.toml"
     return parse(path.read_text(encoding="utf-8"), str(path)) if path.is_file() else ()
 
@@ -148,8 +165,8 @@ def parse(text: str, where: str) -> tuple[Claim, ...]:
     for claim in claims:
         if unknown := [name for name in claim.rests_on if name not in of_model()]:
             raise UserError(
-                f"{where}: claim {claim.title!r} rests on {', '.join(unknown)}; {FOLDER / MODEL}.toml has "
-                f"{', '.join(of_model())}"
+                f"{where}: claim {claim.title!r} rests on {', '.join(unknown)};"
+                f" {FOLDER / MODEL}.toml has {', '.join(of_model())}"
             )
     return claims
 

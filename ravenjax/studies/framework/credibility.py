@@ -1,5 +1,5 @@
-"""What each claim rests on, as Markdown, in the order of the guidance that `claims` names: a section of a study's page,
-and one page over all studies."""
+"""What each claim rests on, as Markdown, in the order of the guidance that `claims` names: a
+section of a study's page, and one page over all studies."""
 
 from __future__ import annotations
 
@@ -28,18 +28,29 @@ def page(records: Mapping[str, Record], home: str = "") -> str:
 
     home: folder of the page in the repository; pages of docs/ are then links, and code otherwise.
     """
-    parts = ["# How credible each claim is", *claims.about(), "## Claims in short", _summary(records), "## The model"]
+    parts = [
+        "# How credible each claim is",
+        *claims.about(),
+        "## Claims in short",
+        _summary(records),
+        "## The model",
+    ]
     parts += [_OF_MODEL, _model(records, home)]
     for name, record in records.items():
         if rows := claims.of_study(name):
             study = record["study"]
-            parts += [f"## {study['title']}", f"`ravenjax reproduce {name}`; source: {study['source']}."]
+            parts += [
+                f"## {study['title']}",
+                f"`ravenjax reproduce {name}`; source: {study['source']}.",
+            ]
             parts += _claims(rows, record, home)
     return "\n\n".join(parts) + "\n"
 
 
 def answers(record: Record) -> list[str]:
-    """One line for each claim of a study: what it is about, its answer, what that is not adequate for."""
+    """One line for each claim of a study: what it is about, its answer, what that is not
+    adequate for.
+    """
     return [
         f"{claim.title}: {_of(claim.answer, claim, record)} Not adequate for "
         f"{_of(claim.not_adequate_for, claim, record)}"
@@ -48,7 +59,9 @@ def answers(record: Record) -> list[str]:
 
 
 def anchor(heading: str) -> str:
-    """Of a heading, as the documentation's site and GitHub make it where no two headings are alike."""
+    """Of a heading, as the documentation's site and GitHub make it where no two headings are
+    alike.
+    """
     return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
@@ -68,11 +81,17 @@ def _summary(records: Mapping[str, Record]) -> str:
 def _model(records: Mapping[str, Record], home: str) -> str:
     def sentence(one: ModelEvidence) -> str:
         record = records.get(one.study) if one.study else None
-        return quoting.filled(one.text, one.numbers, record) + _pointers(one, record, home, one.study)
+        return quoting.filled(one.text, one.numbers, record) + _pointers(
+            one, record, home, one.study
+        )
 
-    ordered = sorted(claims.of_model().values(), key=lambda one: claims.CATEGORIES.index(one.category))
+    ordered = sorted(
+        claims.of_model().values(), key=lambda one: claims.CATEGORIES.index(one.category)
+    )
     rows = [(one.category, f"*{one.name}*", sentence(one)) for one in ordered]
-    return cells.table(("category", "name", "evidence"), [*rows, ("no evidence", "", _lacking(ordered))])
+    return cells.table(
+        ("category", "name", "evidence"), [*rows, ("no evidence", "", _lacking(ordered))]
+    )
 
 
 def _claims(rows: tuple[Claim, ...], record: Record, home: str) -> Iterator[str]:
@@ -87,7 +106,10 @@ def _steps(claim: Claim, record: Record, home: str) -> Iterator[tuple[str, str]]
     yield "Context of use", claim.context_of_use
     yield (
         "Model risk",
-        f"Influence {claim.influence}, consequence {claim.consequence}. {_of(claim.risk, claim, record)}",
+        (
+            f"Influence {claim.influence}, consequence {claim.consequence}."
+            f" {_of(claim.risk, claim, record)}"
+        ),
     )
     shared = [claims.of_model()[name] for name in claim.rests_on]
     for category in claims.CATEGORIES:
@@ -104,8 +126,10 @@ def _steps(claim: Claim, record: Record, home: str) -> Iterator[tuple[str, str]]
     yield "Credibility goal", _of(claim.goal, claim, record) or "None was set beforehand."
     yield (
         "Adequacy",
-        f"Adequate for {_of(claim.adequate_for, claim, record)} "
-        f"**Not adequate for {_of(claim.not_adequate_for, claim, record)}**",
+        (
+            f"Adequate for {_of(claim.adequate_for, claim, record)} "
+            f"**Not adequate for {_of(claim.not_adequate_for, claim, record)}**"
+        ),
     )
     yield "What would change it", _of(claim.what_would_change_it, claim, record)
 
@@ -140,10 +164,10 @@ def _link(page: str, home: str) -> str:
 
 
 _OF_ONE = (
-    "In the order of FDA's guidance on the credibility of computational models (November 2023). What is said *of the "
-    f"model* is in {NAME} of the folder above."
+    "In the order of FDA's guidance on the credibility of computational models (November 2023)."
+    f" What is said *of the model* is in {NAME} of the folder above."
 )
 _OF_MODEL = (
-    "What several claims rest on. *Bench test* is a comparison with recordings of a robot in a laboratory, or with "
-    "published experiments on one."
+    "What several claims rest on. *Bench test* is a comparison with recordings of a robot in a"
+    " laboratory, or with published experiments on one."
 )

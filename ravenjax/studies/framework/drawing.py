@@ -1,4 +1,6 @@
-"""How a study's drawings look and are saved: the style of the trace plot, text as text, no dates."""
+"""How a study's drawings look and are saved: the style of the trace plot, text as text, no
+dates.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from ravenjax.store.files import write_aside
 from ravenjax.studies.framework.study import Drawing
 
 PUBLISHED, PREDICTED, THRESHOLD, MUTED = "#1b1f24", "#0072b2", PALETTE[CUE].light, "#5b6470"
-"""What was published is dark, what ravenjax predicts is blue; the cue has its own colour as in the report."""
+"""What was published is dark, what ravenjax predicts is blue; the cue has its own colour as in
+the report.
+"""
 SERIES = ("#0072b2", "#d9571b", "#009e73", "#8b2a6b", "#b8860b", "#56b4e9", "#7a6a00", "#555555")
 FAULT = "#d9571b"
 
@@ -24,7 +28,10 @@ STYLE: dict[Any, Any] = figure_style.STYLE | {
     "axes.unicode_minus": True,
     "legend.fontsize": 8,
 }
-DATELESS: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None, "ModDate": None}}
+DATELESS: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None, "ModDate": None},
+}
 WIDTH_IN = 7.6
 """Width of a drawing: a page's text."""
 
@@ -40,7 +47,9 @@ def save(drawing: Drawing, folder: Path) -> None:
             drawing.draw(figure)
             path = folder / f"{drawing.name}.{kind}"
 
-            def written(target: Path, figure: Any = figure, kind: str = kind, dateless: Any = dateless) -> None:
+            def written(
+                target: Path, figure: Any = figure, kind: str = kind, dateless: Any = dateless
+            ) -> None:
                 figure.savefig(target, format=kind, metadata=dateless)
 
             write_aside(path, written)

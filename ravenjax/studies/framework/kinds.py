@@ -1,9 +1,10 @@
 """Kinds of faults: the independent units of every study that pools faults.
 
-A kind is a hazard of the library, with all its cases, or a group of a campaign. The author of a list of hazards or of a
-campaign picks kinds; the values within a kind are a grid of that author, or drawn from ranges of that author. Faults of
-one kind resemble each other: they strike the same signal with the same effect. So what is said of faults in general
-rests on the number of kinds. Strata are the families that groups are named by: library/, sampled/, boundary/.
+A kind is a hazard of the library, with all its cases, or a group of a campaign. The author of a
+list of hazards or of a campaign picks kinds; the values within a kind are a grid of that author, or
+drawn from ranges of that author. Faults of one kind resemble each other: they strike the same
+signal with the same effect. So what is said of faults in general rests on the number of kinds.
+Strata are the families that groups are named by: library/, sampled/, boundary/.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from ravenjax.stats.intervals import Estimate
 LIBRARY = "library"
 """Family of the hazards of the library."""
 NOTE = (
-    "Intervals, 95 %: bootstrap over kinds of faults (a hazard of the library with all its cases, or a group), "
-    f"families of groups apart; none with fewer than {FEWEST} kinds, and too narrow with fewer than {FEW}. A share is "
-    "of this design's faults. It is no probability, and another mix of faults has another share."
+    "Intervals, 95 %: bootstrap over kinds of faults (a hazard of the library with all its cases,"
+    f" or a group), families of groups apart; none with fewer than {FEWEST} kinds, and too narrow"
+    f" with fewer than {FEW}. A share is of this design's faults. It is no probability, and another"
+    " mix of faults has another share."
 )
 """Below tables."""
 
@@ -49,8 +51,8 @@ def of(group: ArrayLike) -> Units:
 def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
     """Rate of `first` minus rate of `second` (bool [pairs]) with its interval over kinds.
 
-    Where no pair differs a resample cannot show a difference either: then Bonett and Price's interval of as many pairs
-    as there are kinds.
+    Where no pair differs a resample cannot show a difference either: then Bonett and Price's
+    interval of as many pairs as there are kinds.
     """
     if not len(first):
         return Estimate(math.nan, math.nan, math.nan)

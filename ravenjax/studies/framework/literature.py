@@ -1,7 +1,7 @@
 """Published numbers as data: `published/NAME.toml`, each with the place that it was read from.
 
-A number that stands in print has `source`; one that was read off a plot also has the reading `error`, or `low` and
-`high`. A band is what counts as agreement; `source` says who set it.
+A number that stands in print has `source`; one that was read off a plot also has the reading
+`error`, or `low` and `high`. A band is what counts as agreement; `source` says who set it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ FOLDER = Path(__file__).parent / "published"
 class _Row(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    key: str = Field(pattern=r"^[a-z0-9_.-]+$", description="name under which the studies look it up")
+    key: str = Field(
+        pattern=r"^[a-z0-9_.-]+$", description="name under which the studies look it up"
+    )
     unit: str = Field(description='as printed beside the number, "" for none')
     source: str = Field(min_length=1, description="where it was read")
 
@@ -48,12 +50,16 @@ class Number(_Row):
             if self.error is not None:
                 raise ValueError("give either error, or low and high")
             if not self.low <= self.value <= self.high:
-                raise ValueError(f"expected low <= value <= high, got {self.low}, {self.value}, {self.high}")
+                raise ValueError(
+                    f"expected low <= value <= high, got {self.low}, {self.value}, {self.high}"
+                )
         return self
 
     def estimate(self) -> StudyEstimate:
         """With the interval that its reading has."""
-        low, high = (math.nan, math.nan) if self.low is None or self.high is None else (self.low, self.high)
+        low, high = (
+            (math.nan, math.nan) if self.low is None or self.high is None else (self.low, self.high)
+        )
         if self.error is not None:
             low, high = self.value - self.error, self.value + self.error
         return StudyEstimate(self.value, low, high, of=self.source)
@@ -99,7 +105,9 @@ class Published:
         return _at(self.numbers, key).value
 
     def estimate(self, key: str) -> StudyEstimate:
-        """A published number with its interval and source. KeyError where there is none of that key."""
+        """A published number with its interval and source. KeyError where there is none of that
+        key.
+        """
         return _at(self.numbers, key).estimate()
 
     def band(self, key: str) -> tuple[float, float]:
@@ -109,7 +117,9 @@ class Published:
 
 
 def read(name: str) -> Published:
-    """The numbers of `published/NAME.toml`. Raises UserError for a file that is missing or not as described above."""
+    """The numbers of `published/NAME.toml`. Raises UserError for a file that is missing or not
+    as described above.
+    """
     path = FOLDER / f"{name}.toml"
     if not path.is_file():
         names = sorted(file.stem for file in FOLDER.glob("*.toml"))
@@ -120,7 +130,9 @@ def read(name: str) -> Published:
 def parse(text: str, where: str) -> Published:
     """As `read`, of a file's text; `where` names it in errors."""
     content = toml_record.read(_File, text, where)
-    return Published({row.key: row for row in content.number}, {row.key: row for row in content.band})
+    return Published(
+        {row.key: row for row in content.number}, {row.key: row for row in content.band}
+    )
 
 
 def _at(rows: Mapping[str, _R], key: str) -> _R:

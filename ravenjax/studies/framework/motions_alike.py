@@ -1,4 +1,6 @@
-"""Campaigns that differ in whose motion it is alone: their faulty runs side by side, and fault-free recordings."""
+"""Campaigns that differ in whose motion it is alone: their faulty runs side by side, and
+fault-free recordings.
+"""
 
 from __future__ import annotations
 
@@ -35,20 +37,33 @@ class Activated(NamedTuple):
 
 
 def activated(frames: Sequence[pd.DataFrame], made: Manifest) -> Iterator[Activated]:
-    """Of each motion; `made`: manifest of the first. ValueError where the faults of two motions differ."""
+    """Of each motion; `made`: manifest of the first. ValueError where the faults of two motions
+    differ.
+    """
     distinct = run_facts.of(frames[0], made)["distinct"].to_numpy()
     faults = kinds.of(frames[0]["group"])
     family = faults.stratum[faults.unit]
     for motion, frame in enumerate(frames):
         if not np.array_equal(frame["group"].astype(str), frames[0]["group"].astype(str)):
-            raise ValueError(f"campaign {motion} of a comparison of motions has other groups than the first")
+            raise ValueError(
+                f"campaign {motion} of a comparison of motions has other groups than the first"
+            )
         facts = run_facts.of(frame, made)
         mask = (facts["faulty"] & facts["activated"] & ~facts["failed"]).to_numpy()
-        yield Activated(frame.loc[mask], facts.loc[mask], distinct[mask], faults.unit[mask], family[mask], motion)
+        yield Activated(
+            frame.loc[mask],
+            facts.loc[mask],
+            distinct[mask],
+            faults.unit[mask],
+            family[mask],
+            motion,
+        )
 
 
 def one_of_each_fault(cell: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Places [faults] of one run of each fault, the motions in turn. `cell` and `motion` are those of the runs."""
+    """Places [faults] of one run of each fault, the motions in turn. `cell` and `motion` are
+    those of the runs.
+    """
     motions = np.unique(motion)
     exact = motion == motions[cell % len(motions)]
     order = np.lexsort((~exact, cell))  # where that run was not activated, another of the fault
@@ -58,13 +73,17 @@ def one_of_each_fault(cell: np.ndarray, motion: np.ndarray) -> np.ndarray:
 def faulty(campaign: str) -> tuple[Variant, ...]:
     """The campaign with its faults under each of MOTIONS."""
     others = (
-        Variant(motion, campaign, (f"operator.motion={motion}",), f"Does the motion matter? {motion}")
+        Variant(
+            motion, campaign, (f"operator.motion={motion}",), f"Does the motion matter? {motion}"
+        )
         for motion in MOTIONS[1:]
     )
     return Variant(BASELINE, campaign), *others
 
 
-def fault_free(campaign: str, motion: str, seed: int, runs: int, seconds: float, question: str) -> Variant:
+def fault_free(
+    campaign: str, motion: str, seed: int, runs: int, seconds: float, question: str
+) -> Variant:
     """A recording of one motion without faults: the first `runs` of a campaign, each so long."""
     overrides = (
         f"campaign.limit={runs}",
@@ -72,4 +91,6 @@ def fault_free(campaign: str, motion: str, seed: int, runs: int, seconds: float,
         f"operator.motion={motion}",
         f"operator.seed={seed}",
     )
-    return Variant(f"free_{motion}_{seed}", campaign, overrides, f"{question} {motion}, seed {seed}")
+    return Variant(
+        f"free_{motion}_{seed}", campaign, overrides, f"{question} {motion}, seed {seed}"
+    )

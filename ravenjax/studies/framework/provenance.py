@@ -1,4 +1,6 @@
-"""What made the findings: engine, versions, code, each campaign with its hash; nothing of the place or the time."""
+"""What made the findings: engine, versions, code, each campaign with its hash; nothing of the
+place or the time.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,12 @@ class CampaignRecord:
     @property
     def command(self) -> str:
         """That runs it alone."""
-        words = ["ravenjax", "run", self.campaign, *(word for text in self.overrides for word in ("--set", text))]
+        words = [
+            "ravenjax",
+            "run",
+            self.campaign,
+            *(word for text in self.overrides for word in ("--set", text)),
+        ]
         return shlex.join(words)
 
 

@@ -1,4 +1,6 @@
-"""Numbers of findings in sentences: what a claim's texts name in braces, read from a record (findings.json)."""
+"""Numbers of findings in sentences: what a claim's texts name in braces, read from a record
+(findings.json).
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Time series of many runs of a campaign: the tick as vector code that tells a few chosen signals, compiled once.
+"""Time series of many runs of a campaign: the tick as vector code that tells a few chosen signals,
+compiled once.
 
-They come from the code of engine `simd`, whatever engine the campaign ran on: on a CPU the same bits, from a GPU the
-last digits may differ. Each run is measured at once and its series dropped.
+They come from the code of engine `simd`, whatever engine the campaign ran on: on a CPU the same
+bits, from a GPU the last digits may differ. Each run is measured at once and its series dropped.
 """
 
 from __future__ import annotations
@@ -36,17 +37,25 @@ Row = Mapping[str, Any]
 SIGNALS: dict[str, tuple[Callable[[Any], Any], float]] = {
     "fault_active": (lambda signals: signals.fault_active[0], 1.0),  # of the first fault slot
     "tip": (lambda signals: signals.tip[0], 1.0),  # m, true
-    "position": (lambda signals: signals.control.arms[0].pos.position_um, 1e-6),  # m, as the software measures it
+    "position": (
+        lambda signals: signals.control.arms[0].pos.position_um,
+        1e-6,
+    ),  # m, as the software measures it
     "model_position": (lambda signals: signals.nominal[0].tip_position, 1.0),  # m
     "jpos": (lambda signals: signals.control.arms[0].jpos, 1.0),  # rad, m; measured
-    "tip_error_mm": (lambda signals: signals.haptics[0].distance, 1e3),  # mm, measured tip to nominal model
+    "tip_error_mm": (
+        lambda signals: signals.haptics[0].distance,
+        1e3,
+    ),  # mm, measured tip to nominal model
     "cue_force": (lambda signals: signals.haptics[0].force[0], 1.0),  # device units, first cue
 }
 """Name -> where it stands in `tick.TickSignals`, and the factor to its unit here."""
 
 
 class Recorder:
-    """Measures runs on their time series; campaigns whose programs are alike share compiled code."""
+    """Measures runs on their time series; campaigns whose programs are alike share compiled
+    code.
+    """
 
     def __init__(self) -> None:
         self._codes: dict[Hashable, _Code] = {}
@@ -57,9 +66,11 @@ class Recorder:
         measured: Callable[[Row, Series], T],
         chosen: Callable[[pd.DataFrame], Sequence[int]] | None = None,
     ) -> list[T]:
-        """What `measured` makes of each run of result folder `path`: of its row of the result table and its series.
+        """What `measured` makes of each run of result folder `path`: of its row of the result table
+        and its series.
 
-        chosen: indices of the runs wanted, of the result table; None takes all. Raises StoreError as `read_all`.
+        chosen: indices of the runs wanted, of the result table; None takes all. Raises StoreError
+        as `read_all`.
         """
         config = validated(manifest.read(path).config)
         table = results.read_all(path).set_index("index", drop=False)
@@ -105,7 +116,9 @@ class _Code:
         shared = len(self.program.varied)
         self._series = trace.series
         objects = compile_cache.objects()
-        self._code = VectorCode(dataclasses.replace(loop, step=step), shared, not shared, self.width, objects)
+        self._code = VectorCode(
+            dataclasses.replace(loop, step=step), shared, not shared, self.width, objects
+        )
 
     def _block(self, ready: Plan, rows: Sequence[int]) -> Block:
         return Block(*ready.lanes(rows, self.width), None)
@@ -115,14 +128,18 @@ class _Code:
         ticks, real = self.program.ticks, np.dtype(self.program.setup.precision.real)
         inputs = traced.inputs(self.program, self._block(ready, rows))
         # Only outcomes, unused here, look at a golden run.
-        golden = np.zeros((1, self._series) if self._code.grouped else (1, self._series, self.width), real)
+        golden = np.zeros(
+            (1, self._series) if self._code.grouped else (1, self._series, self.width), real
+        )
         out = np.zeros((ticks, self._code.outputs, self.width), real)
         self._code.run(Lanes(inputs, golden, np.concatenate(ready.columns), out), ticks)
         for lane in range(len(rows)):
             yield self._named(np.ascontiguousarray(out[:, :, lane].T))
 
     def _named(self, columns: np.ndarray) -> dict[str, np.ndarray]:
-        """columns: [numbers, ticks], whole numbers and truth values as the bits of 32-bit integers."""
+        """columns: [numbers, ticks], whole numbers and truth values as the bits of 32-bit
+        integers.
+        """
         series, first = {}, 0
         for (name, dtypes), (_, factor) in zip(self._dtypes, SIGNALS.values(), strict=True):
             parts = [

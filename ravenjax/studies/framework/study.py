@@ -1,8 +1,9 @@
 """What a study is: a published experiment as campaigns, and its findings beside what was published.
 
-A study is a module of this package with one name `STUDY`; `catalogue` lists them. What was published is data in
-`published/*.toml`, each number with its source. A finding never says "right" or "wrong": it holds both numbers, both
-intervals, the acceptance band where there is one, and, where the two differ, the likely reason.
+A study is a module of this package with one name `STUDY`; `catalogue` lists them. What was
+published is data in `published/*.toml`, each number with its source. A finding never says "right"
+or "wrong": it holds both numbers, both intervals, the acceptance band where there is one, and,
+where the two differ, the likely reason.
 """
 
 from __future__ import annotations
@@ -18,12 +19,16 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One campaign of a study: the baseline, or that with one open question of the papers answered otherwise."""
+    """One campaign of a study: the baseline, or that with one open question of the papers
+    answered otherwise.
+    """
 
     name: str  # also its folder
     campaign: str  # file name of a bundled campaign
     overrides: tuple[str, ...] = ()  # key.path=value, as --set takes them
-    question: str = ""  # what the source leaves open and this variant answers otherwise; "" for the baseline
+    question: str = (
+        ""  # what the source leaves open and this variant answers otherwise; "" for the baseline
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +50,9 @@ class Line:
     unit: str  # "", "mm", "%", ...
     published: StudyEstimate | None
     predicted: StudyEstimate | None
-    band: tuple[float, float] | None = None  # acceptance band of the prediction's value, ends included
+    band: tuple[float, float] | None = (
+        None  # acceptance band of the prediction's value, ends included
+    )
     target: str = ""  # acceptance target, "A1"
     reason: str = ""  # likely reason where both differ
 
@@ -59,7 +66,9 @@ class Line:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Anything that is more than one number a quantity: sensitivity to open semantics, outcome classes, events."""
+    """Anything that is more than one number a quantity: sensitivity to open semantics, outcome
+    classes, events.
+    """
 
     title: str
     columns: tuple[str, ...]
@@ -83,7 +92,9 @@ class Findings:
     lines: tuple[Line, ...]
     tables: tuple[Table, ...] = ()
     drawings: tuple[Drawing, ...] = ()
-    notes: tuple[str, ...] = ()  # paragraphs: assumptions, what is not reproduced, what disagrees and likely why
+    notes: tuple[
+        str, ...
+    ] = ()  # paragraphs: assumptions, what is not reproduced, what disagrees and likely why
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +124,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, Findings):
         return {name: plain(getattr(value, name)) for name in ("lines", "tables", "notes")}
     if isinstance(value, Line):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)} | {"passed": value.passed}
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)} | {
+            "passed": value.passed
+        }
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, tuple | list):

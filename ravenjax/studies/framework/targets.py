@@ -1,8 +1,8 @@
 """The acceptance targets A1 to A7: what each is, and the one rule by which it is met.
 
-A target is met where every line of a study that belongs to it and has a band is inside the band; one without such a
-line, or without a prediction on any of them, is not judged. Pages, the terminal and the README say it in the words of
-`sentence`.
+A target is met where every line of a study that belongs to it and has a band is inside the band;
+one without such a line, or without a prediction on any of them, is not judged. Pages, the terminal
+and the README say it in the words of `sentence`.
 """
 
 from __future__ import annotations
@@ -48,25 +48,36 @@ def targets() -> dict[str, Target]:
 
 
 def states(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
-    """The state of each target that lines (as in findings.json) belong to, in the order of the lines."""
+    """The state of each target that lines (as in findings.json) belong to, in the order of the
+    lines.
+    """
     names = dict.fromkeys(line["target"] for line in lines if line["target"])
     return [_state(name, [line for line in lines if line["target"] == name]) for name in names]
 
 
 def _state(name: str, lines: Sequence[Mapping[str, Any]]) -> TargetStanding:
     judged = [line["passed"] for line in lines if line["passed"] is not None]
-    return TargetStanding(name, sum(judged), len(judged), sum(line["band"] is not None for line in lines))
+    return TargetStanding(
+        name, sum(judged), len(judged), sum(line["band"] is not None for line in lines)
+    )
 
 
 def sentence(state: TargetStanding) -> str:
     """`A1 not met: 6 of 9 lines inside their band`."""
     if state.met is None:
-        return f"{state.id} not judged: no line of it {'with a band has a prediction' if state.bands else 'has a band'}"
+        return (
+            f"{state.id} not judged: no line of it"
+            f" {'with a band has a prediction' if state.bands else 'has a band'}"
+        )
     lines = "line inside its band" if state.judged == 1 else "lines inside their band"
-    return f"{state.id} {'met' if state.met else 'not met'}: {state.inside} of {state.judged} {lines}"
+    return (
+        f"{state.id} {'met' if state.met else 'not met'}: {state.inside} of {state.judged} {lines}"
+    )
 
 
 def definition(name: str) -> str:
-    """`A1: share of runs with a jump, ... (DSN 2016, Figure 9 b). Band: ...`; "" for an id that is no target."""
+    """`A1: share of runs with a jump, ... (DSN 2016, Figure 9 b). Band: ...`; "" for an id that
+    is no target.
+    """
     target = targets().get(name)
     return f"{name}: {target.title} ({target.source}). Band: {target.band}." if target else ""

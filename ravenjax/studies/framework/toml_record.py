@@ -13,7 +13,9 @@ _R = TypeVar("_R", bound=BaseModel)
 
 
 def read(model: type[_R], text: str, where: str) -> _R:
-    """`text` as a `model`; UserError for what is no TOML or no such record, where `where` names the file."""
+    """`text` as a `model`; UserError for what is no TOML or no such record, where `where` names
+    the file.
+    """
     try:
         return model.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:

@@ -1,5 +1,5 @@
-"""A study's files: findings as JSON, Markdown and HTML, each drawing as SVG and PDF; the same findings give the same
-bytes."""
+"""A study's files: findings as JSON, Markdown and HTML, each drawing as SVG and PDF; the same
+findings give the same bytes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def write(study: Study, findings: Findings, made: Provenance, folder: Path) -> N
         drawing.save(one, folder)
     text = markdown.page(record, pictures=True)
     drawings = {
-        name: (folder / name).read_text(encoding="utf-8") for name in (f"{d.name}.svg" for d in findings.drawings)
+        name: (folder / name).read_text(encoding="utf-8")
+        for name in (f"{d.name}.svg" for d in findings.drawings)
     }
     _write(folder / PAGE, text)
     _write(folder / HTML, html.from_markdown(text, drawings))
@@ -34,9 +35,11 @@ def write(study: Study, findings: Findings, made: Provenance, folder: Path) -> N
 
 
 def keep(source: Path, target: Path) -> Path:
-    """Copy the findings in folder `source` into folder `target`, without pictures. Raises StoreError.
+    """Copy the findings in folder `source` into folder `target`, without pictures. Raises
+    StoreError.
 
-    Both files hold neither times nor places: the same engine on the same device gives the same bytes.
+    Both files hold neither times nor places: the same engine on the same device gives the same
+    bytes.
     """
     record = read(source)
     require_writable(target)
@@ -50,7 +53,9 @@ def read(folder: Path) -> dict[str, Any]:
     try:
         return parsed((folder / JSON).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise StoreError(f"{folder / JSON}: no findings there ({error}); run `ravenjax reproduce` first") from None
+        raise StoreError(
+            f"{folder / JSON}: no findings there ({error}); run `ravenjax reproduce` first"
+        ) from None
 
 
 def records(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -59,14 +64,19 @@ def records(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 
 def write_credibility(folder: Path, names: Iterable[str]) -> Path:
-    """Write the page over the studies that the folder holds. Raises StoreError where the disk refuses."""
+    """Write the page over the studies that the folder holds. Raises StoreError where the disk
+    refuses.
+    """
     path = folder / credibility.NAME
     _write(path, credibility.page(records(folder, names)))
     return path
 
 
 def _record(study: Study, findings: Findings, made: Provenance) -> dict[str, Any]:
-    about = {name: plain(getattr(study, name)) for name in ("name", "title", "source", "question", "targets")}
+    about = {
+        name: plain(getattr(study, name))
+        for name in ("name", "title", "source", "question", "targets")
+    }
     drawings = [{"name": one.name, "caption": one.caption} for one in findings.drawings]
     return {"study": about, **plain(findings), "drawings": drawings, "provenance": made.as_json()}
 

@@ -11,7 +11,15 @@ from ravenjax.report.sections.reaction.pairs import Pairs
 from ravenjax.stages.hand import HandParams, impedance
 from ravenjax.stats.intervals import Estimate
 from ravenjax.studies.framework import kinds
-from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
+from ravenjax.studies.framework.study import (
+    Context,
+    Findings,
+    Line,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
 from ravenjax.studies.hand import pairs as hand_pairs
 from ravenjax.studies.hand.pairs import HandEffect
 from ravenjax.studies.hand.times import DEFAULT_MS, DELAYS_MS, MEASURED
@@ -21,7 +29,9 @@ from ravenjax.vocabulary.reactions import RELEASE
 
 CAMPAIGN = "reacting_operator.toml"
 SAMPLED = 1500
-"""Faults of the campaign that are sampled; they come first, so that a limit leaves out the library."""
+"""Faults of the campaign that are sampled; they come first, so that a limit leaves out the
+library.
+"""
 SCALE, KP, CAP = 0.1, 4.5, 0.05  # of the campaign; device units per m, device units
 MIDDLE, ENDS = 0.5, (0.0, 1.0)
 """Grips: at the first the force is varied, at the others it is the strongest or none."""
@@ -41,11 +51,16 @@ SIZES_MM = (5.0, 10.0, 20.0)
 def compare(context: Context) -> Findings:
     """Effects of the force by its size and grip, its nulls, and reaction times."""
     force, grip, turned = (hand_pairs.read(context.folders[name]) for name in (FORCE, GRIP, TURNED))
-    settings = [(force, newtons, MIDDLE) for newtons in FORCES] + [(grip, STRONG, end) for end in ENDS]
+    settings = [(force, newtons, MIDDLE) for newtons in FORCES] + [
+        (grip, STRONG, end) for end in ENDS
+    ]
     pairs = {
-        (FORCES[newtons], f"{value:g}"): hand_pairs.paired(runs, newtons, value) for runs, newtons, value in settings
+        (FORCES[newtons], f"{value:g}"): hand_pairs.paired(runs, newtons, value)
+        for runs, newtons, value in settings
     }
-    pairs["null: the cap is 3.3 N, at a drawn direction", f"{MIDDLE:g}"] = hand_pairs.paired(turned, STRONG, MIDDLE)
+    pairs["null: the cap is 3.3 N, at a drawn direction", f"{MIDDLE:g}"] = hand_pairs.paired(
+        turned, STRONG, MIDDLE
+    )
     effects = {
         (*words, robot): hand_pairs.effect(some.where(some.stopped == (robot == STOPPED)), SCALE)
         for words, some in pairs.items()
@@ -73,14 +88,27 @@ def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
     for (force, grip, robot), one in effects.items():
         where = f"{robot}, {force}, grip {grip}"
         of = f"faults whose cue moves the hand, {kinds.count(one.kinds)}"
-        yield _line(f"mean change of the distance from the model: {where}", "mm", one.model, one.pulled, of)
-        yield _line(f"mean change of the distance from the golden run: {where}", "mm", one.golden, one.pulled, of)
+        yield _line(
+            f"mean change of the distance from the model: {where}", "mm", one.model, one.pulled, of
+        )
+        yield _line(
+            f"mean change of the distance from the golden run: {where}",
+            "mm",
+            one.golden,
+            one.pulled,
+            of,
+        )
     for delay, part in released.items():
         contrast = reacting_pairs.contrast(part, measures.excursion(20.0))
         of = f"faults that make it where nobody reacts, {kinds.count(contrast.affected)}"
         rate = contrast.avoided
         share = StudyEstimate(100.0 * rate.value, 100.0 * rate.low, 100.0 * rate.high, rate.n, of)
-        yield Line(f"lifting the pedal after {delay:g} ms avoids, of motions of more than 20 mm", "%", None, share)
+        yield Line(
+            f"lifting the pedal after {delay:g} ms avoids, of motions of more than 20 mm",
+            "%",
+            None,
+            share,
+        )
 
 
 def _line(quantity: str, unit: str, value: Estimate, n: int, of: str) -> Line:
@@ -91,47 +119,76 @@ def _followed(effects: Effects) -> Table:
     return Table(
         "Who follows the hand",
         (
-            "force", "grip", "robot", "faults", "with a moved hand", "hand, mm", "from the model, mm",
+            "force",
+            "grip",
+            "robot",
+            "faults",
+            "with a moved hand",
+            "hand, mm",
+            "from the model, mm",
             "from the golden run, mm",
-            "share that parts robot and model", "share that moves the robot",
+            "share that parts robot and model",
+            "share that moves the robot",
         ),
         tuple(
             (
-                force, grip, robot, one.pairs, f"{one.pulled}, {kinds.count(one.kinds)}", tables.number(one.hand),
-                tables.number(one.model), tables.number(one.golden), tables.number(one.model_share),
+                force,
+                grip,
+                robot,
+                one.pairs,
+                f"{one.pulled}, {kinds.count(one.kinds)}",
+                tables.number(one.hand),
+                tables.number(one.model),
+                tables.number(one.golden),
+                tables.number(one.model_share),
                 tables.number(one.golden_share),
             )
             for (force, grip, robot), one in effects.items()
         ),
-        "Means over faults whose cue moves the hand, with the force minus without. Hand: its largest displacement. "
-        "From the model, from the golden run: root mean square distance of the true tip over the run. Shares: mean "
-        "absolute change of that distance, by scale times the "
-        f"hand's largest displacement. {kinds.NOTE}",
-    )  # fmt: skip
+        "Means over faults whose cue moves the hand, with the force minus without. Hand: its"
+        " largest displacement. From the model, from the golden run: root mean square distance of"
+        " the true tip over the run. Shares: mean absolute change of that distance, by scale times"
+        f" the hand's largest displacement. {kinds.NOTE}",
+    )
 
 
 def _changed(effects: Effects) -> Table:
     return Table(
         "What that changes",
         (
-            "force", "grip", "robot", "unintended motions, without", "with", "change, points", "cue, ms", "pulls",
+            "force",
+            "grip",
+            "robot",
+            "unintended motions, without",
+            "with",
+            "change, points",
+            "cue, ms",
+            "pulls",
             "path of the tip, %",
         ),
         tuple(
             (
-                force, grip, robot, *one.unintended, tables.number(_times(one.difference, 100.0)),
+                force,
+                grip,
+                robot,
+                *one.unintended,
+                tables.number(_times(one.difference, 100.0)),
                 tables.number(one.cue_ms),
-                tables.number(one.pulses), tables.number(_times(one.path, 100.0)),
+                tables.number(one.pulses),
+                tables.number(_times(one.path, 100.0)),
             )
             for (force, grip, robot), one in effects.items()
         ),
-        "Unintended motions: of all faults, the hazard of the report. Cue, pulls, path: mean changes over faults whose "
-        "cue moves the hand. A loop that oscillates would pull more often and lengthen the path.",
-    )  # fmt: skip
+        "Unintended motions: of all faults, the hazard of the report. Cue, pulls, path: mean"
+        " changes over faults whose cue moves the hand. A loop that oscillates would pull more"
+        " often and lengthen the path.",
+    )
 
 
 def _loop() -> Table:
-    """Gain of the loop from the model through the cue and the hand back to the model, of a robot that stands still."""
+    """Gain of the loop from the model through the cue and the hand back to the model, of a robot
+    that stands still.
+    """
     rows = []
     for newtons, words in FORCES.items():
         for grip in (ENDS[0], MIDDLE, ENDS[1]) if newtons > 0 else ():
@@ -139,15 +196,30 @@ def _loop() -> Table:
             farthest = CAP * newtons / stiffness * 1e3
             gain = KP * newtons / stiffness
             rows.append(
-                (words, grip, f"{farthest:.2g}", f"{SCALE * farthest:.2g}", f"{SCALE * gain:.2g}", f"{1 / gain:.2g}")
+                (
+                    words,
+                    grip,
+                    f"{farthest:.2g}",
+                    f"{SCALE * farthest:.2g}",
+                    f"{SCALE * gain:.2g}",
+                    f"{1 / gain:.2g}",
+                )
             )
     return Table(
         "By statics",
-        ("force", "grip", "hand at the cap, mm", "tip at the cap, mm", "gain of the loop", "scale at which it is 1"),
+        (
+            "force",
+            "grip",
+            "hand at the cap, mm",
+            "tip at the cap, mm",
+            "gain of the loop",
+            "scale at which it is 1",
+        ),
         tuple(rows),
-        "Where both follow, the loop is open: the distance from model to robot does not change. Where the robot stands "
-        "still, the model alone follows, away from the robot, and the cue grows with it: gain = scale x spring x "
-        "newtons a unit / stiffness. Below 1 the hand comes to rest; above, it runs to the cap.",
+        "Where both follow, the loop is open: the distance from model to robot does not change."
+        " Where the robot stands still, the model alone follows, away from the robot, and the cue"
+        " grows with it: gain = scale x spring x newtons a unit / stiffness. Below 1 the hand comes"
+        " to rest; above, it runs to the cap.",
     )
 
 
@@ -156,12 +228,20 @@ def _loop() -> Table:
 
 def _measured() -> Table:
     rows = [(one.ms, one.stimulus, one.source, one.applies) for one in MEASURED]
-    rows.append((DEFAULT_MS, "the cue's pull, foot off the pedal", "assumed: `[reaction] delay_ms`", "the default"))
+    rows.append(
+        (
+            DEFAULT_MS,
+            "the cue's pull, foot off the pedal",
+            "assumed: `[reaction] delay_ms`",
+            "the default",
+        )
+    )
     return Table(
         "Measured reaction times",
         ("ms", "stimulus and response", "source", "applies to"),
         tuple((f"{ms:g}", *words) for ms, *words in sorted(rows)),
-        "Nobody has measured surgeons at this cue. A driver's time holds the foot's way to another pedal.",
+        "Nobody has measured surgeons at this cue. A driver's time holds the foot's way to another"
+        " pedal.",
     )
 
 
@@ -174,8 +254,8 @@ def _avoided(released: Mapping[float, Pairs]) -> Table:
         "What an operator of each time avoids by lifting the pedal",
         ("ms", "faults", *(f"of unintended motions of {size:g} mm" for size in SIZES_MM)),
         tuple(rows),
-        f"Sampled faults in runs of 3 s that strike after 0.6 to 1.6 s: a late reaction falls outside some of them. "
-        f"The hand is not moved. {kinds.NOTE}",
+        "Sampled faults in runs of 3 s that strike after 0.6 to 1.6 s: a late reaction falls"
+        f" outside some of them. The hand is not moved. {kinds.NOTE}",
     )
 
 
@@ -192,15 +272,26 @@ def _crossed(name: str, values: tuple[float, ...]) -> str:
 
 
 _NOTES = (
-    "Reference: outcomes compare with the golden run, whose hand is moved by its own cues, if it has any, and with the "
-    "nominal model, which follows the hand. So a tip that the cue alone moves is on its model and no unintended "
-    "motion; it is off the golden run.",
-    "A robot and a model that both follow the hand keep their distance. Faults with a cue are often such that the "
-    "robot does not follow its input: a motor, a packet or the robot itself has stopped. There the model follows "
-    "alone, and a pull towards the model takes it farther away. The force of the other sign is the null: it changes "
-    "that distance as much the other way.",
-    "A person who stiffens against a force that stays, or corrects by eye what it does, is not in it.",
-    "Newtons in a device unit, the grip's factor and everything about an operator are assumed, see `stages/hand.py`.",
+    (
+        "Reference: outcomes compare with the golden run, whose hand is moved by its own cues, if"
+        " it has any, and with the nominal model, which follows the hand. So a tip that the cue"
+        " alone moves is on its model and no unintended motion; it is off the golden run."
+    ),
+    (
+        "A robot and a model that both follow the hand keep their distance. Faults with a cue are"
+        " often such that the robot does not follow its input: a motor, a packet or the robot"
+        " itself has stopped. There the model follows alone, and a pull towards the model takes it"
+        " farther away. The force of the other sign is the null: it changes that distance as much"
+        " the other way."
+    ),
+    (
+        "A person who stiffens against a force that stays, or corrects by eye what it does, is not"
+        " in it."
+    ),
+    (
+        "Newtons in a device unit, the grip's factor and everything about an operator are assumed,"
+        " see `stages/hand.py`."
+    ),
 )
 
 _NOBODY = ("cross.reaction.action=[0]", "haptics.threshold_mm=[3]", "hand.grip=0.5")
@@ -208,8 +299,13 @@ _NOBODY = ("cross.reaction.action=[0]", "haptics.threshold_mm=[3]", "hand.grip=0
 STUDY = Study(
     name="hand",
     title="The cue as a force on a hand",
-    source="a study of our own; the cue is that of the Raven-II surgical training simulator, IROS 2016",
-    question="What changes when the cue's force moves the input that robot and model both follow, and what does not?",
+    source=(
+        "a study of our own; the cue is that of the Raven-II surgical training simulator, IROS 2016"
+    ),
+    question=(
+        "What changes when the cue's force moves the input that robot and model both follow, and"
+        " what does not?"
+    ),
     variants=(
         Variant(
             FORCE,

@@ -38,13 +38,17 @@ class HandPairs(NamedTuple):
 
     @property
     def stopped(self) -> np.ndarray:
-        """Pairs in which a check stopped one of the robots, bool [pairs]: then the model alone follows the hand."""
+        """Pairs in which a check stopped one of the robots, bool [pairs]: then the model alone
+        follows the hand.
+        """
         on, off = ((part.frame["response"] == "stopped").to_numpy(bool) for part in self)
         return on | off
 
     def where(self, chosen: np.ndarray) -> HandPairs:
         """Those of `chosen` (bool [pairs])."""
-        return HandPairs(*(HandRuns(part.frame.loc[chosen], part.facts.loc[chosen]) for part in self))
+        return HandPairs(
+            *(HandRuns(part.frame.loc[chosen], part.facts.loc[chosen]) for part in self)
+        )
 
     def change(self, column: str) -> np.ndarray:
         """A column under the force minus under none, [pairs]."""
@@ -53,7 +57,9 @@ class HandPairs(NamedTuple):
 
 
 class HandEffect(NamedTuple):
-    """What a force on the hand changed, over the faults in which it moved one; intervals over kinds of faults."""
+    """What a force on the hand changed, over the faults in which it moved one; intervals over
+    kinds of faults.
+    """
 
     pairs: int  # faults
     pulled: int  # of them, faults in which the hand moved
@@ -61,7 +67,8 @@ class HandEffect(NamedTuple):
     hand: Estimate  # mm, mean of the largest displacement
     model: Estimate  # mm, mean change of the root mean square distance from the model
     golden: Estimate  # mm, mean change of the root mean square distance from the golden run
-    model_share: Estimate  # mean absolute change of the distance from the model, by what the tip was asked to move
+    # mean absolute change of the distance from the model, by what the tip was asked to move
+    model_share: Estimate
     golden_share: Estimate  # the same of the distance from the golden run
     cue_ms: Estimate  # mean change of the cue's time
     pulses: Estimate  # mean change of the number of separate pulls
@@ -77,13 +84,19 @@ def read(path: Path) -> HandRuns:
 
 
 def paired(runs: HandRuns, newtons: float, grip: float) -> HandPairs:
-    """Every fault that changed a bit, with that force per unit and that grip, and under no force. ValueError where the
-    campaign has no such runs."""
+    """Every fault that changed a bit, with that force per unit and that grip, and under no force.
+    ValueError where the campaign has no such runs."""
     at_grip = np.isclose(runs.frame[GRIP], grip)
     on, off = (at_grip & np.isclose(runs.frame[NEWTONS], value) for value in (newtons, 0.0))
     if not on.any() or on.sum() != off.sum():
-        raise ValueError(f"the campaign has {on.sum()} runs of {newtons:g} N a unit at grip {grip:g}, {off.sum()} of 0")
-    order = [np.flatnonzero(mask)[np.argsort(runs.frame.loc[mask, "pair"].to_numpy())] for mask in (on, off)]
+        raise ValueError(
+            f"the campaign has {on.sum()} runs of {newtons:g} N a unit at grip {grip:g},"
+            f" {off.sum()} of 0"
+        )
+    order = [
+        np.flatnonzero(mask)[np.argsort(runs.frame.loc[mask, "pair"].to_numpy())]
+        for mask in (on, off)
+    ]
     both = HandPairs(*(HandRuns(runs.frame.iloc[rows], runs.facts.iloc[rows]) for rows in order))
     valid = ~(both.on.facts["failed"].to_numpy(bool) | both.off.facts["failed"].to_numpy(bool))
     return both.where(valid & both.off.facts["activated"].to_numpy(bool))
@@ -108,7 +121,9 @@ def effect(pairs: HandPairs, scale: float) -> HandEffect:
         _ratio(np.abs(golden), scale * hand_mm, among),
         _ratio(pulled.change("cue0_ms"), 1.0, among),
         _ratio(pulled.change("cue0_count"), 1.0, among),
-        _ratio(pulled.change("tip_path_mm"), pulled.off.frame["tip_path_mm"].to_numpy(float), among),
+        _ratio(
+            pulled.change("tip_path_mm"), pulled.off.frame["tip_path_mm"].to_numpy(float), among
+        ),
         (int(hits[1].sum()), int(hits[0].sum())),
         kinds.difference(hits[0], hits[1], pairs.faults),
     )

@@ -48,11 +48,14 @@ MEASURED = (
     MeasuredTime(
         "surprise, foot moves to the brake",
         1500.0,
-        "Green 2000; 1.0 to 1.3 s where it is urgent (Summala, Transportation Human Factors 2(3), 2000)",
+        "Green 2000; 1.0 to 1.3 s where it is urgent (Summala, Transportation Human Factors 2(3),"
+        " 2000)",
         "an operator who has never had a cue",
     ),
 )
-"""By time. Nobody has measured surgeons at this cue. Drivers' times hold the foot's way from one pedal to the other."""
+"""By time. Nobody has measured surgeons at this cue. Drivers' times hold the foot's way from one
+pedal to the other.
+"""
 
 DEFAULT_MS = 250.0
 """Of `[reaction] delay_ms`, assumed."""

@@ -1,6 +1,8 @@
-"""The haptic cue: what is felt of which fault, when, how strongly, how often for nothing, and at which threshold.
+"""The haptic cue: what is felt of which fault, when, how strongly, how often for nothing, and at
+which threshold.
 
-All sets of threshold and gains are felt in the same runs. The operator does not react, so the cue changes nothing.
+All sets of threshold and gains are felt in the same runs. The operator does not react, so the cue
+changes nothing.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ EARLY_MM = 1.0
 
 
 class _Choice(NamedTuple):
-    """Sets that are compared: those with the published gains, by rising threshold, and the winners among them."""
+    """Sets that are compared: those with the published gains, by rising threshold, and the
+    winners among them.
+    """
 
     sets: list[int]
     winners: Winners
@@ -55,11 +59,16 @@ def findings(faulty: FaultyCues, free: FreeCues, drawn_groups: Collection[str] =
     modelled = free.where(free.robot == AS_MODELLED)
     sets = runs.default_sets(faulty.cues, faulty.published)
     choice = _Choice(
-        sets, haptic_choice.choose(sums(faulty, modelled, sets, UNINTENDED), np.array(haptic_choice.WEIGHTS))
+        sets,
+        haptic_choice.choose(
+            sums(faulty, modelled, sets, UNINTENDED), np.array(haptic_choice.WEIGHTS)
+        ),
     )
     early = [k for k in sets if faulty.cues[k].threshold_mm == EARLY_MM]
     compared = list(dict.fromkeys([faulty.published, *early, *choice.numbers]))
-    fine = haptic_choice.choose(sums(faulty, modelled, sets, UNINTENDED), np.geomspace(0.1, 1e6, 57))
+    fine = haptic_choice.choose(
+        sums(faulty, modelled, sets, UNINTENDED), np.geomspace(0.1, 1e6, 57)
+    )
     return Findings(
         lines=tuple(_lines(faulty, modelled, choice, compared)),
         tables=(
@@ -79,9 +88,13 @@ def findings(faulty: FaultyCues, free: FreeCues, drawn_groups: Collection[str] =
     )
 
 
-def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Sequence[int]) -> list[Line]:
+def _lines(
+    faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Sequence[int]
+) -> list[Line]:
     moved = faulty.unintended
-    cells = StudyEstimate(len(np.unique(faulty.cell)), of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions")
+    cells = StudyEstimate(
+        len(np.unique(faulty.cell)), of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions"
+    )
     lines = [
         Line("faults, distinct", "", None, cells),
         Line(
@@ -91,11 +104,16 @@ def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Se
             StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design"),
         ),
         Line(
-            "motion without a fault, robot as modelled", "h", None, StudyEstimate(round(float(modelled.hours.sum()), 2))
+            "motion without a fault, robot as modelled",
+            "h",
+            None,
+            StudyEstimate(round(float(modelled.hours.sum()), 2)),
         ),
     ]
     for k in compared:
-        words = f"{faulty.cues[k].threshold_mm:g} mm" + (" (published)" if k == faulty.published else "")
+        words = f"{faulty.cues[k].threshold_mm:g} mm" + (
+            " (published)" if k == faulty.published else ""
+        )
         never = missed(faulty, [k])[:, 0]
         before = (faulty.first_ms[:, k] >= 0) & (faulty.first_ms[:, k] < faulty.unintended_ms)
         rates = {"unintended motion missed": never}
@@ -106,11 +124,21 @@ def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Se
             for what, hit in rates.items()
         ]
         if not tables.by_definition(faulty, k):
-            lines.append(Line(f"{words}: median lead over the motion", "ms", None, tables.felt(faulty, k).lead_ms))
+            lines.append(
+                Line(
+                    f"{words}: median lead over the motion",
+                    "ms",
+                    None,
+                    tables.felt(faulty, k).lead_ms,
+                )
+            )
         false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
         lines.append(Line(f"{words}: false cues", "1/h", None, false))
     for weight, winner, wins, sure in zip(*choice.winners[:3], choice.winners.sure, strict=True):
-        mm, wins_often = faulty.cues[choice.sets[winner]].threshold_mm, f"wins {100 * wins[winner]:.0f} % of resamples"
+        mm, wins_often = (
+            faulty.cues[choice.sets[winner]].threshold_mm,
+            f"wins {100 * wins[winner]:.0f} % of resamples",
+        )
         threshold = StudyEstimate(
             mm if sure else np.nan,
             *_range([faulty.cues[k].threshold_mm for k in choice.sets], wins),
@@ -118,7 +146,8 @@ def _lines(faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Se
         )
         lines.append(
             Line(
-                f"threshold chosen where a missed unintended motion an hour weighs {weight:,.0f} false cues",
+                f"threshold chosen where a missed unintended motion an hour weighs {weight:,.0f}"
+                " false cues",
                 "mm",
                 None,
                 threshold,
@@ -136,24 +165,40 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
 
 def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
     return (
-        f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that distance of the "
-        "reported tip from the model, or beyond, is no warning of it: the motion begins at that distance from the same "
-        "model. Only of lower thresholds is it a finding whether they come before it. What the choice hangs on asks "
-        "again for motion that could injure and for jumps of the true tip alone.",
-        "An unintended motion counts as missed where the cue never came, or the golden run had it by then: a surgeon "
-        "who feels it in normal motion, too, learns nothing from it.",
-        f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of "
-        f"{len(np.unique(modelled.recording))} recordings at four scales each. A pulse that flickers about the "
-        "threshold counts each time, one that stays counts once: after a minute of clutching the cue pulls on and on, "
-        "which the time with one tells. Real motion has tails that a generated one lacks, and a real robot is not its "
-        "own model.",
-        "The weight of a missed unintended motion holds two things that no source tells: how many false cues it is "
-        "worth, and how many of them come in an hour. The choice is therefore shown over six decades, not made.",
-        "Which faults there are is a design: the library's own values and sampled ones about the boundary of "
-        "unintended motion. Another mix would move the share missed, and so the choice.",
+        (
+            f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that"
+            " distance of the reported tip from the model, or beyond, is no warning of it: the"
+            " motion begins at that distance from the same model. Only of lower thresholds is it a"
+            " finding whether they come before it. What the choice hangs on asks again for motion"
+            " that could injure and for jumps of the true tip alone."
+        ),
+        (
+            "An unintended motion counts as missed where the cue never came, or the golden run had"
+            " it by then: a surgeon who feels it in normal motion, too, learns nothing from it."
+        ),
+        (
+            f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of"
+            f" {len(np.unique(modelled.recording))} recordings at four scales each. A pulse that"
+            " flickers about the threshold counts each time, one that stays counts once: after a"
+            " minute of clutching the cue pulls on and on, which the time with one tells. Real"
+            " motion has tails that a generated one lacks, and a real robot is not its own model."
+        ),
+        (
+            "The weight of a missed unintended motion holds two things that no source tells: how"
+            " many false cues it is worth, and how many of them come in an hour. The choice is"
+            " therefore shown over six decades, not made."
+        ),
+        (
+            "Which faults there are is a design: the library's own values and sampled ones about"
+            " the boundary of unintended motion. Another mix would move the share missed, and so"
+            " the choice."
+        ),
         kinds.NOTE,
-        "Gains change how strongly a cue is felt, and when only through the damper: where the robot closes in fast "
-        "enough that the pull would be negative there is no cue. Nobody reacts to the cue here.",
+        (
+            "Gains change how strongly a cue is felt, and when only through the damper: where the"
+            " robot closes in fast enough that the pull would be negative there is no cue. Nobody"
+            " reacts to the cue here."
+        ),
     )
 
 
@@ -161,7 +206,9 @@ def _variants() -> tuple[Variant, ...]:
     return (
         *motions_alike.faulty(CAMPAIGN),
         *(
-            motions_alike.fault_free(CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there a cue for nothing?")
+            motions_alike.fault_free(
+                CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there a cue for nothing?"
+            )
             for motion, seed in RECORDINGS
         ),
     )
@@ -171,8 +218,10 @@ STUDY = Study(
     name="haptic_cue",
     title="At which distance should the haptic cue pull, and how strongly?",
     source="a study of our own; the cue of IROS 2016, 3 mm and a cap of 0.05",
-    question="What is felt of which fault, when, how strongly, how often for nothing, and which threshold would the "
-    "data choose?",
+    question=(
+        "What is felt of which fault, when, how strongly, how often for nothing, and which"
+        " threshold would the data choose?"
+    ),
     variants=_variants(),
     compare=compare,
     minutes=2.0,

@@ -21,8 +21,12 @@ SHOWN_MM = (1.0, 2.0, 3.0, 5.0, 8.0)
 """Thresholds whose times are drawn."""
 
 
-def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: Winners) -> tuple[Drawing, ...]:
-    """Every figure; `sets`: numbers of those with the published gains, `fine`: the choice at many weights."""
+def drawings(
+    faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: Winners
+) -> tuple[Drawing, ...]:
+    """Every figure; `sets`: numbers of those with the published gains, `fine`: the choice at
+    many weights.
+    """
     moved = faulty.unintended
     never = (faulty.first_ms[moved] < 0).mean(axis=0)
     false = modelled.count.sum(axis=0) / modelled.hours.sum()
@@ -31,12 +35,22 @@ def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: 
     rates = {
         "felt": [share(cue_ms[:, j] >= 0, moved, faulty.faults, "") for j in range(len(sets))],
         "felt before it began": [
-            share((cue_ms[:, j] >= 0) & (cue_ms[:, j] < faulty.unintended_ms), moved, faulty.faults, "")
+            share(
+                (cue_ms[:, j] >= 0) & (cue_ms[:, j] < faulty.unintended_ms),
+                moved,
+                faulty.faults,
+                "",
+            )
             for j in range(len(sets))
         ],
-        "other faults felt": [share(cue_ms[:, j] >= 0, ~moved, faulty.faults, "") for j in range(len(sets))],
+        "other faults felt": [
+            share(cue_ms[:, j] >= 0, ~moved, faulty.faults, "") for j in range(len(sets))
+        ],
     }
-    felt = {name: 100 * np.array([[r.value, r.low, r.high] for r in shares]).T for name, shares in rates.items()}
+    felt = {
+        name: 100 * np.array([[r.value, r.low, r.high] for r in shares]).T
+        for name, shares in rates.items()
+    }
     by_scale = {}
     for scale in np.unique(modelled.scale):
         mine = modelled.where(modelled.scale == scale)
@@ -54,39 +68,55 @@ def drawings(faulty: FaultyCues, modelled: FreeCues, sets: Sequence[int], fine: 
     return (
         Drawing(
             "haptic_front",
-            f"Unintended motion missed against false cues an hour, {len(faulty.cues)} sets of threshold and gains; the "
-            "line joins the published gains, numbers are thresholds in mm, the ring is the published set.",
-            _front(never, false, sets, thresholds, list(sets).index(faulty.published), float(modelled.hours.sum())),
+            f"Unintended motion missed against false cues an hour, {len(faulty.cues)} sets of"
+            " threshold and gains; the line joins the published gains, numbers are thresholds in"
+            " mm, the ring is the published set.",
+            _front(
+                never,
+                false,
+                sets,
+                thresholds,
+                list(sets).index(faulty.published),
+                float(modelled.hours.sum()),
+            ),
         ),
         Drawing(
             "haptic_threshold",
-            "What a threshold tells of faults with unintended motion and of others (95 % over kinds), and how often "
-            "it speaks for nothing, by scale.",
+            "What a threshold tells of faults with unintended motion and of others (95 % over"
+            " kinds), and how often it speaks for nothing, by scale.",
             _threshold(thresholds, felt, by_scale, scale_hours),
         ),
         Drawing(
             "haptic_choice",
-            "The threshold that the data would choose, by how many false cues a missed unintended motion an hour "
-            "weighs; shades: how often each wins when kinds of faults and recordings are drawn anew.",
+            "The threshold that the data would choose, by how many false cues a missed unintended"
+            " motion an hour weighs; shades: how often each wins when kinds of faults and"
+            " recordings are drawn anew.",
             _choice(thresholds, fine),
         ),
         Drawing(
             "haptic_time",
-            "When a fault with unintended motion is felt, after its first effect and before the motion began, by "
-            "threshold. Kaplan-Meier.",
-            incidences(curves, "faults felt, %", 4.2, lambda _, left: left.legend(loc="upper left")),
+            "When a fault with unintended motion is felt, after its first effect and before the"
+            " motion began, by threshold. Kaplan-Meier.",
+            incidences(
+                curves, "faults felt, %", 4.2, lambda _, left: left.legend(loc="upper left")
+            ),
         ),
         Drawing(
             "haptic_force",
-            "How strongly unintended motion is felt at the published threshold, by gains: largest force of each run "
-            "that is felt, device units; bars: quartiles, whiskers: 5 and 95 %.",
+            "How strongly unintended motion is felt at the published threshold, by gains: largest"
+            " force of each run that is felt, device units; bars: quartiles, whiskers: 5 and 95 %.",
             _force(faulty),
         ),
     )
 
 
 def _front(
-    never: np.ndarray, false: np.ndarray, sets: Sequence[int], thresholds: np.ndarray, published: int, hours: float
+    never: np.ndarray,
+    false: np.ndarray,
+    sets: Sequence[int],
+    thresholds: np.ndarray,
+    published: int,
+    hours: float,
 ) -> Callable[[Any], None]:
     least = 0.4 / hours
 
@@ -103,14 +133,30 @@ def _front(
         for k, mm in zip(own, thresholds, strict=True):
             here = (float(np.log10(rate[k])), float(missed[k]))
             if abs(here[0] - last[0]) > 0.15 or abs(here[1] - last[1]) > 3:
-                axis.annotate(f"{mm:g}", (rate[k], missed[k]), (5, 6), textcoords="offset points", fontsize=7.5)
+                axis.annotate(
+                    f"{mm:g}",
+                    (rate[k], missed[k]),
+                    (5, 6),
+                    textcoords="offset points",
+                    fontsize=7.5,
+                )
                 last = here
         axis.plot(
-            rate[own[published]], missed[own[published]], "o", ms=11, mfc="none", mec=THRESHOLD, mew=1.6,
+            rate[own[published]],
+            missed[own[published]],
+            "o",
+            ms=11,
+            mfc="none",
+            mec=THRESHOLD,
+            mew=1.6,
             label="published set",
-        )  # fmt: skip
+        )
         axis.set_xscale("log")
-        axis.set(xlabel=f"false cues an hour, in {hours:.1f} h", ylabel="unintended motion missed, %", ylim=(0, None))
+        axis.set(
+            xlabel=f"false cues an hour, in {hours:.1f} h",
+            ylabel="unintended motion missed, %",
+            ylim=(0, None),
+        )
         if (false == 0).any():
             axis.axvspan(least / 1.25, least * 1.25, color="0.94", lw=0, zorder=0)
             axis.text(least, 0.5, "none seen", fontsize=7, color="0.35", ha="center", rotation=90)
@@ -120,7 +166,10 @@ def _front(
 
 
 def _threshold(
-    thresholds: np.ndarray, felt: dict[str, np.ndarray], by_scale: dict[str, np.ndarray], hours: float
+    thresholds: np.ndarray,
+    felt: dict[str, np.ndarray],
+    by_scale: dict[str, np.ndarray],
+    hours: float,
 ) -> Callable[[Any], None]:
     least = 0.4 / hours
 
@@ -131,7 +180,15 @@ def _threshold(
             left.plot(thresholds, value, color=colour, lw=1.4, marker=".", ms=5, label=name)
             left.fill_between(thresholds, low, high, color=colour, alpha=0.15, lw=0)
         for colour, (name, rate) in zip(SERIES[3:], by_scale.items(), strict=False):
-            right.plot(thresholds, np.maximum(rate, least), color=colour, lw=1.4, marker=".", ms=5, label=name)
+            right.plot(
+                thresholds,
+                np.maximum(rate, least),
+                color=colour,
+                lw=1.4,
+                marker=".",
+                ms=5,
+                label=name,
+            )
         right.set_yscale("log")
         right.axhspan(least / 1.25, least * 1.25, color="0.94", lw=0, zorder=0)
         right.text(0.5, least, "none seen", fontsize=7, color="0.35", va="center")
@@ -151,14 +208,25 @@ def _choice(thresholds: np.ndarray, found: Winners) -> Callable[[Any], None]:
         axis = figure.subplots()
         rows = np.arange(len(thresholds))
         image = axis.pcolormesh(
-            found.weight, rows, 100 * found.wins.T, cmap="Blues", vmin=0, vmax=100, shading="nearest"
+            found.weight,
+            rows,
+            100 * found.wins.T,
+            cmap="Blues",
+            vmin=0,
+            vmax=100,
+            shading="nearest",
         )
         axis.step(found.weight, found.winner, where="mid", color=SERIES[1], lw=1.6, label="chosen")
-        axis.axhline(list(thresholds).index(3.0), color=THRESHOLD, lw=0.9, ls="--", label="published")
+        axis.axhline(
+            list(thresholds).index(3.0), color=THRESHOLD, lw=0.9, ls="--", label="published"
+        )
         axis.set_xscale("log")
         axis.grid(False)
         axis.set_yticks(rows, [f"{mm:g}" for mm in thresholds])
-        axis.set(xlabel="false cues that a missed unintended motion an hour weighs", ylabel="threshold, mm")
+        axis.set(
+            xlabel="false cues that a missed unintended motion an hour weighs",
+            ylabel="threshold, mm",
+        )
         axis.legend(loc="upper right")
         figure.colorbar(image, ax=axis, label="wins, % of draws")
 

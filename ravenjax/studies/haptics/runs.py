@@ -1,7 +1,8 @@
-"""What the study of the haptic cue reads from its campaigns: what is felt in faulty runs, and without a fault.
+"""What the study of the haptic cue reads from its campaigns: what is felt in faulty runs, and
+without a fault.
 
-A cue of a faulty run counts from the fault's first effect on, and only where the golden run had none by then: one
-that the golden run has, too, tells of the motion and not of the fault.
+A cue of a faulty run counts from the fault's first effect on, and only where the golden run had
+none by then: one that the golden run has, too, tells of the motion and not of the fault.
 """
 
 from __future__ import annotations
@@ -70,9 +71,20 @@ class FaultyCues(NamedTuple):
 
 
 _BY_RUN = (
-    "cell", "kind", "family", "group", "motion", "layer", "active_ms", "unintended_ms", "kinds", "first_ms", "shared",
-    "force", "felt_ms",
-)  # fmt: skip
+    "cell",
+    "kind",
+    "family",
+    "group",
+    "motion",
+    "layer",
+    "active_ms",
+    "unintended_ms",
+    "kinds",
+    "first_ms",
+    "shared",
+    "force",
+    "felt_ms",
+)
 
 
 class FreeCues(NamedTuple):
@@ -107,7 +119,9 @@ def sets_at(cues: Sequence[CueRecord], threshold_mm: float) -> list[int]:
 
 
 def faulty(folders: Sequence[Path]) -> FaultyCues:
-    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where their faults differ."""
+    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where
+    their faults differ.
+    """
     read = [(folder.read_all(path), manifest.read(path)) for path in folders]
     return pooled([frame for frame, _ in read], read[0][1])
 
@@ -115,7 +129,9 @@ def faulty(folders: Sequence[Path]) -> FaultyCues:
 def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyCues:
     """As `faulty`, of result tables at hand; `made`: manifest of the first."""
     parts = [_faulty(one, made) for one in motions_alike.activated(frames, made)]
-    return parts[0]._replace(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN})
+    return parts[0]._replace(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN}
+    )
 
 
 def _faulty(runs: Activated, made: Manifest) -> FaultyCues:
@@ -157,7 +173,9 @@ def _faulty(runs: Activated, made: Manifest) -> FaultyCues:
 def free(folders: Sequence[tuple[str, Path]]) -> FreeCues:
     """Runs without a fault of campaigns, each with the name of its recording."""
     parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
-    return parts[0]._replace(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN})
+    return parts[0]._replace(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN}
+    )
 
 
 def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> FreeCues:
@@ -170,7 +188,9 @@ def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> FreeCues:
         frame[SCALE].to_numpy(float),
         frame["pedal_down_ms"].to_numpy(float) / 3.6e6,
         np.stack([frame[f"cue{k}_count"].to_numpy() for k in range(len(made.cues))], axis=1),
-        np.stack([frame[f"cue{k}_ms"].to_numpy(float) / 3.6e6 for k in range(len(made.cues))], axis=1),
+        np.stack(
+            [frame[f"cue{k}_ms"].to_numpy(float) / 3.6e6 for k in range(len(made.cues))], axis=1
+        ),
     )
 
 

@@ -1,14 +1,15 @@
-"""Outcome classes of the simulated runs of a hazard beside the published ones, row by row of the library.
+"""Outcome classes of the simulated runs of a hazard beside the published ones, row by row of the
+library.
 
 How they are compared, the same for every row:
 
-- A row *shows* a class where at least one activated run in ten has it: in the five to twenty injections that were
-  published of a row, a rarer one would probably not have been seen.
-- `message` alone is an outcome without effect: it counts as `none`, but where a message was published; beside another
-  class it is left out, for messages were not written down throughout.
-- Equal sets `agree`; sets with a class in common agree `partly`; others `differ`. A row that cannot be run is
-  `not simulated` and counts as neither; one whose outcome was not published, or that the library adds for completeness
-  with an expectation of its own, is `no outcome published`.
+- A row *shows* a class where at least one activated run in ten has it: in the five to twenty
+  injections that were published of a row, a rarer one would probably not have been seen.
+- `message` alone is an outcome without effect: it counts as `none`, but where a message was
+  published; beside another class it is left out, for messages were not written down throughout.
+- Equal sets `agree`; sets with a class in common agree `partly`; others `differ`. A row that cannot
+  be run is `not simulated` and counts as neither; one whose outcome was not published, or that the
+  library adds for completeness with an expectation of its own, is `no outcome published`.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ class HazardOutcome:
     activated: int
     failed: int
     counts: Mapping[str, int]  # class -> activated, valid runs that have it
-    fitting: int  # activated, valid runs with a published class and no other; 0 where none is published
+    fitting: (
+        int  # activated, valid runs with a published class and no other; 0 where none is published
+    )
     without_effect: int  # activated, valid runs of class `none`, or of `message` alone
     seen_share: float = SEEN_SHARE
 
@@ -53,7 +56,8 @@ class HazardOutcome:
     def shown(self) -> frozenset[str]:
         """Classes that it shows."""
         return _counted(
-            {name for name, k in self.counts.items() if k and k >= self.seen_share * self.valid}, self._published
+            {name for name, k in self.counts.items() if k and k >= self.seen_share * self.valid},
+            self._published,
         )
 
     @property
@@ -91,15 +95,23 @@ def outcomes(
     limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
 ) -> list[HazardOutcome]:
-    """One a row of the library, in its order, of the result table of a campaign whose groups are named by hazards.
+    """One a row of the library, in its order, of the result table of a campaign whose groups are
+    named by hazards.
 
-    rows: only these; None: the whole library. Rows without runs have zeros. limit_mm: as in `classes.classify`.
+    rows: only these; None: the whole library. Rows without runs have zeros. limit_mm: as in
+    `classes.classify`.
     """
     class_flags = classes.classify(frame, limit_mm)
     ids = [hazards_of(group) for group in frame["group"].astype(str)]
     listed = library.rows() if rows is None else rows
     return [
-        _outcome(row, frame, class_flags, pd.Series([row.id in has for has in ids], frame.index, bool), seen_share)
+        _outcome(
+            row,
+            frame,
+            class_flags,
+            pd.Series([row.id in has for has in ids], frame.index, bool),
+            seen_share,
+        )
         for row in listed
     ]
 
@@ -110,7 +122,9 @@ def _outcome(
     active = mine & frame["activated"].astype(bool)
     own = class_flags.loc[active & (frame["failed"] == "")]
     expected = frozenset(row.expected_class)
-    sets = [_counted({name for name in own if has[name]}, expected) for has in own.to_dict("records")]
+    sets = [
+        _counted({name for name in own if has[name]}, expected) for has in own.to_dict("records")
+    ]
     return HazardOutcome(
         row,
         int(mine.sum()),

@@ -1,4 +1,6 @@
-"""What kinematic errors do to the headlines: the same faults, and none, on robots without them, with half, with all."""
+"""What kinematic errors do to the headlines: the same faults, and none, on robots without them,
+with half, with all.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +50,12 @@ class ScaledFaults(NamedTuple):
         return units.rate(self.events[scale][event].to_numpy(), self.faults)
 
     def change(self, event: str, scale: float) -> Estimate:
-        """Share at a scale minus share without kinematic errors, of pairs; its interval over kinds."""
-        return kinds.difference(self.events[scale][event].to_numpy(), self.events[OFF][event].to_numpy(), self.faults)
+        """Share at a scale minus share without kinematic errors, of pairs; its interval over
+        kinds.
+        """
+        return kinds.difference(
+            self.events[scale][event].to_numpy(), self.events[OFF][event].to_numpy(), self.faults
+        )
 
 
 def faulty(path: Path) -> ScaledFaults:
@@ -57,8 +63,13 @@ def faulty(path: Path) -> ScaledFaults:
     frame, header = folder.read_all(path), manifest.read(path)
     facts = run_facts.of(frame, header)
     valid = (facts["activated"] & facts["faulty"] & ~facts["failed"]).to_numpy()
-    events = _events(frame, facts).assign(scale=frame[COLUMN], pair=frame["pair"], kind=kinds.names(frame["group"]))
-    by_scale = {scale: events[valid & np.isclose(events["scale"], scale)].set_index("pair") for scale in SCALES}
+    events = _events(frame, facts).assign(
+        scale=frame[COLUMN], pair=frame["pair"], kind=kinds.names(frame["group"])
+    )
+    by_scale = {
+        scale: events[valid & np.isclose(events["scale"], scale)].set_index("pair")
+        for scale in SCALES
+    }
     common = sorted(set.intersection(*(set(part.index) for part in by_scale.values())))
     parts = {scale: part.loc[common] for scale, part in by_scale.items()}
     return ScaledFaults(parts, units.units(parts[OFF]["kind"].to_numpy()))
@@ -76,7 +87,9 @@ def _events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
             "cue3": frame["cue0_first_ms"] >= 0,
             "cue1": frame["cue1_first_ms"] >= 0,
             "missed3": facts["unintended"] & ~warned,
-            "deeper": frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"] > severity.DEPTH_MM,
+            "deeper": (
+                frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"] > severity.DEPTH_MM
+            ),
         }
     )
 

@@ -1,7 +1,8 @@
 """The virtual robots and their bare rotors as predictors of a log of seven joints, in closed loop.
 
-Its motor commands were not recorded, so there is no open loop. Nor was what the tool's controllers had integrated at a
-start: each model starts with the torque that its own controller has there when it is replayed from the log's beginning.
+Its motor commands were not recorded, so there is no open loop. Nor was what the tool's controllers
+had integrated at a start: each model starts with the torque that its own controller has there when
+it is replayed from the log's beginning.
 """
 
 from __future__ import annotations
@@ -18,7 +19,13 @@ from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.studies.dsn16.recording import horizons
-from ravenjax.studies.dsn16.recording.horizons import CLOSED, Ahead, Model, Predictor, RecordedStretch
+from ravenjax.studies.dsn16.recording.horizons import (
+    CLOSED,
+    Ahead,
+    Model,
+    Predictor,
+    RecordedStretch,
+)
 
 SLOPE_ROWS = 5
 """Rows, some 20 ms, whose straight line gives the speed at the last of them."""
@@ -31,13 +38,20 @@ def second_half(logged: LoggedRobot) -> np.ndarray:
 
 def stretch(logged: LoggedRobot, rows: np.ndarray, period_ms: float) -> RecordedStretch:
     """Some rows of a log that has all seven joints."""
-    units = {joint.replace("_", " "): unit for joint, unit in zip(JOINTS, tables.UNITS, strict=True)}
-    measured, speed = logged.log.measured * tables.PER_UNIT, speeds(logged.log.measured, period_ms) * tables.PER_UNIT
+    units = {
+        joint.replace("_", " "): unit for joint, unit in zip(JOINTS, tables.UNITS, strict=True)
+    }
+    measured, speed = (
+        logged.log.measured * tables.PER_UNIT,
+        speeds(logged.log.measured, period_ms) * tables.PER_UNIT,
+    )
     return RecordedStretch(measured[rows], speed[rows], period_ms, units)
 
 
 def speeds(measured: np.ndarray, period_ms: float) -> np.ndarray:
-    """Slope of a line through each row and the SLOPE_ROWS - 1 before it, per s; [n, 7]. 0 in the first rows."""
+    """Slope of a line through each row and the SLOPE_ROWS - 1 before it, per s; [n, 7]. 0 in the
+    first rows.
+    """
     weight = np.arange(SLOPE_ROWS) - (SLOPE_ROWS - 1) / 2.0
     weight = weight / (weight @ weight) / (period_ms * 1e-3)
     last = len(measured) - SLOPE_ROWS + 1
@@ -55,8 +69,16 @@ def of(logged: LoggedRobot, rows: np.ndarray, period_ms: float) -> list[Predicto
 
     run = jax.jit(replayed)
 
-    def joints(model: Model, first: np.ndarray, desired: np.ndarray, speed: np.ndarray, integral: np.ndarray):
-        state = (jnp.asarray(part, setup.precision.real) for part in (first, desired, speed, integral))
+    def joints(
+        model: Model,
+        first: np.ndarray,
+        desired: np.ndarray,
+        speed: np.ndarray,
+        integral: np.ndarray,
+    ):
+        state = (
+            jnp.asarray(part, setup.precision.real) for part in (first, desired, speed, integral)
+        )
         return np.asarray(run(model.params, model.cables, *state), float)
 
     rest = np.zeros((1, log.measured.shape[1]))
@@ -64,7 +86,9 @@ def of(logged: LoggedRobot, rows: np.ndarray, period_ms: float) -> list[Predicto
     for model in horizons.models(setup, arm):
         course = joints(model, log.start[None], log.desired[None], rest, rest)[0]
         begun = integrals(logged, course)
-        predictors.append(Predictor(CLOSED, model.name, _ahead(logged, rows, period_ms, model, joints, begun)))
+        predictors.append(
+            Predictor(CLOSED, model.name, _ahead(logged, rows, period_ms, model, joints, begun))
+        )
     return predictors
 
 
@@ -91,7 +115,8 @@ def _ahead(
 
 
 def integrals(logged: LoggedRobot, course: np.ndarray) -> np.ndarray:
-    """What gives controllers at the recorded joints the torque that they have in a replay, before each cycle.
+    """What gives controllers at the recorded joints the torque that they have in a replay, before
+    each cycle.
 
     Motors, rad s; 0 of those without an integral.
 
@@ -99,7 +124,9 @@ def integrals(logged: LoggedRobot, course: np.ndarray) -> np.ndarray:
     """
     log, gains = logged.log, logged.controller
     clock = np.arange(len(log.desired))
-    recorded = np.stack([np.interp(clock, log.cycles + 1, column) for column in log.measured.T], axis=1)
+    recorded = np.stack(
+        [np.interp(clock, log.cycles + 1, column) for column in log.measured.T], axis=1
+    )
     own = _motor_errors(logged, np.vstack([log.start, course[:-1]]))
     kp, ki = (np.array([*gain]) for gain in (gains.kp, gains.ki))
     integral = np.cumsum(own, axis=0) * robot.TICK_S - own * robot.TICK_S
@@ -108,8 +135,10 @@ def integrals(logged: LoggedRobot, course: np.ndarray) -> np.ndarray:
 
 
 def _motor_errors(logged: LoggedRobot, joints: np.ndarray) -> np.ndarray:
-    """Desired minus these joints at the motors, rad, [T, 7]; those of the tool with the insertion where it is, since
-    the controller asks them to follow the measured one."""
+    """Desired minus these joints at the motors, rad, [T, 7]; those of the tool with the insertion
+    where it is, since the controller asks them to follow the measured one."""
     tool = logged.setup.tools[logged.setup.arms.index(logged.arm)]
     apart = Vec((logged.log.desired - joints).T)
-    return np.stack(transmission.motor_from_joint(logged.arm, tool, apart, 0.0, logged.setup.software), axis=1)
+    return np.stack(
+        transmission.motor_from_joint(logged.arm, tool, apart, 0.0, logged.setup.software), axis=1
+    )

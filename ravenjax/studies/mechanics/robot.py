@@ -1,4 +1,6 @@
-"""Is the virtual robot's mechanics a real one's? Statics, a recorded motor's load, and two arms' following errors."""
+"""Is the virtual robot's mechanics a real one's? Statics, a recorded motor's load, and two arms'
+following errors.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ def compare(context: Context) -> Findings:
             printed += [_reaction(reaction.of_recording(log)), _held_out(torque)]
             ahead += (_load_note(torque),)
     for name, path in paths.items():
-        read = recordings.three_joints if name == recordings.THREE_JOINTS else recordings.seven_joints
+        read = (
+            recordings.three_joints if name == recordings.THREE_JOINTS else recordings.seven_joints
+        )
         logged = read(path)
         robots = {
             f"virtual robot, {one}": position_loop.params(robot.params(logged.setup, "gold", one))
@@ -55,14 +59,22 @@ def compare(context: Context) -> Findings:
         title = f"Following error of {ARMS[name]} on the second half of {name}"
         printed.append(_table(tables.following(title, judged, logged.log.joints), _FOLLOWING))
         fitted = _fitted(logged, name)
-        printed.append(_table(tables.parameters(f"Fitted to the first half of {name}", fitted), _PARAMETERS))
+        printed.append(
+            _table(tables.parameters(f"Fitted to the first half of {name}", fitted), _PARAMETERS)
+        )
     if recordings.SEVEN_JOINTS in paths:
         table, sentences = _predictions(recordings.seven_joints(paths[recordings.SEVEN_JOINTS]))
         printed.append(table)
         ahead += sentences
     missing = [name for name in FITTED if name not in paths]
-    absent = (f"Not at hand: {', '.join(missing)}. Set {recordings.DATA} to their folder.",) if missing else ()
-    return Findings(tuple(lines), tuple(printed), notes=(*absent, *_notes(lines, every), *ahead, *_NOTES))
+    absent = (
+        (f"Not at hand: {', '.join(missing)}. Set {recordings.DATA} to their folder.",)
+        if missing
+        else ()
+    )
+    return Findings(
+        tuple(lines), tuple(printed), notes=(*absent, *_notes(lines, every), *ahead, *_NOTES)
+    )
 
 
 def _predictions(logged: LoggedRobot) -> tuple[Table, tuple[str, ...]]:
@@ -70,13 +82,19 @@ def _predictions(logged: LoggedRobot) -> tuple[Table, tuple[str, ...]]:
     rows, period_ms = predictors.second_half(logged), recordings.SEVEN_PERIOD_MS
     part = predictors.stretch(logged, rows, period_ms)
     errors = horizons.compare(part, predictors.of(logged, rows, period_ms))
-    title = f"Predictions of {ARMS[recordings.SEVEN_JOINTS]} beside null models: mean and largest error"
-    return prediction_tables.table(title, part, errors), tuple(prediction_tables.sentences(part, errors))
+    title = (
+        f"Predictions of {ARMS[recordings.SEVEN_JOINTS]} beside null models: mean and largest error"
+    )
+    return prediction_tables.table(title, part, errors), tuple(
+        prediction_tables.sentences(part, errors)
+    )
 
 
 def _fitted(logged: LoggedRobot, name: str) -> Calibration:
     """The set's friction and offsets found anew, from the set itself."""
-    return logged.calibrated(robot.params(logged.setup, "gold", OURS), unknowns(FITTED[name], FITTED_KINDS))
+    return logged.calibrated(
+        robot.params(logged.setup, "gold", OURS), unknowns(FITTED[name], FITTED_KINDS)
+    )
 
 
 def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -> Iterator[Line]:
@@ -85,7 +103,8 @@ def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -
     for j in joints:
         blind = "" if j in FITTED[name] else ", with the friction of the other"
         yield Line(
-            f"following error of {JOINTS[j].replace('_', ' ')}, virtual by recorded: {ARMS[name]}{blind}",
+            f"following error of {JOINTS[j].replace('_', ' ')}, virtual by recorded:"
+            f" {ARMS[name]}{blind}",
             "",
             StudyEstimate(1.0),
             StudyEstimate(float(ours[j] / log[j])),
@@ -94,7 +113,9 @@ def _lines(name: str, judged: Sequence[FollowingError], joints: Sequence[int]) -
         )
 
 
-def _notes(lines: Sequence[Line], judged: Mapping[str, Sequence[FollowingError]]) -> tuple[str, ...]:
+def _notes(
+    lines: Sequence[Line], judged: Mapping[str, Sequence[FollowingError]]
+) -> tuple[str, ...]:
     """How many joints are inside the band, also of the authors' law."""
     if not lines:
         return ()
@@ -104,10 +125,16 @@ def _notes(lines: Sequence[Line], judged: Mapping[str, Sequence[FollowingError]]
         for j in range(3)
     ]
     return (
-        f"{sum(bool(line.passed) for line in lines)} of {len(lines)} joints have a following error within a quarter of "
-        "the recorded one on the half of a recording that nothing was fitted to.",
-        f"So do, with the authors' law, {sum(authors)} of {len(authors)} of joints 1-3: a controller makes either "
-        "robot follow, and following does not tell the two laws apart. What the shoulder's motor carries does.",
+        (
+            f"{sum(bool(line.passed) for line in lines)} of {len(lines)} joints have a following"
+            " error within a quarter of the recorded one on the half of a recording that nothing"
+            " was fitted to."
+        ),
+        (
+            f"So do, with the authors' law, {sum(authors)} of {len(authors)} of joints 1-3: a"
+            " controller makes either robot follow, and following does not tell the two laws"
+            " apart. What the shoulder's motor carries does."
+        ),
     )
 
 
@@ -120,13 +147,15 @@ def _statics(rows: Sequence[statics.Statics]) -> Table:
         "fastest motor, rad/s",
         f"gives way to {statics.LOAD_NM:g} N m, mm at 0.3 m",
     )
-    cells = tuple((one.who, *(_plain(x, d) for x, d in zip(one[1:], (0, 0, 1, 0, 2), strict=True))) for one in rows)
+    cells = tuple(
+        (one.who, *(_plain(x, d) for x, d in zip(one[1:], (0, 0, 1, 0, 2), strict=True)))
+        for one in rows
+    )
     note = (
-        f"{statics.COUNTS} counts after the checks press the shoulder on its stop; the largest tension on the way "
-        "depends on the assumed stiffness of the stop. A cable of this size breaks at some "
-        f"{cables.POSITIONING_STRENGTH:.0f} N. "
-        "Statics of speed: the supply of 48 V by the back EMF. The push of the last column meets a controller with KP "
-        "of raven2."
+        f"{statics.COUNTS} counts after the checks press the shoulder on its stop; the largest"
+        " tension on the way depends on the assumed stiffness of the stop. A cable of this size"
+        f" breaks at some {cables.POSITIONING_STRENGTH:.0f} N. Statics of speed: the supply of 48 V"
+        " by the back EMF. The push of the last column meets a controller with KP of raven2."
     )
     return Table("What a sudden command and a push do", columns, cells, note)
 
@@ -159,39 +188,51 @@ def _reaction(rows: Sequence[reaction.LoadShare]) -> Table:
         "load's share of the torque",
     )
     note = (
-        "Least squares on the recorded torque of the authors' arm while the joint moves, masses as published; in "
-        f"brackets 95 % bands of a bootstrap over {reaction.STRETCHES} stretches. A load with the wrong sign means "
-        "that what changes with the pose there is not the modelled weight: friction does, or the arm stood otherwise."
+        "Least squares on the recorded torque of the authors' arm while the joint moves, masses as"
+        f" published; in brackets 95 % bands of a bootstrap over {reaction.STRETCHES} stretches. A"
+        " load with the wrong sign means that what changes with the pose there is not the modelled"
+        " weight: friction does, or the arm stood otherwise."
     )
     return Table("How much of the links' load a recorded motor carries", columns, cells, note)
 
 
 def _held_out(rows: Sequence[reaction.TorqueError]) -> Table:
     cells = tuple(
-        (one.model, *(f"{mean:.4f}, {most:.3f}" for mean, most in zip(one.mean, one.largest, strict=True)))
+        (
+            one.model,
+            *(f"{mean:.4f}, {most:.3f}" for mean, most in zip(one.mean, one.largest, strict=True)),
+        )
         for one in rows
     )
     return Table(
-        "Torque of a recorded motor, fitted to the first half and predicted on the second: mean and largest error, N m",
+        "Torque of a recorded motor, fitted to the first half and predicted on the second: mean and"
+        " largest error, N m",
         ("model", *JOINTS[:3]),
         cells,
-        "Rows as in the table before. A null model has no links; the load helps where a model with it errs less than "
-        "the rotor with dry friction and offset. One recording is no sample, so there is no interval.",
+        "Rows as in the table before. A null model has no links; the load helps where a model with"
+        " it errs less than the rotor with dry friction and offset. One recording is no sample, so"
+        " there is no interval.",
     )
 
 
 def _load_note(rows: Sequence[reaction.TorqueError]) -> str:
-    """Where the load at the gear's ratio predicts better than the rotor alone, and than the load of the authors."""
+    """Where the load at the gear's ratio predicts better than the rotor alone, and than the load
+    of the authors.
+    """
     mean = {one.model: one.mean for one in rows}
     rotor, authors, statics_ = (mean[model] for model in reaction.COMPARED)
     better = [
-        " and ".join(joint for joint, mine, theirs in zip(JOINTS, statics_, other, strict=False) if mine < theirs)
+        " and ".join(
+            joint
+            for joint, mine, theirs in zip(JOINTS, statics_, other, strict=False)
+            if mine < theirs
+        )
         for other in (rotor, authors)
     ]
     return (
-        "On the half that nothing was fitted to, the links' load at the gear's ratio predicts the torque better than "
-        f"the rotor with friction alone at {better[0] or 'no joint'}, and better than the authors' load at "
-        f"{better[1] or 'no joint'}."
+        "On the half that nothing was fitted to, the links' load at the gear's ratio predicts the"
+        f" torque better than the rotor with friction alone at {better[0] or 'no joint'}, and"
+        f" better than the authors' load at {better[1] or 'no joint'}."
     )
 
 
@@ -212,34 +253,49 @@ def _table(rows: tables.Rows, note: str) -> Table:
 
 
 _FOLLOWING = (
-    "Root mean square of measured minus desired joints. The virtual robots are asked for what the recorded one was "
-    "asked for, from the beginning of the recording; in brackets their following error by the recorded one, then how "
-    "far they are off the recording. Bare rotors are motors with viscous friction whose cables are all cut."
+    "Root mean square of measured minus desired joints. The virtual robots are asked for what the"
+    " recorded one was asked for, from the beginning of the recording; in brackets their following"
+    " error by the recorded one, then how far they are off the recording. Bare rotors are motors"
+    " with viscous friction whose cables are all cut."
 )
 _PARAMETERS = (
-    "Before: the set as it stands in the package, itself the rounded result of such a fit. Spread left: what the log "
-    "leaves of what was believed before, by the curvature of the fit; a guide, since a real robot differs in more. How "
-    "motor and joint share their dry friction is not asked: both move alike."
+    "Before: the set as it stands in the package, itself the rounded result of such a fit. Spread"
+    " left: what the log leaves of what was believed before, by the curvature of the fit; a guide,"
+    " since a real robot differs in more. How motor and joint share their dry friction is not"
+    " asked: both move alike."
 )
 _REASONS = {
     (
         recordings.SEVEN_JOINTS,
         4,
-    ): "the recorded wrist lags more as its recording goes on, also at the same speed; no law that was tried "
-    "reproduces both halves (docs/explanation/mechanics.md)"
+    ): (
+        "the recorded wrist lags more as its recording goes on, also at the same speed; no law that"
+        " was tried reproduces both halves (docs/explanation/mechanics.md)"
+    )
 }
 _NOTES = (
-    "The arm of 2018 strings its first jaw like its second, as the fork of 2015 does: with the jaw opposed, as in "
-    "raven2 today, its virtual following error has nothing in common with the recorded one. Its tool joints have the "
-    "integral of raven2's gains: recorded errors decay while the joint moves on.",
-    "All errors are of motors, where the encoders are. Backlash and stretch behind them are not seen here.",
+    (
+        "The arm of 2018 strings its first jaw like its second, as the fork of 2015 does: with the"
+        " jaw opposed, as in raven2 today, its virtual following error has nothing in common with"
+        " the recorded one. Its tool joints have the integral of raven2's gains: recorded errors"
+        " decay while the joint moves on."
+    ),
+    (
+        "All errors are of motors, where the encoders are. Backlash and stretch behind them are not"
+        " seen here."
+    ),
 )
 
 STUDY = Study(
     name="mechanics",
     title="A power-consistent robot against two recorded arms",
-    source="recordings of CSLDepend/raven2_sim (Li_DYN/dac_mvel_mpos.txt) and HaonanPeng/RAVEN_ILC (2018)",
-    question="Do motors, gears, cables and friction of the virtual robot do what those of real ones did?",
+    source=(
+        "recordings of CSLDepend/raven2_sim (Li_DYN/dac_mvel_mpos.txt) and HaonanPeng/RAVEN_ILC"
+        " (2018)"
+    ),
+    question=(
+        "Do motors, gears, cables and friction of the virtual robot do what those of real ones did?"
+    ),
     variants=(),
     compare=compare,
     minutes=12.0,

@@ -1,4 +1,6 @@
-"""What a sudden command and a push do to the virtual robot, beside what statics of motor, gear and drum say."""
+"""What a sudden command and a push do to the virtual robot, beside what statics of motor, gear
+and drum say.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ def of_robot(name: str) -> Statics:
 
 
 def by_hand() -> Statics:
-    """Motor torque through gear and drum; 48 V by the back EMF; the controller's stiffness at the joint."""
+    """Motor torque through gear and drum; 48 V by the back EMF; the controller's stiffness at
+    the joint.
+    """
     torque = COUNTS * published.CONTROLLER_TORQUE_PER_COUNT
     ratio = transmission.TR[0]
     stiffness = KP * ratio**2 / transmission.GEARBOX[0]
@@ -65,8 +69,12 @@ def by_hand() -> Statics:
     )
 
 
-def _run(params: robot.PlantParams, counts: int, kp: float, load: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cable tension (N), motor speed (rad/s) and joint (rad) of the shoulder, [TICKS], with a spring at the motors."""
+def _run(
+    params: robot.PlantParams, counts: int, kp: float, load: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cable tension (N), motor speed (rad/s) and joint (rad) of the shoulder, [TICKS], with a
+    spring at the motors.
+    """
     drive = transmission.tau_signs("gold", "r_grasper", "raven2")
     state = robot.init(SETUP, "gold", params, Vec(HOME_JPOS))
     state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)))
@@ -75,9 +83,17 @@ def _run(params: robot.PlantParams, counts: int, kp: float, load: float) -> tupl
 
     def tick(state, _):
         angles = robot.observe(SETUP, "gold", params, state)
-        torques = [kp * (a - b) - 0.027 * kp * v for a, b, v in zip(start, angles.mpos, angles.mvel, strict=True)]
-        spring = [torque * per_nm for torque, per_nm in zip(torques, transmission.COUNTS_PER_NM, strict=True)]
-        command = [int(s) * jnp.trunc(c).astype(jnp.int32) for s, c in zip(drive, spring, strict=True)]
+        torques = [
+            kp * (a - b) - 0.027 * kp * v
+            for a, b, v in zip(start, angles.mpos, angles.mvel, strict=True)
+        ]
+        spring = [
+            torque * per_nm
+            for torque, per_nm in zip(torques, transmission.COUNTS_PER_NM, strict=True)
+        ]
+        command = [
+            int(s) * jnp.trunc(c).astype(jnp.int32) for s, c in zip(drive, spring, strict=True)
+        ]
         command[0] = command[0] + counts
         signal = replace(robot.nominal_signal(Vec(command), jnp.int32(0)), external_torque=push)
         state, out = robot.step(SETUP, "gold", params, state, signal)

@@ -24,7 +24,9 @@ class ContrastRow(NamedTuple):
 
 
 def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]:
-    """Draws the share of motions that a reaction of each time could still prevent, one panel a threshold."""
+    """Draws the share of motions that a reaction of each time could still prevent, one panel a
+    threshold.
+    """
     thresholds = sorted({one.threshold_mm for one in found})
 
     def draw(figure: Any) -> None:
@@ -32,17 +34,35 @@ def leads(found: Sequence[Advance], most_ms: int = 800) -> Callable[[Any], None]
         panels = figure.subplots(1, len(thresholds), sharey=True, squeeze=False)[0]
         for axis, threshold in zip(panels, thresholds, strict=True):
             axis.axvspan(*OPERATOR_MS, color="0.92", lw=0, zorder=0)
-            for colour, one in zip(SERIES, (w for w in found if w.threshold_mm == threshold), strict=False):
-                # lag is alarm minus motion: who had a lead of t or more has had the alarm by the lag -t
+            for colour, one in zip(
+                SERIES, (w for w in found if w.threshold_mm == threshold), strict=False
+            ):
+                # lag is alarm minus motion: who had a lead of t or more has had the alarm by the
+                # lag -t
                 lag = one.lead.lag
                 early = lag.time <= 0
                 if not early.any():
                     continue
                 share = lag.fraction[early]
-                stairs = steps(lag.time[early], share, share, share, end=0.0)  # bands take faults as independent
+                stairs = steps(
+                    lag.time[early], share, share, share, end=0.0
+                )  # bands take faults as independent
                 named = f"{_motion(one)} ({one.lead.n} faults, {one.kinds.count} kinds)"
-                step_curve(axis, stairs._replace(x=-stairs.x), color=colour, scale=100, alpha=0.14, lw=1.6, label=named)
-            axis.set(title=f"cue at {threshold:g} mm", xlim=(0, most_ms), ylim=(0, 100), xlabel="reaction time, ms")
+                step_curve(
+                    axis,
+                    stairs._replace(x=-stairs.x),
+                    color=colour,
+                    scale=100,
+                    alpha=0.14,
+                    lw=1.6,
+                    label=named,
+                )
+            axis.set(
+                title=f"cue at {threshold:g} mm",
+                xlim=(0, most_ms),
+                ylim=(0, 100),
+                xlabel="reaction time, ms",
+            )
             axis.set_xticks(range(0, most_ms + 1, 200))
         panels[0].set_ylabel("% of motions still to come")
         handles, names = panels[0].get_legend_handles_labels()
@@ -60,13 +80,18 @@ def rates(rows: Sequence[ContrastRow]) -> Callable[[Any], None]:
         panels = figure.subplots(1, len(blocks), sharey=True, squeeze=False)[0]
         for axis, block in zip(panels, blocks, strict=True):
             mine = [row for row in rows if row.block == block]
-            names, series = list(dict.fromkeys(r.name for r in mine)), list(dict.fromkeys(r.series for r in mine))
+            names, series = (
+                list(dict.fromkeys(r.name for r in mine)),
+                list(dict.fromkeys(r.series for r in mine)),
+            )
             width = 0.26
             for row in mine:
                 place = names.index(row.name)
                 if row.series == series[0]:
                     aside = -width * len(series) / 2
-                    _dot(axis, place + aside, row, row.contrast.without, "0.35", "nobody reacts", "s")
+                    _dot(
+                        axis, place + aside, row, row.contrast.without, "0.35", "nobody reacts", "s"
+                    )
                 k = series.index(row.series)
                 aside = width * (k + 1 - len(series) / 2)
                 _dot(axis, place + aside, row, row.contrast.with_, SERIES[k], row.series, "o")
@@ -82,7 +107,9 @@ def rates(rows: Sequence[ContrastRow]) -> Callable[[Any], None]:
 
 
 def differences(rows: Sequence[ContrastRow], label: str) -> Callable[[Any], None]:
-    """Draws paired differences with their intervals, a line a name, a column a series; blocks set apart."""
+    """Draws paired differences with their intervals, a line a name, a column a series; blocks
+    set apart.
+    """
     series = list(dict.fromkeys(row.series for row in rows))
     lines: list[tuple[str, str]] = list(dict.fromkeys((row.block, row.name) for row in rows))
     blocks = list(dict.fromkeys(block for block, _ in lines))
@@ -97,17 +124,33 @@ def differences(rows: Sequence[ContrastRow], label: str) -> Callable[[Any], None
                 value, low, high = (100.0 * part for part in row.contrast.difference)
                 spread = [[value - min(low, value)], [max(high, value) - value]]
                 colour = SERIES[blocks.index(row.block) % len(SERIES)]
-                axis.errorbar(value, place[row.block, row.name], xerr=spread, fmt="o", ms=4.5, color=colour, capsize=2,
-                              elinewidth=1.1)  # fmt: skip
+                axis.errorbar(
+                    value,
+                    place[row.block, row.name],
+                    xerr=spread,
+                    fmt="o",
+                    ms=4.5,
+                    color=colour,
+                    capsize=2,
+                    elinewidth=1.1,
+                )
             axis.set(title=name, xlabel=label)
             axis.grid(axis="y", visible=False)
         panels[0].set_yticks(list(place.values()), [name for _, name in lines])
         panels[0].set_ylim(max(place.values()) + 0.6, -1.3)
         for block in blocks:
             first = min(at for (mine, _), at in place.items() if mine == block)
-            panels[0].annotate(block, (0, first - 0.75), xycoords=("axes fraction", "data"), fontsize=7.5,
-                               color=SERIES[blocks.index(block) % len(SERIES)], ha="left", va="center",
-                               xytext=(4, 0), textcoords="offset points")  # fmt: skip
+            panels[0].annotate(
+                block,
+                (0, first - 0.75),
+                xycoords=("axes fraction", "data"),
+                fontsize=7.5,
+                color=SERIES[blocks.index(block) % len(SERIES)],
+                ha="left",
+                va="center",
+                xytext=(4, 0),
+                textcoords="offset points",
+            )
 
     return draw
 
@@ -116,6 +159,8 @@ def _motion(one: Advance) -> str:
     return "jump" if one.size_mm is None else f"{one.size_mm:g} mm"
 
 
-def _dot(axis: Any, place: float, row: ContrastRow, count: int, colour: str, label: str, marker: str) -> None:
+def _dot(
+    axis: Any, place: float, row: ContrastRow, count: int, colour: str, label: str, marker: str
+) -> None:
     share = 100.0 * count / max(1, row.contrast.n)
     axis.plot(place, share, marker, ms=4.5, color=colour, label=label)

@@ -51,7 +51,9 @@ def free(runs: ReactionRuns, thresholds_mm: tuple[float, ...]) -> list[FreeReact
 
 
 def _pulses(counts: np.ndarray, hours: np.ndarray) -> AlarmRate:
-    """Of runs [n], each of a robot that was drawn; the pulls of one hang together. Without any the exact interval."""
+    """Of runs [n], each of a robot that was drawn; the pulls of one hang together. Without any
+    the exact interval.
+    """
     exact = alarm_rate(int(counts.sum()), float(hours.sum()))
     if not exact.count:
         return exact

@@ -2,14 +2,16 @@
 
 A measure compares the robot with something, and a reaction may change that something, too:
 
-- *Unintended motion, live or not*: how far the tip went by itself (`report`: `pairs.EXCURSION`). It sees an arm that
-  runs on after the pedal was lifted, and a correction brings the tip back to where the operator meant to be. Slow hands
-  stay behind the golden run on purpose: where a fault has put the nominal model out, too, they would count as moved.
-- *Unintended motion*: the hazard of the report. The same while the robot is live, so that what an arm does after the
-  pedal was lifted is not seen.
-- *Off the model*: the tip against the nominal model, while the robot is live. Who slows down takes the model along, so
-  what is left is the fault's. Who corrects pushes the model away by as much as the fault had pushed the robot: no
-  correction could ever look good. A robot that stands while it should move counts, too.
+- *Unintended motion, live or not*: how far the tip went by itself (`report`: `pairs.EXCURSION`). It
+  sees an arm that runs on after the pedal was lifted, and a correction brings the tip back to where
+  the operator meant to be. Slow hands stay behind the golden run on purpose: where a fault has put
+  the nominal model out, too, they would count as moved.
+- *Unintended motion*: the hazard of the report. The same while the robot is live, so that what an
+  arm does after the pedal was lifted is not seen.
+- *Off the model*: the tip against the nominal model, while the robot is live. Who slows down takes
+  the model along, so what is left is the fault's. Who corrects pushes the model away by as much as
+  the fault had pushed the robot: no correction could ever look good. A robot that stands while it
+  should move counts, too.
 - *Jump* and *deeper in the tissue* are of the tip alone, and fair for everybody.
 """
 
@@ -27,14 +29,18 @@ from ravenjax.report.sections.reaction.pairs import EXCURSION
 from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
 
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)
-"""Sizes of motion; at the first the published cue fires, too: it is reached when the operator is told, not before."""
+"""Sizes of motion; at the first the published cue fires, too: it is reached when the operator is
+told, not before.
+"""
 
 
 class Measure(NamedTuple):
     """One thing that is counted."""
 
     name: str
-    hits: Callable[[pd.DataFrame, pd.DataFrame], np.ndarray]  # result table, its facts -> bool [runs]
+    hits: Callable[
+        [pd.DataFrame, pd.DataFrame], np.ndarray
+    ]  # result table, its facts -> bool [runs]
     fair: tuple[int, ...]  # actions for which it means the same as without one
 
 
@@ -62,12 +68,16 @@ def _leapt(frame: pd.DataFrame, facts: pd.DataFrame) -> np.ndarray:
 
 
 def _deeper(frame: pd.DataFrame, facts: pd.DataFrame) -> np.ndarray:
-    return ((frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]) > severity.DEPTH_MM).to_numpy()
+    return (
+        (frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]) > severity.DEPTH_MM
+    ).to_numpy()
 
 
 LEAPT = Measure("jump of the true tip", _leapt, (RELEASE, SLOW, CORRECT))
 DEEPER = Measure(
-    f"more than {severity.DEPTH_MM:g} mm deeper in the tissue than the golden run", _deeper, (RELEASE, SLOW, CORRECT)
+    f"more than {severity.DEPTH_MM:g} mm deeper in the tissue than the golden run",
+    _deeper,
+    (RELEASE, SLOW, CORRECT),
 )
 INJURY = Measure(
     f"injury-capable motion (jump, unintended motion of {LIMIT_MM:g} mm live or not, or deeper)",

@@ -1,4 +1,6 @@
-"""Pairs of runs of one fault, with an operator who reacts and without: what the reaction avoided and what it caused."""
+"""Pairs of runs of one fault, with an operator who reacts and without: what the reaction avoided
+and what it caused.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ from ravenjax.studies.framework.kinds import difference
 from ravenjax.studies.reaction.measures import Measure
 
 SPEEDS_MS = (0, 50, 200, 500, 1000)
-"""Edges of the classes of how soon after its first effect a fault moves the tip where nobody reacts."""
+"""Edges of the classes of how soon after its first effect a fault moves the tip where nobody
+reacts.
+"""
 
 
 class ReactionRuns(NamedTuple):
@@ -50,8 +54,11 @@ class Contrast(NamedTuple):
     kinds: Units  # of these faults
     without: int  # faults that have it where nobody reacts
     with_: int  # with the reaction
-    difference: Estimate  # with the reaction minus without, fraction of the faults: negative is what it avoids
-    avoided: Rate  # of the faults that have it where nobody reacts, those without it with the reaction
+    # with the reaction minus without, fraction of the faults: negative is what it avoids
+    difference: Estimate
+    avoided: (
+        Rate  # of the faults that have it where nobody reacts, those without it with the reaction
+    )
     affected: Units  # kinds of the faults that have it where nobody reacts
     caused: int  # faults that have it with the reaction alone
     p: float  # exact, labels exchanged kind by kind; NaN where no pair differs
@@ -102,10 +109,11 @@ def contrast(pairs: Pairs, measure: Measure) -> Contrast:
 
 
 def needed(difference: Estimate) -> Estimate:
-    """Number needed to treat from a difference of rates (negative: fewer), infinite where nothing is avoided.
+    """Number needed to treat from a difference of rates (negative: fewer), infinite where nothing
+    is avoided.
 
-    Its interval is the reciprocal of the difference's (Altman, BMJ 317, 1998); an end that includes no effect is
-    infinite.
+    Its interval is the reciprocal of the difference's (Altman, BMJ 317, 1998); an end that includes
+    no effect is infinite.
     """
 
     def reciprocal(rate: float) -> float:
@@ -118,17 +126,24 @@ def needed(difference: Estimate) -> Estimate:
 
 
 def mean_change(pairs: Pairs, column: str) -> Estimate:
-    """Mean of a column with the reaction minus without, its interval over kinds of faults; NaN without pairs."""
+    """Mean of a column with the reaction minus without, its interval over kinds of faults; NaN
+    without pairs.
+    """
     if not len(pairs.with_frame):
         return Estimate(math.nan, math.nan, math.nan)
-    with_, without = (part[column].to_numpy(float) for part in (pairs.with_frame, pairs.without_frame))
+    with_, without = (
+        part[column].to_numpy(float) for part in (pairs.with_frame, pairs.without_frame)
+    )
     band = units.ratio(with_ - without, 1.0, kinds_of(pairs))
     return Estimate(band.value, band.low, band.high)
 
 
 def adjusted(contrasts: Sequence[Contrast]) -> list[float]:
     """Holm's p of each, of all of them together; NaN where no pair differs."""
-    return [finding.adjusted for finding in holm({str(k): one.p for k, one in enumerate(contrasts)}).values()]
+    return [
+        finding.adjusted
+        for finding in holm({str(k): one.p for k, one in enumerate(contrasts)}).values()
+    ]
 
 
 # --- classes of faults: name -> which pairs ---
@@ -152,16 +167,25 @@ def by_layer(pairs: Pairs) -> Mapping[str, np.ndarray]:
 def by_scenario(pairs: Pairs) -> Mapping[str, np.ndarray]:
     """Training scenario and hazard of the analysis, of runs that are a row of the library."""
     rows = {row.id: row for row in library.rows()}
-    named = [[rows[name] for name in hazards_of(group)] for group in pairs.with_facts["group"].astype(str)]
+    named = [
+        [rows[name] for name in hazards_of(group)]
+        for group in pairs.with_facts["group"].astype(str)
+    ]
     scenarios = dict.fromkeys(name for row in rows.values() for name in row.scenarios)
     hazards = dict.fromkeys(name for row in rows.values() for name in row.hazards)
 
     def masks() -> Iterator[tuple[str, np.ndarray]]:
         for name in scenarios:
-            yield f"scenario: {name}", np.array([any(name in row.scenarios for row in has) for has in named], bool)
+            yield (
+                f"scenario: {name}",
+                np.array([any(name in row.scenarios for row in has) for has in named], bool),
+            )
         for name in sorted(hazards):
             words = library.terms()["hazards"][name]
-            yield f"{name}: {words}", np.array([any(name in row.hazards for row in has) for has in named], bool)
+            yield (
+                f"{name}: {words}",
+                np.array([any(name in row.hazards for row in has) for has in named], bool),
+            )
 
     return {name: mine for name, mine in masks() if mine.any()}
 

@@ -1,6 +1,7 @@
 """How much time the cue leaves: from the pull to the unintended motion, where nobody reacts.
 
-A run tells when its tip first was farther off than the campaign's limit, so each size has a campaign of its own.
+A run tells when its tip first was farther off than the campaign's limit, so each size has a
+campaign of its own.
 """
 
 from __future__ import annotations
@@ -28,16 +29,21 @@ DELAYS_MS = (150, 250, 400)
 
 
 class Advance(NamedTuple):
-    """How far ahead of unintended motion of one size the cue came, over runs in which nobody reacted."""
+    """How far ahead of unintended motion of one size the cue came, over runs in which nobody
+    reacted.
+    """
 
     threshold_mm: float
     size_mm: float | None  # None: a jump of the true tip
     kinds: Units  # of the faults that make the motion
     lead: Lead  # ms; its bands take faults as independent
-    before: Rate  # motions with the cue before them; this and what follows with intervals over kinds of faults
+    # motions with the cue before them; this and what follows with intervals over kinds of faults
+    before: Rate
     half_ms: Estimate  # lead that half of the motions have or exceed
     quarter_ms: Estimate
-    late: dict[int, Rate]  # reaction time, ms -> share of motions that come too soon for it, or without a cue
+    late: dict[
+        int, Rate
+    ]  # reaction time, ms -> share of motions that come too soon for it, or without a cue
 
 
 def unreacted(runs: ReactionRuns) -> ReactionRuns:
@@ -46,8 +52,8 @@ def unreacted(runs: ReactionRuns) -> ReactionRuns:
 
 
 def began_ms(runs: ReactionRuns, jump: bool = False) -> np.ndarray:
-    """When the unintended motion of each run exceeded the limit of its campaign; `jump`: when its true tip jumped. NaN:
-    never."""
+    """When the unintended motion of each run exceeded the limit of its campaign; `jump`: when its
+    true tip jumped. NaN: never."""
     if jump:
         came = np.where(runs.frame["jump_tip"], runs.frame["jump_tip_first_ms"], -1)
     else:
@@ -56,13 +62,17 @@ def began_ms(runs: ReactionRuns, jump: bool = False) -> np.ndarray:
 
 
 def leads_ms(runs: ReactionRuns, cue: int, jump: bool = False) -> np.ndarray:
-    """Time from cue to motion of every run, negative: the cue came after; NaN: no motion; -inf: no cue."""
+    """Time from cue to motion of every run, negative: the cue came after; NaN: no motion; -inf:
+    no cue.
+    """
     cued, began = run_facts.warned(runs.frame, cue), began_ms(runs, jump)
     return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
 
 
 def advance(runs: ReactionRuns, cue: int, threshold_mm: float, jump: bool = False) -> Advance:
-    """Of runs in which nobody reacts; `cue`: number of the haptic set with that threshold; `jump`: as `began_ms`."""
+    """Of runs in which nobody reacts; `cue`: number of the haptic set with that threshold;
+    `jump`: as `began_ms`.
+    """
     lead, cued = leads_ms(runs, cue, jump), run_facts.warned(runs.frame, cue)
     began = began_ms(runs, jump)
     lead_curve = lead_time(np.where(cued >= 0, cued, np.nan), began, float(runs.end_ms))
@@ -91,12 +101,16 @@ LEFT_MS = (0, 50, 200)
 """Edges of the classes of the time that was left after the operator's own reaction time."""
 
 
-def left_by_time(timed: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> dict[str, tuple[Rate, Units]]:
-    """Unintended motions of the size of `timed` by the time that was left after the reaction: name -> of the motions
-    where nobody reacts, those that are gone with the reaction; kinds of their faults.
+def left_by_time(
+    timed: ReactionRuns, runs: ReactionRuns, pairs: Pairs
+) -> dict[str, tuple[Rate, Units]]:
+    """Unintended motions of the size of `timed` by the time that was left after the reaction: name
+    -> of the motions where nobody reacts, those that are gone with the reaction; kinds of their
+    faults.
 
-    timed: a campaign of the same faults in the same order as `runs`, in which nobody reacts; pairs: of `runs`. With the
-    reaction the motion counts live or not. ValueError where the two campaigns have other faults.
+    timed: a campaign of the same faults in the same order as `runs`, in which nobody reacts; pairs:
+    of `runs`. With the reaction the motion counts live or not. ValueError where the two campaigns
+    have other faults.
     """
     alone = unreacted(timed)
     lead = leads_ms(alone, 0)[_places(timed, alone, runs, pairs)]
@@ -112,18 +126,28 @@ def left_by_time(timed: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> dict[
     for name, (low, high) in zip(names, itertools.pairwise(edges), strict=True):
         members[name] = (lead > 0) & (left >= low) & (left < high)
     among = reacting_pairs.kinds_of(pairs)
-    return {name: (units.rate(~still[mine], among.where(mine)), among.where(mine)) for name, mine in members.items()}
+    return {
+        name: (units.rate(~still[mine], among.where(mine)), among.where(mine))
+        for name, mine in members.items()
+    }
 
 
-def _places(timed: ReactionRuns, alone: ReactionRuns, runs: ReactionRuns, pairs: Pairs) -> np.ndarray:
+def _places(
+    timed: ReactionRuns, alone: ReactionRuns, runs: ReactionRuns, pairs: Pairs
+) -> np.ndarray:
     """Of each pair, the place of its fault among `alone`, those of the timed runs that count."""
     faults, others = (np.unique(one.frame["pair"]) for one in (runs, timed))
     if len(faults) != len(others):
-        raise ValueError(f"{len(others)} faults were timed and {len(faults)} were paired; both need the same campaign")
+        raise ValueError(
+            f"{len(others)} faults were timed and {len(faults)} were paired; both need the same"
+            " campaign"
+        )
     partner = others[np.searchsorted(faults, pairs.without_frame["pair"])]
     place = pd.Index(alone.frame["pair"]).get_indexer(pd.Index(partner))
     same = ["group", "fault0_start_ms", "fault0_duration_ms"]
     there = alone.frame.iloc[place][same].reset_index(drop=True)
     if (place < 0).any() or not there.equals(pairs.without_frame[same].reset_index(drop=True)):
-        raise ValueError("the faults that were timed are not those that were paired; both need the same campaign")
+        raise ValueError(
+            "the faults that were timed are not those that were paired; both need the same campaign"
+        )
     return place

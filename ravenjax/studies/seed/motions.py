@@ -1,4 +1,6 @@
-"""The operators of the training-simulator studies: the paper shows one unknown hand, these are generated motions."""
+"""The operators of the training-simulator studies: the paper shows one unknown hand, these are
+generated motions.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ MOTIONS: tuple[Motion, ...] = (
     ("reach", 2),
     ("circle", 1),
 )
-"""Every generated motion with the pedal down throughout and the hand moving; the circle draws nothing."""
+"""Every generated motion with the pedal down throughout and the hand moving; the circle draws
+nothing.
+"""
 
 CONFIDENCE = 0.95
 
@@ -38,7 +42,8 @@ def variant(motion: Motion, setting: str = "") -> str:
 
 
 def over_kinds(values: Mapping[tuple[str, int], float]) -> StudyEstimate:
-    """Mean over kinds of motion of the mean over their seeds, with its t interval; `values` by (kind, seed).
+    """Mean over kinds of motion of the mean over their seeds, with its t interval; `values` by
+    (kind, seed).
 
     Kinds are the independent units: seeds of one kind differ less among themselves than kinds do.
     """
@@ -52,4 +57,6 @@ def over_kinds(values: Mapping[tuple[str, int], float]) -> StudyEstimate:
     if n < 2:
         return StudyEstimate(float(means.mean()), n=n, of=of)
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, n - 1) * means.std(ddof=1) / np.sqrt(n))
-    return StudyEstimate(float(means.mean()), float(means.mean()) - half, float(means.mean()) + half, n, of)
+    return StudyEstimate(
+        float(means.mean()), float(means.mean()) - half, float(means.mean()) + half, n, of
+    )

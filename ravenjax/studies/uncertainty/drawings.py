@@ -23,7 +23,9 @@ SHOWN = {
 def ranges(
     known: RobotRates, ends: Mapping[str, tuple[RobotRates, RobotRates]], sets: Sequence[RobotRates]
 ) -> Callable[[Any], None]:
-    """Draws each rate at both ends of each parameter, and on the published sets, about that of the known robot."""
+    """Draws each rate at both ends of each parameter, and on the published sets, about that of
+    the known robot.
+    """
     names = [*ends, *(robot.name for robot in sets)]
 
     def draw(figure: Any) -> None:
@@ -46,7 +48,10 @@ def ranges(
         panels[0].set_yticks(range(len(names)), names)
         panels[0].set_ylim(len(names) - 0.5, -0.5)
         keys = [("low end", "o", LOW), ("high end", "o", HIGH), ("published set", "D", PREDICTED)]
-        handles = [panels[0].plot([], [], marker, color=colour, ms=4.5, label=name)[0] for name, marker, colour in keys]
+        handles = [
+            panels[0].plot([], [], marker, color=colour, ms=4.5, label=name)[0]
+            for name, marker, colour in keys
+        ]
         handles.append(panels[0].plot([], [], color=MUTED, lw=1.0, label="known robot, 95 %")[0])
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
 
@@ -61,11 +66,28 @@ def layers(found: Mapping[str, Sequence[Rate]], event: str) -> Callable[[Any], N
         axis = figure.subplots()
         for place, rates in enumerate(found.values()):
             others = [100 * rate.value for rate in rates[1:]]
-            axis.plot(others, [place] * len(others), "o", ms=5, color=SERIES[5], alpha=0.45, mew=0,
-                      label=None if place else "another robot")  # fmt: skip
-            axis.plot(100 * rates[0].value, place, "s", ms=4, color="0.2", label=None if place else "known robot")
+            axis.plot(
+                others,
+                [place] * len(others),
+                "o",
+                ms=5,
+                color=SERIES[5],
+                alpha=0.45,
+                mew=0,
+                label=None if place else "another robot",
+            )
+            axis.plot(
+                100 * rates[0].value,
+                place,
+                "s",
+                ms=4,
+                color="0.2",
+                label=None if place else "known robot",
+            )
         axis.set_yticks(range(len(found)), list(found))
-        axis.set(xlabel=f"% of faults: {EVENTS[event]}", ylim=(len(found) - 0.5, -0.5), xlim=(0, None))
+        axis.set(
+            xlabel=f"% of faults: {EVENTS[event]}", ylim=(len(found) - 0.5, -0.5), xlim=(0, None)
+        )
         axis.grid(axis="y", visible=False)
         axis.legend(loc="lower right")
 
@@ -88,8 +110,15 @@ def indices(found: Sequence[Index]) -> Callable[[Any], None]:
                 place = names.index(one.parameter.words)
                 value, low, high = (100 * part for part in one.total)
                 axis.barh(place, value, height=0.6, color=PREDICTED, alpha=0.85)
-                axis.errorbar(value, place, xerr=[[max(0.0, value - low)], [max(0.0, high - value)]], fmt="none",
-                              color="0.25", capsize=2, elinewidth=0.9)  # fmt: skip
+                axis.errorbar(
+                    value,
+                    place,
+                    xerr=[[max(0.0, value - low)], [max(0.0, high - value)]],
+                    fmt="none",
+                    color="0.25",
+                    capsize=2,
+                    elinewidth=0.9,
+                )
             axis.set(title=case, xlabel="total index, %")
             axis.grid(axis="y", visible=False)
         panels[0].set_yticks(range(len(names)), names)

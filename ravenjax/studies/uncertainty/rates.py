@@ -1,4 +1,6 @@
-"""Rates of a campaign's conclusions on each robot, and whether they depend on what nobody knows of it."""
+"""Rates of a campaign's conclusions on each robot, and whether they depend on what nobody knows
+of it.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ class RobotRates(NamedTuple):
     """One robot under the same faults as every other."""
 
     name: str
-    events: pd.DataFrame  # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault
+    events: (
+        pd.DataFrame
+    )  # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault
 
     @property
     def faults(self) -> Units:
@@ -74,9 +78,11 @@ class ParameterEffect(NamedTuple):
 
 
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Result table and events of a folder: runs with a fault that changed a bit, and a valid outcome.
+    """Result table and events of a folder: runs with a fault that changed a bit, and a valid
+    outcome.
 
-    The table has a column more, `fault`: which of the campaign's faults it is, the same number in every variant.
+    The table has a column more, `fault`: which of the campaign's faults it is, the same number in
+    every variant.
     """
     frame, header = folder.read_all(path), manifest.read(path)
     frame[FAULT] = numbered(frame["pair"].to_numpy())
@@ -86,7 +92,9 @@ def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def numbered(pair: np.ndarray) -> np.ndarray:
-    """Faults by their order in the campaign, from 0, of the column `pair`: runs of one fault share a number."""
+    """Faults by their order in the campaign, from 0, of the column `pair`: runs of one fault
+    share a number.
+    """
     return np.unique(pair, return_inverse=True)[1]
 
 
@@ -110,8 +118,12 @@ def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def robots(frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain) -> tuple[RobotRates, RobotRates]:
-    """The robots at both ends of a parameter that was crossed, on faults that changed a bit in both."""
+def robots(
+    frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain
+) -> tuple[RobotRates, RobotRates]:
+    """The robots at both ends of a parameter that was crossed, on faults that changed a bit in
+    both.
+    """
     values = parameter.values(frame)
 
     def at(value: float) -> pd.DataFrame:
@@ -135,7 +147,9 @@ def effects(ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> list[Par
             low.rate(event),
             high.rate(event),
             difference(high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults),
-            exchange_p(high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults.unit),
+            exchange_p(
+                high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults.unit
+            ),
         )
         for event in EVENTS
         for parameter, (low, high) in ends.items()
@@ -147,10 +161,16 @@ def judged(p: Sequence[float]) -> list[Finding]:
     return list(holm({str(k): one for k, one in enumerate(p)}).values())
 
 
-def thirds(frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]) -> list[tuple[str, Dependence]]:
-    """Each event by thirds of each parameter, of robots all of whose parameters were drawn; p by Holm over all."""
+def thirds(
+    frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]
+) -> list[tuple[str, Dependence]]:
+    """Each event by thirds of each parameter, of robots all of whose parameters were drawn; p by
+    Holm over all.
+    """
     inputs = {one.path: one.values(frame) for one in parameters}
-    tests = [(event, one) for event in EVENTS for one in dependences(flags[event].to_numpy(), inputs)]
+    tests = [
+        (event, one) for event in EVENTS for one in dependences(flags[event].to_numpy(), inputs)
+    ]
     findings = judged([one.p for _, one in tests])
     return [
         (event, one._replace(adjusted=finding.adjusted, depends=finding.rejected))
@@ -158,9 +178,12 @@ def thirds(frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncert
     ]
 
 
-def rounding(known: RobotRates, ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> tuple[float, int]:
-    """Largest difference of a rate (fraction) between the known robot and ends that are the known robot, and how many
-    such ends there are: what rounding alone decides, of runs at the edge of an event. NaN and 0 without such an end."""
+def rounding(
+    known: RobotRates, ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]
+) -> tuple[float, int]:
+    """Largest difference of a rate (fraction) between the known robot and ends that are the known
+    robot, and how many such ends there are: what rounding alone decides, of runs at the edge of an
+    event. NaN and 0 without such an end."""
     same = [
         robot
         for one, pair in ends.items()

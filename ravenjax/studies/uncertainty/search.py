@@ -1,4 +1,6 @@
-"""What decides how far a fault throws the tip: Morris' screening and Sobol indices over the uncertain robot."""
+"""What decides how far a fault throws the tip: Morris' screening and Sobol indices over the
+uncertain robot.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ FAULT = {
     "start_ms": 1000,
     "duration_ms": 32,
 }
-"""An addition to the motor command behind every check, held for 32 ms, on each positioning joint: a fault that moves
-the instrument by its size and not by how long it lasts."""
+"""An addition to the motor command behind every check, held for 32 ms, on each positioning joint: a
+fault that moves the instrument by its size and not by how long it lasts."""
 SEARCHES: dict[str, dict[str, Any]] = {
     "morris": {"kind": "morris", "trajectories": 60, "levels": 8},
     "sobol": {"kind": "sobol", "n": 128},
@@ -43,17 +45,24 @@ class Index(NamedTuple):
 
 
 def find(out: Path, engine: str) -> list[Index]:
-    """Run both searches into folders inside `out`; indices of every joint and parameter. Raises UserError."""
+    """Run both searches into folders inside `out`; indices of every joint and parameter. Raises
+    UserError.
+    """
     records: dict[str, dict[str, Any]] = {}
     for name, search in SEARCHES.items():
         result = runner.run(loading.from_dict(_template(search)), out / name, engine)
-        records[name] = {"results": result.findings.numbers["results"], "points": result.findings.numbers["points"],
-                         "inputs": [one["name"] for one in result.findings.numbers["inputs"]]}  # fmt: skip
+        records[name] = {
+            "results": result.findings.numbers["results"],
+            "points": result.findings.numbers["points"],
+            "inputs": [one["name"] for one in result.findings.numbers["inputs"]],
+        }
     return indices(records)
 
 
 def indices(records: Mapping[str, Mapping[str, Any]]) -> list[Index]:
-    """Of the records of both searches, by joint in their order and by total index, greatest first."""
+    """Of the records of both searches, by joint in their order and by total index, greatest
+    first.
+    """
     by_path = {one.path: one for one in PARAMETERS}
     morris, sobol = records["morris"], records["sobol"]
     result = []
@@ -63,21 +72,30 @@ def indices(records: Mapping[str, Mapping[str, Any]]) -> list[Index]:
         case = str(screen["case"]["fault0_channel"])
         mine = [
             Index(
-                case, by_path[path], float(shares["mean"]), float(shares["deviation"]),
+                case,
+                by_path[path],
+                float(shares["mean"]),
+                float(shares["deviation"]),
                 _at(screen["indices"]["mu_star"], morris["inputs"].index(path)),
                 float(screen["indices"]["sigma"]["value"][morris["inputs"].index(path)]),
-                _at(shares["indices"]["ST"], place), _at(shares["indices"]["S1"], place),
+                _at(shares["indices"]["ST"], place),
+                _at(shares["indices"]["S1"], place),
                 morris["points"] + sobol["points"],
             )
             for place, path in enumerate(sobol["inputs"])
-        ]  # fmt: skip
+        ]
         result += sorted(mine, key=lambda one: -one.total[0])
     return result
 
 
 def _template(search: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "campaign": {"name": "uncertain_robot_search", "seed": 2016, "duration_s": 2.0, "noise": True},
+        "campaign": {
+            "name": "uncertain_robot_search",
+            "seed": 2016,
+            "duration_s": 2.0,
+            "noise": True,
+        },
         "operator": {"motion": "suture", "scale": 0.1, "seed": 1},
         "parameters": drawn(PARAMETERS),
         "search": {**search, "outcomes": [OUTCOME]},

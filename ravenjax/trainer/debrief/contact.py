@@ -24,6 +24,8 @@ def measure(course: Course) -> tuple[ArmContact, ...]:
     out = []
     for arm in course.layout.arms:
         force = np.linalg.norm(np.asarray(course.channel(f"{arm}/contact"), float), axis=1)
-        vessel, between = (float(np.max(course.channel(f"{arm}/{name}"))) for name in ("vessel_n", "between_n"))
+        vessel, between = (
+            float(np.max(course.channel(f"{arm}/{name}"))) for name in ("vessel_n", "between_n")
+        )
         out.append(ArmContact(arm, float(force.max()), float(force.sum() * 1e-3), vessel, between))
     return tuple(out)

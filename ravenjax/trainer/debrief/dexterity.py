@@ -1,18 +1,22 @@
 """Measures of how somebody moved: path, economy, smoothness, idle time, use of both hands.
 
-Of the true tips, resampled at `RATE_HZ` and low-passed at `CUTOFF_HZ`, while the pedal is down and the session runs. A
-*stretch* is such a time without a gap, a *movement* the part of it between two targets (all of it without targets).
+Of the true tips, resampled at `RATE_HZ` and low-passed at `CUTOFF_HZ`, while the pedal is down and
+the session runs. A *stretch* is such a time without a gap, a *movement* the part of it between two
+targets (all of it without targets).
 
-- Path length and economy of motion (straight ways over the way gone): Oropesa et al., EVA: laparoscopic
-  instrument tracking based on endoscopic video analysis for psychomotor skills assessment, Surg. Endosc. 27 (2013).
-- Spectral arc length: Balasubramanian, Melendez-Calderon, Burdet, A robust and sensitive metric for quantifying
-  movement smoothness, IEEE Trans. Biomed. Eng. 59 (2012); with the adaptive cut-off of Balasubramanian,
-  Melendez-Calderon, Roby-Brami, Burdet, On the analysis of movement smoothness, J. NeuroEng. Rehabil. 12:112 (2015).
+- Path length and economy of motion (straight ways over the way gone): Oropesa et al., EVA:
+  laparoscopic instrument tracking based on endoscopic video analysis for psychomotor skills
+  assessment, Surg. Endosc. 27 (2013).
+- Spectral arc length: Balasubramanian, Melendez-Calderon, Burdet, A robust and sensitive metric for
+  quantifying movement smoothness, IEEE Trans. Biomed. Eng. 59 (2012); with the adaptive cut-off of
+  Balasubramanian, Melendez-Calderon, Roby-Brami, Burdet, On the analysis of movement smoothness, J.
+  NeuroEng. Rehabil. 12:112 (2015).
 - Log dimensionless jerk of the speed: the paper of 2015.
-- Idle time, both tips nearly still: D'Angelo et al., Idle time: an underdeveloped performance metric for assessing
-  surgical skill, Am. J. Surg. 209 (2015).
-- Bimanual dexterity, the correlation of the two tips' speeds: Hofstad et al., A study of psychomotor skills in
-  minimally invasive surgery, Surg. Endosc. 27 (2013); beside it the share of time in which both move.
+- Idle time, both tips nearly still: D'Angelo et al., Idle time: an underdeveloped performance
+  metric for assessing surgical skill, Am. J. Surg. 209 (2015).
+- Bimanual dexterity, the correlation of the two tips' speeds: Hofstad et al., A study of
+  psychomotor skills in minimally invasive surgery, Surg. Endosc. 27 (2013); beside it the share of
+  time in which both move.
 """
 
 from __future__ import annotations
@@ -32,7 +36,11 @@ IDLE_MM_S = 1.0
 """A tip that is slower is still."""
 SHORTEST_S = 0.5
 """Of a movement whose smoothness is measured."""
-_SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4  # Balasubramanian et al. 2015: cut-off, amplitude, zero-padding
+_SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = (
+    10.0,
+    0.05,
+    4,
+)  # Balasubramanian et al. 2015: cut-off, amplitude, zero-padding
 RUNNING = 1  # of `frame.PHASES`
 
 
@@ -78,7 +86,9 @@ def measure(course: Course) -> Dexterity:
         driven_s=sum(last - first for first, last in stretches) * 1e-3,
         idle=float(np.mean(~np.any(moving, axis=0))) if len(moving[0]) else math.nan,
         both=float(np.mean(moving[0] & moving[1])) if two else math.nan,
-        correlation=correlation(*(np.concatenate(speeds[arm]) for arm in arms)) if two else math.nan,
+        correlation=(
+            correlation(*(np.concatenate(speeds[arm]) for arm in arms)) if two else math.nan
+        ),
         arms={arm: _of_arm(course, arm, stretches, target) for arm in arms},
     )
 
@@ -89,9 +99,15 @@ def path_length(points: np.ndarray) -> float:
 
 
 def economy(ways: Sequence[np.ndarray]) -> float:
-    """Straight distances from the first to the last point of each way [T, 3], over what was gone; NaN for 0."""
+    """Straight distances from the first to the last point of each way [T, 3], over what was
+    gone; NaN for 0.
+    """
     gone = sum(map(path_length, ways))
-    return sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways) / gone if gone > 0 else math.nan
+    return (
+        sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways) / gone
+        if gone > 0
+        else math.nan
+    )
 
 
 def speed(points: np.ndarray, rate_hz: float = RATE_HZ) -> np.ndarray:
@@ -102,7 +118,9 @@ def speed(points: np.ndarray, rate_hz: float = RATE_HZ) -> np.ndarray:
 
 
 def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float:
-    """Spectral arc length of a speed profile [T] (Balasubramanian et al. 2015); NaN where nothing moves."""
+    """Spectral arc length of a speed profile [T] (Balasubramanian et al. 2015); NaN where
+    nothing moves.
+    """
     if len(profile) < 2 or not np.any(profile):
         return math.nan
     size = 2 ** (math.ceil(math.log2(len(profile))) + _SPARC_PADS)
@@ -114,14 +132,17 @@ def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float:
     frequency, magnitude = (values[loud[0] : loud[-1] + 1] for values in (frequency, magnitude))
     if len(frequency) < 2:
         return math.nan
-    return -float(np.hypot(np.diff(frequency) / (frequency[-1] - frequency[0]), np.diff(magnitude)).sum())
+    return -float(
+        np.hypot(np.diff(frequency) / (frequency[-1] - frequency[0]), np.diff(magnitude)).sum()
+    )
 
 
 def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float:
-    """Log dimensionless jerk of a speed profile [T] (Balasubramanian et al. 2015); NaN where nothing moves.
+    """Log dimensionless jerk of a speed profile [T] (Balasubramanian et al. 2015); NaN where
+    nothing moves.
 
-    Minus the logarithm of duration cubed over the peak squared, times the integral of the speed's second derivative
-    squared.
+    Minus the logarithm of duration cubed over the peak squared, times the integral of the speed's
+    second derivative squared.
     """
     if len(profile) < 5 or not np.any(profile):
         return math.nan
@@ -140,7 +161,9 @@ def correlation(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def resampled(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points [T, 3] at times ms, at `RATE_HZ` and low-passed without a shift in time (Butterworth, both ways)."""
+    """Points [T, 3] at times ms, at `RATE_HZ` and low-passed without a shift in time
+    (Butterworth, both ways).
+    """
     from scipy import signal  # half a second
 
     times = np.arange(ms[0], ms[-1] + 1e-9, 1e3 / RATE_HZ)
@@ -159,7 +182,9 @@ def _stretches(course: Course) -> list[tuple[int, int]]:
     return [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
 
 
-def _of_arm(course: Course, arm: str, stretches: Sequence[tuple[int, int]], target: np.ndarray) -> ArmDexterity:
+def _of_arm(
+    course: Course, arm: str, stretches: Sequence[tuple[int, int]], target: np.ndarray
+) -> ArmDexterity:
     tip = course.channel(f"{arm}/tip")
     path, ways, smooth = 0.0, [], []
     for first, last in stretches:

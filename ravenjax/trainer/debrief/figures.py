@@ -1,4 +1,6 @@
-"""Curves of a session as plotly figures: distances and their limits, depth, force, pedal, state of the robot."""
+"""Curves of a session as plotly figures: distances and their limits, depth, force, pedal, state
+of the robot.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,13 @@ from ravenjax.trainer.debrief.course import Course, peaks
 from ravenjax.trainer.debrief.words import Step
 from ravenjax.trainer.judge.row import HazardRow
 
-MARKS = {"strike": "#a23b82", "knowable": "#8a8f96", "cue": "#c2410c", "alarm": "#a67c00", "response": "#0072b2"}
+MARKS = {
+    "strike": "#a23b82",
+    "knowable": "#8a8f96",
+    "cue": "#c2410c",
+    "alarm": "#a67c00",
+    "response": "#0072b2",
+}
 """Colour of each moment; blue and vermilion differ in every colour blindness."""
 UNINTENDED, LOSS, FALSE_REPORT = "#a23b82", "#a67c00", "#5b4b9a"
 ERROR, KNOWN, DEPTH, FORCE, LINE = "#0072b2", "#56b4e9", "#009e73", "#c2410c", "#8a8f96"
@@ -68,7 +76,9 @@ def hazard(course: Course, one: HazardRow, steps: Sequence[Step]) -> Figure | No
     layout["shapes"] += [_line(step.after_ms or 0.0, MARKS[step.kind]) for step in came]
     for place, step in enumerate(came):
         text = step.name if step.kind != "response" else step.text or step.name
-        layout["annotations"].append(_name(step.after_ms, top + name * (len(came) - 1 - place), text, step.kind))
+        layout["annotations"].append(
+            _name(step.after_ms, top + name * (len(came) - 1 - place), text, step.kind)
+        )
         layout["shapes"][-len(came) + place]["y1"] = top + name * (len(came) - place)
     return _figure(traces, layout)
 
@@ -79,7 +89,12 @@ def overview(course: Course, hazards: Sequence[HazardRow]) -> Figure | None:
         return None
     everything = np.ones(len(course.ms), bool)
     traces, layout = _panels(
-        course, everything, course.ms / 1000, list(course.layout.arms), "s into the session", session=True
+        course,
+        everything,
+        course.ms / 1000,
+        list(course.layout.arms),
+        "s into the session",
+        session=True,
     )
     layout["xaxis"]["range"] = [0, course.ms[-1] / 1000]
     top = layout["yaxis"]["domain"][1]
@@ -89,20 +104,40 @@ def overview(course: Course, hazards: Sequence[HazardRow]) -> Figure | None:
         layout["shapes"].append(_line(one.struck_ms / 1000, MARKS["strike"]))
         if one.response_ms is not None:
             layout["shapes"].append(_line(one.response_ms / 1000, MARKS["response"], top))
-        layout["annotations"].append(_name(one.struck_ms / 1000, top, one.hazard or str(one.number), "strike"))
+        layout["annotations"].append(
+            _name(one.struck_ms / 1000, top, one.hazard or str(one.number), "strike")
+        )
     return _figure(traces, layout)
 
 
 def loop(course: Course) -> Figure | None:
-    """Figure of the loop's quality over the session: slowest tick and latest start of each stretch, us."""
+    """Figure of the loop's quality over the session: slowest tick and latest start of each
+    stretch, us.
+    """
     if len(course.ms) < 2:
         return None
     traces = [
-        _curve(*peaks(course.ms / 1000, np.maximum(course.channel(name), 1.0), 400), label, colour, "y", "us")
-        for name, label, colour in (("compute_us", "compute", ERROR), ("lateness_us", "lateness", FORCE))
+        _curve(
+            *peaks(course.ms / 1000, np.maximum(course.channel(name), 1.0), 400),
+            label,
+            colour,
+            "y",
+            "us",
+        )
+        for name, label, colour in (
+            ("compute_us", "compute", ERROR),
+            ("lateness_us", "lateness", FORCE),
+        )
     ]
-    axis = {"title": {"text": "us, worst of a stretch"}, "gridcolor": GRID, "type": "log", "dtick": 1}
-    return _figure(traces, _look(LOOP_HEIGHT) | {"xaxis": _time_axis("s into the session", "y"), "yaxis": axis})
+    axis = {
+        "title": {"text": "us, worst of a stretch"},
+        "gridcolor": GRID,
+        "type": "log",
+        "dtick": 1,
+    }
+    return _figure(
+        traces, _look(LOOP_HEIGHT) | {"xaxis": _time_axis("s into the session", "y"), "yaxis": axis}
+    )
 
 
 def _panels(
@@ -114,7 +149,9 @@ def _panels(
     above: int = 1,
     session: bool = False,
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Distances, depth, force (and the task's progress) under one another, and lanes of pedal and robot below."""
+    """Distances, depth, force (and the task's progress) under one another, and lanes of pedal
+    and robot below.
+    """
     traces = []
     for label, colour, values in _distances(course, inside, arms):
         traces.append(_curve(*peaks(time, values), label, colour, "y", "mm"))
@@ -124,7 +161,10 @@ def _panels(
     depth = np.maximum(course.worst("depth_mm", arms)[inside], 0.0)
     singles = [
         one
-        for one in (("depth, mm", "depth in the tissue", DEPTH, depth), ("force", "force felt", FORCE, force))
+        for one in (
+            ("depth, mm", "depth in the tissue", DEPTH, depth),
+            ("force", "force felt", FORCE, force),
+        )
         if np.nanmax(one[3]) > 0
     ]
     if session:
@@ -136,11 +176,20 @@ def _panels(
     layout["yaxis"] = axis | {"domain": domains[0], "title": {"text": "distance, mm"}, "nticks": 7}
     for i, (unit, label, colour, values) in enumerate(singles):
         traces.append(_curve(*peaks(time, values), label, colour, f"y{i + 2}"))
-        layout[f"yaxis{i + 2}"] = axis | {"domain": domains[i + 1], "title": {"text": unit}, "nticks": 3}
+        layout[f"yaxis{i + 2}"] = axis | {
+            "domain": domains[i + 1],
+            "title": {"text": unit},
+            "nticks": 3,
+        }
         if unit == "task":
             layout[f"yaxis{i + 2}"] |= {"range": [0, 1.05], "tickformat": ".0%"}
     lanes = f"y{len(singles) + 2}"
-    layout["yaxis" + lanes[1:]] = {"domain": domains[-1], "showgrid": False, "zeroline": False, "fixedrange": True}
+    layout["yaxis" + lanes[1:]] = {
+        "domain": domains[-1],
+        "showgrid": False,
+        "zeroline": False,
+        "fixedrange": True,
+    }
     kinds = [("robot", "runlevel", RUNLEVELS), ("pedal", "pedal", PEDAL)]
     for lane, name, words in [*kinds, ("session", "phase", PHASES)] if session else kinds:
         traces += _lane(time, course.channel(name)[inside], lane, words, lanes)
@@ -154,8 +203,12 @@ def _panels(
     return traces, layout
 
 
-def _distances(course: Course, inside: np.ndarray, arms: Sequence[str]) -> list[tuple[str, str, np.ndarray]]:
-    """Label, colour and values of each distance. Loss of motion and false reports: where they exceed the limit."""
+def _distances(
+    course: Course, inside: np.ndarray, arms: Sequence[str]
+) -> list[tuple[str, str, np.ndarray]]:
+    """Label, colour and values of each distance. Loss of motion and false reports: where they
+    exceed the limit.
+    """
 
     def worst(name: str) -> np.ndarray:
         return course.worst(name, arms)[inside]
@@ -185,8 +238,24 @@ def _distances(course: Course, inside: np.ndarray, arms: Sequence[str]) -> list[
 def _level(level: float, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """A dashed line across the distances, and its label."""
     line = {"color": LINE, "width": 1.2, "dash": "dash"}
-    shape = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": "y", "y0": level, "y1": level, "line": line}
-    label = {"xref": "paper", "x": 1, "y": level, "xanchor": "right", "yanchor": "bottom", "showarrow": False}
+    shape = {
+        "type": "line",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "yref": "y",
+        "y0": level,
+        "y1": level,
+        "line": line,
+    }
+    label = {
+        "xref": "paper",
+        "x": 1,
+        "y": level,
+        "xanchor": "right",
+        "yanchor": "bottom",
+        "showarrow": False,
+    }
     return shape, label | {"text": f"{level:g} mm, {name}", "font": {"size": 11, "color": LINE}}
 
 
@@ -208,7 +277,11 @@ def _pixel(height: int) -> float:
 
 
 def _lane(
-    time: np.ndarray, values: np.ndarray, lane: str, words: dict[int, tuple[str, str, str]], axis: str
+    time: np.ndarray,
+    values: np.ndarray,
+    lane: str,
+    words: dict[int, tuple[str, str, str]],
+    axis: str,
 ) -> list[dict[str, Any]]:
     """Bars of one state over time, one trace a state."""
     codes = np.nan_to_num(values, nan=-1).astype(int)
@@ -242,7 +315,9 @@ def _lane(
     return out
 
 
-def _curve(time: np.ndarray, values: np.ndarray, name: str, colour: str, axis: str, unit: str = "") -> dict[str, Any]:
+def _curve(
+    time: np.ndarray, values: np.ndarray, name: str, colour: str, axis: str, unit: str = ""
+) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "lines",
@@ -262,16 +337,35 @@ def _line(at: float, colour: str, top: float = 1.0) -> dict[str, Any]:
 
 def _name(at: float | None, above: float, text: str, mark: str) -> dict[str, Any]:
     """The name of a moment over the panels."""
-    place = {"x": at, "y": above, "yref": "paper", "xanchor": "left", "yanchor": "bottom", "showarrow": False}
+    place = {
+        "x": at,
+        "y": above,
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "showarrow": False,
+    }
     return place | {"text": text, "font": {"size": 11.5, "color": MARKS[mark]}}
 
 
 def _time_axis(title: str, anchor: str) -> dict[str, Any]:
-    return {"title": {"text": title}, "gridcolor": GRID, "zeroline": False, "anchor": anchor, "hoverformat": ".2~f"}
+    return {
+        "title": {"text": title},
+        "gridcolor": GRID,
+        "zeroline": False,
+        "anchor": anchor,
+        "hoverformat": ".2~f",
+    }
 
 
 def _look(height: int) -> dict[str, Any]:
-    legend = {"orientation": "h", "x": 0, "y": -52 * _pixel(height), "yanchor": "top", "traceorder": "normal"}
+    legend = {
+        "orientation": "h",
+        "x": 0,
+        "y": -52 * _pixel(height),
+        "yanchor": "top",
+        "traceorder": "normal",
+    }
     hover = "x unified" if height < HEIGHT else "closest"
     return look(height) | {"margin": MARGIN, "hovermode": hover, "legend": legend}
 

@@ -39,8 +39,12 @@ PANELS = (
 
 
 def attempts(folder: Path) -> list[Attempt]:
-    """The sessions of the same person and scenario up to that of `folder`; none where the person is not named."""
-    here = next((one for one in folders.beside(folder.parent) if one.path.name == folder.name), None)
+    """The sessions of the same person and scenario up to that of `folder`; none where the person
+    is not named.
+    """
+    here = next(
+        (one for one in folders.beside(folder.parent) if one.path.name == folder.name), None
+    )
     if here is None or not here.participant:
         return []
     return [
@@ -56,10 +60,20 @@ def figure(course: Sequence[Attempt]) -> Figure | None:
     """The curves, a panel each; None for less than two sessions."""
     if len(course) < 2:
         return None
-    panels = [panel for panel in PANELS if any(getattr(one, panel[0]) is not None for one in course)]
+    panels = [
+        panel for panel in PANELS if any(getattr(one, panel[0]) is not None for one in course)
+    ]
     height = _PANEL * len(panels) + _EDGE
-    layout: dict[str, Any] = look(height) | {"margin": {"l": 66, "r": 16, "t": 12, "b": 48}, "showlegend": False}
-    layout["xaxis"] = {"title": {"text": "session"}, "dtick": 1, "gridcolor": GRID, "anchor": f"y{len(panels)}"}
+    layout: dict[str, Any] = look(height) | {
+        "margin": {"l": 66, "r": 16, "t": 12, "b": 48},
+        "showlegend": False,
+    }
+    layout["xaxis"] = {
+        "title": {"text": "session"},
+        "dtick": 1,
+        "gridcolor": GRID,
+        "anchor": f"y{len(panels)}",
+    }
     traces = []
     for k, (name, axis, colour) in enumerate(panels):
         number = "" if k == 0 else str(k + 1)

@@ -22,7 +22,9 @@ class LevelResult(NamedTuple):
 
 
 def results(header: Mapping[str, Any]) -> tuple[LevelResult, ...]:
-    """Of each level, from session.json; none where the task has no levels, or the session never ended."""
+    """Of each level, from session.json; none where the task has no levels, or the session never
+    ended.
+    """
     scenario, task = header.get("scenario"), (header.get("summary") or {}).get("task") or {}
     rounds = task.get("rounds_s_of_level")
     if not isinstance(scenario, Mapping) or not rounds:

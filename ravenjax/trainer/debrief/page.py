@@ -1,4 +1,6 @@
-"""The debrief of a session: a self-contained HTML page made from session.json, hazards.csv and the recording."""
+"""The debrief of a session: a self-contained HTML page made from session.json, hazards.csv and
+the recording.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,16 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
-from ravenjax.trainer.debrief import contact, dexterity, figures, html, learning, levels, replay, words
+from ravenjax.trainer.debrief import (
+    contact,
+    dexterity,
+    figures,
+    html,
+    learning,
+    levels,
+    replay,
+    words,
+)
 from ravenjax.trainer.debrief.course import Course
 from ravenjax.trainer.judge.row import COLUMNS, HazardRow
 from ravenjax.trainer.recording import reader
@@ -22,7 +33,8 @@ FILE = "debrief.html"
 
 
 def write(folder: Path) -> Path:
-    """Write debrief.html into a session's folder from session.json, hazards.csv and the recording; return its path.
+    """Write debrief.html into a session's folder from session.json, hazards.csv and the recording;
+    return its path.
 
     What is missing or cut short is said on the page. StoreError where the folder holds no session.
     """
@@ -35,11 +47,15 @@ def write(folder: Path) -> Path:
 
 
 def keep_measures(folder: Path) -> None:
-    """Put the measures of the motion into the summary of session.json, where a learning curve finds them."""
+    """Put the measures of the motion into the summary of session.json, where a learning curve
+    finds them.
+    """
     description.read(folder)  # refused where there is no session
     recording, _ = _recording(folder)
     if recording is not None and len(recording.rows) > 1:
-        description.update(folder, {"summary": {learning.MEASURES: dexterity.measure(Course(recording)).plain()}})
+        description.update(
+            folder, {"summary": {learning.MEASURES: dexterity.measure(Course(recording)).plain()}}
+        )
 
 
 def render(folder: Path) -> str:
@@ -76,7 +92,11 @@ def render(folder: Path) -> str:
         task=_task(summary, course),
         levels=levels.results(header),
         dexterity=summary.get(learning.MEASURES),
-        contact=contact.measure(course) if course is not None and header.get("contact_units_per_n") is not None else (),
+        contact=(
+            contact.measure(course)
+            if course is not None and header.get("contact_units_per_n") is not None
+            else ()
+        ),
         curves=learning.figure(learning.attempts(folder.absolute())),
         caveats=words.caveats(header, state),
         events=[one for one in state.get("events", []) if not blinded or one["kind"] != "cue"],
@@ -99,7 +119,9 @@ def _recording(folder: Path) -> tuple[reader.Recording | None, dict[str, Any]]:
     return recording, {
         "complete": recording.complete,
         "lost_bytes": recording.lost_bytes,
-        "lost_rows": int(recording.numbers[-1] + 1 - len(recording.numbers)) if len(recording.numbers) else 0,
+        "lost_rows": (
+            int(recording.numbers[-1] + 1 - len(recording.numbers)) if len(recording.numbers) else 0
+        ),
         "events": recording.events,
     }
 
@@ -115,7 +137,9 @@ def _told(one: HazardRow, course: Course | None, blinded: bool) -> dict[str, Any
     }
 
 
-def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bool) -> list[definitions.Definition]:
+def _definitions(
+    threshold_mm: float | None, limit_mm: float | None, blinded: bool
+) -> list[definitions.Definition]:
     """The words of outcomes with the session's own numbers; none where it does not name them."""
     if threshold_mm is None or limit_mm is None:
         return []
@@ -125,12 +149,18 @@ def _definitions(threshold_mm: float | None, limit_mm: float | None, blinded: bo
 
 
 def _scenario(header: dict[str, Any]) -> dict[str, str]:
-    """Name and title of the scenario; a session's header holds it resolved, as a table or a name."""
+    """Name and title of the scenario; a session's header holds it resolved, as a table or a
+    name.
+    """
     content = header.get("scenario") or {}
     if not isinstance(content, dict):
         content = {"name": str(content)}
     name = str(content.get("name") or header.get("name") or "session")
-    return {"name": name, "title": str(content.get("title") or name), "text": str(content.get("description") or "")}
+    return {
+        "name": name,
+        "title": str(content.get("title") or name),
+        "text": str(content.get("description") or ""),
+    }
 
 
 def _quality(summary: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,8 @@
-"""The session to be looked at again in three dimensions: what `templates/replay.js` draws, thinned to what it needs.
+"""The session to be looked at again in three dimensions: what `templates/replay.js` draws, thinned
+to what it needs.
 
-Places are those of the world, in tenths of a millimetre as whole numbers: a page holds half an hour of them.
+Places are those of the world, in tenths of a millimetre as whole numbers: a page holds half an hour
+of them.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ AROUND_MS = (400, 3000)
 PER_M = 10_000
 
 
-def of(course: Course, header: dict[str, Any], hazards: Sequence[HazardRow]) -> dict[str, Any] | None:
+def of(
+    course: Course, header: dict[str, Any], hazards: Sequence[HazardRow]
+) -> dict[str, Any] | None:
     """JSON for the player; None where the session's header does not say where its arms stand."""
     bases = header.get("bases") or {}
     if len(course.ms) < 2 or any(arm not in bases for arm in course.layout.arms):
@@ -55,17 +59,25 @@ def _pictures(course: Course, hazards: Sequence[HazardRow]) -> np.ndarray:
 
 
 def _arm(course: Course, arm: str, base: dict[str, Any], rows: np.ndarray) -> dict[str, Any]:
-    """Remote centre, where the jaws close and, unless the session is blinded, that of the nominal model."""
+    """Remote centre, where the jaws close and, unless the session is blinded, that of the
+    nominal model.
+    """
     from scipy.spatial.transform import Rotation  # half a second
 
-    origin, turn = np.asarray(base["origin"], float), Rotation.from_quat(base["quaternion"]).as_matrix()
+    origin, turn = (
+        np.asarray(base["origin"], float),
+        Rotation.from_quat(base["quaternion"]).as_matrix(),
+    )
 
     def places(axis: str, joints: str) -> list[list[int]]:
         jaws = JAW_LENGTH * jaw_rotation(arm, course.channel(f"{arm}/{joints}")[rows])[..., 0]
         points = origin + np.nan_to_num(course.channel(f"{arm}/{axis}")[rows] + jaws) @ turn.T
         return np.rint(PER_M * points).astype(int).tolist()
 
-    drawing = {"remote": np.rint(PER_M * origin).astype(int).tolist(), "tip": places("tip", "link_jpos")}
+    drawing = {
+        "remote": np.rint(PER_M * origin).astype(int).tolist(),
+        "tip": places("tip", "link_jpos"),
+    }
     return drawing if course.blinded else drawing | {"model": places("model_tip", "model_jpos")}
 
 
@@ -73,7 +85,9 @@ def _task(task: dict[str, Any]) -> dict[str, Any]:
     """What there was to reach, m."""
     path = task.get("path") or {}
     return {
-        "targets": [{"number": one["number"], "at": one["at"]} for one in task.get("targets") or ()],
+        "targets": [
+            {"number": one["number"], "at": one["at"]} for one in task.get("targets") or ()
+        ],
         "pegs": [{"number": one["number"], "at": one["top"]} for one in task.get("pegs") or ()],
         "path": path.get("points", []),
     }

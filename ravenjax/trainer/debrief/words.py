@@ -1,6 +1,8 @@
-"""A session in words: what struck, when anyone could have known, what the operator and the robot did.
+"""A session in words: what struck, when anyone could have known, what the operator and the robot
+did.
 
-Distances of the true tip, of the reported tip and of the cue keep their own names; limits are the session's own.
+Distances of the true tip, of the reported tip and of the cue keep their own names; limits are the
+session's own.
 """
 
 from __future__ import annotations
@@ -83,7 +85,9 @@ def did(response: str) -> str:
 
 def wanted(hazard: HazardRow) -> str:
     """The right responses in words."""
-    names = [RESPONSES[name][1] if name in RESPONSES else name for name in hazard.right_response.split()]
+    names = [
+        RESPONSES[name][1] if name in RESPONSES else name for name in hazard.right_response.split()
+    ]
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
@@ -105,28 +109,39 @@ def checks(hazard: HazardRow) -> str:
 
 
 def motion(hazard: HazardRow) -> str:
-    """What became of the motion, in a sentence or two: the hazard's own words, the distance and the limit."""
+    """What became of the motion, in a sentence or two: the hazard's own words, the distance and
+    the limit.
+    """
     if hazard.limit_mm is None or hazard.unintended_mm is None:
         return "How far the instrument was off is not known."
     limit = f"limit {hazard.limit_mm:g} mm"
     word = hazard.motion_hazard
     if word == "unintended motion":
-        sentence = f"Unintended motion: while live, the true tip was up to {length(hazard.unintended_mm)} off, {limit}"
+        sentence = (
+            f"Unintended motion: while live, the true tip was up to {length(hazard.unintended_mm)}"
+            f" off, {limit}"
+        )
     elif word == "loss of motion" and hazard.loss_first_ms is not None:
-        sentence = f"Loss of motion: the instrument did not follow and was up to {length(hazard.loss_mm)} off, {limit}"
+        sentence = (
+            f"Loss of motion: the instrument did not follow and was up to {length(hazard.loss_mm)}"
+            f" off, {limit}"
+        )
     elif word == "loss of motion":
         lost = (hazard.halted_ms or 0.0) - (hazard.golden_halted_ms or 0.0)
         sentence = (
-            f"Loss of motion: the robot was out of pedal-down for {milliseconds(lost)} although the pedal was held, "
-            f"limit {HALT_MS} ms, and no check had stopped it"
+            f"Loss of motion: the robot was out of pedal-down for {milliseconds(lost)} although the"
+            f" pedal was held, limit {HALT_MS} ms, and no check had stopped it"
         )
     elif word == "false report":
         sentence = (
-            f"False report: the reported tip was up to {length(hazard.false_report_mm)} off the true one, {limit}; "
-            f"the true tip itself was up to {length(hazard.unintended_mm)} off"
+            f"False report: the reported tip was up to {length(hazard.false_report_mm)} off the"
+            f" true one, {limit}; the true tip itself was up to {length(hazard.unintended_mm)} off"
         )
     else:
-        sentence = f"No motion hazard while live: the true tip was up to {length(hazard.unintended_mm)} off, {limit}"
+        sentence = (
+            f"No motion hazard while live: the true tip was up to {length(hazard.unintended_mm)}"
+            f" off, {limit}"
+        )
     off = hazard.unintended_off_mm
     if off is None or off < _WORTH_MM:
         return f"{sentence}."
@@ -135,13 +150,19 @@ def motion(hazard: HazardRow) -> str:
 
 
 def steps(hazard: HazardRow, blinded: bool) -> list[Step]:
-    """The course of one hazard in order of time; what never came stands last. Nothing of the cue where blinded."""
+    """The course of one hazard in order of time; what never came stands last. Nothing of the cue
+    where blinded.
+    """
     after = hazard.after
     entries = {
         "knowable": ("could be known", sign(hazard), "not by a person"),
         "cue": ("the cue", "", "did not come" if hazard.cue == "on" else "was off"),
         "alarm": ("the robot's alarm", check_name(hazard.alarm), "none"),
-        "response": ("the operator", did(hazard.response) if hazard.response else "", _no_response(hazard)),
+        "response": (
+            "the operator",
+            did(hazard.response) if hazard.response else "",
+            _no_response(hazard),
+        ),
     }
     if blinded:
         del entries["cue"]
@@ -149,7 +170,11 @@ def steps(hazard: HazardRow, blinded: bool) -> list[Step]:
     return [
         Step("strike", "strikes", 0.0, f"at {moment(hazard.struck_ms)}"),
         *(Step(kind, entries[kind][0], after[kind], entries[kind][1]) for kind in came),
-        *(Step(kind, entries[kind][0], None, entries[kind][2]) for kind in entries if kind not in after),
+        *(
+            Step(kind, entries[kind][0], None, entries[kind][2])
+            for kind in entries
+            if kind not in after
+        ),
     ]
 
 
@@ -158,7 +183,11 @@ def sentence(hazard: HazardRow, blinded: bool) -> str:
     if hazard.struck_ms is None:
         return "It was armed and never struck."
     after = hazard.after
-    parts = [f"It struck at {moment(hazard.struck_ms)}" + (f" on the {hazard.arm} arm" if hazard.arm else "") + "."]
+    parts = [
+        f"It struck at {moment(hazard.struck_ms)}"
+        + (f" on the {hazard.arm} arm" if hazard.arm else "")
+        + "."
+    ]
     if "knowable" in after:
         by = f", by {sign(hazard)}" if sign(hazard) else ""
         when = f"after {milliseconds(after['knowable'])}" if after["knowable"] >= 0.5 else "at once"
@@ -166,7 +195,9 @@ def sentence(hazard: HazardRow, blinded: bool) -> str:
     else:
         parts.append("Nothing that a person can see gave it away.")
     cue = not blinded and "cue" in after
-    parts.append((f"The cue came after {milliseconds(after['cue'])}; " if cue else "") + _response(hazard))
+    parts.append(
+        (f"The cue came after {milliseconds(after['cue'])}; " if cue else "") + _response(hazard)
+    )
     ending = OUTCOMES.get(hazard.outcome, hazard.outcome) or "how it ended is not known"
     parts += [f"{checks(hazard)}.", f"{ending}.", motion(hazard)]
     if hazard.deepest_mm is not None and hazard.deepest_mm > 0:
@@ -182,18 +213,31 @@ def _response(hazard: HazardRow) -> str:
             if hazard.response_ok or not right
             else f"{_no_response(hazard)} (right: {right})."
         )
-    reaction = f", {milliseconds(hazard.reaction_ms)} after the first sign" if hazard.reaction_ms is not None else ""
-    verdict = (
-        "the right response" if hazard.response_ok else "not the right response" + (f" ({right})" if right else "")
+    reaction = (
+        f", {milliseconds(hazard.reaction_ms)} after the first sign"
+        if hazard.reaction_ms is not None
+        else ""
     )
-    return f"the operator {did(hazard.response)} after {milliseconds(hazard.after['response'])}{reaction}: {verdict}."
+    verdict = (
+        "the right response"
+        if hazard.response_ok
+        else "not the right response" + (f" ({right})" if right else "")
+    )
+    return (
+        f"the operator {did(hazard.response)} after"
+        f" {milliseconds(hazard.after['response'])}{reaction}: {verdict}."
+    )
 
 
 def _no_response(hazard: HazardRow) -> str:
     """To carry on may be what was right."""
     if hazard.response_ok:
         return f"the operator {did(hazard.response)}, the right response"
-    return "the robot halted by itself before any response" if hazard.halted else "no response followed"
+    return (
+        "the robot halted by itself before any response"
+        if hazard.halted
+        else "no response followed"
+    )
 
 
 class Summary(NamedTuple):
@@ -211,7 +255,9 @@ class Summary(NamedTuple):
 def summary(hazards: Sequence[HazardRow]) -> Summary:
     """Over all hazards that struck."""
     active = [one for one in hazards if one.struck_ms is not None]
-    reactions = [one.reaction_ms for one in active if one.response_ok and one.reaction_ms is not None]
+    reactions = [
+        one.reaction_ms for one in active if one.response_ok and one.reaction_ms is not None
+    ]
     scores = [one.score for one in active if one.score is not None]
     return Summary(
         len(active),
@@ -225,7 +271,9 @@ def summary(hazards: Sequence[HazardRow]) -> Summary:
 
 
 def headline(hazards: Sequence[HazardRow], numbers: Summary, known: bool) -> tuple[str, str]:
-    """What is to be remembered: the emphasised beginning and the rest. known: a table or a recording tells hazards."""
+    """What is to be remembered: the emphasised beginning and the rest. known: a table or a
+    recording tells hazards.
+    """
     if not known:
         return "Nothing is known of hazards", ": neither a table nor a readable recording was left."
     if not numbers.strikes:
@@ -240,7 +288,9 @@ def headline(hazards: Sequence[HazardRow], numbers: Summary, known: bool) -> tup
         median = ", at the median" if numbers.timed > 1 else ""
         rest.append(f"{milliseconds(numbers.reaction_ms)} after the first sign{median}")
     worst = max(
-        (one for one in hazards if one.farthest_mm is not None), key=lambda one: one.farthest_mm or 0, default=None
+        (one for one in hazards if one.farthest_mm is not None),
+        key=lambda one: one.farthest_mm or 0,
+        default=None,
     )
     if worst is not None:
         where = f" ({title(worst)})" if numbers.strikes > 1 else ""
@@ -249,7 +299,9 @@ def headline(hazards: Sequence[HazardRow], numbers: Summary, known: bool) -> tup
 
 
 def harm_mm(header: Mapping[str, Any], key: str = "excursion_mm") -> float | None:
-    """The scenario's limit of unintended motion, or another key of [harm]; None where the session does not say."""
+    """The scenario's limit of unintended motion, or another key of [harm]; None where the
+    session does not say.
+    """
     scenario = header.get("scenario")
     value = (scenario.get("harm") or {}).get(key) if isinstance(scenario, dict) else None
     return None if value is None else float(value)
@@ -262,28 +314,37 @@ def caveats(header: Mapping[str, Any], told: Mapping[str, Any]) -> list[str]:
     cued = header.get("cue") and not header.get("blinded")
     if cued and limit is not None and threshold is not None and limit <= threshold:
         out.append(
-            f"Harm begins at {limit:g} mm, not beyond the cue's threshold of {threshold:g} mm: an operator who waits "
-            "for the cue is late. Give the scenario a larger [harm] excursion_mm."
+            f"Harm begins at {limit:g} mm, not beyond the cue's threshold of {threshold:g} mm: an"
+            " operator who waits for the cue is late. Give the scenario a larger [harm]"
+            " excursion_mm."
         )
     if header.get("robot", "virtual") != "virtual":
         out.append(
-            "The robot was elsewhere: neither its true tip nor a golden run is known. Distances are those of the "
-            "reported tip from the nominal model, false reports cannot be told, and a hazard counts as known from its "
-            "strike."
+            "The robot was elsewhere: neither its true tip nor a golden run is known. Distances are"
+            " those of the reported tip from the nominal model, false reports cannot be told, and a"
+            " hazard counts as known from its strike."
         )
     if not header.get("ended"):
-        out.append("The session did not end by itself: its file has no end, and what came last may be missing.")
+        out.append(
+            "The session did not end by itself: its file has no end, and what came last may be"
+            " missing."
+        )
     if not told.get("table") and "complete" in told:
-        out.append("No table of hazards was written: hazards are put together from what the recording tells.")
+        out.append(
+            "No table of hazards was written: hazards are put together from what the recording"
+            " tells."
+        )
     if told.get("missing"):
         out.append("There is no recording: times and sizes are those of the table, without curves.")
     elif told.get("broken"):
         out.append(f"The recording cannot be read: {told['broken']}")
     elif not told.get("complete", True):
         out.append(
-            f"The recording was cut short; {told['lost_bytes']} bytes of an unfinished block are lost. "
-            "Run `ravenjax log recover` on it for a file that other tools open."
+            f"The recording was cut short; {told['lost_bytes']} bytes of an unfinished block are"
+            " lost. Run `ravenjax log recover` on it for a file that other tools open."
         )
     if told.get("lost_rows"):
-        out.append(f"{told['lost_rows']} ms of the session were not recorded; the curves have a gap there.")
+        out.append(
+            f"{told['lost_rows']} ms of the session were not recorded; the curves have a gap there."
+        )
     return out

@@ -1,7 +1,7 @@
 """How fast the hands go, and whether they have slowed down.
 
-Hands also slow down where they arrive, so a slow-down counts only if it lasts: longer than a tip is held at a target.
-Its time is that of its beginning.
+Hands also slow down where they arrive, so a slow-down counts only if it lasts: longer than a tip is
+held at a target. Its time is that of its beginning.
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ SLOW_FOR_MS = 1000
 """As long, without a break, before it counts."""
 MOVING_MM_S = 2.0
 """Slower hands, as tip motion, have nothing to slow down."""
-_USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0  # 1/ms, of running means: over some targets, over a twitch
+_USUAL, _PRESENT = (
+    1.0 / 2000.0,
+    1.0 / 50.0,
+)  # 1/ms, of running means: over some targets, over a twitch
 
 
 class Pace:
@@ -28,7 +31,9 @@ class Pace:
         self.usual = 0.0
         self.present = 0.0
         self._limit = 0.0  # mm/s, slow below it
-        self._since = -1  # tick since which they are slow; -1: they are not, -2: they were when the hazard struck
+        self._since = (
+            -1
+        )  # tick since which they are slow; -1: they are not, -2: they were when the hazard struck
         self.slowed = -1
         """Tick in which a slow-down that lasts began; -1: there is none."""
 

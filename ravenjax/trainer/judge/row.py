@@ -7,7 +7,9 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class HazardRow:
-    """One row. Times are ms since the session began, None where it never happened; sizes None where not measured."""
+    """One row. Times are ms since the session began, None where it never happened; sizes None
+    where not measured.
+    """
 
     session: str
     participant: str
@@ -27,7 +29,9 @@ class HazardRow:
     cue_ms: float | None
     alarm_ms: float | None  # first check that told a person or stopped the robot
     alarm: str
-    limited_ms: float | None  # first check that changed a command or dropped a packet: nobody was told
+    limited_ms: (
+        float | None
+    )  # first check that changed a command or dropped a packet: nobody was told
     limited: str
     check_response: str  # one of outcomes.verdict.RESPONSES; "" where it never struck
     check_cause: str  # first check that did so
@@ -58,13 +62,23 @@ class HazardRow:
         """ms after the strike of whatever happened: knowable, cue, alarm, response."""
         if self.struck_ms is None:
             return {}
-        times = {"knowable": self.knowable_ms, "cue": self.cue_ms, "alarm": self.alarm_ms, "response": self.response_ms}
+        times = {
+            "knowable": self.knowable_ms,
+            "cue": self.cue_ms,
+            "alarm": self.alarm_ms,
+            "response": self.response_ms,
+        }
         return {name: time - self.struck_ms for name, time in times.items() if time is not None}
 
     @property
     def farthest_mm(self) -> float | None:
-        """Largest unintended motion of the true tip, while the robot was live and while it was not."""
-        return max((mm for mm in (self.unintended_mm, self.unintended_off_mm) if mm is not None), default=None)
+        """Largest unintended motion of the true tip, while the robot was live and while it was
+        not.
+        """
+        return max(
+            (mm for mm in (self.unintended_mm, self.unintended_off_mm) if mm is not None),
+            default=None,
+        )
 
 
 COLUMNS = tuple(one.name for one in dataclasses.fields(HazardRow))

@@ -1,4 +1,6 @@
-"""Trips of the robot's built-in checks during a session, from the outcomes of robot and golden run so far."""
+"""Trips of the robot's built-in checks during a session, from the outcomes of robot and golden
+run so far.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +35,16 @@ class Trips:
         self._last: dict[str, int] = {}  # session's ms of the last trip
 
     def look(
-        self, tick: int, robot_tick: int, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None
+        self,
+        tick: int,
+        robot_tick: int,
+        outcomes: Mapping[str, Any],
+        golden: Mapping[str, Any] | None = None,
     ) -> list[Trip]:
         """Each check that tripped since the last look, the earliest first.
 
-        tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of a campaign, of robot and
-        golden run so far; golden None: there is none, every trip counts.
+        tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of a
+        campaign, of robot and golden run so far; golden None: there is none, every trip counts.
         """
         trips = []
         for name in checks.names(outcomes):

@@ -1,13 +1,16 @@
-"""Watches a session tick by tick: reports what happens as events, and writes a row about each hazard.
+"""Watches a session tick by tick: reports what happens as events, and writes a row about each
+hazard.
 
-What the words of a row mean is in `episode`. Responses: `release`: the pedal comes up (not by a dead console; also by
-an operator who gives the seat away or leaves);
-`slow`: the hands go at a quarter of their speed, for a second (`pace`); `restart`: the operator restarts a robot that
-does not follow; `stop`: the E-stop button; `convert`: a note that says "convert" (the page's button sends one).
+What the words of a row mean is in `episode`. Responses: `release`: the pedal comes up (not by a
+dead console; also by an operator who gives the seat away or leaves); `slow`: the hands go at a
+quarter of their speed, for a second (`pace`); `restart`: the operator restarts a robot that does
+not follow; `stop`: the E-stop button; `convert`: a note that says "convert" (the page's button
+sends one).
 
-A check that tells a person or stops the robot is an event "alarm", for everybody, and while it keeps tripping a count
-("alarm_count"). The first check of each kind of response to the hazard at work is an event of that name ("stopped",
-"flagged", "limited"), for the instructor's log: of "limited" nobody else is told.
+A check that tells a person or stops the robot is an event "alarm", for everybody, and while it
+keeps tripping a count ("alarm_count"). The first check of each kind of response to the hazard at
+work is an event of that name ("stopped", "flagged", "limited"), for the instructor's log: of
+"limited" nobody else is told.
 """
 
 from __future__ import annotations
@@ -30,17 +33,25 @@ CUE_QUIET_MS = 250
 COUNT_EVERY_MS = 1000
 """At most so often it is told how many times a check has tripped that keeps tripping."""
 _OF_MOTION = ("release", "slow")
-"""Responses to a robot that moves: once it has halted by itself they avoid nothing and do not count."""
+"""Responses to a robot that moves: once it has halted by itself they avoid nothing and do not
+count.
+"""
 _COMMON = (
     *("tick", "live", "fault_active", "pedal", "console_alive"),
     *("golden_cue", "halted_ms", "golden_halted_ms"),
 )
-_EVENTS = {"unintended": "unintended_motion", "loss": "loss_of_motion", "false_report": "false_report"}
+_EVENTS = {
+    "unintended": "unintended_motion",
+    "loss": "loss_of_motion",
+    "false_report": "false_report",
+}
 """Event of each distance that exceeds the limit; names of `ravenjax.outcomes.events`."""
 
 
 SEEN = ("known", "unintended", "unintended_off", "loss")
-"""Distances that a person may see: of the reported tip from the golden run's, and of the true one."""
+"""Distances that a person may see: of the reported tip from the golden run's, and of the true
+one.
+"""
 
 
 class Judge:
@@ -59,9 +70,13 @@ class Judge:
         self._columns: tuple[int, ...] = ()
         self._arms: tuple[_Arm, ...] = ()
         self._pedal = False
-        self._was_down = False  # the robot followed when the hazard struck, and the pedal is held since
+        self._was_down = (
+            False  # the robot followed when the hazard struck, and the pedal is held since
+        )
         self._pressed = False  # the operator pressed the E-stop
-        self._walked = False  # the operator has given the seat away or left, and nobody has driven since
+        self._walked = (
+            False  # the operator has given the seat away or left, and nobody has driven since
+        )
         self._live = False
         self._ticks = (0, 0)  # the last one, of session and robot
         self._golden_cue = False  # the cue has pulled in the golden run since the strike
@@ -93,25 +108,31 @@ class Judge:
     def close(self, tick: int, reason: str = "end") -> list[Event]:
         """The session is over."""
         counts = [
-            {"tick": tick, "kind": "alarm_count", "check": name, "count": count} for name, count in self._alarms.items()
+            {"tick": tick, "kind": "alarm_count", "check": name, "count": count}
+            for name, count in self._alarms.items()
         ]
         return [*counts, *self.interrupted(tick, reason), *self._close(tick)]
 
     def interrupted(self, tick: int, by: str) -> list[Event]:
-        """Something that is not the operator's cuts the hazard at work off; one that is decided already stays so."""
+        """Something that is not the operator's cuts the hazard at work off; one that is decided
+        already stays so.
+        """
         episode = self._episode
         if episode is None or not episode.interrupt(tick):
             return []
         return [{"tick": tick, "kind": "interrupted", "number": episode.hazard.number, "by": by}]
 
     def lifted(self, tick: int, why: str) -> list[Event]:
-        """The pedal comes up before this tick, and not by the operator's foot: nobody has released it."""
+        """The pedal comes up before this tick, and not by the operator's foot: nobody has
+        released it.
+        """
         self._pedal = False
         return [] if why == "silent" and self._walked else self.interrupted(tick, why)
 
     def walked_away(self) -> None:
-        """The operator gives the seat away or leaves: a pedal that was down is released, and that nobody is heard of
-        until it is down again cuts nothing off. Else who does not know what to do would do that."""
+        """The operator gives the seat away or leaves: a pedal that was down is released, and that
+        nobody is heard of until it is down again cuts nothing off. Else who does not know what to
+        do would do that."""
         self._walked = True
 
     def stood_by(self) -> None:
@@ -143,7 +164,9 @@ class Judge:
             self._columns = tuple(places[name].start for name in _COMMON)
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers
-        robot_tick, live, active, pedal, alive, golden_cue, *halted = [row[i] for i in self._columns]
+        robot_tick, live, active, pedal, alive, golden_cue, *halted = [
+            row[i] for i in self._columns
+        ]
         was_live, self._ticks = self._live, (tick, int(robot_tick))
         self._live = live != 0.0
         self._pace.step(tick, [x for arm in self._arms for x in row[arm.hand]])
@@ -165,15 +188,22 @@ class Judge:
         self._walked = self._walked and not self._pedal
         return events
 
-    def look(self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None) -> list[Event]:
+    def look(
+        self, outcomes: Mapping[str, Any], golden: Mapping[str, Any] | None = None
+    ) -> list[Event]:
         """What the robot's checks did since the last look.
 
-        outcomes, golden: columns of a campaign, of robot and golden run until the last tick; golden None: there is
-        none. To be called before a hazard is taken back, too: the golden run begins anew then.
+        outcomes, golden: columns of a campaign, of robot and golden run until the last tick; golden
+        None: there is none. To be called before a hazard is taken back, too: the golden run begins
+        anew then.
         """
         events: list[Event] = []
         tick, robot_tick = self._ticks
-        episode = self._episode if self._episode is not None and self._episode.struck and not self._pressed else None
+        episode = (
+            self._episode
+            if self._episode is not None and self._episode.struck and not self._pressed
+            else None
+        )
         for trip in self._trips.look(tick, robot_tick, outcomes, golden):
             check, ms = trip.check, trip.ms
             if episode is not None and trip.beyond_golden:
@@ -184,7 +214,15 @@ class Judge:
                 events += self._tell_alarm(tick, trip, first or trip.announced)
             if episode is not None and first:
                 number = episode.hazard.number
-                events.append({"tick": tick, "kind": check.response, "number": number, "check": check.name, "ms": ms})
+                events.append(
+                    {
+                        "tick": tick,
+                        "kind": check.response,
+                        "number": number,
+                        "check": check.name,
+                        "ms": ms,
+                    }
+                )
                 if tells:
                     self._know(tick, ms, check.name, episode, events)
         return events
@@ -197,25 +235,41 @@ class Judge:
             return []
         self._counted_at[name] = tick
         del self._alarms[name]
-        return [{"tick": tick, "kind": "alarm" if anew else "alarm_count", "check": name, "count": count}]
+        return [
+            {
+                "tick": tick,
+                "kind": "alarm" if anew else "alarm_count",
+                "check": name,
+                "count": count,
+            }
+        ]
 
     # --- what it makes of it ---
 
     def rows(self, **identity: Any) -> list[dict[str, Any]]:
-        """A dict a hazard so far, keys as COLUMNS; identity: session, participant, group, seed. None is empty."""
+        """A dict a hazard so far, keys as COLUMNS; identity: session, participant, group, seed.
+        None is empty.
+        """
         same = {
             "scenario": self.scenario.name,
             "seed": self.scenario.seed,
             "blinded": self.scenario.cue.blinded,
         } | identity
         episodes = self._over + ([] if self._episode is None else [self._episode])
-        return [{column: (same | episode.row()).get(column) for column in COLUMNS} for episode in episodes]
+        return [
+            {column: (same | episode.row()).get(column) for column in COLUMNS}
+            for episode in episodes
+        ]
 
     def result(self) -> dict[str, Any]:
         """Numbers of the whole session."""
         rows = self.rows()
         scores = [row["score"] for row in rows if row["score"] is not None]
-        reactions = sorted(row["reaction_ms"] for row in rows if row["response_ok"] and row["reaction_ms"] is not None)
+        reactions = sorted(
+            row["reaction_ms"]
+            for row in rows
+            if row["response_ok"] and row["reaction_ms"] is not None
+        )
         outcomes = [row["outcome"] for row in rows]
         return {
             "hazards": len(rows),
@@ -255,7 +309,13 @@ class Judge:
             arm.last_force = tick
 
     def _watch(
-        self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode, events: list[Event]
+        self,
+        tick: int,
+        row: list[float],
+        pedal: float,
+        alive: float,
+        episode: Episode,
+        events: list[Event],
     ) -> None:
         """The hazard at work: what it does, what can be known of it, and hands and foot."""
         for arm in self._arms:
@@ -267,23 +327,40 @@ class Judge:
         own = self._halted[0] - self._halted_at_strike[0]
         golden = self._halted[1] - self._halted_at_strike[1]
         changed = own != episode.halted_ms or golden != episode.golden_halted_ms
-        if changed and not self._pressed and episode.halt(own, golden) and "loss" not in episode.first_ms:
+        if (
+            changed
+            and not self._pressed
+            and episode.halt(own, golden)
+            and "loss" not in episode.first_ms
+        ):
             number = episode.hazard.number
-            events.append({"tick": tick, "kind": _EVENTS["loss"], "number": number, "halted_ms": own - golden})
+            events.append(
+                {"tick": tick, "kind": _EVENTS["loss"], "number": number, "halted_ms": own - golden}
+            )
         if self._pedal and not pedal and alive:
             events += self._respond(tick, "release")
         if pedal and self._live and self._pace.slowed >= 0:
             events += self._respond(tick, "slow", self._pace.slowed)
 
-    def _measure(self, tick: int, row: list[float], arm: _Arm, episode: Episode, events: list[Event]) -> None:
+    def _measure(
+        self, tick: int, row: list[float], arm: _Arm, episode: Episode, events: list[Event]
+    ) -> None:
         if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
             self._know(tick, tick, "tip", episode, events)
         peaks, number = episode.peak_mm, episode.hazard.number
         for name, place in arm.distances:
             mm = row[place]
-            if mm > peaks[name] and episode.exceed(tick, name, mm, arm.name):  # never for NaN: not known
+            if mm > peaks[name] and episode.exceed(
+                tick, name, mm, arm.name
+            ):  # never for NaN: not known
                 events.append(
-                    {"tick": tick, "kind": _EVENTS[name], "number": number, "arm": arm.name, "mm": round(mm, 3)}
+                    {
+                        "tick": tick,
+                        "kind": _EVENTS[name],
+                        "number": number,
+                        "arm": arm.name,
+                        "mm": round(mm, 3),
+                    }
                 )
         if not self._live:
             return
@@ -298,7 +375,15 @@ class Judge:
     def _know(self, tick: int, at: int, by: str, episode: Episode, events: list[Event]) -> None:
         if episode.knowable_ms is None:
             episode.know(at, by)
-            events.append({"tick": tick, "kind": "knowable", "number": episode.hazard.number, "by": by, "ms": at})
+            events.append(
+                {
+                    "tick": tick,
+                    "kind": "knowable",
+                    "number": episode.hazard.number,
+                    "by": by,
+                    "ms": at,
+                }
+            )
 
     def _respond(self, tick: int, what: str, at: int | None = None) -> list[Event]:
         """at: when it began, where that is before this tick."""
@@ -306,7 +391,9 @@ class Judge:
         if episode is None or not episode.struck or (episode.halted and what in _OF_MOTION):
             return []
         settled = episode.answer()[0] in episode.responses
-        if not episode.respond(tick if at is None else at, what) or (settled and episode.answer()[0] != what):
+        if not episode.respond(tick if at is None else at, what) or (
+            settled and episode.answer()[0] != what
+        ):
             return []
         if what == "slow" and what not in episode.hazard.right_response:
             return []
@@ -319,7 +406,10 @@ class Judge:
             return []
         self._over.append(episode)
         row = episode.row()
-        words = {name: row.get(name) for name in ("check_response", "motion_hazard", "halted", "outcome", "score")}
+        words = {
+            name: row.get(name)
+            for name in ("check_response", "motion_hazard", "halted", "outcome", "score")
+        }
         return [{"tick": tick, "kind": "hazard_over", "number": episode.hazard.number, **words}]
 
 

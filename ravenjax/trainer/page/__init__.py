@@ -1,6 +1,8 @@
-"""The page of a training session: reads the rings, serves a browser, passes on what that says; in a process of its own.
+"""The page of a training session: reads the rings, serves a browser, passes on what that says; in a
+process of its own.
 
-It never makes the realtime process wait: commands go into a ring of their own, which that looks at once a tick.
+It never makes the realtime process wait: commands go into a ring of their own, which that looks at
+once a tick.
 """
 
 from __future__ import annotations
@@ -15,17 +17,22 @@ __all__ = ["PageOptions", "run", "run_when_told"]
 
 
 def run(options: PageOptions) -> None:
-    """Serve the page until the process is terminated or the session's is gone. The entry point of a spawned process.
+    """Serve the page until the process is terminated or the session's is gone. The entry point of a
+    spawned process.
 
     Sends its port through `options.port_taken` once it listens.
     """
-    from ravenjax.trainer.page import process  # viser and MuJoCo: seconds, wanted in the page's process alone
+    from ravenjax.trainer.page import (
+        process,
+    )  # viser and MuJoCo: seconds, wanted in the page's process alone
 
     process.run(options)
 
 
 def run_when_told(told: Connection) -> None:
-    """Import, then serve the page for the `PageOptions` that come through `told`, where the port is sent, too."""
+    """Import, then serve the page for the `PageOptions` that come through `told`, where the port
+    is sent, too.
+    """
     from ravenjax.trainer.page import process
 
     with contextlib.suppress(EOFError):  # the session ended before it began

@@ -1,4 +1,6 @@
-"""Where the control software wants the jaws to close: the first to follow the hand, before the robot does."""
+"""Where the control software wants the jaws to close: the first to follow the hand, before the
+robot does.
+"""
 
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false

@@ -66,7 +66,9 @@ def _looks(model: mujoco.MjModel, body: int) -> dict[tuple[float, ...], list[int
 
 
 def _material(model: mujoco.MjModel, geom: int) -> PBRMaterial:
-    """MuJoCo's colour and gloss as glTF has them: colours linear, roughness in place of shininess."""
+    """MuJoCo's colour and gloss as glTF has them: colours linear, roughness in place of
+    shininess.
+    """
     number = int(model.geom_matid[geom])
     material = model.mat(number)
     metal = material.name in ("steel", "silver", "extrusion")

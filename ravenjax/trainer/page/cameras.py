@@ -20,15 +20,27 @@ ENDOSCOPES = {
     "endoscope_right": (0.0027, -0.14, 0.105),
     "second": (0.17, -0.03, 0.05),
 }
-"""Where each stands, m from the middle of the field. The eyes of a stereo endoscope are 5 to 6 mm apart."""
+"""Where each stands, m from the middle of the field. The eyes of a stereo endoscope are 5 to 6
+mm apart.
+"""
 LAMP, LAMP_CD = (255, 246, 235), 0.008  # the endoscope's light: colour, candela
 FIELD = (0.0, 0.0, 0.192)  # m, its middle: a little above the tissue
-ENDOSCOPE_FOV = np.radians(44.0)  # upward; rigid endoscopes see 60 to 75 degrees across their round picture
+ENDOSCOPE_FOV = np.radians(
+    44.0
+)  # upward; rigid endoscopes see 60 to 75 degrees across their round picture
 FAR = "theatre"
 """An inset of it has no letters: from there they would hide the instruments, and each other."""
 CAMERAS = (*ENDOSCOPES, "theatre", "front", "closeup")
-_FOCUS = {"theatre": (0.0, 0.0, 0.37), "front": (0.0, 0.0, 0.37), "closeup": (0.0, 0.0, 0.198)}  # m, turned about
-_FARTHER = {"theatre": 1.25, "front": 1.2, "closeup": 1.0}  # than the model's: a window is narrower than its picture
+_FOCUS = {
+    "theatre": (0.0, 0.0, 0.37),
+    "front": (0.0, 0.0, 0.37),
+    "closeup": (0.0, 0.0, 0.198),
+}  # m, turned about
+_FARTHER = {
+    "theatre": 1.25,
+    "front": 1.2,
+    "closeup": 1.0,
+}  # than the model's: a window is narrower than its picture
 
 
 class Windows:
@@ -49,7 +61,9 @@ class Windows:
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
         server.scene.configure_default_lights(True, cast_shadow=True)
         lamp = np.array(FIELD) + ENDOSCOPES["endoscope"]
-        server.scene.add_light_point("/lamp", color=LAMP, intensity=LAMP_CD, position=tuple(lamp), cast_shadow=False)
+        server.scene.add_light_point(
+            "/lamp", color=LAMP, intensity=LAMP_CD, position=tuple(lamp), cast_shadow=False
+        )
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
@@ -63,13 +77,21 @@ class Windows:
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            gone = [name for name, one in self._clients.items() if one.client_id == client.client_id]
+            gone = [
+                name for name, one in self._clients.items() if one.client_id == client.client_id
+            ]
             for name in gone:
                 del self._clients[name]
-                self._layers = {key: node for key, node in self._layers.items() if not key.startswith(f"{name}/")}
+                self._layers = {
+                    key: node
+                    for key, node in self._layers.items()
+                    if not key.startswith(f"{name}/")
+                }
 
     def obey(self, client: Client, told: dict[str, Any]) -> None:
-        """A window's wish: {"do": "camera", "name"} or {"do": "layer", "name", "on"}; others are ignored."""
+        """A window's wish: {"do": "camera", "name"} or {"do": "layer", "name", "on"}; others are
+        ignored.
+        """
         handle, name = self._clients.get(client.window), told.get("name")
         if handle is None:
             return
@@ -96,7 +118,9 @@ def _look(client: viser.ClientHandle, name: str) -> None:
 
 
 def pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Position and point looked at, m, and field of view upward, rad: of an endoscope, or of the model's camera."""
+    """Position and point looked at, m, and field of view upward, rad: of an endoscope, or of the
+    model's camera.
+    """
     if name in ENDOSCOPES:
         focus = np.array(FIELD)
         if name.endswith(("_left", "_right")):  # the axes of both eyes are parallel

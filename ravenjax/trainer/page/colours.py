@@ -1,7 +1,8 @@
 """Colours of the scene, RGB of 0 to 255: the two arms, the nominal model, the goal, what is done.
 
-Each differs from the others for whoever lacks one kind of cone, too, and never stands alone: a letter, a shape or
-dashes say the same. `static/plots.js`, `static/page.css` and the debrief's `replay.js` have them as #rrggbb.
+Each differs from the others for whoever lacks one kind of cone, too, and never stands alone: a
+letter, a shape or dashes say the same. `static/plots.js`, `static/page.css` and the debrief's
+`replay.js` have them as #rrggbb.
 """
 
 from __future__ import annotations

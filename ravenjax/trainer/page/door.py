@@ -1,8 +1,10 @@
-"""Who may come in: the checks that every request and every websocket passes before anything is served.
+"""Who may come in: the checks that every request and every websocket passes before anything is
+served.
 
-A browser sends a page of a stranger to a loopback port as readily as its own (DNS rebinding, cross-site websockets).
-So the host must be the server's own name, the origin of a websocket the server's own page, and where there is a
-token each request carries it: in the address (?token=...) once, in a cookie after that.
+A browser sends a page of a stranger to a loopback port as readily as its own (DNS rebinding,
+cross-site websockets). So the host must be the server's own name, the origin of a websocket the
+server's own page, and where there is a token each request carries it: in the address (?token=...)
+once, in a cookie after that.
 """
 
 from __future__ import annotations
@@ -39,14 +41,20 @@ class Door:
         origin = _header(request.headers, "Origin")
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
-        if _header(request.headers, "Upgrade") is None and (_header(request.headers, "Sec-Fetch-Site") == "cross-site"):
+        if _header(request.headers, "Upgrade") is None and (
+            _header(request.headers, "Sec-Fetch-Site") == "cross-site"
+        ):
             return "another site asks for it"
         if self._token is not None and not any(self._fits(word) for word in self._words(request)):
-            return "the token is missing or wrong: open the address that was printed, with ?token=..."
+            return (
+                "the token is missing or wrong: open the address that was printed, with ?token=..."
+            )
         return None
 
     def cookie(self, request: Request) -> str | None:
-        """The cookie to set where a token came with the address: what the page asks for carries it from now."""
+        """The cookie to set where a token came with the address: what the page asks for carries
+        it from now.
+        """
         if self._token is None or not query(request.path).get("token"):
             return None
         return f"{self._cookie_name}={self._token}; HttpOnly; SameSite=Strict; Path=/"

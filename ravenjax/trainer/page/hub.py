@@ -1,6 +1,8 @@
-"""The windows that are open: who drives, who instructs, who looks on; what they say and what they are told.
+"""The windows that are open: who drives, who instructs, who looks on; what they say and what they
+are told.
 
-Everything here runs in the server's event loop. A window that takes frames slowly gets the newest, never a backlog.
+Everything here runs in the server's event loop. A window that takes frames slowly gets the newest,
+never a backlog.
 """
 
 from __future__ import annotations
@@ -37,9 +39,16 @@ LEFT = {"type": "seat", "do": "left"}
 class Client:
     """One window's socket."""
 
-    def __init__(self, connection: ServerConnection, role: str, window: str, instructs: bool) -> None:
+    def __init__(
+        self, connection: ServerConnection, role: str, window: str, instructs: bool
+    ) -> None:
         """instructs: whether it has shown that it may, though another may do so now."""
-        self.connection, self.role, self.window, self.instructs = connection, role, window, instructs
+        self.connection, self.role, self.window, self.instructs = (
+            connection,
+            role,
+            window,
+            instructs,
+        )
         self._texts: list[str] = []
         self._frame: tuple[np.ndarray, np.ndarray] | None = None
         self._wake = asyncio.Event()
@@ -53,7 +62,9 @@ class Client:
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
         """Send a frame, in place of one that still waits."""
         if self._frame:
-            extras = np.column_stack([np.maximum(extras[:, :2], self._frame[1][:, :2]), extras[:, 2:]])
+            extras = np.column_stack(
+                [np.maximum(extras[:, :2], self._frame[1][:, :2]), extras[:, 2:]]
+            )
         self._frame = row, extras
         self._wake.set()
 
@@ -96,7 +107,8 @@ class Hub:
     ) -> None:
         """place: what a window needs to draw tips itself. instructor_token: None: nobody instructs.
 
-        on_page: takes what is for the page's process itself; on_input: called where the operator's input changes.
+        on_page: takes what is for the page's process itself; on_input: called where the operator's
+        input changes.
         """
         self._header, self._place, self._layout = header, place, layout
         self._commands, self._inbox = commands, inbox
@@ -104,9 +116,13 @@ class Hub:
         self._instructor_token = instructor_token
         self._scripted = "script" in header.get("consoles", ())
         blinded = bool(header.get("blinded"))
-        self._sights = {role: Sight(layout, role, blinded) for role in ("operator", "watcher", "instructor")}
+        self._sights = {
+            role: Sight(layout, role, blinded) for role in ("operator", "watcher", "instructor")
+        }
         self._clients: list[Client] = []
-        self._closing: set[asyncio.Task[None]] = set()  # connections; who else holds a task is its event loop, weakly
+        self._closing: set[asyncio.Task[None]] = (
+            set()
+        )  # connections; who else holds a task is its event loop, weakly
         self._events: list[dict[str, Any]] = []
         self._last_input: dict[str, Any] = {}
         self.dropped: Counter[str] = Counter()
@@ -156,7 +172,10 @@ class Hub:
         """The window is gone, or another connection has come in its place."""
         if client in self._clients:
             self._clients.remove(client)
-            drove, client.role = client.role == "operator", "watcher"  # what it has said before may arrive yet
+            drove, client.role = (
+                client.role == "operator",
+                "watcher",
+            )  # what it has said before may arrive yet
             if drove:
                 self._forward(LEFT)
                 self._seat_told()
@@ -165,7 +184,9 @@ class Hub:
         """A window that comes back may be there still, on a connection that has died unheard."""
         for client in [one for one in self._clients if window and one.window == window]:
             self._part(client)
-            closing = asyncio.create_task(client.connection.close(reason="the window is on another connection"))
+            closing = asyncio.create_task(
+                client.connection.close(reason="the window is on another connection")
+            )
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
 
@@ -180,11 +201,18 @@ class Hub:
 
     def _free_chair(self) -> str:
         """The instructor's: a second one sits down beside the first only by a word of their own."""
-        return "watcher" if any(client.role == "instructor" for client in self._clients) else "instructor"
+        return (
+            "watcher"
+            if any(client.role == "instructor" for client in self._clients)
+            else "instructor"
+        )
 
     def _greet(self, client: Client) -> None:
         sight = self._sights[client.role]
-        places = {name: [place.start, place.stop - place.start] for name, place in self._layout.places.items()}
+        places = {
+            name: [place.start, place.stop - place.start]
+            for name, place in self._layout.places.items()
+        }
         client.tell(
             {
                 "type": "welcome",
@@ -223,12 +251,22 @@ class Hub:
         if content["type"] == "page":
             self._page(client, content)
         else:
-            by = {} if client.role == "operator" or content["type"] not in _SIGNED else {"by": client.role}
+            by = (
+                {}
+                if client.role == "operator" or content["type"] not in _SIGNED
+                else {"by": client.role}
+            )
             self._forward({**content, **by})
 
     def _page(self, client: Client, told: dict[str, Any]) -> None:
         if told["do"] == "ping":
-            client.tell({"type": "pong", "stamp": told.get("stamp", 0.0), "dropped": sum(self.dropped.values())})
+            client.tell(
+                {
+                    "type": "pong",
+                    "stamp": told.get("stamp", 0.0),
+                    "dropped": sum(self.dropped.values()),
+                }
+            )
         elif told["do"] == "instruct":
             if client.instructs:
                 client.role = "instructor"

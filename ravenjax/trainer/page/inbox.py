@@ -94,14 +94,18 @@ class Inbox:
         except RecursionError:
             raise RefusedMessage("nested too deep") from None
         if not _may(role, content):
-            raise RefusedMessage(f"a {role} may not send {content.type} {getattr(content, 'do', '')}".rstrip())
+            raise RefusedMessage(
+                f"a {role} may not send {content.type} {getattr(content, 'do', '')}".rstrip()
+            )
         return self._sense(content)
 
     def _sense(self, told: _Message) -> dict[str, Any]:
         if isinstance(told, _Input):
             strange = [arm for arm in told.arms if arm not in self._arms]
             if strange:
-                raise RefusedMessage(f"arm {strange[0]}, the session has {' and '.join(self._arms)}")
+                raise RefusedMessage(
+                    f"arm {strange[0]}, the session has {' and '.join(self._arms)}"
+                )
         if isinstance(told, _Operator):
             if (told.do == "note") != (told.text is not None):
                 raise RefusedMessage("a note has a text, and nothing else has")
@@ -112,16 +116,26 @@ class Inbox:
         if isinstance(told, _Instructor):
             if told.do == "cue" and self._blinded:
                 raise RefusedMessage("the session is blinded: its cue is not the instructor's")
-            if (told.do == "cue") != (told.on is not None) or (told.do == "arm") != (told.hazard is not None):
+            if (told.do == "cue") != (told.on is not None) or (told.do == "arm") != (
+                told.hazard is not None
+            ):
                 raise RefusedMessage("`on` belongs to cue, `hazard` to arm")
-            if told.do != "next" and (told.participant, told.scenario, told.seed) != (None, None, None):
+            if told.do != "next" and (told.participant, told.scenario, told.seed) != (
+                None,
+                None,
+                None,
+            ):
                 raise RefusedMessage("`participant`, `scenario` and `seed` belong to next")
             if told.scenario is not None:
-                from ravenjax.trainer.scenario import loading  # the models of a scenario: only once a session is over
+                from ravenjax.trainer.scenario import (
+                    loading,
+                )  # the models of a scenario: only once a session is over
 
                 names = [path.stem for path in loading.bundled()]
                 if told.scenario not in names:
-                    raise RefusedMessage(f"no scenario {told.scenario}; there are {', '.join(names)}")
+                    raise RefusedMessage(
+                        f"no scenario {told.scenario}; there are {', '.join(names)}"
+                    )
             if told.hazard is not None and told.hazard >= self._hazards:
                 raise RefusedMessage(f"hazard {told.hazard}, the session has {self._hazards}")
         return told.model_dump(exclude_none=True)

@@ -1,4 +1,6 @@
-"""Shapes of bodies, made once and kept on disk: that takes seconds, and libraries that nothing else here needs."""
+"""Shapes of bodies, made once and kept on disk: that takes seconds, and libraries that nothing
+else here needs.
+"""
 
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false

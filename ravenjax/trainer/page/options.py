@@ -20,12 +20,18 @@ class PageOptions:
     commands: str  # name of the ring of commands, which the page writes
     port_taken: Connection | None  # the page says here which port it took, once it listens
     arms: tuple[ArmName, ...]
-    header: dict[str, Any]  # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
+    header: dict[
+        str, Any
+    ]  # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
     folder: str | None = None  # where debrief.html appears once the session is over
     host: str = "127.0.0.1"
     port: int = 0  # 0: a free one
-    token: str | None = None  # every request must carry it; needed where `host` is not a loopback address
-    instructor_token: str | None = None  # what an instructor's window must carry; None: nobody instructs
+    token: str | None = (
+        None  # every request must carry it; needed where `host` is not a loopback address
+    )
+    instructor_token: str | None = (
+        None  # what an instructor's window must carry; None: nobody instructs
+    )
     fps: float = 60.0  # frames a second, 30 at least
 
     def __post_init__(self) -> None:
@@ -36,7 +42,8 @@ class PageOptions:
             )
         if self.token and self.token == self.instructor_token:
             raise UserError(
-                "token and instructor_token are the same: whoever drives could instruct; give two that differ"
+                "token and instructor_token are the same: whoever drives could instruct; give two"
+                " that differ"
             )
         if not 30.0 <= self.fps <= 240.0:
             raise UserError(f"fps is {self.fps!r}, expected 30 to 240")

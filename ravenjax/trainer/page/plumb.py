@@ -1,4 +1,6 @@
-"""Which instrument is which, and how high: a letter beside each tip, and a plumb line from it down to the tissue."""
+"""Which instrument is which, and how high: a letter beside each tip, and a plumb line from it
+down to the tissue.
+"""
 
 from __future__ import annotations
 

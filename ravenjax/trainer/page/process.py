@@ -32,7 +32,9 @@ PARENT_S = 1.0
 
 def run(options: PageOptions) -> None:
     """See the package."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the session's to take; it ends the page in its own time
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C is the session's to take; it ends the page in its own time
     page = Page(options)
     try:
         page.work()
@@ -68,9 +70,15 @@ class Page:
             options.instructor_token,
         )
         door = Door(options.host, options.token)
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # refusals are counted, not printed
+        logging.getLogger("websockets").setLevel(
+            logging.CRITICAL
+        )  # refusals are counted, not printed
         self._server = Server(
-            options.host, options.port, door, PageSite(door, options.folder, options.instructor_token), self._hub.serve
+            options.host,
+            options.port,
+            door,
+            PageSite(door, options.folder, options.instructor_token),
+            self._hub.serve,
         )
         self._windows.watch(self._server.viser)
         self._world = World(self._server.viser, options.arms, options.header.get("task"), blinded)
@@ -94,7 +102,9 @@ class Page:
                 if parent is not None and not parent.is_alive():
                     return
             self._changed.wait(
-                PROMPT_S if now < self._answer_until else max(0.0, last_frame + period - time.monotonic())
+                PROMPT_S
+                if now < self._answer_until
+                else max(0.0, last_frame + period - time.monotonic())
             )
             self._changed.clear()
 
@@ -124,8 +134,8 @@ class Page:
                 self._server.loop.call_soon_threadsafe(self._hub.show, row, self._extras(frames))
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
-        """[arms, 5]: greatest error_mm and force of these frames, for a peak of one millisecond is to be seen; then the
-        tip that the software wants, m, in the arm's frame 0."""
+        """[arms, 5]: greatest error_mm and force of these frames, for a peak of one millisecond is
+        to be seen; then the tip that the software wants, m, in the arm's frame 0."""
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):
             out[i, 0] = frames[:, self._layout.places[f"{arm}/error_mm"]].max()
@@ -137,7 +147,9 @@ class Page:
         if self._frames.written and self._server.watching:
             _, rows = self._frames.read(self._frames.written - 1)
             if len(rows):
-                self._world.update(Frame(self._layout, with_tips(self._layout, rows[-1].view(np.float32))))
+                self._world.update(
+                    Frame(self._layout, with_tips(self._layout, rows[-1].view(np.float32)))
+                )
 
     def _await_answer(self) -> None:
         self._answer_until = time.monotonic() + ANSWER_S

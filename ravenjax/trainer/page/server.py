@@ -1,7 +1,9 @@
-"""One port for everything: viser's server, with the session's own pages and websocket in front of it.
+"""One port for everything: viser's server, with the session's own pages and websocket in front of
+it.
 
-Viser binds its websocket server itself, without a look at who asks. It is started with that one function wrapped, so
-that the door is asked first, /session is ours, and only what is left reaches viser; one thread and one event loop.
+Viser binds its websocket server itself, without a look at who asks. It is started with that one
+function wrapped, so that the door is asked first, /session is ours, and only what is left reaches
+viser; one thread and one event loop.
 """
 
 from __future__ import annotations
@@ -41,10 +43,14 @@ class Server:
     def __init__(self, host: str, port: int, door: Door, site: PageSite, session: Handler) -> None:
         """session: handles each websocket of /session."""
         self.watching = 0  # sockets that look at the scene
-        with _wrapped(door, site, session, self._watched), contextlib.redirect_stdout(io.StringIO()):
+        with (
+            _wrapped(door, site, session, self._watched),
+            contextlib.redirect_stdout(io.StringIO()),
+        ):
             self.viser = viser.ViserServer(host=host, port=port, verbose=False)
         door.port = self.viser.get_port()
-        # A visitor could make viser open a tunnel to a server elsewhere; nothing leaves this machine.
+        # A visitor could make viser open a tunnel to a server elsewhere; nothing leaves this
+        # machine.
         self.viser._websock_server.unregister_handler(_messages.ShareUrlRequest)
 
     def _watched(self, change: int) -> None:
@@ -62,7 +68,9 @@ class Server:
 
 
 @contextlib.contextmanager
-def _wrapped(door: Door, site: PageSite, session: Handler, watched: Callable[[int], None]) -> Iterator[None]:
+def _wrapped(
+    door: Door, site: PageSite, session: Handler, watched: Callable[[int], None]
+) -> Iterator[None]:
     original = websockets.asyncio.server.serve
 
     def serve(handler: Handler, host: str, port: int, **settings: Any) -> Any:
@@ -80,7 +88,9 @@ def _wrapped(door: Door, site: PageSite, session: Handler, watched: Callable[[in
 
         def process(connection: ServerConnection, request: Request) -> Response | None:
             if door.port == 0 and connection.local_address:
-                door.port = connection.local_address[1]  # the first to come may come before the constructor is done
+                door.port = connection.local_address[
+                    1
+                ]  # the first to come may come before the constructor is done
             connection.protocol.max_message_size = LARGEST_BYTES
             return site.answer(request)
 

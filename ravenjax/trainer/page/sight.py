@@ -1,6 +1,8 @@
-"""What each role sees of frames, events and header: the operator no hazard, nobody what blinding hides.
+"""What each role sees of frames, events and header: the operator no hazard, nobody what blinding
+hides.
 
-Of the robot's checks an operator learns of those that tell a person or stop the robot (event "alarm"), as at a console.
+Of the robot's checks an operator learns of those that tell a person or stop the robot (event
+"alarm"), as at a console.
 """
 
 from __future__ import annotations
@@ -34,7 +36,10 @@ _OPERATOR = {
 _OF_HAZARDS = ("hazard", "fault_active", "trips", "halted_ms", "golden_halted_ms", "golden_cue")
 """Channels that would tell an operator of a hazard."""
 _OF_HAZARDS_ARM = ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm")
-_FELT = {"cue", "response"}  # what the operator's own hand knows; in a blinded session it would tell the group
+_FELT = {
+    "cue",
+    "response",
+}  # what the operator's own hand knows; in a blinded session it would tell the group
 _HEADER_OPERATOR = {"hazards", "group", "seed", "director", "scenario", "summary"}
 _HEADER_BLINDED = {"group", "cue", "scenario", "seed", "summary"}
 
@@ -64,9 +69,11 @@ class Sight:
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
         """Message of a frame, float32: extras [arms, 5], then the row, masked.
 
-        Of each arm: greatest error_mm and force since the last frame; the tip that the software wants, m, frame 0.
+        Of each arm: greatest error_mm and force since the last frame; the tip that the software
+        wants, m, frame 0.
 
-        The force is what the hand feels: zero with the cue off. The instructor sees the force that the cue would have.
+        The force is what the hand feels: zero with the cue off. The instructor sees the force that
+        the cue would have.
         """
         row, extras = row.copy(), extras.copy()
         places = self._layout.places

@@ -1,4 +1,6 @@
-"""What the server hands out over HTTP: viser's client with the page's own lines in it, static files, the debrief."""
+"""What the server hands out over HTTP: viser's client with the page's own lines in it, static
+files, the debrief.
+"""
 
 from __future__ import annotations
 
@@ -26,19 +28,28 @@ _TYPES = {
 _EARLY = '<script src="/static/early.js"></script>'
 _LOOK = '<link rel="stylesheet" href="/static/page.css">'
 _LATE = (
-    f'{_LOOK}<link rel="stylesheet" href="/static/instructor.css"><script type="module" src="/static/page.js"></script>'
+    f'{_LOOK}<link rel="stylesheet" href="/static/instructor.css"><script type="module"'
+    ' src="/static/page.js"></script>'
 )
 
 
 class PageSite:
-    """The files of one session. A request that is not for one of them gets 404, a stranger's 403."""
+    """The files of one session. A request that is not for one of them gets 404, a stranger's
+    403.
+    """
 
     def __init__(self, door: Door, folder: str | None, instructor_token: str | None = None) -> None:
-        """instructor_token: opens the list of sessions in the folder's folder; None: nobody sees it."""
+        """instructor_token: opens the list of sessions in the folder's folder; None: nobody sees
+        it.
+        """
         self._door, self._instructor_token = door, instructor_token
         self._sessions = SessionList(Path(folder).parent) if folder and instructor_token else None
         self._debrief = Path(folder) / DEBRIEF if folder else None
-        self._files = {f"/static/{path.name}": _packed(path) for path in STATIC.iterdir() if path.suffix in _TYPES}
+        self._files = {
+            f"/static/{path.name}": _packed(path)
+            for path in STATIC.iterdir()
+            if path.suffix in _TYPES
+        }
         self._pages = {kind: gzip.compress(text.encode(), 6) for kind, text in _pages().items()}
 
     def answer(self, request: Request) -> Response | None:
@@ -51,14 +62,22 @@ class PageSite:
         path = urlsplit(request.path).path
         ready = self._debrief is not None and self._debrief.is_file()
         if path == "/debrief.json":
-            return self._response(http.HTTPStatus.OK, "application/json", json.dumps({"ready": ready}).encode())
+            return self._response(
+                http.HTTPStatus.OK, "application/json", json.dumps({"ready": ready}).encode()
+            )
         if path == f"/{DEBRIEF}" and self._debrief is not None and ready:
             return self._response(http.HTTPStatus.OK, _TYPES[".html"], self._debrief.read_bytes())
         if path.startswith("/sessions"):
             return self._past(request, path)
         if path == "/":
             wishes = query(request.path)
-            page = "inset" if "inset" in wishes else "panel" if wishes.get("scene") == "off" else "scene"
+            page = (
+                "inset"
+                if "inset" in wishes
+                else "panel"
+                if wishes.get("scene") == "off"
+                else "scene"
+            )
             kind, body = _TYPES[".html"], self._pages[page]
         elif path in self._files:
             kind, body = self._files[path]
@@ -78,7 +97,9 @@ class PageSite:
         word = query(request.path).get("instructor_token", "")
         if self._sessions is None or not hmac.compare_digest(word.encode(), expected):
             return self._response(
-                http.HTTPStatus.FORBIDDEN, "text/plain", b"the list of sessions is the instructor's\n"
+                http.HTTPStatus.FORBIDDEN,
+                "text/plain",
+                b"the list of sessions is the instructor's\n",
             )
         body = self._sessions.page(word) if path == "/sessions" else self._sessions.debrief(path)
         if body is None:
@@ -107,30 +128,46 @@ _PLAIN = (
 
 
 def _pages() -> dict[str, str]:
-    """Viser's client, which is one self-contained page, with the session's panel over it; the panel alone; and the
-    client alone, for a small second picture."""
+    """Viser's client, which is one self-contained page, with the session's panel over it; the panel
+    alone; and the client alone, for a small second picture."""
     panel = (STATIC / "panel.html").read_text(encoding="utf-8")
-    plain = _PLAIN.replace("<head>", f"<head>{_EARLY}").replace("</head>", f"{_LATE}</head>").replace("PANEL", panel)
-    client = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text(encoding="utf-8")
-    return {"panel": plain, "scene": _scene(client, _LATE, panel), "inset": _scene(client, _LOOK, "")}
+    plain = (
+        _PLAIN.replace("<head>", f"<head>{_EARLY}")
+        .replace("</head>", f"{_LATE}</head>")
+        .replace("PANEL", panel)
+    )
+    client = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text(
+        encoding="utf-8"
+    )
+    return {
+        "panel": plain,
+        "scene": _scene(client, _LATE, panel),
+        "inset": _scene(client, _LOOK, ""),
+    }
 
 
 def _scene(client: str, late: str, panel: str) -> str:
-    text = client.replace("<head>", f"<head>{_EARLY}", 1).replace("<title>Viser</title>", "<title>ravenjax</title>", 1)
+    text = client.replace("<head>", f"<head>{_EARLY}", 1).replace(
+        "<title>Viser</title>", "<title>ravenjax</title>", 1
+    )
     head, _, rest = text.rpartition("</head>")
-    text = f"{head}{late}</head>{rest}".replace('<div id="root"></div>', f'<div id="root"></div>{panel}', 1)
+    text = f"{head}{late}</head>{rest}".replace(
+        '<div id="root"></div>', f'<div id="root"></div>{panel}', 1
+    )
     missing = [part for part in (_EARLY, late, panel) if part not in text]
     if missing:
-        raise RuntimeError(f"viser {viser.__version__}: its client's page has no place for {missing[0][:60]!r}")
+        raise RuntimeError(
+            f"viser {viser.__version__}: its client's page has no place for {missing[0][:60]!r}"
+        )
     return text
 
 
 def _policy(host: str) -> str:
     """No request of the page leaves the server, whatever an address or a scene asks for."""
     return (
-        "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; "
-        "style-src 'self' 'unsafe-inline'; worker-src blob: data:; "
-        f"connect-src 'self' ws://{host} wss://{host} data: blob:; frame-ancestors 'self'; base-uri 'none'"
+        "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:"
+        " data:; style-src 'self' 'unsafe-inline'; worker-src blob: data:; connect-src 'self'"
+        f" ws://{host} wss://{host} data: blob:; frame-ancestors 'self'; base-uri 'none'"
     )
 
 

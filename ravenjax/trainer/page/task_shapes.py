@@ -1,7 +1,8 @@
 """The task in the scene: targets to reach, a path to follow, pegs and what they carry.
 
-Of targets the goal is drawn, small the next and, grey, the last that were reached: all at once would hide the tip. The
-goal has a colour that neither arm nor model has, and a ring around it that shrinks as the tip comes nearer.
+Of targets the goal is drawn, small the next and, grey, the last that were reached: all at once
+would hide the tip. The goal has a colour that neither arm nor model has, and a ring around it that
+shrinks as the tip comes nearer.
 """
 
 from __future__ import annotations
@@ -13,17 +14,25 @@ import viser
 
 from ravenjax.trainer.page.colours import DONE, GOAL
 
-DIM, NEXT, REACHED = 0.55, 0.5, 0.35  # size of what is not the goal: of pegs, of the next target, of those before
+DIM, NEXT, REACHED = (
+    0.55,
+    0.5,
+    0.35,
+)  # size of what is not the goal: of pegs, of the next target, of those before
 LAST_REACHED = 5
 RING_M = (0.004, 0.03)  # least and largest radius
-_RING = np.stack([np.cos(np.linspace(0, 2 * np.pi, 49)), np.sin(np.linspace(0, 2 * np.pi, 49)), np.zeros(49)], axis=1)
+_RING = np.stack(
+    [np.cos(np.linspace(0, 2 * np.pi, 49)), np.sin(np.linspace(0, 2 * np.pi, 49)), np.zeros(49)],
+    axis=1,
+)
 
 
 class TaskShapes:
     """Nodes of one task, from its geometry: world, m.
 
-    {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "top", "height_m", "radius_m", "colour"}],
-    "object": {"number", "at", "radius_m", "colour"} or None, "path": {"points", "colour"} or None}; all optional.
+    {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "top", "height_m",
+    "radius_m", "colour"}], "object": {"number", "at", "radius_m", "colour"} or None, "path":
+    {"points", "colour"} or None}; all optional.
     """
 
     def __init__(self, server: viser.ViserServer, geometry: dict[str, Any]) -> None:
@@ -31,7 +40,9 @@ class TaskShapes:
         self._spots: dict[int, tuple[Any, tuple[int, int, int]]] = {}
         self._object: Any = None
         self._held = ""
-        self._arms = {int(target["number"]): target.get("arm", "") for target in geometry.get("targets") or ()}
+        self._arms = {
+            int(target["number"]): target.get("arm", "") for target in geometry.get("targets") or ()
+        }
         self._places: dict[int, np.ndarray] = {}
         self._ring = _ring(server)
         self._on_path: Any = None
@@ -62,7 +73,9 @@ class TaskShapes:
             )
             self._add(server, f"peg/{peg['number']}", peg, peg["top"], 0.7)
         if geometry.get("object"):
-            self._object = self._add(server, "object", geometry["object"], geometry["object"]["at"], 1.0)
+            self._object = self._add(
+                server, "object", geometry["object"], geometry["object"]["at"], 1.0
+            )
 
     def moved(self, event: dict[str, Any]) -> None:
         """An event of kind "object": an arm took it, or let it go somewhere."""
@@ -91,17 +104,25 @@ class TaskShapes:
                 node.scale = 1.0 if number == goal else DIM
 
     def _surround(self, goal: int, tips: dict[str, np.ndarray]) -> None:
-        """A ring around the goal, as wide as the tip is far: the arm's whose turn it is, else the nearest."""
+        """A ring around the goal, as wide as the tip is far: the arm's whose turn it is, else
+        the nearest.
+        """
         place = self._places.get(goal)
         mine = self._arms.get(goal, "")
-        ways = [np.linalg.norm(tip - place) for arm, tip in tips.items() if place is not None and mine in ("", arm)]
+        ways = [
+            np.linalg.norm(tip - place)
+            for arm, tip in tips.items()
+            if place is not None and mine in ("", arm)
+        ]
         if bool(ways) != self._ring.visible:
             self._ring.visible = bool(ways)
         if ways and place is not None:
             self._ring.position = tuple(place)
             self._ring.scale = float(np.clip(min(ways), *RING_M))
 
-    def _add(self, server: viser.ViserServer, name: str, spot: dict[str, Any], at: Any, opacity: float) -> Any:
+    def _add(
+        self, server: viser.ViserServer, name: str, spot: dict[str, Any], at: Any, opacity: float
+    ) -> Any:
         colour = _rgb(spot["colour"])
         node = server.scene.add_icosphere(
             f"/task/{name}",

@@ -1,4 +1,6 @@
-"""Where the tips came from: the last seconds of the true tip and of the nominal model's, as lines."""
+"""Where the tips came from: the last seconds of the true tip and of the nominal model's, as
+lines.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,10 @@ class Trails:
         self._lines: dict[str, Any] = {}
         self._points: dict[str, deque[np.ndarray]] = {}
         for arm in arms:
-            for kind, colour in (("tip", COLOURS[arm]), *(() if blinded else (("model", colours.MODEL),))):
+            for kind, colour in (
+                ("tip", COLOURS[arm]),
+                *(() if blinded else (("model", colours.MODEL),)),
+            ):
                 name = f"{arm}/{kind}"
                 self._points[name] = deque(maxlen=POINTS)
                 self._lines[name] = server.scene.add_line_segments(

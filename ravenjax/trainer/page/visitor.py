@@ -1,4 +1,6 @@
-"""Someone who looks at the page, without a browser: takes everything that it sends, frames and scene alike."""
+"""Someone who looks at the page, without a browser: takes everything that it sends, frames and
+scene alike.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ WINDOW = "realtime-check"
 
 
 def look(url: str) -> None:
-    """Visit the page at `url` until the server is gone, or the process is ended. The target of a spawned process."""
+    """Visit the page at `url` until the server is gone, or the process is ended. The target of a
+    spawned process.
+    """
     asyncio.run(_look(url))
 
 

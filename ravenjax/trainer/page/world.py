@@ -1,6 +1,8 @@
-"""The scene in three dimensions: both arms, their ghosts, trails, forces, the task; from frames to viser's nodes.
+"""The scene in three dimensions: both arms, their ghosts, trails, forces, the task; from frames to
+viser's nodes.
 
-Layers that a window may hide are the roots of the node tree: /robot, /ghost, /virtual, /trails, /force, /task, /plumb.
+Layers that a window may hide are the roots of the node tree: /robot, /ghost, /virtual, /trails,
+/force, /task, /plumb.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -29,7 +31,9 @@ LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task", "plumb")
 GHOST, VIRTUAL = colours.MODEL, (120, 226, 170)
 FORCE = (255, 190, 60)
 GHOST_MM = (0.5, 0.8)
-"""A ghost goes below the first and comes above the second: inside the robot it would only tint it."""
+"""A ghost goes below the first and comes above the second: inside the robot it would only tint
+it.
+"""
 CONTACT = (70, 200, 150)
 CONTACT_M = 0.03  # m of arrow per N of contact
 FORCE_M = 0.9  # m of arrow per device unit; the published cue ends at 0.05
@@ -51,7 +55,10 @@ class RobotFigure:
         self._model, self._data = model, mujoco.MjData(model)
         self._arms = arms
         self._data.qpos[:] = model.key("home").qpos
-        self._places = {arm: [int(model.joint(name).qposadr[0]) for name in arm_model.joint_names(arm)] for arm in arms}
+        self._places = {
+            arm: [int(model.joint(name).qposadr[0]) for name in arm_model.joint_names(arm)]
+            for arm in arms
+        }
         self._nodes: list[tuple[int, Any]] = []
         self._sent: dict[int, np.ndarray] = {}
         self._visible = True
@@ -91,7 +98,9 @@ class RobotFigure:
 
 
 def _still(last: np.ndarray, position: np.ndarray, turn: np.ndarray) -> bool:
-    return bool(np.abs(last[:3] - position).max() < _STILL_M and np.abs(last[3:] - turn).max() < _STILL)
+    return bool(
+        np.abs(last[:3] - position).max() < _STILL_M and np.abs(last[3:] - turn).max() < _STILL
+    )
 
 
 def _drawn(server: viser.ViserServer, name: str, meshes: KeptMeshes, body: int, layer: str) -> Any:
@@ -100,7 +109,13 @@ def _drawn(server: viser.ViserServer, name: str, meshes: KeptMeshes, body: int, 
     vertices, faces = meshes.plain(body)
     colour, opacity = (GHOST, 0.36) if layer == "ghost" else (VIRTUAL, 0.75)
     return server.scene.add_mesh_simple(
-        name, vertices, faces, color=colour, opacity=opacity, cast_shadow=False, receive_shadow=False
+        name,
+        vertices,
+        faces,
+        color=colour,
+        opacity=opacity,
+        cast_shadow=False,
+        receive_shadow=False,
     )
 
 
@@ -108,9 +123,15 @@ class World:
     """Everything that is drawn; one scene for every window."""
 
     def __init__(
-        self, server: viser.ViserServer, arms: tuple[ArmName, ...], task: dict[str, Any] | None, blinded: bool
+        self,
+        server: viser.ViserServer,
+        arms: tuple[ArmName, ...],
+        task: dict[str, Any] | None,
+        blinded: bool,
     ) -> None:
-        """blinded: neither ghost nor model's trail nor force is drawn, for they show what is not to be known."""
+        """blinded: neither ghost nor model's trail nor force is drawn, for they show what is not
+        to be known.
+        """
         model = arm_model.scene()
         self._server, self._arms = server, arms
         self._frames = {arm: _frame0(model, arm) for arm in arms}
@@ -119,7 +140,11 @@ class World:
             _surroundings(server, model, meshes)
             self._robot = RobotFigure(server, "robot", model, ARMS, meshes)
             self._virtual = RobotFigure(server, "virtual", model, arms, meshes)
-            self._ghosts = {} if blinded else {arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in arms}
+            self._ghosts = (
+                {}
+                if blinded
+                else {arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in arms}
+            )
             self._trails = Trails(server, arms, blinded)
             self._arrows = {} if blinded else {arm: _arrow(server, arm) for arm in arms}
             self._contacts = {arm: _arrow(server, f"contact_{arm}", CONTACT) for arm in arms}
@@ -138,13 +163,20 @@ class World:
             if view == "virtual":
                 self._virtual.show(frame, "virtual_jpos")
             for arm, ghost in self._ghosts.items():
-                ghost.visible = frame.number(f"{arm}/error_mm") > (GHOST_MM[0] if ghost.visible else GHOST_MM[1])
+                ghost.visible = frame.number(f"{arm}/error_mm") > (
+                    GHOST_MM[0] if ghost.visible else GHOST_MM[1]
+                )
                 if ghost.visible:
                     ghost.show(frame, "model_jpos")
             for arm in self._arms:
                 origin, turn = self._frames[arm]
                 tip = tips[arm] = origin + turn @ frame[f"{arm}/tip"]
-                self._trails.add(arm, tip, origin + turn @ frame[f"{arm}/model_tip"], int(frame.number("session_tick")))
+                self._trails.add(
+                    arm,
+                    tip,
+                    origin + turn @ frame[f"{arm}/model_tip"],
+                    int(frame.number("session_tick")),
+                )
                 if arm in self._arrows:
                     force = turn @ frame[f"{arm}/force"] * (frame.number("cue_on") != 0)
                     _point(self._arrows[arm], tip, FORCE_M * force)
@@ -156,11 +188,15 @@ class World:
         self._server.flush()
 
     def _touching(self, frame: Frame, arm: ArmName) -> np.ndarray:
-        """The jaw tip that is deeper in the tissue, in the world: where most of the contact's force acts."""
+        """The jaw tip that is deeper in the tissue, in the world: where most of the contact's
+        force acts.
+        """
         origin, turn = self._frames[arm]
         ends = [
             origin + turn @ np.array(end)
-            for end in jaw_tips(arm, frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist())
+            for end in jaw_tips(
+                arm, frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
+            )
         ]
         return min(ends, key=lambda end: end[2] - surface(float(end[0]), float(end[1])))
 
@@ -171,10 +207,15 @@ class World:
 
 
 def place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
-    """Where the arms and the tissue stand, for a window that draws tips itself: JSON, m, the world's axes."""
+    """Where the arms and the tissue stand, for a window that draws tips itself: JSON, m, the
+    world's axes.
+    """
     bases = {arm: _frame0(arm_model.scene(), arm) for arm in arms}
     return {
-        "bases": {arm: {"origin": origin.tolist(), "turn": turn.tolist()} for arm, (origin, turn) in bases.items()},
+        "bases": {
+            arm: {"origin": origin.tolist(), "turn": turn.tolist()}
+            for arm, (origin, turn) in bases.items()
+        },
         "tissue": {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF},
     }
 

@@ -10,9 +10,11 @@ from ravenjax.trainer.protocol.world import Point
 
 
 def force(frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool) -> Point:
-    """Device units along the axes of frame 0; never more than `cap`, or the cue's own where that is more.
+    """Device units along the axes of frame 0; never more than `cap`, or the cue's own where that is
+    more.
 
-    cue: whether the cue is felt. The contact's force is felt either way: it is no aid, the tissue is there.
+    cue: whether the cue is felt. The contact's force is felt either way: it is no aid, the tissue
+    is there.
     """
     places, numbers = frame.layout.places, frame.numbers
     first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start

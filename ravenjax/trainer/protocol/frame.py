@@ -1,11 +1,14 @@
-"""One millisecond of a session as a row of float32 numbers with names: what page, recording and judge read.
+"""One millisecond of a session as a row of float32 numbers with names: what page, recording and
+judge read.
 
-Whole numbers among them stay below 2^24, which float32 holds exactly: four and a half hours of ticks. Lengths are
-m and angles rad where no suffix says otherwise; `tip`, `position` and `force` are in the arm's frame 0.
+Whole numbers among them stay below 2^24, which float32 holds exactly: four and a half hours of
+ticks. Lengths are m and angles rad where no suffix says otherwise; `tip`, `position` and `force`
+are in the arm's frame 0.
 
-*Live*, *unintended motion*, *loss of motion*, *false report* and *golden run* mean what `ravenjax.outcomes` says; the
-distances are those of `ravenjax.stages.monitor`, and the largest of a run is the result table's column of that name.
-The golden run begins anew whenever a hazard is armed, where the robot then is.
+*Live*, *unintended motion*, *loss of motion*, *false report* and *golden run* mean what
+`ravenjax.outcomes` says; the distances are those of `ravenjax.stages.monitor`, and the largest of a
+run is the result table's column of that name. The golden run begins anew whenever a hazard is
+armed, where the robot then is.
 """
 
 from __future__ import annotations
@@ -50,15 +53,23 @@ SIMULATED_ARM = {
     "model_tip": 3,
     "position": 3,  # tip as measured
     "error_mm": 1,  # of the measured tip from the nominal model's
-    "force": 3,  # of the haptic cue, device units, as the operator's hand would feel it with the cue on
+    # of the haptic cue, device units, as the operator's hand would feel it with the cue on
+    "force": 3,
     "dac": 7,  # counts that the motors get
     "depth_mm": 1,  # of the tip below the tissue's surface, negative above
-    "unintended_mm": 1,  # of the true tip from golden run, nominal model and standing still, the nearest; live, else 0
-    "unintended_off_mm": 1,  # of the true tip from golden run and standing still, the nearer; while not live, else 0
-    "loss_mm": 1,  # of the true tip from golden run and model, the nearer, by motion that it missed; live, else 0
-    "false_report_mm": 1,  # of the measured tip from the true one, beyond the golden run's; live; NaN: not known
-    "known_mm": 1,  # of the measured tip from the golden run's: what a computer could know, and a person from 1 mm on
-    "contact": 3,  # N on the instrument, of tissue, vessel and the other instrument; 0 without [contact]
+    # of the true tip from golden run, nominal model and standing still, the nearest; live, else 0
+    "unintended_mm": 1,
+    # of the true tip from golden run and standing still, the nearer; while not live, else 0
+    "unintended_off_mm": 1,
+    # of the true tip from golden run and model, the nearer, by motion that it missed; live, else 0
+    "loss_mm": 1,
+    # of the measured tip from the true one, beyond the golden run's; live; NaN: not known
+    "false_report_mm": 1,
+    # of the measured tip from the golden run's: what a computer could know, and a person from 1 mm
+    # on
+    "known_mm": 1,
+    # N on the instrument, of tissue, vessel and the other instrument; 0 without [contact]
+    "contact": 3,
     "vessel_n": 1,  # of the vessel alone
     "between_n": 1,  # of the other instrument alone
 }
@@ -66,14 +77,17 @@ SIMULATED_ARM = {
 
 SESSION = {
     "session_tick": 1,  # ms since the session began, pauses left out
-    "left_ms": 1,  # until the session's time is up; all of it before the first pedal-down or the instructor's start
+    # until the session's time is up; all of it before the first pedal-down or the instructor's
+    # start
+    "left_ms": 1,
     "phase": 1,  # number of `PHASES`
     "view": 1,  # number of `VIEWS`
     "pedal": 1,  # 1: the operator holds it down
     "console_alive": 1,  # 0: input is stale; pedal up and no force then
     "console": 1,  # number of `CONSOLES`: who drives
     "link": 1,  # 0: nothing is heard of the robot
-    "hazard": 1,  # number of the hazard in the session's list of hazards that is armed or at work; -1: none
+    # number of the hazard in the session's list of hazards that is armed or at work; -1: none
+    "hazard": 1,
     "target": 1,  # number of the task's present goal; -1: none
     "progress": 1,  # of the task, 0 to 1
     "cue_on": 1,  # 1: the force is felt
@@ -87,18 +101,21 @@ SESSION_ARM = {
     "hand": 3,  # um, the operator's hand before scaling, ITP frame
     "hand_quat": 4,  # x, y, z, w
     "grasp": 1,  # mrad, positive closes
-    "virtual_jpos": 7,  # of the robot that is tried in place of the real one; link_jpos where there is none
+    # of the robot that is tried in place of the real one; link_jpos where there is none
+    "virtual_jpos": 7,
     "virtual_tip": 3,
 }
 
 PHASES = ("ready", "running", "paused", "stopped", "over", "lost")
-"""Waiting for the first pedal; at work; paused by the instructor; the robot's E-stop; ended; nothing is heard of the
-robot, and nobody can say what it does."""
+"""Waiting for the first pedal; at work; paused by the instructor; the robot's E-stop; ended;
+nothing is heard of the robot, and nobody can say what it does."""
 CONSOLES = ("nobody", "page", "itp", "script", "crtk")
-"""Who may drive: the page's operator window, a console over the network, a scripted or recorded operator, a console
-over ROS."""
+"""Who may drive: the page's operator window, a console over the network, a scripted or recorded
+operator, a console over ROS."""
 VIEWS = ("real", "virtual", "replay")
-"""Who follows the hand: the robot; the virtual robot alone (the robot rests); the robot, with what was tried."""
+"""Who follows the hand: the robot; the virtual robot alone (the robot rests); the robot, with
+what was tried.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +128,9 @@ class FrameLayout:
 
     @staticmethod
     def of(arms: Sequence[ArmName]) -> FrameLayout:
-        """The layout of a session with these arms: the tick's channels first, the session's after them."""
+        """The layout of a session with these arms: the tick's channels first, the session's
+        after them.
+        """
         places: dict[str, slice] = {}
         at = 0
         for common, each in ((SIMULATED, SIMULATED_ARM), (SESSION, SESSION_ARM)):
@@ -127,7 +146,9 @@ class FrameLayout:
         return self.places["session_tick"].start
 
     def names(self) -> list[str]:
-        """A name for each number: `gold/jpos/0` and so on, without a number where a channel has one only."""
+        """A name for each number: `gold/jpos/0` and so on, without a number where a channel has
+        one only.
+        """
         return [
             name if place.stop - place.start == 1 else f"{name}/{i}"
             for name, place in self.places.items()
@@ -138,8 +159,8 @@ class FrameLayout:
 class Frame:
     """A row, by names: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
 
-    `numbers` is the same row as Python has numbers, for those who look at many one by one. Writing by names changes
-    both; who has filled the row itself calls `settle()`.
+    `numbers` is the same row as Python has numbers, for those who look at many one by one. Writing
+    by names changes both; who has filled the row itself calls `settle()`.
     """
 
     __slots__ = ("layout", "numbers", "row")

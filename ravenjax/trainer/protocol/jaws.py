@@ -1,6 +1,8 @@
-"""Where the jaws close: what a person takes for the tip of an instrument. The software's tip is the axis of the jaws.
+"""Where the jaws close: what a person takes for the tip of an instrument. The software's tip is the
+axis of the jaws.
 
-In plain numbers, for what runs every millisecond. The same direction as `geometry.links.jaw_rotation`.
+In plain numbers, for what runs every millisecond. The same direction as
+`geometry.links.jaw_rotation`.
 """
 
 from __future__ import annotations
@@ -21,18 +23,24 @@ _DRAWN = {"tip": "link_jpos", "virtual_tip": "virtual_jpos", "model_tip": "model
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
-    """Where the ends of the jaws meet when they close, m, frame 0: of their axis (m, frame 0) and the joints [7]."""
+    """Where the ends of the jaws meet when they close, m, frame 0: of their axis (m, frame 0)
+    and the joints [7].
+    """
     x, y, z = along(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
 def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
-    """The ends of jaw 1 and jaw 2, m, frame 0: of where they close (m, frame 0) and the joints [7]."""
+    """The ends of jaw 1 and jaw 2, m, frame 0: of where they close (m, frame 0) and the joints
+    [7].
+    """
     middle = along(arm, jpos)
     out = []
     for angle in (-jpos[5], jpos[6]):
         way = along(arm, (*jpos[:5], -angle, angle))
-        out.append(tuple(c + JAW_LENGTH * (a - b) for c, a, b in zip(closing, way, middle, strict=True)))
+        out.append(
+            tuple(c + JAW_LENGTH * (a - b) for c, a, b in zip(closing, way, middle, strict=True))
+        )
     return out[0], out[1]
 
 
@@ -43,8 +51,13 @@ def along(arm: ArmName, jpos: Sequence[float]) -> Point:
     theta1, theta2 = jpos[0] + geometry.zero1, jpos[1] + geometry.zero2
     s2, c2 = math.sin(theta2), math.cos(theta2)
     roll, bend, yaw = jpos[3], jpos[4], 0.5 * (jpos[6] - jpos[5])
-    # Axes of frame 3 in frame 1, then those of frames 4 to 6; theta5 is the wrist less a quarter turn.
-    x3 = (-side * cos23 * s2, side * (GM2 * cos23 * c2 - GM1 * GM3), side * (GM1 * cos23 * c2 + GM2 * GM3))
+    # Axes of frame 3 in frame 1, then those of frames 4 to 6; theta5 is the wrist less a quarter
+    # turn.
+    x3 = (
+        -side * cos23 * s2,
+        side * (GM2 * cos23 * c2 - GM1 * GM3),
+        side * (GM1 * cos23 * c2 + GM2 * GM3),
+    )
     y3 = (-side * c2, -side * GM2 * s2, -side * GM1 * s2)
     z3 = (GM3 * s2, -GM2 * GM3 * c2 - GM1 * cos23, -GM1 * GM3 * c2 + GM2 * cos23)
     s4, c4 = math.sin(roll), math.cos(roll)
@@ -62,5 +75,7 @@ def with_tips(layout: FrameLayout, row: np.ndarray) -> np.ndarray:
     for arm in layout.arms:
         for axis, joints in _DRAWN.items():
             place = f"{arm}/{axis}"
-            frame[place] = closing_point(arm, frame[place].tolist(), frame[f"{arm}/{joints}"].tolist())
+            frame[place] = closing_point(
+                arm, frame[place].tolist(), frame[f"{arm}/{joints}"].tolist()
+            )
     return frame.row

@@ -1,7 +1,9 @@
-"""Commands of consoles and instructors to a session, and the events of a session: plain dicts, JSON on the way.
+"""Commands of consoles and instructors to a session, and the events of a session: plain dicts, JSON
+on the way.
 
-Commands reach the session through a ring in shared memory, one JSON object each, at any rate; the session takes what
-is there at the beginning of a tick, so that a list of (tick, command) is all that a session depends on.
+Commands reach the session through a ring in shared memory, one JSON object each, at any rate; the
+session takes what is there at the beginning of a tick, so that a list of (tick, command) is all
+that a session depends on.
 
     {"type": "input", "source": "keyboard", "pedal": true,
      "arms": {"gold": {"move": [x, y, z], "turn": [x, y, z], "grasp": g}}}
@@ -26,8 +28,8 @@ is there at the beginning of a tick, so that a list of (tick, command) is all th
         nothing of a console over the network is taken, as the packet filter refuses it; "": it is again. With "once":
         true something was not followed once
 
-"input", "increments", "seat" and "unheard" have a "console", one of `CONSOLES` but the first, which the channel stamps
-that they come through; where it is missing they are a script's.
+"input", "increments", "seat" and "unheard" have a "console", one of `CONSOLES` but the first, which
+the channel stamps that they come through; where it is missing they are a script's.
 
 Events of a session have "tick" (ms since the session began, pauses left out) and "kind":
 
@@ -50,9 +52,10 @@ Events of a session have "tick" (ms since the session began, pauses left out) an
     target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text),
     end (reason): "time", "task", "instructor", "interrupted" (at the terminal)
 
-`number` counts the hazards of the session's list (`session.json`, "hazards"); in "cue" it is -1 where no hazard is at
-work or the golden run has had the cue, too. Words of checks and motion: `ravenjax.outcomes`.
-"""
+`number` counts the hazards of the session's list (`session.json`, "hazards"); in "cue" it is -1
+where no hazard is at work or the golden run has had the cue, too. Words of checks and motion:
+`ravenjax.outcomes`.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -61,7 +64,9 @@ from ravenjax.vocabulary.packets import QUIET_MS
 STALE_MS = QUIET_MS
 """Input that is older counts as none: pedal up, hands at rest, no force."""
 VIEW = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
-"""Axes of the operator's view in the world (z up, gold arm at negative x): right, up, toward the operator."""
+"""Axes of the operator's view in the world (z up, gold arm at negative x): right, up, toward the
+operator.
+"""
 OPERATOR = ("estop", "restart", "rehearse", "reengage", "discard", "note")
 INSTRUCTOR = ("start", "arm", "disarm", "pause", "resume", "reset", "end", "cue")
 SEAT = ("take", "give", "left")

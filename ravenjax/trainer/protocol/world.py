@@ -1,4 +1,5 @@
-"""The operating scene in plain numbers, for what runs every millisecond: arms' frames, axes of consoles, the tissue.
+"""The operating scene in plain numbers, for what runs every millisecond: arms' frames, axes of
+consoles, the tissue.
 
 The same as `geometry.scene` and `geometry.mapping` of the Raven-II, without JAX's scalars.
 """

@@ -16,21 +16,29 @@ import numpy as np
 PERIOD_NS = 1_000_000
 """The robot's control cycle."""
 PHASE_NS = PERIOD_NS // 2
-"""When in its millisecond a tick is due: Linux's own timer interrupts, 10-50 us on a virtual machine, come at whole
-ones (kernels since 6.5 with 100, 250 or 1000 of them a second)."""
+"""When in its millisecond a tick is due: Linux's own timer interrupts, 10-50 us on a virtual
+machine, come at whole ones (kernels since 6.5 with 100, 250 or 1000 of them a second)."""
 _CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
-"""Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock and caches that others
-have filled, is over when the tick begins. With four CPUs one has nothing else to do and never sleeps; where there is
-one only, others need it more."""
+"""Awake so long before a tick is due: what a sleep leaves behind, a late interrupt, a slow clock
+and caches that others have filled, is over when the tick begins. With four CPUs one has nothing
+else to do and never sleeps; where there is one only, others need it more."""
 MEANWHILE_NS = 110_000
-"""What is done while the clock waits begins so long before a tick is due: a tick's time and some more."""
+"""What is done while the clock waits begins so long before a tick is due: a tick's time and some
+more.
+"""
 MOST_BEHIND = 100
-"""Ticks that are made up for; further behind (a suspended machine), the schedule moves on instead."""
+"""Ticks that are made up for; further behind (a suspended machine), the schedule moves on
+instead.
+"""
 LATE_US = 1000
 """A tick that begins a whole period late has overrun."""
 _SET_TIMER_SLACK = 29  # linux/prctl.h, PR_SET_TIMERSLACK, ns
-_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # linux/mman.h, MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT (kernels since 4.4)
+_CURRENT, _FUTURE, _ON_FAULT = (
+    1,
+    2,
+    4,
+)  # linux/mman.h, MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT (kernels since 4.4)
 _CAP_IPC_LOCK = 14  # linux/capability.h
 BINS = 20_000
 """Of a histogram, one microsecond each; what is longer is in the last."""
@@ -38,8 +46,8 @@ BINS = 20_000
 
 @dataclasses.dataclass
 class LoopTiming:
-    """Histograms of a loop, in microseconds: what ticks took until frame and force were out, what they took with all
-    that follows, how late they began."""
+    """Histograms of a loop, in microseconds: what ticks took until frame and force were out, what
+    they took with all that follows, how late they began."""
 
     compute: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
     whole: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(BINS, np.int64))
@@ -53,7 +61,9 @@ class LoopTiming:
         return int(self.lateness.sum())
 
     def percentile(self, what: str, share: float) -> float:
-        """The given share's quantile of "compute", "whole" or "lateness", us; NaN before the first tick."""
+        """The given share's quantile of "compute", "whole" or "lateness", us; NaN before the
+        first tick.
+        """
         counts = getattr(self, what).cumsum()
         if not counts[-1]:
             return float("nan")
@@ -70,8 +80,8 @@ class Clock:
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
     def wait(self, meanwhile: Callable[[], None] | None = None) -> None:
-        """Sleep until shortly before the next tick is due, then look at the clock until it is; do `meanwhile` between,
-        as late as possible, if there is time left."""
+        """Sleep until shortly before the next tick is due, then look at the clock until it is; do
+        `meanwhile` between, as late as possible, if there is time left."""
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()
         if now < due - LEAD_NS:
@@ -108,11 +118,12 @@ class Clock:
 
 @contextlib.contextmanager
 def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
-    """Punctual wake-ups, one CPU and, where the system lets us, memory that stays and a realtime priority; says what
-    was granted.
+    """Punctual wake-ups, one CPU and, where the system lets us, memory that stays and a realtime
+    priority; says what was granted.
 
-    choose: which of the CPUs; a robot in a process of its own takes another than the session that drives it.
-    The process is as before afterwards. Processes that it has spawned should be sent elsewhere: `other_cpus`.
+    choose: which of the CPUs; a robot in a process of its own takes another than the session that
+    drives it. The process is as before afterwards. Processes that it has spawned should be sent
+    elsewhere: `other_cpus`.
     """
     if sys.platform != "linux":
         yield "as the system schedules"
@@ -126,7 +137,9 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
         os.sched_setaffinity(0, {choose(cpus)})
         granted.append(f"CPU {choose(cpus)}")
     if LEAD_NS >= PERIOD_NS:
-        granted.append("always awake")  # with a realtime priority it would be stopped for 50 ms in every second
+        granted.append(
+            "always awake"
+        )  # with a realtime priority it would be stopped for 50 ms in every second
     else:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
@@ -145,8 +158,8 @@ def realtime(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
 def _lock_memory(libc: ctypes.CDLL) -> bool:
     """Keep in place what is in memory now and what is asked for later; whether the system lets us.
 
-    What is mapped but was never touched, most of every library, stays out: to lock it would read it in. What is asked
-    for later is filled when it is asked for, as the heap of a loop grows.
+    What is mapped but was never touched, most of every library, stays out: to lock it would read it
+    in. What is asked for later is filled when it is asked for, as the heap of a loop grows.
     """
     libc.malloc_trim(0)
     if libc.mlockall(_CURRENT | _ON_FAULT) != 0:
@@ -155,7 +168,8 @@ def _lock_memory(libc: ctypes.CDLL) -> bool:
 
 
 def _may_lock_memory() -> bool:
-    """Whether all memory, also what is asked for later, may be kept in place: a first touch takes as long as a tick.
+    """Whether all memory, also what is asked for later, may be kept in place: a first touch takes
+    as long as a tick.
 
     Under a limit what is asked for later would be refused, so then nothing is locked.
     """
@@ -177,7 +191,9 @@ def other_cpus() -> set[int]:
 
 @contextlib.contextmanager
 def no_collection() -> Iterator[None]:
-    """Without the garbage collector, whose pauses are longer than a tick; a tick makes no cycles."""
+    """Without the garbage collector, whose pauses are longer than a tick; a tick makes no
+    cycles.
+    """
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -1,4 +1,6 @@
-"""The realtime loop: one thread, one tick a millisecond, nothing that it ever waits for but the clock."""
+"""The realtime loop: one thread, one tick a millisecond, nothing that it ever waits for but the
+clock.
+"""
 
 from __future__ import annotations
 
@@ -46,8 +48,15 @@ class PageCommands:
         first, rows = self._ring.read(self._next, MOST_COMMANDS)
         self.lost += first - self._next
         self._next = first + len(rows)
-        stamped = [{**one, "console": "page"} if one.get("type") in OF_CONSOLES else one for one in read_json(rows)]
-        return stamped if self._drives else [one for one in stamped if one.get("type") not in OF_CONSOLES]
+        stamped = [
+            {**one, "console": "page"} if one.get("type") in OF_CONSOLES else one
+            for one in read_json(rows)
+        ]
+        return (
+            stamped
+            if self._drives
+            else [one for one in stamped if one.get("type") not in OF_CONSOLES]
+        )
 
     def tell(self, frame: Frame) -> None:
         """Nothing: the page reads the ring."""
@@ -67,7 +76,10 @@ def run(
     """
     understudy = _Understudy(session)
     frame, places = session.frame, session.layout.places
-    row, timing = frame.row.view(np.uint8), slice(places["compute_us"].start, places["late_ticks"].stop)
+    row, timing = (
+        frame.row.view(np.uint8),
+        slice(places["compute_us"].start, places["late_ticks"].stop),
+    )
     reported = left = ticks = 0
     troubled = None
     with clock.no_collection():
@@ -99,10 +111,11 @@ def run(
 
 
 class _Understudy:
-    """Keeps the way of a tick warm: after most of a millisecond's sleep the same tick takes three times as long.
+    """Keeps the way of a tick warm: after most of a millisecond's sleep the same tick takes three
+    times as long.
 
-    A second session of the same blueprint hears what the hands said last and is ticked while the clock waits. Nobody
-    sees it, and nothing of it is in the session.
+    A second session of the same blueprint hears what the hands said last and is ticked while the
+    clock waits. Nobody sees it, and nothing of it is in the session.
     """
 
     def __init__(self, session: Session) -> None:
@@ -111,14 +124,18 @@ class _Understudy:
         self._commands: list[dict[str, Any]] = []
 
     def hear(self, commands: list[dict[str, Any]]) -> None:
-        """What was said to the session in this tick; the last word of the hands is repeated until there is another."""
+        """What was said to the session in this tick; the last word of the hands is repeated
+        until there is another.
+        """
         if commands:
             hands = [one for one in commands if one.get("type") in ("input", "increments")]
             driving = [one for one in hands if console_of(one) == self._seen.seat.owner]
             self._commands = [{**one, "console": "script"} for one in driving or hands[:1]]
 
     def tick(self) -> None:
-        """What the session did, once more; while that is paused this waits too, so that both last as long."""
+        """What the session did, once more; while that is paused this waits too, so that both
+        last as long.
+        """
         if not self._session.over and self._seen.phase != PAUSED:
             self._session.tick(self._commands)
             self._session.heard.clear()

@@ -1,8 +1,10 @@
-"""Shared memory between processes of a session, one of which writes while others read; nobody waits.
+"""Shared memory between processes of a session, one of which writes while others read; nobody
+waits.
 
-The realtime process writes frames and events for page and recorder, the page writes commands for it: to look there
-costs less than a system call, which matters a thousand times a second. A writer never looks at readers. A reader that
-is too slow finds out: rows that were overwritten are told, not invented.
+The realtime process writes frames and events for page and recorder, the page writes commands for
+it: to look there costs less than a system call, which matters a thousand times a second. A writer
+never looks at readers. A reader that is too slow finds out: rows that were overwritten are told,
+not invented.
 """
 
 from __future__ import annotations
@@ -32,13 +34,17 @@ class Ring:
         """A new ring; its `name` lets other processes attach."""
         size = _HEADER + capacity * row_bytes
         memory = shared_memory.SharedMemory(create=True, size=size)
-        np.ndarray((size,), np.uint8, memory.buf)[:] = 0  # every page is there before the first tick needs it
+        np.ndarray((size,), np.uint8, memory.buf)[:] = (
+            0  # every page is there before the first tick needs it
+        )
         np.ndarray((3,), np.int64, memory.buf)[:] = 0, capacity, row_bytes
         return Ring(memory, owner=True)
 
     @staticmethod
     def attach(name: str) -> Ring:
-        """The ring that this process or the one that spawned it created. It stays the creator's to remove."""
+        """The ring that this process or the one that spawned it created. It stays the creator's
+        to remove.
+        """
         return Ring(shared_memory.SharedMemory(name=name), owner=False)
 
     @property
@@ -58,7 +64,8 @@ class Ring:
         self._header[0] = self._written
 
     def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:
-        """Rows from number `first` on: (number of the first returned, copies, uint8 [n, row_bytes]).
+        """Rows from number `first` on: (number of the first returned, copies, uint8 [n,
+        row_bytes]).
 
         The first returned is later than asked for where rows were overwritten already.
         """
@@ -66,7 +73,9 @@ class Ring:
         first = max(first, end - self.capacity + 1, 0)
         last = end if limit is None else min(end, first + limit)
         rows = self._rows[np.arange(first, last) % self.capacity].copy()
-        lost = max(0, self.written - self.capacity + 1 - first)  # overwritten while they were copied
+        lost = max(
+            0, self.written - self.capacity + 1 - first
+        )  # overwritten while they were copied
         return first + lost, rows[lost:]
 
     def close(self) -> None:
@@ -89,7 +98,8 @@ def put_json(ring: Ring, message: dict[str, Any]) -> None:
     text = _encode(message).encode()
     if len(text) >= ring.row_bytes:
         raise ValueError(
-            f"{message.get('kind', message.get('type'))!r} has {len(text)} bytes, expected less than {ring.row_bytes}"
+            f"{message.get('kind', message.get('type'))!r} has {len(text)} bytes, expected less"
+            f" than {ring.row_bytes}"
         )
     ring.put(np.frombuffer(text + b"\0", np.uint8))
 

@@ -1,4 +1,6 @@
-"""Sessions that lie beside one another: what their folders say, in the order in which they began."""
+"""Sessions that lie beside one another: what their folders say, in the order in which they
+began.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ class SessionFolder:
 
 
 def beside(base: Path) -> list[SessionFolder]:
-    """The sessions in the folders of `base`, the first begun first; what is no session, or damaged, is left out."""
+    """The sessions in the folders of `base`, the first begun first; what is no session, or
+    damaged, is left out.
+    """
     sessions = []
     for file in sorted(Path(base).glob(f"*/{description.FILE}")):
         try:

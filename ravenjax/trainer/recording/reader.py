@@ -35,19 +35,26 @@ class Recording:
 
 
 def find(folder: Path) -> Path | None:
-    """The recording of a session's folder: its own or its recovered one; None where there is none."""
+    """The recording of a session's folder: its own or its recovered one; None where there is
+    none.
+    """
     own = Path(folder) / session_log.FILE
     saved = recover.recovered_path(own)
     return saved if saved.exists() else own if own.exists() else None
 
 
 def read(path: Path) -> Recording:
-    """A recording, whole or cut short: a file, or the folder of a session. StoreError where there is none."""
+    """A recording, whole or cut short: a file, or the folder of a session. StoreError where
+    there is none.
+    """
     path = Path(path)
     if path.is_dir():
         file = find(path)
         if file is None:
-            raise StoreError(f"{path}: holds no {session_log.FILE}; give the folder of a session that was recorded")
+            raise StoreError(
+                f"{path}: holds no {session_log.FILE}; give the folder of a session that was"
+                " recorded"
+            )
         path = file
     log = session_log.read(path)
     arms: tuple[ArmName, ...] = ("gold", "green")
@@ -60,4 +67,6 @@ def read(path: Path) -> Recording:
         rows = np.full((len(log.rows), layout.size), np.nan, np.float32)
         mine = [i for i, name in enumerate(names) if name in places]
         rows[:, mine] = log.rows[:, [places[names[i]] for i in mine]]
-    return Recording(layout, log.numbers, rows, log.events, log.header, log.complete, log.lost_bytes)
+    return Recording(
+        layout, log.numbers, rows, log.events, log.header, log.complete, log.lost_bytes
+    )

@@ -1,8 +1,10 @@
-"""The recorder: a process of its own that takes what a session writes into its rings and puts it into files.
+"""The recorder: a process of its own that takes what a session writes into its rings and puts it
+into files.
 
-Nobody waits for it. Where it could not keep up, rows that were overwritten before it came are counted, told in the
-recording (event "lost_rows") and leave a gap. It ends at the event "end", at SIGTERM, or when its parent is gone, and
-always closes the file, unless it is killed: then all but the last `POLL_S` and a block are there (`store.recover`).
+Nobody waits for it. Where it could not keep up, rows that were overwritten before it came are
+counted, told in the recording (event "lost_rows") and leave a gap. It ends at the event "end", at
+SIGTERM, or when its parent is gone, and always closes the file, unless it is killed: then all but
+the last `POLL_S` and a block are there (`store.recover`).
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from ravenjax.trainer.realtime.clock import BINS
 from ravenjax.trainer.realtime.ring import Ring, read_json
 
 POLL_S = 0.015
-"""s between looks at the rings: what a kill loses at most is this, one block and the scheduler's delay."""
+"""s between looks at the rings: what a kill loses at most is this, one block and the scheduler's
+delay.
+"""
 BLOCK = 128
 """Rows of a block at most, so that one that has fallen behind loses little more."""
 LINGER_S = 0.5
@@ -44,9 +48,11 @@ class RecorderOptions:
 
 
 def run(options: RecorderOptions) -> None:
-    """Record until the session ends. The target of a spawned process; session.mcap is there once it listens.
+    """Record until the session ends. The target of a spawned process; session.mcap is there once it
+    listens.
 
-    Raises StoreError where the folder cannot be written, ValueError where the ring's rows have another length.
+    Raises StoreError where the folder cannot be written, ValueError where the ring's rows have
+    another length.
     """
     stop = _Stop()
     header = {"started": now(), **options.header, "ended": None}
@@ -56,7 +62,10 @@ def run(options: RecorderOptions) -> None:
         stack.callback(frames.close)
         stack.callback(events.close)
         if frames.row_bytes != 4 * len(options.names):
-            raise ValueError(f"rows have {frames.row_bytes} bytes, expected {4 * len(options.names)} for their names")
+            raise ValueError(
+                f"rows have {frames.row_bytes} bytes, expected {4 * len(options.names)} for their"
+                " names"
+            )
         log = session_log.SessionWriter(options.folder / session_log.FILE, options.names, header)
         stack.callback(log.close)
         tally = _record(frames, events, log, list(options.names), stop)
@@ -68,7 +77,9 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _record(frames: Ring, events: Ring, log: session_log.SessionWriter, names: list[str], stop: _Stop) -> _Tally:
+def _record(
+    frames: Ring, events: Ring, log: session_log.SessionWriter, names: list[str], stop: _Stop
+) -> _Tally:
     tally = _Tally(names)
     row = event = 0
     while True:
@@ -95,12 +106,16 @@ def _record(frames: Ring, events: Ring, log: session_log.SessionWriter, names: l
 
 
 class _Stop:
-    """Whether to leave: asked by SIGTERM, left alone by the parent, or some time after the session's end."""
+    """Whether to leave: asked by SIGTERM, left alone by the parent, or some time after the
+    session's end.
+    """
 
     def __init__(self) -> None:
         self._at = float("inf")
         signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the session ends first
+        signal.signal(
+            signal.SIGINT, signal.SIG_IGN
+        )  # Ctrl-C reaches every process; the session ends first
         self._parent = multiprocessing.parent_process()
 
     def after(self, seconds: float) -> None:
@@ -122,10 +137,16 @@ class _Tally:
         self._rows = self._lost = self._events = self._late_ticks = 0
 
     def add(self, rows: np.ndarray, lost: int, events: int) -> None:
-        self._rows, self._lost, self._events = self._rows + len(rows), self._lost + lost, self._events + events
+        self._rows, self._lost, self._events = (
+            self._rows + len(rows),
+            self._lost + lost,
+            self._events + events,
+        )
         if len(rows):
             for counts, place in zip(self._times, self._places, strict=True):
-                counts += np.bincount(np.clip(rows[:, place], 0, BINS - 1).astype(np.int64), minlength=BINS)
+                counts += np.bincount(
+                    np.clip(rows[:, place], 0, BINS - 1).astype(np.int64), minlength=BINS
+                )
             self._late_ticks = int(rows[-1, self._late])
 
     def summary(self) -> dict[str, Any]:
@@ -139,6 +160,8 @@ class _Tally:
         if self._rows:
             for counts, name in zip(self._times, ("compute_us", "lateness_us"), strict=True):
                 sums = counts.cumsum()
-                levels = [int(np.searchsorted(sums, share * sums[-1])) for share in (0.5, 0.99, 0.999)]
+                levels = [
+                    int(np.searchsorted(sums, share * sums[-1])) for share in (0.5, 0.99, 0.999)
+                ]
                 out[name] = dict(zip(("p50", "p99", "p99_9"), levels, strict=True))
         return out

@@ -1,11 +1,14 @@
-"""A robot elsewhere, `ravenjax robot` or a real Raven: driven over ITP, compared with the nominal model here.
+"""A robot elsewhere, `ravenjax robot` or a real Raven: driven over ITP, compared with the nominal
+model here.
 
-The console's half of the tick runs here, compiled as the whole is: packets of the operator's motion, the nominal model
-on that clean input, the cue from what the robot reports of itself. A robot that nothing is heard of counts as stopped.
+The console's half of the tick runs here, compiled as the whole is: packets of the operator's
+motion, the nominal model on that clean input, the cue from what the robot reports of itself. A
+robot that nothing is heard of counts as stopped.
 
-Neither the true tip nor a golden run is known here. `link_jpos` and `tip` are the measured ones; the observer takes the
-nominal model as its golden run, so that unintended motion and loss of motion are those of the reported tip from the
-model; `known_mm` is the distance from the model, too. Of false reports nothing can be said: `false_report_mm` is NaN.
+Neither the true tip nor a golden run is known here. `link_jpos` and `tip` are the measured ones;
+the observer takes the nominal model as its golden run, so that unintended motion and loss of motion
+are those of the reported tip from the model; `known_mm` is the distance from the model, too. Of
+false reports nothing can be said: `false_report_mm` is NaN.
 """
 
 from __future__ import annotations
@@ -62,7 +65,9 @@ class _Reported(NamedTuple):
 
 
 class DistantRobot:
-    """As `simulation.SimulatedRobot`, for a session; the robot itself is at the other end of `remote`."""
+    """As `simulation.SimulatedRobot`, for a session; the robot itself is at the other end of
+    `remote`.
+    """
 
     def __init__(self, blueprint: Blueprint, remote: RemoteRobot | RosRobot) -> None:
         self.blueprint, self.remote = blueprint, remote
@@ -113,7 +118,9 @@ class DistantRobot:
         self._frame["trips"] = 0
 
     def stand_by(self) -> None:
-        """It has waited for long: the motion goes on from the beginning of its table, unnoticed by robot and model."""
+        """It has waited for long: the motion goes on from the beginning of its table, unnoticed
+        by robot and model.
+        """
         self.motion[:, 0] = self.motion[:, self.now - 1]  # the next packet counts from there
         past, self.now = self.now - 1, 1
         for name in self._outcomes:
@@ -155,7 +162,9 @@ class DistantRobot:
         return at
 
     def _datagram(self, numbers: list[float]) -> bytes:
-        """The 124 bytes of this tick's packet: pedal, then increments, quaternion and grasp of each arm."""
+        """The 124 bytes of this tick's packet: pedal, then increments, quaternion and grasp of
+        each arm.
+        """
         delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
         for i, arm in enumerate(self.arms):
             slot, first = ARMS.index(arm), 1 + 8 * i
@@ -170,7 +179,9 @@ class DistantRobot:
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
-        jpos, mvel = (tuple(Vec(frame[f"{arm}/{name}"].tolist()) for arm in arms) for name in ("jpos", "mvel"))
+        jpos, mvel = (
+            tuple(Vec(frame[f"{arm}/{name}"].tolist()) for arm in arms) for name in ("jpos", "mvel")
+        )
         _write(self._reported, _Reported(jpos, mvel, report.runlevel, stopped))
         frame["live"] = observers.live(report.runlevel, stopped)
         for check, trips in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
@@ -182,9 +193,15 @@ class DistantRobot:
             self._stopped[check] = trips
 
     def _take_checks(self, told: dict[str, Any]) -> None:
-        """What the robot's process says of its checks: name -> how often, and how many ms ago first."""
+        """What the robot's process says of its checks: name -> how often, and how many ms ago
+        first.
+        """
         for name, numbers in told.items():
-            good = isinstance(numbers, list) and len(numbers) == 2 and all(type(one) is int for one in numbers)
+            good = (
+                isinstance(numbers, list)
+                and len(numbers) == 2
+                and all(type(one) is int for one in numbers)
+            )
             if name not in _CHECKS or not good:
                 continue  # of another version, or no robot of ours
             count, ago = numbers
@@ -216,7 +233,9 @@ def _names(arms: tuple[str, ...]) -> list[str]:
 def _resting(blueprint: Blueprint) -> _Reported:
     """What a robot would report that stands where it begins, stopped."""
     start = cast(blueprint.plan.program.params.start, "float32")
-    return _Reported(start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0))
+    return _Reported(
+        start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0)
+    )
 
 
 def _half(blueprint: Blueprint) -> StepCode:
@@ -233,16 +252,22 @@ def _half(blueprint: Blueprint) -> StepCode:
     def step(
         inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        packet = connections.packet(setup, params.operator, None, motion, None, None, connections.row_by_row(now))
+        packet = connections.packet(
+            setup, params.operator, None, motion, None, None, connections.row_by_row(now)
+        )
         robot = observers.RobotView(*entering, unwritten)
-        after, view = observers.observe(setup, watched, state, packet, jnp.bool_(True), robot, None, now)
+        after, view = observers.observe(
+            setup, watched, state, packet, jnp.bool_(True), robot, None, now
+        )
         out: list[Scalar] = []
         for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):
             distance = cue.distance * 1e3
             out += [*model.jpos, *view.tips[i], *model.tip_position, distance]
             out += [*(x * cue.force[0] for x in cue.direction), view.depth[i] * 1e3]
             still = Vec.full(3, 0.0)
-            off = monitor.distances(params.monitor, after.monitor.arms[i], model.tip_position, still, still)
+            off = monitor.distances(
+                params.monitor, after.monitor.arms[i], model.tip_position, still, still
+            )
             unintended, unintended_off, loss, _ = hazard_distances(view.live, off)
             out += [unintended, unintended_off, loss, jnp.nan, distance]
         out += [after.monitor.halted, packet.surgeon_mode]
@@ -255,4 +280,6 @@ def _half(blueprint: Blueprint) -> StepCode:
 
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
     key = trace_key.of("distant", of_session.SOURCE, _SOURCE, setup, params)
-    return StepCode(begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects(), key)
+    return StepCode(
+        begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects(), key
+    )

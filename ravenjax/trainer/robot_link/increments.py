@@ -1,4 +1,6 @@
-"""What a console's datagrams ask of the robot in one tick: increments in the ITP frame, one entry an arm."""
+"""What a console's datagrams ask of the robot in one tick: increments in the ITP frame, one
+entry an arm.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ class Increments(NamedTuple):
             "pedal": bool(self.pedal),
             "arms": {
                 arm: {"delta_um": list(delta), "quat": list(quat), "grasp_mrad": grasp}
-                for arm, delta, quat, grasp in zip(arms, self.delta_um, self.quat, self.grasp_mrad, strict=True)
+                for arm, delta, quat, grasp in zip(
+                    arms, self.delta_um, self.quat, self.grasp_mrad, strict=True
+                )
             },
         }
 
@@ -47,7 +51,9 @@ class Increments(NamedTuple):
 
 
 def merge(many: Sequence[Increments]) -> Increments | None:
-    """Everything in `many`, in their order, as one: displacements add up, later turns come after earlier ones."""
+    """Everything in `many`, in their order, as one: displacements add up, later turns come after
+    earlier ones.
+    """
     return reduce(_followed, many) if many else None
 
 
@@ -55,7 +61,10 @@ def _followed(first: Increments, then: Increments) -> Increments:
     return Increments(
         then.sequence,
         then.pedal,
-        tuple((a[0] + b[0], a[1] + b[1], a[2] + b[2]) for a, b in zip(first.delta_um, then.delta_um, strict=True)),
+        tuple(
+            (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+            for a, b in zip(first.delta_um, then.delta_um, strict=True)
+        ),
         tuple(_turned(a, b) for a, b in zip(first.quat, then.quat, strict=True)),
         tuple(a + b for a, b in zip(first.grasp_mrad, then.grasp_mrad, strict=True)),
     )

@@ -1,7 +1,8 @@
-"""The ITP server: a console's increments in by UDP, the cue's force out. Polled once a tick, it never waits.
+"""The ITP server: a console's increments in by UDP, the cue's force out. Polled once a tick, it
+never waits.
 
-Force packets are the original's `v_struct` (52 bytes, little-endian), which raven2 declares and never sends; what the
-sources leave open about it is settled here:
+Force packets are the original's `v_struct` (52 bytes, little-endian), which raven2 declares and
+never sends; what the sources leave open about it is settled here:
 
     sequence        number of the force packet, from 1
     last_sequence   number of the console's packet taken last
@@ -13,7 +14,7 @@ sources leave open about it is settled here:
                     as alive, bit 4 the robot's software holds its E-stop, bit 5 this console drives (0: it watches),
                     bit 8 the gold cue pulls, bit 9 the green one
     checksum        sum of forces, run level and number, wrapped to 32 bits, as the console's own packet has it
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ from ravenjax.trainer.robot_link.packet_filter import DEFAULT, SIZE, Gate, Packe
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8
-"""Datagrams looked at in one tick, at least; the others wait in the kernel, which drops what does not fit."""
+"""Datagrams looked at in one tick, at least; the others wait in the kernel, which drops what
+does not fit.
+"""
 USUAL_PER_TICK = 4
 """Accepted ones among them while the console's profile is not known."""
 BUFFER_BYTES = 1 << 16
@@ -51,10 +54,16 @@ assert _V_FIELDS.size == V_STRUCT.itemsize
 
 
 def _axes(arm: ArmName) -> list[tuple[int, float]]:
-    """Of each ITP axis, which axis of the arm's frame 0 it lies along, and what to multiply by: it costs 1 kHz less."""
+    """Of each ITP axis, which axis of the arm's frame 0 it lies along, and what to multiply by:
+    it costs 1 kHz less.
+    """
     columns = [position_to_itp(arm, unit) for unit in _UNITS]
     return [
-        next((axis, FORCE_SCALE * float(column[row])) for axis, column in enumerate(columns) if column[row])
+        next(
+            (axis, FORCE_SCALE * float(column[row]))
+            for axis, column in enumerate(columns)
+            if column[row]
+        )
         for row in range(3)
     ]
 
@@ -74,7 +83,9 @@ class ItpServer:
         clock: Callable[[], int] = time.monotonic_ns,
         profiles: Sequence[ConsoleProfile] = (),
     ) -> None:
-        """port 0: any free one. profiles: as of `Gate`. UserError where the address cannot be had."""
+        """port 0: any free one. profiles: as of `Gate`. UserError where the address cannot be
+        had.
+        """
         self.arms = tuple(arms)
         self.gate = Gate(arms, limits, profiles)
         self._clock = clock
@@ -93,8 +104,8 @@ class ItpServer:
     def receive(self) -> Increments | None:
         """What the console asks for since the last call, as one; None: nothing was accepted.
 
-        Of a burst at most `SentStream.per_tick` packets count, which bounds the displacement of one tick. The others
-        wait in the kernel, in their order, for the next ones.
+        Of a burst at most `SentStream.per_tick` packets count, which bounds the displacement of one
+        tick. The others wait in the kernel, in their order, for the next ones.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
@@ -102,7 +113,9 @@ class ItpServer:
         increments: list[Increments] = []
         for _ in range(max(PER_TICK, most)):
             try:
-                datagram, source = self._socket.recvfrom(SIZE + 1)  # one byte more tells a longer one
+                datagram, source = self._socket.recvfrom(
+                    SIZE + 1
+                )  # one byte more tells a longer one
             except BlockingIOError:
                 break
             except OSError:  # a former console's host answered that nobody listens there
@@ -124,7 +137,9 @@ class ItpServer:
 
     @property
     def alive(self) -> bool:
-        """Whether an accepted packet is younger than `STALE_MS`; otherwise the pedal counts as up."""
+        """Whether an accepted packet is younger than `STALE_MS`; otherwise the pedal counts as
+        up.
+        """
         return self._clock() * 1e-6 - self._taken_ms <= STALE_MS
 
     def send_force(
@@ -135,11 +150,12 @@ class ItpServer:
         pedal: bool = True,
         drives: bool = True,
     ) -> bool:
-        """Send the force of each arm (3, device units, frame 0 of the arm) to the console, at most once a tick.
+        """Send the force of each arm (3, device units, frame 0 of the arm) to the console, at most
+        once a tick.
 
-        pedal: False where a pedal that the console holds down does not count. drives: False where another does.
-        A console that is stale gets zero force and pedal up, until `PacketLimits.release_ms`, when it counts as gone.
-        Returns whether a packet went out.
+        pedal: False where a pedal that the console holds down does not count. drives: False where
+        another does. A console that is stale gets zero force and pedal up, until
+        `PacketLimits.release_ms`, when it counts as gone. Returns whether a packet went out.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -159,7 +175,9 @@ class ItpServer:
         self._sent += 1
         total = sum(components) + int(runlevel) + self._sent
         checksum = (total + 2**31) % 2**32 - 2**31
-        datagram = _V_FIELDS.pack(self._sent % 2**32, last, 0, 0, *components, int(runlevel), flags, checksum)
+        datagram = _V_FIELDS.pack(
+            self._sent % 2**32, last, 0, 0, *components, int(runlevel), flags, checksum
+        )
         try:
             self._socket.sendto(datagram, peer)
         except OSError:  # no room, or no way to that host: the next tick has a newer force
@@ -168,7 +186,9 @@ class ItpServer:
         return True
 
     def counters(self) -> dict[str, int]:
-        """Datagrams by what became of them (`gate.CAUSES`), and what the kernel dropped before anybody saw it."""
+        """Datagrams by what became of them (`gate.CAUSES`), and what the kernel dropped before
+        anybody saw it.
+        """
         return {
             **self.gate.counts,
             "cut": self.gate.cut,
@@ -183,7 +203,9 @@ class ItpServer:
             words = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_DROPS + 1))
         except OSError:
             return 0
-        return struct.unpack_from("=I", words, 4 * _DROPS)[0] if len(words) >= 4 * (_DROPS + 1) else 0
+        return (
+            struct.unpack_from("=I", words, 4 * _DROPS)[0] if len(words) >= 4 * (_DROPS + 1) else 0
+        )
 
     def close(self) -> None:
         """Give the port back."""
@@ -199,8 +221,8 @@ def _bound(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         endpoint.close()
         raise UserError(
-            f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may hold it. "
-            "Give another port, or 0 for any free one"
+            f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may hold"
+            " it. Give another port, or 0 for any free one"
         ) from None
     return endpoint
 

@@ -13,12 +13,12 @@ In this order, and each refusal is counted under its cause:
    console that has been quiet for `PacketLimits.quiet_ms`, and the packet that restarts is lost; a leap further than
    `PacketLimits.gap` ahead is dropped. After `release_ms` of silence any stream may begin.
 
-Where the profile is to be found (`store.consoles`, "auto"), packets that profiles read differently are "undecided"
-until one profile is left: the stream goes on over them, and nothing moves.
+Where the profile is to be found (`store.consoles`, "auto"), packets that profiles read differently
+are "undecided" until one profile is left: the stream goes on over them, and nothing moves.
 
-No protocol without a secret can tell a recorded stream from a console that starts: bind loopback or name the console's
-address (`PacketLimits.console`) where others share the network.
-"""
+No protocol without a secret can tell a recorded stream from a console that starts: bind loopback or
+name the console's address (`PacketLimits.console`) where others share the network.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -67,7 +67,9 @@ class PacketLimits:
     """Bounds of the stream; those of one packet are the profile's (`LargestSteps`)."""
 
     gap: int = RESET_GAP  # numbers that may be missing
-    quiet_ms: float = float(QUIET_MS)  # silence after which number 1 restarts the stream: the console was dead
+    quiet_ms: float = float(
+        QUIET_MS
+    )  # silence after which number 1 restarts the stream: the console was dead
     release_ms: float = float(RELEASE_MS)  # silence after which another console may take over
     console: str | None = None  # the only host that may send; None: any
 
@@ -75,8 +77,8 @@ class PacketLimits:
 DEFAULT = PacketLimits()
 
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
-"""After so many packets that break the profile's rules the gate says which other one they fit. Where they fit none it
-says so, if they are such a share of all."""
+"""After so many packets that break the profile's rules the gate says which other one they fit.
+Where they fit none it says so, if they are such a share of all."""
 
 
 class Gate:
@@ -90,7 +92,8 @@ class Gate:
     ) -> None:
         """arms: those whose fields are read; an arm that is not there may have any.
 
-        profiles: that of the console, or several of which it has one; none: the robot's own protocol.
+        profiles: that of the console, or several of which it has one; none: the robot's own
+        protocol.
         """
         self.limits = limits
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
@@ -123,7 +126,9 @@ class Gate:
         return self._choice.profile
 
     def news(self) -> list[str]:
-        """What a user should be told since the last call: which profile was found, or which one would fit."""
+        """What a user should be told since the last call: which profile was found, or which one
+        would fit.
+        """
         news, self._news = self._news, []
         return news
 
@@ -136,7 +141,9 @@ class Gate:
         self.counts[cause] += 1
         return increments
 
-    def _judged(self, datagram: bytes, source: tuple, now_ms: float) -> tuple[Increments | None, str]:
+    def _judged(
+        self, datagram: bytes, source: tuple, now_ms: float
+    ) -> tuple[Increments | None, str]:
         if len(datagram) < SIZE:
             return None, "short"
         self.cut += len(datagram) > SIZE
@@ -158,7 +165,9 @@ class Gate:
             self._choice.follow()
             if self._open and (profile := self._choice.profile) is not None:
                 self._open = False
-                self._news.append(f"console: profile {profile.name}, {profile.title}. {self._choice.reason}")
+                self._news.append(
+                    f"console: profile {profile.name}, {profile.title}. {self._choice.reason}"
+                )
         if cause != TAKEN or isinstance(reading, Misfit):
             return None, cause
         return Increments(number, fields[MODE], *reading), TAKEN
@@ -177,12 +186,16 @@ class Gate:
         self._advised = True
         under = f"profile {profile.name}" if profile else "any profile"
         words = (
-            f"console: {self._misfit_count} of {self.received + 1} packets do not fit {under}, the last for {misfit}"
+            f"console: {self._misfit_count} of {self.received + 1} packets do not fit {under}, the"
+            f" last for {misfit}"
         )
         self._news.append(
             f"{words}. They fit {fits}: start again with --console {fits}"
             if fits
-            else f"{words}. No bundled profile fits them: write one, and start again with --console FILE.toml"
+            else (
+                f"{words}. No bundled profile fits them: write one, and start again with --console"
+                " FILE.toml"
+            )
         )
 
     def _numbered(self, number: int, now_ms: float) -> tuple[str, bool]:

@@ -1,11 +1,14 @@
-"""`ravenjax play`: sends a recorded stream of a console's packets again, byte by byte and at the recorded times.
+"""`ravenjax play`: sends a recorded stream of a console's packets again, byte by byte and at the
+recorded times.
 
-Robots count a pedal only after it was seen up, and a recording may begin with the pedal down. So the first packet goes
-out ahead for `LEAD_S`, every `LEAD_STEP_S`, with the pedal up, without displacements, and under the numbers before it.
+Robots count a pedal only after it was seen up, and a recording may begin with the pedal down. So
+the first packet goes out ahead for `LEAD_S`, every `LEAD_STEP_S`, with the pedal up, without
+displacements, and under the numbers before it.
 
-Robots and sessions follow one console at a time, and the one before, or the play before, for two more seconds. So one
-such packet goes out first, again and again under the same number, until a force packet tells that this console is
-followed; a real Raven sends none and gets the recording after `KNOCK_S`.
+Robots and sessions follow one console at a time, and the one before, or the play before, for two
+more seconds. So one such packet goes out first, again and again under the same number, until a
+force packet tells that this console is followed; a real Raven sends none and gets the recording
+after `KNOCK_S`.
 """
 
 from __future__ import annotations
@@ -45,10 +48,16 @@ class Played(NamedTuple):
     def __str__(self) -> str:
         """In words, for the command line."""
         late_ms = self.latest_s * 1e3
-        sent = f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most {late_ms:.1f} ms late"
+        sent = (
+            f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most"
+            f" {late_ms:.1f} ms late"
+        )
         if not self.forces:
             return f"{sent}; no force packet came back: does a robot listen there?"
-        words = f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal down"
+        words = (
+            f"{sent}; {self.forces} force packets came back, {self.driving} of them with the pedal"
+            " down"
+        )
         return words if self.driving else f"{words}: the terminal of the robot or session says why"
 
 
@@ -73,12 +82,17 @@ def play(
     address: tuple[str, int],
     say: Callable[[str], None] = print,
 ) -> Played:
-    """Send them to a robot until the end, or Ctrl-C. arrival_s: when each came, since the first. UserError."""
+    """Send them to a robot until the end, or Ctrl-C. arrival_s: when each came, since the first.
+    UserError.
+    """
     ahead = lead(datagrams[0])
     whole = [*ahead, *datagrams]
     due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
     with interruption.until_interrupted() as stop, _connected(address) as port:
-        say(f"{len(datagrams)} packets of {arrival_s[-1]:.3f} s to {address[0]}:{address[1]}; pedal up ahead of them")
+        say(
+            f"{len(datagrams)} packets of {arrival_s[-1]:.3f} s to {address[0]}:{address[1]}; pedal"
+            " up ahead of them"
+        )
         _knock(port, lead(datagrams[0], len(ahead) + 1)[0], stop)
         begin = time.monotonic()
         sent = forces = driving = 0
@@ -122,12 +136,16 @@ def _connected(address: tuple[str, int]) -> Iterator[socket.socket]:
         family, kind, protocol, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         port = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise UserError(f"{address[0]}:{address[1]}: no such address ({error.strerror or error})") from None
+        raise UserError(
+            f"{address[0]}:{address[1]}: no such address ({error.strerror or error})"
+        ) from None
     with port:
         try:
             port.connect(place)
         except OSError as error:
-            raise UserError(f"{address[0]}:{address[1]}: cannot be reached ({error.strerror or error})") from None
+            raise UserError(
+                f"{address[0]}:{address[1]}: cannot be reached ({error.strerror or error})"
+            ) from None
         port.setblocking(False)
         yield port
 

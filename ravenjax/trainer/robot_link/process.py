@@ -1,12 +1,13 @@
-"""`ravenjax robot`: control software and virtual robot as a process of their own, which any ITP console can drive.
+"""`ravenjax robot`: control software and virtual robot as a process of their own, which any ITP
+console can drive.
 
     console  -- ITP, UDP --> gate --> one packet a tick --> control software, virtual robot
              <-- force ----                                      |
     listeners <-- joint state, TCP -------------------------------
               --- orders -->  arm, disarm, estop, reset
 
-Faults strike in here, where no console sees them. A console that falls silent is the robot's to notice:
-its own time-out (5 s) lifts the pedal, as on the real one.
+Faults strike in here, where no console sees them. A console that falls silent is the robot's to
+notice: its own time-out (5 s) lifts the pedal, as on the real one.
 """
 
 from __future__ import annotations
@@ -47,8 +48,9 @@ class Counters:
         """For the terminal, without what did not happen."""
         timing = self.timing
         loop = (
-            f"{timing.ticks} ticks, {timing.late} late, {timing.skipped} ms skipped; compute p50 "
-            f"{timing.percentile('compute', 0.5):g} us, p99 {timing.percentile('compute', 0.99):g} us"
+            f"{timing.ticks} ticks, {timing.late} late, {timing.skipped} ms skipped; compute p50"
+            f" {timing.percentile('compute', 0.5):g} us, p99"
+            f" {timing.percentile('compute', 0.99):g} us"
         )
         return [
             f"loop: {loop}",
@@ -75,7 +77,9 @@ class Strike:
         except ValueError:
             strike = Strike(-1, -1)
         if strike.number < 0 or strike.at_ms < 0:
-            raise UserError(f"hazard is {shown(text)}, expected NUMBER@MS, such as 0@5000: hazard 0 after 5 s")
+            raise UserError(
+                f"hazard is {shown(text)}, expected NUMBER@MS, such as 0@5000: hazard 0 after 5 s"
+            )
         return strike
 
 
@@ -96,11 +100,11 @@ def run(
 ) -> Counters:
     """Run the robot of a scenario until Ctrl-C, SIGTERM, or for so many seconds.
 
-    seed: draws the scenario's hazards; its own if None. host: address to listen on, loopback unless told otherwise.
-    token: what orders from other machines must carry; None: they are refused.
-    console_host: the only host that may drive. profiles: that of the console, or several of which it has one.
-    crtk: also speak CRTK over this ROS.
-    UserError where a port cannot be had or a hazard is not there.
+    seed: draws the scenario's hazards; its own if None. host: address to listen on, loopback unless
+    told otherwise. token: what orders from other machines must carry; None: they are refused.
+    console_host: the only host that may drive. profiles: that of the console, or several of which
+    it has one. crtk: also speak CRTK over this ROS. UserError where a port cannot be had or a
+    hazard is not there.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.campaign(chosen, number))
@@ -117,7 +121,9 @@ def run(
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(robot.arms, host, itp_port, PacketLimits(console=console_host), profiles=profiles)
+        itp = ItpServer(
+            robot.arms, host, itp_port, PacketLimits(console=console_host), profiles=profiles
+        )
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
@@ -128,7 +134,8 @@ def run(
             say(f"hazard {one.number}: {one.title} ({one.hazard})")
         lasting = {one.number: one.lasts_ms for one in armables}
         with realtime(min) as granted:
-            # Locking the memory can take seconds: the ports are told after it, and who reads them is served at once.
+            # Locking the memory can take seconds: the ports are told after it, and who reads them
+            # is served at once.
             say(f"realtime: {granted}")
             for warning in exposed(host, token, console_host):
                 say(warning)
@@ -143,7 +150,9 @@ def run(
     return counters
 
 
-def _speaks(stack: contextlib.ExitStack, ros: Ros, robot: PacketRobot, say: Callable[[str], None]) -> CrtkConsole:
+def _speaks(
+    stack: contextlib.ExitStack, ros: Ros, robot: PacketRobot, say: Callable[[str], None]
+) -> CrtkConsole:
     """The process that speaks CRTK for this robot."""
     return console.spawn(stack, ros, robot.blueprint.layout, console.traits(robot.blueprint), say)
 
@@ -176,11 +185,15 @@ def serve(
 
 
 def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, dict[str, Any]]]:
-    """The orders of these strikes: each hazard is armed, and disarmed after as many ms as it is left at work."""
+    """The orders of these strikes: each hazard is armed, and disarmed after as many ms as it is
+    left at work.
+    """
     orders = []
     for strike in strikes:
         orders.append((strike.at_ms, {"order": "arm", "number": strike.number}))
-        orders.append((strike.at_ms + lasting[strike.number], {"order": "disarm", "number": strike.number}))
+        orders.append(
+            (strike.at_ms + lasting[strike.number], {"order": "disarm", "number": strike.number})
+        )
     return sorted(orders, key=lambda order: order[0])
 
 
@@ -188,10 +201,22 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
     """What the user should know who listens on more than this machine."""
     if host == "localhost" or host.startswith("127."):
         return []
-    words = [] if console else [f"whoever reaches {host} can drive this robot; --console-host ADDRESS lets one in only"]
-    return words if token else [*words, "orders from other machines are refused; --token TOKEN allows them"]
+    words = (
+        []
+        if console
+        else [
+            f"whoever reaches {host} can drive this robot; --console-host ADDRESS lets one in only"
+        ]
+    )
+    return (
+        words
+        if token
+        else [*words, "orders from other machines are refused; --token TOKEN allows them"]
+    )
 
 
 def digest(hazards: Sequence[Armable]) -> str:
-    """Of a session's list of hazards: alike where scenario, seed and version are, so that numbers mean the same."""
+    """Of a session's list of hazards: alike where scenario, seed and version are, so that
+    numbers mean the same.
+    """
     return hashlib.sha256(" ".join(one.run_id for one in hazards).encode()).hexdigest()[:16]

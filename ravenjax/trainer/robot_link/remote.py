@@ -1,7 +1,9 @@
-"""A robot elsewhere, as a session holds it: its packets out by ITP, its joints in over TCP. It never waits.
+"""A robot elsewhere, as a session holds it: its packets out by ITP, its joints in over TCP. It
+never waits.
 
-The other end is `ravenjax robot`, or a real Raven with a program beside it that sends `joints.record.RECORD`s; without
-such a one (`joint_port=None`) a Raven can be driven all the same, but nothing is known of it.
+The other end is `ravenjax robot`, or a real Raven with a program beside it that sends
+`joints.record.RECORD`s; without such a one (`joint_port=None`) a Raven can be driven all the same,
+but nothing is known of it.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from ravenjax.trainer.robot_link.joints.record import JointReport
 from ravenjax.trainer.robot_link.joints.stream import JOINT_PORT
 
 PATIENCE_S = 10.0
-"""Longest that a robot may take to let a session in: a busy machine may leave it alone for seconds."""
+"""Longest that a robot may take to let a session in: a busy machine may leave it alone for
+seconds.
+"""
 READ_BYTES = 1 << 16
 
 
@@ -51,7 +55,9 @@ class RemoteRobot:
         self.reports = 0  # that came
         self.unsent = 0  # packets that the system did not take
         self.lost = False  # the robot has ended the connection
-        self.greeting: dict[str, Any] = {}  # the robot's first words: its arms, scenario, seed and hazards
+        self.greeting: dict[
+            str, Any
+        ] = {}  # the robot's first words: its arms, scenario, seed and hazards
         self._stream: socket.socket | None = None
         self._console = connected_console(host, itp_port)
         if joint_port is not None:
@@ -64,13 +70,16 @@ class RemoteRobot:
                 raise
 
     def exchange(self, datagram: bytes) -> JointReport | None:
-        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the first.
+        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the
+        first.
 
         The report may be old: see `stale`.
         """
         try:
             self._console.send(datagram)
-        except OSError:  # no room, or nobody listens there: the robot will miss this packet, as any that is lost
+        except (
+            OSError
+        ):  # no room, or nobody listens there: the robot will miss this packet, as any that is lost
             self.unsent += 1
         self._read()
         self._write_orders()
@@ -89,7 +98,9 @@ class RemoteRobot:
         self._write_orders()
 
     def answers(self) -> list[dict[str, Any]]:
-        """What the robot answered to orders since the last call: {"answer": order, "ok": ..., "error": ...}."""
+        """What the robot answered to orders since the last call: {"answer": order, "ok": ...,
+        "error": ...}.
+        """
         answers, self._answers = self._answers, []
         return answers
 
@@ -146,10 +157,16 @@ class RemoteRobot:
         for answer in answers:
             if answer.get("robot") == "ravenjax":
                 return answer
-        heard = "sent something else" if answers else "hung up" if self.lost else f"was silent for {PATIENCE_S:g} s"
+        heard = (
+            "sent something else"
+            if answers
+            else "hung up"
+            if self.lost
+            else f"was silent for {PATIENCE_S:g} s"
+        )
         raise UserError(
-            f"{host}:{port} takes connections but is no ravenjax robot, or a busy one (it {heard}): "
-            "start one there with `ravenjax robot`"
+            f"{host}:{port} takes connections but is no ravenjax robot, or a busy one (it {heard}):"
+            " start one there with `ravenjax robot`"
         )
 
     def _require(self, arms: Sequence[ArmName], host: str, port: int) -> None:
@@ -157,8 +174,8 @@ class RemoteRobot:
         missing = [arm for arm in arms if arm not in there]
         if missing:
             raise UserError(
-                f"the robot at {host}:{port} has arms {there}, but the session needs {', '.join(missing)}: "
-                "start both with the same scenario"
+                f"the robot at {host}:{port} has arms {there}, but the session needs"
+                f" {', '.join(missing)}: start both with the same scenario"
             )
 
 
@@ -169,7 +186,9 @@ def connected_console(host: str, port: int) -> socket.socket:
         endpoint.connect((host, port))
     except (OSError, OverflowError) as error:
         endpoint.close()
-        raise UserError(f"no robot can be reached at {host}:{port} ({error}); expected a name or address") from None
+        raise UserError(
+            f"no robot can be reached at {host}:{port} ({error}); expected a name or address"
+        ) from None
     endpoint.setblocking(False)
     return endpoint
 
@@ -179,8 +198,8 @@ def _connected(host: str, port: int) -> socket.socket:
         endpoint = socket.create_connection((host, port), PATIENCE_S)
     except (OSError, OverflowError) as error:
         raise UserError(
-            f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax robot`, and give the port of "
-            "its joint stream"
+            f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax robot`,"
+            " and give the port of its joint stream"
         ) from None
     endpoint.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     endpoint.setblocking(False)

@@ -1,10 +1,13 @@
-"""One robot with its ports: what a console asks goes in once a millisecond, what the robot does goes out.
+"""One robot with its ports: what a console asks goes in once a millisecond, what the robot does
+goes out.
 
-What a console sends within one millisecond is added up, as the original's network thread does before the control loop
-looks; the robot gets it as one packet, numbered anew so that its own rules see a stream without gaps: the gate has
-applied them. The pedal of a console that was silent for `STALE_MS`, or that held it down while the robot was stopped
-or set back, counts as up until it was seen up. Beside the console of ITP there may be one of CRTK: while the pedal of
-the one is down nobody hears the other, and a pedal that was pressed meanwhile counts as up until it was seen up, too.
+What a console sends within one millisecond is added up, as the original's network thread does
+before the control loop looks; the robot gets it as one packet, numbered anew so that its own rules
+see a stream without gaps: the gate has applied them. The pedal of a console that was silent for
+`STALE_MS`, or that held it down while the robot was stopped or set back, counts as up until it was
+seen up. Beside the console of ITP there may be one of CRTK: while the pedal of the one is down
+nobody hears the other, and a pedal that was pressed meanwhile counts as up until it was seen up,
+too.
 """
 
 from __future__ import annotations
@@ -59,7 +62,9 @@ class Station:
         estop_row: int,
         crtk: Console | None = None,
     ) -> None:
-        """hazards: rows that may be armed, from 0. estop_row: the row of the E-stop button. crtk: a console beside."""
+        """hazards: rows that may be armed, from 0. estop_row: the row of the E-stop button.
+        crtk: a console beside.
+        """
         self.machine, self.itp, self.joints, self.crtk = machine, itp, joints, crtk
         self.armed: int | None = None
         self.ticks = 0
@@ -69,7 +74,9 @@ class Station:
         self._lifted: set[str] = set()  # consoles whose pedal was seen up since it had to be
         self._heard: dict[str, int] = {}  # tick of each console's last packet
         self._driver: str | None = None  # whose pedal is down
-        self._told_to_lift: set[str] = set()  # consoles whose user was told why the pedal does not count
+        self._told_to_lift: set[str] = (
+            set()
+        )  # consoles whose user was told why the pedal does not count
         self._news: list[str] = []
         self._trips, self._told = 0.0, 0  # of the checks at their last report, and its tick
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
@@ -84,7 +91,9 @@ class Station:
             self._number += 1
             packet = increments.packet(self._number)
         frame = self.machine.tick(packet)
-        took = increments is not None and frame.number("last_seq") == float(np.float32(self._number))
+        took = increments is not None and frame.number("last_seq") == float(
+            np.float32(self._number)
+        )
         if took and console == ITP:
             self._last_seq = increments.sequence  # type: ignore[union-attr]
         self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))
@@ -100,16 +109,22 @@ class Station:
         return frame
 
     def news(self) -> list[str]:
-        """What a user should be told since the last call: of the console's packets, and of its pedal."""
+        """What a user should be told since the last call: of the console's packets, and of its
+        pedal.
+        """
         news, self._news = self._news, []
         return [*self.itp.gate.news(), *news]
 
     def _asked(self) -> tuple[str, Increments | None]:
-        """Which console is heard in this tick, and what it asks for: whose pedal is down keeps the other one out."""
+        """Which console is heard in this tick, and what it asks for: whose pedal is down keeps
+        the other one out.
+        """
         requests = {ITP: self.itp.receive()}
         if self.crtk is not None:
             requests[CRTK] = self._crtk_asked(self.crtk)
-        counted = {name: self._counted(name, one) for name, one in requests.items() if one is not None}
+        counted = {
+            name: self._counted(name, one) for name, one in requests.items() if one is not None
+        }
         driver = self._driver
         if driver is not None and self.ticks - self._heard[driver] > STALE_MS:
             self._driver = None
@@ -139,9 +154,15 @@ class Station:
                 self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
                 continue
             tables = [command["arms"][arm] for arm in self.machine.arms]
-            deltas, quats, grasps = ([table[name] for table in tables] for name in ("delta_um", "quat", "grasp_mrad"))
+            deltas, quats, grasps = (
+                [table[name] for table in tables] for name in ("delta_um", "quat", "grasp_mrad")
+            )
             whole = Increments(
-                0, int(command["pedal"]), tuple(map(tuple, deltas)), tuple(map(tuple, quats)), tuple(grasps)
+                0,
+                int(command["pedal"]),
+                tuple(map(tuple, deltas)),
+                tuple(map(tuple, quats)),
+                tuple(grasps),
             )
             requests.append(whole)
         return merge(requests)
@@ -165,7 +186,9 @@ class Station:
         return increments if console in self._lifted else increments._replace(pedal=0)
 
     def _tell_checks(self, frame: Frame) -> None:
-        """How often each check of the robot has tripped so far, and how long ago it first did, where one has."""
+        """How often each check of the robot has tripped so far, and how long ago it first did,
+        where one has.
+        """
         trips = frame.number("trips")
         if trips == self._trips or self.ticks - self._told < CHECKS_EVERY:
             return
@@ -198,9 +221,15 @@ class Station:
             raise UserError(f"order is {shown(kind)}, expected one of arm, disarm, estop, reset")
 
     def _arm(self, number: Any) -> None:
-        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < self._hazards:
+        if (
+            not isinstance(number, int)
+            or isinstance(number, bool)
+            or not 0 <= number < self._hazards
+        ):
             expected = (
-                f"a hazard's number 0..{self._hazards - 1}" if self._hazards else "no hazard: the scenario has none"
+                f"a hazard's number 0..{self._hazards - 1}"
+                if self._hazards
+                else "no hazard: the scenario has none"
             )
             raise UserError(f"number is {shown(number)}, expected {expected}")
         self.machine.arm(number)

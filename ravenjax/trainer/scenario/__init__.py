@@ -1,4 +1,6 @@
-"""A training scenario: a TOML file that says what is to be done, what may go wrong, and what the right response is."""
+"""A training scenario: a TOML file that says what is to be done, what may go wrong, and what the
+right response is.
+"""
 
 from ravenjax.trainer.scenario.campaign import armable, campaign
 from ravenjax.trainer.scenario.config import (

@@ -1,11 +1,13 @@
-"""A scenario as a campaign: each hazard that can be armed is one row of its fault table, the E-stop button the last.
+"""A scenario as a campaign: each hazard that can be armed is one row of its fault table, the E-stop
+button the last.
 
-A hazard of the library stands for many rows: a case for each way of running it, and in a case every value, start and
-duration that was published. Of each case a session takes one row, drawn by the session's seed, the case's name and
-nothing else; with `times = N` N different ones. So the table of `hazards = "all"` has about a hundred rows.
+A hazard of the library stands for many rows: a case for each way of running it, and in a case every
+value, start and duration that was published. Of each case a session takes one row, drawn by the
+session's seed, the case's name and nothing else; with `times = N` N different ones. So the table of
+`hazards = "all"` has about a hundred rows.
 
-In the table every hazard starts at 0 and what waits for the pedal in a campaign counts time instead: a session arms a
-row when it is due, and then the pedal is down.
+In the table every hazard starts at 0 and what waits for the pedal in a campaign counts time
+instead: a session arms a row when it is due, and then the pedal is down.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ _Row = dict[Any, Any]
 """A row of a fault table, by columns."""
 
 _CLUTCHED = {"nominal.resync": 1.0}
-"""People clutch: each lift of the pedal would leave the model some tenths of a millimetre beside the robot."""
+"""People clutch: each lift of the pedal would leave the model some tenths of a millimetre beside
+the robot.
+"""
 
 _OWN_KEYS = {
     "monitor.limit": "[harm] excursion_mm",
@@ -63,16 +67,30 @@ def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
             for k in range(entry.times):
                 row = mine[order[k % len(mine)]]
                 faults_of[group if entry.times == 1 else f"{group}#{k + 1}"] = _faults(row)
-    fixed: list[dict[str, Any]] = [{"name": name, "fault": faults} for name, faults in faults_of.items()]
-    button = {"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1, "start_ms": 0}
-    return _config(scenario, seed, [*fixed, {"name": BUTTONS, "fault": [button]}], scenario.duration_s)
+    fixed: list[dict[str, Any]] = [
+        {"name": name, "fault": faults} for name, faults in faults_of.items()
+    ]
+    button = {
+        "site": "buttons",
+        "channel": "estop",
+        "effect": "overwrite",
+        "value": 1,
+        "start_ms": 0,
+    }
+    return _config(
+        scenario, seed, [*fixed, {"name": BUTTONS, "fault": [button]}], scenario.duration_s
+    )
 
 
 def armable(scenario: Scenario, table: FaultTable) -> tuple[Armable, ...]:
-    """The hazards of a session's list: the rows of `table`, its campaign's fault table, but the button's."""
+    """The hazards of a session's list: the rows of `table`, its campaign's fault table, but the
+    button's.
+    """
     entries = {scenario.entry_name(h): entry for h, entry in enumerate(scenario.hazard)}
     return tuple(
-        _armable(entries, number, row) for number, row in enumerate(table.records()) if row["group"] != BUTTONS
+        _armable(entries, number, row)
+        for number, row in enumerate(table.records())
+        if row["group"] != BUTTONS
     )
 
 
@@ -81,17 +99,26 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
     names = [scenario.entry_name(h) for h in range(len(scenario.hazard))]
     for h, name in enumerate(names):
         if names.index(name) != h:
-            yield ("hazard", h, "name"), f"got {name!r} twice, expected a name of its own for each hazard"
+            yield (
+                ("hazard", h, "name"),
+                f"got {name!r} twice, expected a name of its own for each hazard",
+            )
     task = scenario.task
     parts = enumerate(task.level) if isinstance(task, Levels) else [(None, task)]
     for k, one in parts:
         for arm in one.arms:
             if arm not in scenario.arms:
                 key = ("task", "arms") if k is None else ("task", "level", k, "arms")
-                yield key, f"arm {arm!r} is not in this session: expected some of {list(scenario.arms)}"
+                yield (
+                    key,
+                    f"arm {arm!r} is not in this session: expected some of {list(scenario.arms)}",
+                )
     for h, entry in enumerate(scenario.hazard):
         if entry.arm is not None and entry.arm not in scenario.arms:
-            yield ("hazard", h, "arm"), f"got {entry.arm!r}, expected one of the session's arms {list(scenario.arms)}"
+            yield (
+                ("hazard", h, "arm"),
+                f"got {entry.arm!r}, expected one of the session's arms {list(scenario.arms)}",
+            )
             return
         if entry.when != INSTRUCTOR and entry.when[0] * 1000.0 >= scenario.ticks:
             last = f"{scenario.duration_s:g} s"
@@ -115,18 +142,30 @@ def _of_scenario(key: tuple[str | int, ...], message: str) -> str:
     match key:
         case ("parameters", str(path), *_):
             kind = bounds.plain(ROBOT, path)
-            own = (keys for name, keys in _OWN_KEYS.items() if kind == name or kind.startswith(f"{name}."))
+            own = (
+                keys
+                for name, keys in _OWN_KEYS.items()
+                if kind == name or kind.startswith(f"{name}.")
+            )
             return next((f"cannot be set: write {keys}" for keys in own), message)
         case _:
             return message
 
 
-def _of_file(scenario: Scenario, key: tuple[str | int, ...], written: list[int]) -> tuple[str | int, ...]:
+def _of_file(
+    scenario: Scenario, key: tuple[str | int, ...], written: list[int]
+) -> tuple[str | int, ...]:
     """The scenario's key of a campaign's."""
     match key:
         case ("group", int(number), *rest) if number < len(written):
-            own = bool(scenario.hazard[written[number]].fault)  # else the fault is the library's, and not in the file
-            return ("hazard", written[number], *(rest if own or rest[:1] != ["fault"] else rest[2:]))
+            own = bool(
+                scenario.hazard[written[number]].fault
+            )  # else the fault is the library's, and not in the file
+            return (
+                "hazard",
+                written[number],
+                *(rest if own or rest[:1] != ["fault"] else rest[2:]),
+            )
         case ("campaign", "tools" | "policy" | "level", *_):
             return ("robot", *key[1:])
         case ("campaign", *rest):
@@ -136,13 +175,19 @@ def _of_file(scenario: Scenario, key: tuple[str | int, ...], written: list[int])
 
 
 def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[int]]:
-    """The groups as a campaign file would have them, one a case, and the number of the entry that each is of."""
+    """The groups as a campaign file would have them, one a case, and the number of the entry
+    that each is of.
+    """
     result: list[dict[str, Any]] = []
     written: list[int] = []
     for h, entry in enumerate(scenario.hazard):
         name = scenario.entry_name(h)
         try:
-            groups = _of_library(entry, name, scenario, seed) if entry.hazards else [_of_faults(entry, name, scenario)]
+            groups = (
+                _of_library(entry, name, scenario, seed)
+                if entry.hazards
+                else [_of_faults(entry, name, scenario)]
+            )
         except expansion.WrongGroup as error:
             raise expansion.WrongGroup((h, *error.key), error.message) from None
         result += groups
@@ -154,7 +199,10 @@ def _of_library(entry: Entry, name: str, scenario: Scenario, seed: int) -> list[
     value = {} if entry.value is None else {"value": entry.value.model_dump()}
     groups = []
     for row in expansion.named(list(entry.hazards)):
-        arm = entry.arm or scenario.arms[_rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))]
+        arm = (
+            entry.arm
+            or scenario.arms[_rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))]
+        )
         groups += expansion.expand({"name": name, "hazards": [row.id], "arm": arm, **value})
     return groups
 
@@ -168,7 +216,9 @@ def _of_faults(entry: Entry, name: str, scenario: Scenario) -> dict[str, Any]:
     return {"name": f"{name}/{FAULT}", "fault": faults}
 
 
-def _config(scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float) -> CampaignConfig:
+def _config(
+    scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float
+) -> CampaignConfig:
     robot = scenario.robot.model_dump(exclude={"start"}, exclude_none=True)
     cue = scenario.cue.model_dump(exclude={"on", "blinded"})
     campaign = {
@@ -189,7 +239,10 @@ def _config(scenario: Scenario, seed: int, groups: list[dict[str, Any]], duratio
                 "start": scenario.robot.start.model_dump(exclude_none=True),
             },
             "haptics": cue,
-            "parameters": _CLUTCHED | {path: _drawn(axis, seed, path) for path, axis in scenario.parameters.items()},
+            "parameters": (
+                _CLUTCHED
+                | {path: _drawn(axis, seed, path) for path, axis in scenario.parameters.items()}
+            ),
             "group": groups,
         }
     )
@@ -249,7 +302,9 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
         within_s=entry.within_s,
         duration_ms=duration,
         lasts_ms=hazard.lasts_ms(entry, duration),
-        when_ms=None if entry.when == INSTRUCTOR else (entry.when[0] * 1000.0, entry.when[1] * 1000.0),
+        when_ms=(
+            None if entry.when == INSTRUCTOR else (entry.when[0] * 1000.0, entry.when[1] * 1000.0)
+        ),
     )
 
 

@@ -1,15 +1,14 @@
-"""The scenario file: its keys and tables, with units and ranges. `loading` reads it, `campaign` makes runs of it.
+"""The scenario file: its keys and tables, with units and ranges. `loading` reads it, `campaign`
+makes runs of it.
 
 name = "dac_burst"                 # and title, description, arms, software, duration_s, seed, scale
-[speeds]                           # of tips at full deflection of keys, mouse or gamepad
-[cue]                              # the haptic cue
-[contact]                          # forces of tissue, vessel and the other instrument
-[task]                             # what is to be done: reach, peg_transfer, path, levels, free
-[[hazard]]                         # what may go wrong, when, and what is the right response
-hazards = ["B27"]                  # ids and layers of the hazard library, or "all"; or [[hazard.fault]]
-when = [20, 30]                    # s; or one time, or "instructor"
-right_response = ["release"]
-[harm] [parameters] [robot]
+[speeds]                           # of tips at full deflection of keys, mouse or gamepad [cue]
+# the haptic cue [contact]                          # forces of tissue, vessel and the other
+instrument [task]                             # what is to be done: reach, peg_transfer, path,
+levels, free [[hazard]]                         # what may go wrong, when, and what is the right
+response hazards = ["B27"]                  # ids and layers of the hazard library, or "all"; or
+[[hazard.fault]] when = [20, 30]                    # s; or one time, or "instructor" right_response
+= ["release"] [harm] [parameters] [robot]
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ from ravenjax.robots.raven2.campaign.sections import Start
 from ravenjax.robots.raven2.plant import parameter_sets
 
 Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
-"""What an operator can do: lift the pedal, slow down, restart after an E-stop, say that the procedure is converted,
-press the E-stop; or rightly go on."""
+"""What an operator can do: lift the pedal, slow down, restart after an E-stop, say that the
+procedure is converted, press the E-stop; or rightly go on."""
 
 INSTRUCTOR = "instructor"
 """`when` of a hazard that strikes when the instructor says so."""
@@ -39,7 +38,9 @@ INSTRUCTOR = "instructor"
 class Speeds(Section):
     """[speeds]: of the tips where keys or sticks are fully deflected."""
 
-    move_mm_s: float = Field(default=30.0, gt=0.0, le=500.0, description="tip, mm/s; surgery moves at some 5 to 60")
+    move_mm_s: float = Field(
+        default=30.0, gt=0.0, le=500.0, description="tip, mm/s; surgery moves at some 5 to 60"
+    )
     turn_rad_s: float = Field(default=1.0, gt=0.0, le=20.0, description="tip about an axis, rad/s")
     grasp_mrad_s: float = Field(default=1500.0, gt=0.0, le=20_000.0, description="jaws, mrad/s")
 
@@ -48,25 +49,40 @@ class Cue(Section):
     """[cue]: the force at the operator's hand. Its values are one set of a campaign's [haptics]."""
 
     on: bool = Field(default=True, description="whether the force is felt")
-    blinded: bool = Field(default=False, description="the operator's page tells nothing of hazards, cue and score")
-    threshold_mm: float = Field(
-        default=PUBLISHED_CUE_MM, ge=0.0, le=1e6, description="tip distance above which it pulls, mm"
+    blinded: bool = Field(
+        default=False, description="the operator's page tells nothing of hazards, cue and score"
     )
-    kp_per_mm: float = Field(default=0.0045, ge=0.0, le=1e6, description="spring, device units per mm")
-    kd_per_mm_s: float = Field(default=0.00009, ge=0.0, le=1e6, description="damper, device units per mm/s")
+    threshold_mm: float = Field(
+        default=PUBLISHED_CUE_MM,
+        ge=0.0,
+        le=1e6,
+        description="tip distance above which it pulls, mm",
+    )
+    kp_per_mm: float = Field(
+        default=0.0045, ge=0.0, le=1e6, description="spring, device units per mm"
+    )
+    kd_per_mm_s: float = Field(
+        default=0.00009, ge=0.0, le=1e6, description="damper, device units per mm/s"
+    )
     cap: float = Field(default=0.05, ge=0.0, le=1e6, description="largest force, device units")
 
 
 class ContactSection(Section):
-    """[contact]: whether instruments touch tissue, vessel and each other. Its numbers are parameters contact..."""
+    """[contact]: whether instruments touch tissue, vessel and each other. Its numbers are
+    parameters contact...
+    """
 
-    on: bool = Field(default=False, description="whether they do: forces on the robot, seen, felt and measured")
+    on: bool = Field(
+        default=False, description="whether they do: forces on the robot, seen, felt and measured"
+    )
     units_per_n: float = Field(
         default=0.03,
         ge=0.0,
         le=1e3,
-        description="force at the operator's hand per N on the instrument, device units, capped with the cue at its "
-        "cap; no source says it, assumed",
+        description=(
+            "force at the operator's hand per N on the instrument, device units, capped with the"
+            " cue at its cap; no source says it, assumed"
+        ),
     )
 
 
@@ -78,18 +94,27 @@ class Harm(Section):
         default=10.0,  # farther than the cue, so that who waits for the cue has time to act
         gt=0.0,
         le=1000.0,
-        description="unintended motion of the true tip, mm; also the limit of hazards, as a campaign's [outcomes] "
-        "limit_mm. Must exceed the cue's threshold if an operator is to act in time",
+        description=(
+            "unintended motion of the true tip, mm; also the limit of hazards, as a campaign's"
+            " [outcomes] limit_mm. Must exceed the cue's threshold if an operator is to act in time"
+        ),
     )
     depth_mm: float = Field(
-        default=5.0, gt=0.0, le=1000.0, description="deeper in the tissue than when the hazard struck, mm; palpation: 5"
+        default=5.0,
+        gt=0.0,
+        le=1000.0,
+        description="deeper in the tissue than when the hazard struck, mm; palpation: 5",
     )
 
 
 class _Task(Section):
     tolerance_mm: float = Field(default=2.0, gt=0.0, le=100.0, description="how near is there, mm")
-    seed: int = Field(default=0, ge=0, lt=2**31, description="of what is drawn, besides the session's seed")
-    arms: tuple[ArmName, ...] = Field(default=(), max_length=2, description="whose task, in turn; default: all arms")
+    seed: int = Field(
+        default=0, ge=0, lt=2**31, description="of what is drawn, besides the session's seed"
+    )
+    arms: tuple[ArmName, ...] = Field(
+        default=(), max_length=2, description="whose task, in turn; default: all arms"
+    )
 
 
 class Reach(_Task):
@@ -97,7 +122,9 @@ class Reach(_Task):
 
     kind: Literal["reach"]
     targets: int = Field(default=12, ge=1, le=1000, description="how many")
-    extent_mm: float = Field(default=12.0, gt=0.0, le=20.0, description="to each side of the field's middle, mm")
+    extent_mm: float = Field(
+        default=12.0, gt=0.0, le=20.0, description="to each side of the field's middle, mm"
+    )
     height_mm: tuple[float, float] = Field(
         default=(3.0, 18.0), description="[least, greatest] height above the tissue, mm"
     )
@@ -112,19 +139,29 @@ class Reach(_Task):
 
 
 class Level(Reach):
-    """[[task.level]]: a round of targets, until some in a row are within the time. Its keys are those of "reach"."""
+    """[[task.level]]: a round of targets, until some in a row are within the time. Its keys are
+    those of "reach".
+    """
 
     kind: Literal["reach"] = Field(default="reach", description="what a round is")
-    title: str = Field(default="", max_length=100, description="what is learnt, as the page shows it")
+    title: str = Field(
+        default="", max_length=100, description="what is learnt, as the page shows it"
+    )
     targets: int = Field(default=6, ge=2, le=100, description="of a round, the same in each")
-    within_s: float = Field(gt=0.0, le=3600.0, description="proficient: a round from its first target to its last, s")
+    within_s: float = Field(
+        gt=0.0, le=3600.0, description="proficient: a round from its first target to its last, s"
+    )
 
 
 class Levels(Section):
-    """[task] kind = "levels": the next level begins once the one before is done with proficiency."""
+    """[task] kind = "levels": the next level begins once the one before is done with
+    proficiency.
+    """
 
     kind: Literal["levels"]
-    in_a_row: int = Field(default=2, ge=1, le=100, description="rounds in a row that have to be within the time")
+    in_a_row: int = Field(
+        default=2, ge=1, le=100, description="rounds in a row that have to be within the time"
+    )
     level: tuple[Level, ...] = Field(min_length=1, max_length=20, description="in their order")
 
     @property
@@ -134,20 +171,28 @@ class Levels(Section):
 
 
 class PegTransfer(_Task):
-    """[task] kind = "peg_transfer": take the object from its peg, carry it, set it down on another."""
+    """[task] kind = "peg_transfer": take the object from its peg, carry it, set it down on
+    another.
+    """
 
     kind: Literal["peg_transfer"]
     transfers: int = Field(default=6, ge=1, le=1000, description="how many")
     pegs: Literal[2, 4, 6, 8] = Field(default=6, description="in two rows")
-    spacing_mm: float = Field(default=10.0, ge=4.0, le=12.0, description="between pegs of a row, mm")
-    height_mm: float = Field(default=6.0, ge=1.0, le=20.0, description="of the pegs, mm above the tissue")
+    spacing_mm: float = Field(
+        default=10.0, ge=4.0, le=12.0, description="between pegs of a row, mm"
+    )
+    height_mm: float = Field(
+        default=6.0, ge=1.0, le=20.0, description="of the pegs, mm above the tissue"
+    )
 
 
 class Path(_Task):
     """[task] kind = "path": go along a closed line."""
 
     kind: Literal["path"]
-    shape: Literal["circle", "eight", "line"] = Field(default="circle", description="line: there and back")
+    shape: Literal["circle", "eight", "line"] = Field(
+        default="circle", description="line: there and back"
+    )
     radius_mm: float = Field(default=10.0, gt=0.0, le=20.0, description="half of its width, mm")
     height_mm: float = Field(default=6.0, ge=-10.0, le=30.0, description="above the tissue, mm")
     laps: int = Field(default=3, ge=1, le=1000, description="how often round")
@@ -171,11 +216,15 @@ TASKS: dict[str, type[Section]] = {
 
 def _when(raw: Any) -> Any:
     numbers = raw if isinstance(raw, list | tuple) else (raw, raw)
-    good = len(numbers) == 2 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+    good = len(numbers) == 2 and all(
+        isinstance(x, int | float) and not isinstance(x, bool) for x in numbers
+    )
     if raw == INSTRUCTOR:
         return raw
     if not good or not 0.0 <= numbers[0] <= numbers[1] <= 3600.0:
-        raise ValueError(f"got {shown(raw)}, expected a time in s, [earliest, latest] or {INSTRUCTOR!r}")
+        raise ValueError(
+            f"got {shown(raw)}, expected a time in s, [earliest, latest] or {INSTRUCTOR!r}"
+        )
     return float(numbers[0]), float(numbers[1])
 
 
@@ -186,31 +235,49 @@ def _words(raw: Any) -> Any:
 _Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
 When = Annotated[
     tuple[float, float] | Literal["instructor"],
-    BeforeValidator(_when, json_schema_input_type=_Seconds | tuple[_Seconds, _Seconds] | Literal["instructor"]),
+    BeforeValidator(
+        _when, json_schema_input_type=_Seconds | tuple[_Seconds, _Seconds] | Literal["instructor"]
+    ),
 ]
 
 
 class Entry(Section):
     """[[hazard]]: hazards of the library or a fault, and what they ask of the operator."""
 
-    name: str = Field(default="", description="names it in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60)
-    title: str = Field(default="", description="what is told of it; default: the library's")
-    hazards: Annotated[tuple[str, ...], BeforeValidator(_words, json_schema_input_type=OneOrMore[str])] = Field(
-        default=(), description='ids and layers of the hazard library, or "all"'
+    name: str = Field(
+        default="", description="names it in tables", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60
     )
-    fault: tuple[Fault, ...] = Field(default=(), max_length=8, description="in place of hazards, as in [[group.fault]]")
-    arm: ArmName | None = Field(default=None, description="that is struck; default: drawn among the session's")
+    title: str = Field(default="", description="what is told of it; default: the library's")
+    hazards: Annotated[
+        tuple[str, ...], BeforeValidator(_words, json_schema_input_type=OneOrMore[str])
+    ] = Field(default=(), description='ids and layers of the hazard library, or "all"')
+    fault: tuple[Fault, ...] = Field(
+        default=(), max_length=8, description="in place of hazards, as in [[group.fault]]"
+    )
+    arm: ArmName | None = Field(
+        default=None, description="that is struck; default: drawn among the session's"
+    )
     value: Number | None = Field(default=None, description="in place of the library's")
     when: When = Field(
-        default=INSTRUCTOR, description='s since the first pedal-down, [earliest, latest] to draw from, or "instructor"'
+        default=INSTRUCTOR,
+        description=(
+            's since the first pedal-down, [earliest, latest] to draw from, or "instructor"'
+        ),
     )
-    times: int = Field(default=1, ge=1, le=100, description="as many hazards of each case, drawn apart")
+    times: int = Field(
+        default=1, ge=1, le=100, description="as many hazards of each case, drawn apart"
+    )
     right_response: tuple[Response, ...] | None = Field(
-        default=None, min_length=1, description="any of these is right; default: what the library's row asks for"
+        default=None,
+        min_length=1,
+        description="any of these is right; default: what the library's row asks for",
     )
     within_s: float = Field(default=2.0, gt=0.0, le=600.0, description="time for the response, s")
     lasts_s: float | None = Field(
-        default=None, gt=0.0, le=3600.0, description="longest at work, s; default: its own, or 5 where it has no end"
+        default=None,
+        gt=0.0,
+        le=3600.0,
+        description="longest at work, s; default: its own, or 5 where it has no end",
     )
 
     @model_validator(mode="before")
@@ -218,19 +285,33 @@ class Entry(Section):
     def _start_now(cls, raw: Any) -> Any:
         """A fault strikes when the hazard does, so it needs no start_ms of its own."""
         if isinstance(raw, dict) and isinstance(raw.get("fault"), list):
-            faults = [{"start_ms": 0, **fault} if isinstance(fault, dict) else fault for fault in raw["fault"]]
+            faults = [
+                {"start_ms": 0, **fault} if isinstance(fault, dict) else fault
+                for fault in raw["fault"]
+            ]
             return {**raw, "fault": faults}
         return raw
 
     @model_validator(mode="after")
     def _either(self) -> Entry:
         if bool(self.hazards) == bool(self.fault):
-            raise ValueError('expected either hazards = ["B27"] (ids, layers, "all") or [[hazard.fault]]')
+            raise ValueError(
+                'expected either hazards = ["B27"] (ids, layers, "all") or [[hazard.fault]]'
+            )
         if any(fault.start_ms.phases for fault in self.fault):
-            raise ValueError("start_ms: got a phase of the operation, expected ms: nobody knows the motion beforehand")
+            raise ValueError(
+                "start_ms: got a phase of the operation, expected ms: nobody knows the motion"
+                " beforehand"
+            )
         if self.fault and (self.arm is not None or self.value is not None):
-            raise ValueError("arm and value belong to hazards of the library; write them into [[hazard.fault]]")
-        if self.right_response is not None and "continue" in self.right_response and len(self.right_response) > 1:
+            raise ValueError(
+                "arm and value belong to hazards of the library; write them into [[hazard.fault]]"
+            )
+        if (
+            self.right_response is not None
+            and "continue" in self.right_response
+            and len(self.right_response) > 1
+        ):
             raise ValueError('right_response: "continue" stands alone')
         return self
 
@@ -238,7 +319,9 @@ class Entry(Section):
 class RobotSection(Section):
     """[robot]: which robot; keys as in [campaign]."""
 
-    tools: tuple[str, ...] | None = Field(default=None, description="one per arm; default: the software's own")
+    tools: tuple[str, ...] | None = Field(
+        default=None, description="one per arm; default: the software's own"
+    )
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
         default="soft_regulation", description="overdrive policy of raven2"
     )
@@ -247,7 +330,10 @@ class RobotSection(Section):
     )
     parameter_set: parameter_sets.Name = Field(
         default=parameter_sets.DEFAULT,
-        description="mechanics of the robot: power_consistent, or a set that the authors published for joints 1-3",
+        description=(
+            "mechanics of the robot: power_consistent, or a set that the authors published for"
+            " joints 1-3"
+        ),
     )
     noise: bool = Field(default=False, description="encoder and torque noise")
     start: Start = Field(default=Start(), description="joints in which the session begins")
@@ -256,16 +342,27 @@ class RobotSection(Section):
 class Scenario(Section):
     """A whole scenario file."""
 
-    name: str = Field(description="short name", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100)
+    name: str = Field(
+        description="short name", pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100
+    )
     title: str = Field(default="", max_length=200, description="what the page shows")
     description: str = Field(default="", description="what the operator is to do and to learn")
-    arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
-    software: Literal["raven2", "fork2015"] = Field(default="raven2", description="present raven2, or the 2015 fork")
+    arms: tuple[ArmName, ...] = Field(
+        default=("gold",), min_length=1, max_length=2, description="arms, gold first"
+    )
+    software: Literal["raven2", "fork2015"] = Field(
+        default="raven2", description="present raven2, or the 2015 fork"
+    )
     duration_s: float = Field(
-        default=120.0, gt=0.0, le=3600.0, description="length of the session from its first pedal-down, s"
+        default=120.0,
+        gt=0.0,
+        le=3600.0,
+        description="length of the session from its first pedal-down, s",
     )
     seed: int = Field(default=0, ge=0, lt=2**31, description="of a session that is given none")
-    scale: float = Field(default=0.1, gt=0.0, le=1.0, description="teleoperation scale, tip motion per hand motion")
+    scale: float = Field(
+        default=0.1, gt=0.0, le=1.0, description="teleoperation scale, tip motion per hand motion"
+    )
     speeds: Speeds = Speeds()
     cue: Cue = Cue()
     contact: ContactSection = ContactSection()
@@ -273,7 +370,8 @@ class Scenario(Section):
     hazard: tuple[Entry, ...] = Field(default=(), description="what may go wrong")
     harm: Harm = Harm()
     parameters: dict[str, Number] = Field(
-        default_factory=dict, description="path = value as in campaigns; of a list or distribution a session draws one"
+        default_factory=dict,
+        description="path = value as in campaigns; of a list or distribution a session draws one",
     )
     robot: RobotSection = RobotSection()
 

@@ -1,4 +1,6 @@
-"""A hazard as a session has it: one row of the fault table that can be armed, and what it asks of the operator."""
+"""A hazard as a session has it: one row of the fault table that can be armed, and what it asks
+of the operator.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,16 @@ RESPONSES: dict[str, tuple[str, ...]] = {
     "permanently unavailable": ("convert", "stop"),
     "sudden jump": ("release", "slow", "stop"),
 }
-"""What the operator must learn of each of the three hazards of IROS 2016, table 1: restart and troubleshoot; convert,
-reschedule and report; release the pedal, slow down, stop."""
+"""What the operator must learn of each of the three hazards of IROS 2016, table 1: restart and
+troubleshoot; convert, reschedule and report; release the pedal, slow down, stop."""
 
 MOVING = ("jump", "displaced", "withheld", "unpublished")
 """Expected outcomes in which the instrument may move: to be met like a sudden jump."""
 
 ENDLESS_MS = 5000
-"""How long a fault without an end stays at work unless the scenario says otherwise; longer than any response takes."""
+"""How long a fault without an end stays at work unless the scenario says otherwise; longer than
+any response takes.
+"""
 
 SETTLE_MS = 500
 """A hazard is watched so much longer than the time for the response."""
@@ -40,7 +44,9 @@ class Armable:
     arm: str  # that is struck first; "" where the fault is on no arm
     right_response: tuple[str, ...]
     within_s: float
-    duration_ms: int | None  # of the fault's windows, from the first's opening to the last's end; None: no end
+    duration_ms: (
+        int | None
+    )  # of the fault's windows, from the first's opening to the last's end; None: no end
     lasts_ms: int  # how long it is left at work
     when_ms: tuple[float, float] | None  # earliest and latest; None: the instructor arms it
 
@@ -71,7 +77,9 @@ def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
 
 
 def lasts_ms(entry: Entry, duration_ms: int | None) -> int:
-    """How long it is left at work: its own time and the time to respond; the scenario may say less or more."""
+    """How long it is left at work: its own time and the time to respond; the scenario may say
+    less or more.
+    """
     if entry.lasts_s is not None:
         return round(entry.lasts_s * 1000.0)
     response = round(entry.within_s * 1000.0) + SETTLE_MS

@@ -13,6 +13,8 @@ def schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
     whole = json_schema.of_model(ROBOT, Scenario, "ravenjax scenario")
     fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
-    fault["required"] = [key for key in fault["required"] if key != "start_ms"]  # a fault strikes when its hazard does
+    fault["required"] = [
+        key for key in fault["required"] if key != "start_ms"
+    ]  # a fault strikes when its hazard does
     entry["oneOf"] = [{"required": ["hazards"]}, {"required": ["fault"]}]
     return whole

@@ -1,6 +1,8 @@
-"""Reads a scenario file: TOML, then overrides, then `Scenario`, then the words of its hazards. Nothing is compiled.
+"""Reads a scenario file: TOML, then overrides, then `Scenario`, then the words of its hazards.
+Nothing is compiled.
 
-All that is wrong is told at once, each complaint with file, line, key, what was got and what was expected.
+All that is wrong is told at once, each complaint with file, line, key, what was got and what was
+expected.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ def bundled() -> list[Path]:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
-    """The scenario of nested tables as TOML has them; `source` and `text` say where from. Raises UserError."""
+    """The scenario of nested tables as TOML has them; `source` and `text` say where from. Raises
+    UserError.
+    """
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
     try:
@@ -57,7 +61,9 @@ def from_dict(
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
-    """The part of pydantic's `loc` that stands in the file: without the names of a union's members."""
+    """The part of pydantic's `loc` that stands in the file: without the names of a union's
+    members.
+    """
     key: location.Key = ()
     for i, part in enumerate(loc):
         last = i == len(loc) - 1
@@ -71,11 +77,19 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 def _message(error: Any) -> str:
     kind = error["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        got = f"got {shown(error['input'].get('kind'))}" if kind == "union_tag_invalid" else "kind is missing"
+        got = (
+            f"got {shown(error['input'].get('kind'))}"
+            if kind == "union_tag_invalid"
+            else "kind is missing"
+        )
         return f"{got}, expected kind = one of {', '.join(TASKS)}" + (
             suggestion(error["input"].get("kind"), TASKS) if kind == "union_tag_invalid" else ""
         )
-    near = suggestion(error["input"], error["ctx"]["expected"].split("'")[1::2]) if kind == "literal_error" else ""
+    near = (
+        suggestion(error["input"], error["ctx"]["expected"].split("'")[1::2])
+        if kind == "literal_error"
+        else ""
+    )
     return location.message(error, _model(error["loc"][:-1])) + near
 
 

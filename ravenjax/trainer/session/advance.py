@@ -1,12 +1,12 @@
 """A training session, one millisecond at a time: hands in, robots moved, hazards armed, events out.
 
-A session is a function of its scenario, its seed and a list of (tick, command): no clock, file, socket or thread is
-touched here. A headless run calls `tick` as fast as it can; the realtime loop calls its halves once a millisecond,
-`move` before frame and force go out, `conclude` after.
+A session is a function of its scenario, its seed and a list of (tick, command): no clock, file,
+socket or thread is touched here. A headless run calls `tick` as fast as it can; the realtime loop
+calls its halves once a millisecond, `move` before frame and force go out, `conclude` after.
 
-Three robots run side by side, all with the campaigns' tick: the one that is driven, its golden run, and the
-virtual one on which a motion can be tried while the robot rests; what was tried is then given to the robot, row by row,
-for as long as the pedal is held.
+Three robots run side by side, all with the campaigns' tick: the one that is driven, its golden run,
+and the virtual one on which a motion can be tried while the robot rests; what was tried is then
+given to the robot, row by row, for as long as the pedal is held.
 """
 
 from __future__ import annotations
@@ -37,15 +37,21 @@ from ravenjax.trainer.session.standstill import Standstill
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
 REAL, VIRTUAL, REPLAY = range(len(VIEWS))
-_TOLD = (("phase", "phase"), ("view", "view"), ("console", "alive"), ("pedal", "down"), ("runlevel", "runlevel"))
+_TOLD = (
+    ("phase", "phase"),
+    ("view", "view"),
+    ("console", "alive"),
+    ("pedal", "down"),
+    ("runlevel", "runlevel"),
+)
 """Events that tell of each change of a state, and their word for it."""
 _STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
 """Phases in which no pedal counts."""
 OUTCOMES_EVERY = 10
 """Ticks between two looks at the robot's checks, at least."""
 STAND_BY_MS = 30_000
-"""How long a robot waits for the session's time to begin before its motion begins anew, see `Session._stand_by`: the
-table of the motion is as long as the session and `blueprint.SPARE_MS`."""
+"""How long a robot waits for the session's time to begin before its motion begins anew, see
+`Session._stand_by`: the table of the motion is as long as the session and `blueprint.SPARE_MS`."""
 
 
 class Driven(Protocol):
@@ -94,11 +100,13 @@ class Session:
         ready: Blueprint | None = None,
         robot: Callable[[Blueprint], Driven] = SimulatedRobot,
     ) -> None:
-        """cue: whether the force is felt, the scenario's own if None. ready: compiled before, for the same scenario and
-        seed. robot: what makes the robot that is driven."""
+        """cue: whether the force is felt, the scenario's own if None. ready: compiled before, for
+        the same scenario and seed. robot: what makes the robot that is driven."""
         self.scenario, self.seed = chosen, seed
         if ready is None:
-            ready = blueprint.make(scenario.campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm)
+            ready = blueprint.make(
+                scenario.campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
+            )
         self.blueprint = ready
         self.layout: FrameLayout = self.blueprint.layout
         self.arms = self.layout.arms
@@ -121,7 +129,9 @@ class Session:
         self.heard = Heard()
         self._hands = self._new_hands()
         self._resume_to = READY
-        self._rest: np.ndarray | None = None  # row of the resting robot while the virtual one is driven
+        self._rest: np.ndarray | None = (
+            None  # row of the resting robot while the virtual one is driven
+        )
         self._tried = (0, 0)  # ticks of the motion that was tried
         self._replayed = 0  # how far the robot has followed it
         self._pedal, self._alive = 0.0, False
@@ -138,7 +148,9 @@ class Session:
 
     @property
     def clock(self) -> int:
-        """ms since the session's time began, at the first pedal-down or when the instructor said so; 0 before."""
+        """ms since the session's time began, at the first pedal-down or when the instructor said
+        so; 0 before.
+        """
         return 0 if self.started is None else self.ticks - self.started
 
     @property
@@ -157,7 +169,9 @@ class Session:
         return self.conclude()
 
     def move(self, commands: list[dict[str, Any]]) -> None:
-        """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the other half."""
+        """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the
+        other half.
+        """
         self._events, self._moved, self._new = [], False, []
         for command in commands:
             if not self.over:
@@ -188,7 +202,9 @@ class Session:
         self._tell_changes()
         if self._moved:
             self._follow()
-        for event in self.pedals.look({console: self._why_not(console) for console in pedal.NETWORK}):
+        for event in self.pedals.look(
+            {console: self._why_not(console) for console in pedal.NETWORK}
+        ):
             self._tell("refused", **event)
         if self._moved:
             self.ticks += 1
@@ -210,7 +226,9 @@ class Session:
     def _command(self, command: dict[str, Any]) -> None:
         kind, do = command.get("type"), command.get("do")
         if kind in ("input", "increments"):
-            self.seat.hear(command, lambda counted: self._hands.take(counted, self.ticks), self.ticks)
+            self.seat.hear(
+                command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
+            )
         elif kind == "unheard":
             console, why = console_of(command), str(command.get("why", ""))[:200]
             if command.get("once"):
@@ -233,7 +251,9 @@ class Session:
             if by != "operator":
                 self._events += self.judge.interrupted(self.ticks, f"estop by {by}")
             self.robot.press(self.estop_row)
-        elif do == "restart" and (self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN):
+        elif do == "restart" and (
+            self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN
+        ):
             self._restart("restart")
         elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
             self._rehearse()
@@ -268,7 +288,8 @@ class Session:
             self.judge.cue_on = self.cue_on
 
     def _let_go(self, why: str, own: bool = False) -> None:
-        """The pedal comes up, and not by the operator's foot: it is to be seen up before it drives again.
+        """The pedal comes up, and not by the operator's foot: it is to be seen up before it drives
+        again.
 
         own: it is the operator's act all the same, who gives the seat away or leaves.
         """
@@ -340,7 +361,8 @@ class Session:
     def _stand_by(self) -> bool:
         """Nobody has driven yet: whether the robot goes on, its waiting begun anew.
 
-        The robot here does not where it is stopped: it holds its brakes until somebody restarts it or the time begins.
+        The robot here does not where it is stopped: it holds its brakes until somebody restarts it
+        or the time begins.
         """
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
@@ -371,10 +393,20 @@ class Session:
             view_row = self.virtual.row if self.view == VIRTUAL else self.robot.row
             for i, places in enumerate(self._places):
                 row[places.hand] = hand.columns[8 * i : 8 * i + 8]
-                row[places.virtual_jpos], row[places.virtual_tip] = view_row[places.link_jpos], view_row[places.tip]
+                row[places.virtual_jpos], row[places.virtual_tip] = (
+                    view_row[places.link_jpos],
+                    view_row[places.tip],
+                )
             self._pedal, self._alive = float(hand.columns[-1]), hand.alive
         row[self._common] = (
-            *(self.ticks, 0 if self.over else self.left_ms, self.phase, self.view, self._pedal, self._alive),
+            *(
+                self.ticks,
+                0 if self.over else self.left_ms,
+                self.phase,
+                self.view,
+                self._pedal,
+                self._alive,
+            ),
             *(self.seat.number, self.robot.heard),
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
@@ -400,7 +432,9 @@ class Session:
         if self.phase == READY and runlevel == PEDAL_DOWN:
             self._start("pedal")
             self.phase = RUNNING
-        elif self.phase in (READY, RUNNING) and (runlevel == E_STOP or frame.numbers[self._soft_estopped]):
+        elif self.phase in (READY, RUNNING) and (
+            runlevel == E_STOP or frame.numbers[self._soft_estopped]
+        ):
             self.phase = STOPPED
         if self.started is not None and self.left_ms <= 1:
             self._end("time")
@@ -425,7 +459,9 @@ class Session:
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
     def _look(self) -> None:
-        """Let the judge see what the checks did until now: robot or golden run are about to begin anew."""
+        """Let the judge see what the checks did until now: robot or golden run are about to
+        begin anew.
+        """
         if checked := self._checked():
             self._events += self.judge.look(*checked)
 

@@ -1,8 +1,9 @@
-"""What a session compiles: a campaign's tick that also fills a frame, and the fault table whose rows can be armed.
+"""What a session compiles: a campaign's tick that also fills a frame, and the fault table whose
+rows can be armed.
 
-Every hazard that can strike in a session is one row of a campaign's fault table, so that it is checked, named and
-replayed like any other; the last row is that of the E-stop button. One fault slot more than the table needs is kept
-for the button.
+Every hazard that can strike in a session is one row of a campaign's fault table, so that it is
+checked, named and replayed like any other; the last row is that of the E-stop button. One fault
+slot more than the table needs is kept for the button.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from ravenjax.stages import monitor
 from ravenjax.trainer.protocol.frame import FrameLayout
 
 SPARE_MS = 60_000
-"""Rows of the motion beyond the session's length, for ticks after its end and for packets sent again."""
+"""Rows of the motion beyond the session's length, for ticks after its end and for packets sent
+again.
+"""
 
 SOURCE = Path(__file__).read_bytes()
 """Part of the key under which compiled code is kept: `make` decides what is compiled, too."""
@@ -60,23 +63,32 @@ class Blueprint:
 def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM) -> Blueprint:
     """Compile what `config` describes; its duration is the session's.
 
-    packets: packets come from outside, one at most a tick; UserError where a hazard needs the console's older packets.
-    limit_mm: of hazards, for the observer alone. It is not the campaign's, so that run ids, and with them the random
-    numbers of faults, are the same whatever a scenario takes for harm.
+    packets: packets come from outside, one at most a tick; UserError where a hazard needs the
+    console's older packets. limit_mm: of hazards, for the observer alone. It is not the campaign's,
+    so that run ids, and with them the random numbers of faults, are the same whatever a scenario
+    takes for harm.
     """
     ready = plan.make(config)
     slots = ready.program.setup.injection.slots
     if packets:
         _require_strikable(ready)
-    setup = replace(ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1))
+    setup = replace(
+        ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1)
+    )
     params = ready.program.params
     params = replace(params, monitor=replace(params.monitor, limit=limit_mm / 1e3))
     program = dataclasses.replace(ready.program, setup=setup, params=params)
     ready = dataclasses.replace(ready, program=program)
     layout = FrameLayout.of(setup.arms)
-    own = [values[-1] for values in ready.varied.values()]  # those of the last row, the button's: no hazard's
+    own = [
+        values[-1] for values in ready.varied.values()
+    ]  # those of the last row, the button's: no hazard's
     inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
-    entering = [np.float32(0.0)] * run.series_length(setup), np.bool_(False), silence(setup) if packets else None
+    entering = (
+        [np.float32(0.0)] * run.series_length(setup),
+        np.bool_(False),
+        silence(setup) if packets else None,
+    )
     columns = len(ready.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
 
@@ -132,14 +144,26 @@ def _frame(
         as_int(pulls),
     ]  # `simulation` puts the golden run's in place of the last two
     positions = connections.measured(setup, software)
-    golden = observers.reference(setup, observers.Golden(signal.reference, signal.apart), out.tip, positions)
+    golden = observers.reference(
+        setup, observers.Golden(signal.reference, signal.apart), out.tip, positions
+    )
     for i, measured in enumerate(software.arms):
         cue, position = out.haptics[i], positions[i]
         numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]
         numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
-        numbers += [*out.tip[i], *out.nominal[i].tip_position, *(jnp.float32(x) * 1e-6 for x in position)]
-        numbers += [cue.distance * 1e3, *(x * cue.force[0] for x in cue.direction), *measured.current_cmd_written]
-        off = monitor.distances(params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i])
+        numbers += [
+            *out.tip[i],
+            *out.nominal[i].tip_position,
+            *(jnp.float32(x) * 1e-6 for x in position),
+        ]
+        numbers += [
+            cue.distance * 1e3,
+            *(x * cue.force[0] for x in cue.direction),
+            *measured.current_cmd_written,
+        ]
+        off = monitor.distances(
+            params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i]
+        )
         numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]
         numbers += [_distance(Vec(jnp.float32(x) for x in position), golden.pos[i]) * 1e-3]
         touch = out.plant[i].touch
@@ -169,7 +193,9 @@ def _empty() -> FaultSlot:
 
 
 OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
-"""Sites that change what the console sends, and which of their channels need no packet but the newest."""
+"""Sites that change what the console sends, and which of their channels need no packet but the
+newest.
+"""
 
 
 def _require_strikable(ready: Plan) -> None:
@@ -177,6 +203,7 @@ def _require_strikable(ready: Plan) -> None:
         for _, channel in use.channels:
             if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
                 raise UserError(
-                    f"a hazard strikes site {use.site!r}, channel {channel!r}: the console's side of the network, "
-                    "which is another process here. Leave it out of the robot's scenario, or train without --robot."
+                    f"a hazard strikes site {use.site!r}, channel {channel!r}: the console's side"
+                    " of the network, which is another process here. Leave it out of the robot's"
+                    " scenario, or train without --robot."
                 )

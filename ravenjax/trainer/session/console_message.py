@@ -1,4 +1,5 @@
-"""What consoles say about hands and pedal, read from messages that may be anything: see `trainer.protocol.messages`.
+"""What consoles say about hands and pedal, read from messages that may be anything: see
+`trainer.protocol.messages`.
 
 Every function raises `RefusedCommand` for what it cannot take.
 """
@@ -66,7 +67,9 @@ def each_arm(message: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
 
 
 def speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
-    """An arm's table of a message "input", as STILL: move and turn cut to length 1, grasp to -1 .. 1."""
+    """An arm's table of a message "input", as STILL: move and turn cut to length 1, grasp to -1
+    .. 1.
+    """
     move = _at_most_one(_numbers(given, "move", 3)) if "move" in given else (0.0, 0.0, 0.0)
     turn = _at_most_one(_numbers(given, "turn", 3)) if "turn" in given else (0.0, 0.0, 0.0)
     return *move, *turn, min(max(_number(given, "grasp"), -1.0), 1.0)
@@ -96,4 +99,9 @@ def _number(given: Mapping[str, Any], name: str) -> float:
 
 def _is_number(value: Any) -> bool:
     # 1e9 keeps whole numbers exact and squares finite
-    return isinstance(value, _NUMBER) and value is not True and value is not False and -1e9 <= value <= 1e9
+    return (
+        isinstance(value, _NUMBER)
+        and value is not True
+        and value is not False
+        and -1e9 <= value <= 1e9
+    )

@@ -1,11 +1,14 @@
-"""When hazards strike: at times that the scenario draws, or when the instructor says so. One at a time.
+"""When hazards strike: at times that the scenario draws, or when the instructor says so. One at a
+time.
 
-Planned times count from the beginning of the session's time, the first pedal-down or the instructor's start.
+Planned times count from the beginning of the session's time, the first pedal-down or the
+instructor's start.
 
-A hazard that is due, or that the instructor has armed, waits until it can teach something: the session runs, the real
-robot follows the hands, the pedal has been down for `SETTLED_MS`, no other hazard is at work and the last one is
-`GAP_MS` past. It is taken back after its time (`Armable.lasts_ms`), so that permanent faults end too; and once the
-pedal has been up for `CLEARED_MS` where lifting it is right, as if it were mended then: who steps on again goes on.
+A hazard that is due, or that the instructor has armed, waits until it can teach something: the
+session runs, the real robot follows the hands, the pedal has been down for `SETTLED_MS`, no other
+hazard is at work and the last one is `GAP_MS` past. It is taken back after its time
+(`Armable.lasts_ms`), so that permanent faults end too; and once the pedal has been up for
+`CLEARED_MS` where lifting it is right, as if it were mended then: who steps on again goes on.
 """
 
 from __future__ import annotations
@@ -20,7 +23,9 @@ from ravenjax.trainer.protocol.frame import PHASES, VIEWS, Frame
 from ravenjax.trainer.scenario import Armable, Scenario
 
 SETTLED_MS = 500
-"""Pedal-down is adopted and the hands move: what the library takes as its earliest start in pedal-down."""
+"""Pedal-down is adopted and the hands move: what the library takes as its earliest start in
+pedal-down.
+"""
 GAP_MS = 3000
 """Between two hazards: the tip has come to rest and the operator has taken up the task again."""
 
@@ -71,7 +76,11 @@ class Director:
             return True
         if do != "arm":
             return self._refuse("neither arm nor disarm")
-        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(self.hazards):
+        if (
+            not isinstance(number, int)
+            or isinstance(number, bool)
+            or not 0 <= number < len(self.hazards)
+        ):
             return self._refuse("hazard is no number of the list")
         if self._ordered:
             return self._refuse("another hazard is at work")
@@ -89,7 +98,14 @@ class Director:
             self._columns = tuple(places[name].start for name in names)
         numbers = frame.numbers
         phase, view, pedal, alive, runlevel, stopped = [numbers[i] for i in self._columns]
-        ready = phase == _RUNNING and view == _REAL and pedal and alive and runlevel == PEDAL_DOWN and not stopped
+        ready = (
+            phase == _RUNNING
+            and view == _REAL
+            and pedal
+            and alive
+            and runlevel == PEDAL_DOWN
+            and not stopped
+        )
         self._down = self._down + 1 if ready else 0
         self._up = 0 if pedal else self._up + 1
         if self._ordered:

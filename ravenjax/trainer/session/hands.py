@@ -1,12 +1,15 @@
-"""The operator's hands: what consoles say becomes the row of motion that the robot's console sends in this tick.
+"""The operator's hands: what consoles say becomes the row of motion that the robot's console sends
+in this tick.
 
-Speeds of "input" messages point along the axes of the view; the hands take them up smoothly (critically damped, 90 % of
-a new speed after `SMOOTHING_MS`) and move in the ITP frame of their arm, as `raven2.console.motion` has it: micrometres
-before the console's scale, orientation relative to the start about the ITP axes.
+Speeds of "input" messages point along the axes of the view; the hands take them up smoothly
+(critically damped, 90 % of a new speed after `SMOOTHING_MS`) and move in the ITP frame of their
+arm, as `raven2.console.motion` has it: micrometres before the console's scale, orientation relative
+to the start about the ITP axes.
 
-"increments" come from a console that has scaled them: the robot gets exactly these. The console of the tick truncates
-scaled float32 positions and sends differences, so every position here stands half a micrometre beyond the whole one
-that is meant, away from zero. What is sent is then the meant position, rounded, whatever single precision does to it.
+"increments" come from a console that has scaled them: the robot gets exactly these. The console of
+the tick truncates scaled float32 positions and sends differences, so every position here stands
+half a micrometre beyond the whole one that is meant, away from zero. What is sent is then the meant
+position, rounded, whatever single precision does to it.
 """
 
 from __future__ import annotations
@@ -28,17 +31,25 @@ from ravenjax.trainer.session import console_message
 from ravenjax.trainer.session.console_message import LEVEL, STILL, Increment, RefusedCommand
 
 SMOOTHING_MS = 30.0
-"""Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand cannot jump. Ours."""
-_RATE = 3.8897 / SMOOTHING_MS  # 1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897
+"""Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand
+cannot jump. Ours.
+"""
+_RATE = (
+    3.8897 / SMOOTHING_MS
+)  # 1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897
 _DECAY = math.exp(-_RATE)
 _AT_REST = 1e-6  # share of the fastest speed below which a hand stands
 _SETTLED = 1e-12  # and below which it no longer comes nearer to the speed that it goes for
 
 GRASP_MRAD = (-400.0, 1500.0)
-"""How far speeds open and close the jaws from where they began (about 90 degrees open); increments are not limited."""
+"""How far speeds open and close the jaws from where they began (about 90 degrees open);
+increments are not limited.
+"""
 
 FARTHEST_UM = 1_000_000.0
-"""Scaled positions stay below it, where single precision still holds half a micrometre. No arm reaches 1 m."""
+"""Scaled positions stay below it, where single precision still holds half a micrometre. No arm
+reaches 1 m.
+"""
 
 
 class HandsRow(NamedTuple):
@@ -63,11 +74,15 @@ class Hands:
         self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
 
     def take(self, message: Mapping[str, Any], tick: int) -> bool:
-        """A message "input" or "increments" that came before this tick; False where it is refused, and counted."""
+        """A message "input" or "increments" that came before this tick; False where it is
+        refused, and counted.
+        """
         try:
             pedal, meant = console_message.pedal(message), console_message.each_arm(message)
             if message.get("type") == "increments":
-                increments = {arm: Increment.read(entry) for arm, entry in meant.items() if arm in self._hands}
+                increments = {
+                    arm: Increment.read(entry) for arm, entry in meant.items() if arm in self._hands
+                }
                 for arm, increment in increments.items():
                     self._hands[arm].require_room(increment)
                 for arm, hand in self._hands.items():
@@ -156,7 +171,9 @@ class _Hand:
         if not self._moving:
             return
         v, change = self._v, self._change
-        for i, aim in enumerate(self._aim):  # the exact solution of a critically damped second order
+        for i, aim in enumerate(
+            self._aim
+        ):  # the exact solution of a critically damped second order
             off = v[i] - aim
             if off or change[i]:
                 slope = change[i] + _RATE * off
@@ -199,7 +216,13 @@ class _Hand:
         """Append the arm's columns of a motion."""
         x, y, z = self._x
         per_um = 1.0 / scale
-        values += (_beyond(x) * per_um, _beyond(y) * per_um, _beyond(z) * per_um, *self._quat, _beyond(self._grasped))
+        values += (
+            _beyond(x) * per_um,
+            _beyond(y) * per_um,
+            _beyond(z) * per_um,
+            *self._quat,
+            _beyond(self._grasped),
+        )
 
     def place(self, values: list[float], scale: float) -> None:
         """Be where the arm's columns of a motion say."""

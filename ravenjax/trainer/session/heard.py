@@ -1,4 +1,6 @@
-"""What was said to a session: with scenario and seed the whole of it, kept as JSON, a fraction of what objects take."""
+"""What was said to a session: with scenario and seed the whole of it, kept as JSON, a fraction
+of what objects take.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,9 @@ from collections.abc import Iterator
 from typing import Any
 
 MOST_HEARD = 1_000_000
-"""Commands that are kept: hours of a page's, a quarter of an hour of a console's that sends one a millisecond."""
+"""Commands that are kept: hours of a page's, a quarter of an hour of a console's that sends one
+a millisecond.
+"""
 
 
 class Heard:

@@ -1,7 +1,9 @@
-"""Why a pedal that a console over the network holds down does not count: the reasons in words, each told once.
+"""Why a pedal that a console over the network holds down does not count: the reasons in words, each
+told once.
 
-The page shows its own pedal by itself; a foot at a console elsewhere sees nothing of a session but its force. So each
-change of the reason is an event "refused" (console, why), which the page and the log show, and a line at the terminal.
+The page shows its own pedal by itself; a foot at a console elsewhere sees nothing of a session but
+its force. So each change of the reason is an event "refused" (console, why), which the page and the
+log show, and a line at the terminal.
 """
 
 from __future__ import annotations
@@ -12,7 +14,9 @@ from typing import Any
 NETWORK = ("itp", "crtk")
 """Consoles whose user is told, of `CONSOLES`."""
 HOLDS_MS = 50
-"""A reason is told that has held for so long: not one that is over before a person could do anything."""
+"""A reason is told that has held for so long: not one that is over before a person could do
+anything.
+"""
 
 LIFT = "the pedal is down, and counts once it was seen up: lift it first"
 PAUSED = "the instructor has paused the session"
@@ -40,7 +44,9 @@ def lift(since: str = "") -> str:
 
 def other(owner: str) -> str:
     """That another console drives."""
-    return f"{owner} drives, and this console watches until it is given the seat or {owner} has gone"
+    return (
+        f"{owner} drives, and this console watches until it is given the seat or {owner} has gone"
+    )
 
 
 def rival(owner: str) -> str:
@@ -52,7 +58,10 @@ RELEASED = {
     "silence": "the pedal came up, for no servo command came for 250 ms: resume",
     "idle": "the pedal came up, for nothing was said for 5 s: resume",
     "nobody": "the pedal came up, for nobody publishes commands any more",
-    "refused": "the pedal came up, for the robot did not follow it: another console drives, or it was to be seen up",
+    "refused": (
+        "the pedal came up, for the robot did not follow it: another console drives, or it was to"
+        " be seen up"
+    ),
     "stopped": "the pedal came up, for the robot has stopped: home it, and lift the foot once",
     "lost": "the pedal came up, for nothing is heard of the robot",
 }
@@ -68,7 +77,9 @@ def packets(cause: str) -> str:
         "far_ahead": "their numbers leap too far ahead",
         "duplicate": "their number stays the same",
     }
-    return f"its packets are refused: {words.get(cause, f'{cause} does not fit the console profile')}"
+    return (
+        f"its packets are refused: {words.get(cause, f'{cause} does not fit the console profile')}"
+    )
 
 
 class PedalReasons:
@@ -81,7 +92,8 @@ class PedalReasons:
         self._lines: list[str] = []
 
     def look(self, why: Mapping[str, str]) -> list[dict[str, Any]]:
-        """Once a ms, also in a pause: the reason of each console, "" for none; what is to be told of it now.
+        """Once a ms, also in a pause: the reason of each console, "" for none; what is to be told
+        of it now.
 
         A reason that is gone is told with an empty "why".
         """

@@ -1,6 +1,8 @@
-"""Operators without a person: one that does the task and reacts to what it feels and sees, and one that was recorded.
+"""Operators without a person: one that does the task and reacts to what it feels and sees, and one
+that was recorded.
 
-Both are asked once a tick what they say, `messages(tick, frame)`, and are deterministic: a session is the same again.
+Both are asked once a tick what they say, `messages(tick, frame)`, and are deterministic: a session
+is the same again.
 """
 
 from __future__ import annotations
@@ -41,10 +43,11 @@ class SessionOperator(Protocol):
 class Follower:
     """Goes for the task's goal, speed in proportion to the distance, and reacts.
 
-    It feels the cue where it is on, and acts on its onset: a pull that stays after the foot was off is no news. Without
-    the cue, or before it, it may see that the instrument has left its model (the ghost on the page) by `sees_mm`.
-    Delays are from there to the action; they are assumptions, as in `stages.reaction`: 0.25 s to a touch; about 0.4 s
-    to something seen that was not looked for.
+    It feels the cue where it is on, and acts on its onset: a pull that stays after the foot was off
+    is no news. Without the cue, or before it, it may see that the instrument has left its model
+    (the ghost on the page) by `sees_mm`. Delays are from there to the action; they are assumptions,
+    as in `stages.reaction`: 0.25 s to a touch; about 0.4 s to something seen that was not looked
+    for.
     """
 
     def __init__(
@@ -62,9 +65,13 @@ class Follower:
         restarts: bool = True,
         gain_per_s: float = 4.0,
     ) -> None:
-        """rest_ms: how long it stays released or slow. pedal_ms: when it first steps on the pedal."""
+        """rest_ms: how long it stays released or slow. pedal_ms: when it first steps on the
+        pedal.
+        """
         if reaction not in REACTIONS:
-            raise UserError(f"reaction is {shown(reaction)}, expected one of {', '.join(REACTIONS)}")
+            raise UserError(
+                f"reaction is {shown(reaction)}, expected one of {', '.join(REACTIONS)}"
+            )
         self.task, self.arms = task, tuple(arms)
         self.reaction = reaction
         self.delay_ms, self.sees_mm, self.sees_delay_ms = delay_ms, sees_mm, sees_delay_ms
@@ -87,7 +94,12 @@ class Follower:
             return self._restart(tick)
         self._restart_at = -1
         due = self._noticed(tick, frame)
-        if self._act_at < 0 and tick > self._until and self.reaction != "none" and frame.number("pedal"):
+        if (
+            self._act_at < 0
+            and tick > self._until
+            and self.reaction != "none"
+            and frame.number("pedal")
+        ):
             self._act_at = due
         if 0 <= self._act_at <= tick:
             self._act_at, self._until = -1, tick + self.rest_ms
@@ -99,7 +111,9 @@ class Follower:
         return out
 
     def _noticed(self, tick: int, frame: Frame) -> int:
-        """Tick of the action that follows from what is felt or seen now and was not before; -1: none."""
+        """Tick of the action that follows from what is felt or seen now and was not before; -1:
+        none.
+        """
         due = []
         touch = bool(frame.number("cue_on") and frame.number("console_alive"))
         felt = touch and any(any(frame[f"{arm}/force"].tolist()) for arm in self.arms)
@@ -115,8 +129,17 @@ class Follower:
         acting = tick < self._until
         released = acting and self.reaction in ("release", "stop")
         slow = 0.1 if acting and self.reaction == "slow" else 1.0
-        arms = {} if released else {arm: hand for arm in self.arms if (hand := self._hand(arm, frame, slow))}
-        return {"type": "input", "source": "script", "pedal": tick >= self.pedal_ms and not released, "arms": arms}
+        arms = (
+            {}
+            if released
+            else {arm: hand for arm in self.arms if (hand := self._hand(arm, frame, slow))}
+        )
+        return {
+            "type": "input",
+            "source": "script",
+            "pedal": tick >= self.pedal_ms and not released,
+            "arms": arms,
+        }
 
     def _hand(self, arm: ArmName, frame: Frame, slow: float) -> Message:
         row = frame[f"{arm}/link_jpos"].tolist()
@@ -130,10 +153,15 @@ class Follower:
         opening = row[5] + row[6]
         aim = 0.6 if wish.closed else 1.4  # rad, well beyond what the pegs' jaws are told apart by
         grasp = min(max((opening - aim) * self._grasp_per_rad, -1.0), 1.0)
-        return {"move": [gain * right, gain * up, gain * toward], "grasp": grasp if abs(opening - aim) > 0.02 else 0.0}
+        return {
+            "move": [gain * right, gain * up, gain * toward],
+            "grasp": grasp if abs(opening - aim) > 0.02 else 0.0,
+        }
 
     def _restart(self, tick: int) -> list[Message]:
-        """The robot does not follow: hands still, foot off once it is seen, and a restart once it is understood."""
+        """The robot does not follow: hands still, foot off once it is seen, and a restart once
+        it is understood.
+        """
         if self._restart_at < 0:
             self._restart_at = tick + self.rest_ms
         aware = tick - (self._restart_at - self.rest_ms) >= self.sees_delay_ms
@@ -150,7 +178,9 @@ class Recorded:
     """Says what was said, at the same ticks."""
 
     def __init__(self, said: Iterable[tuple[int, Mapping[str, Any]]]) -> None:
-        self.said = sorted(((int(tick), dict(message)) for tick, message in said), key=lambda pair: pair[0])
+        self.said = sorted(
+            ((int(tick), dict(message)) for tick, message in said), key=lambda pair: pair[0]
+        )
         self._next = 0
 
     def messages(self, tick: int, frame: Frame) -> list[Message]:
@@ -163,7 +193,10 @@ class Recorded:
 
 def save(path: str | Path, said: Iterable[tuple[int, Mapping[str, Any]]]) -> None:
     """Write what was said as JSON lines, {"tick": ms, "message": {..}} each."""
-    lines = (json.dumps({"tick": tick, "message": message}, separators=(",", ":")) for tick, message in said)
+    lines = (
+        json.dumps({"tick": tick, "message": message}, separators=(",", ":"))
+        for tick, message in said
+    )
     Path(path).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
@@ -184,6 +217,8 @@ def load(path: str | Path) -> Recorded:
         except (ValueError, TypeError, KeyError, RecursionError):
             good = False
         if not good:
-            raise UserError(f'{path}:{number}: got {shown(line)}, expected {{"tick": ms, "message": {{..}}}}')
+            raise UserError(
+                f'{path}:{number}: got {shown(line)}, expected {{"tick": ms, "message": {{..}}}}'
+            )
         entries.append((tick, message))
     return Recorded(entries)

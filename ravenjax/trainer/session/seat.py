@@ -1,13 +1,14 @@
 """Who drives: one console has the seat, the others watch; and whether the foot on its pedal counts.
 
-Nobody has the seat at first: it goes to the console that first steps on its pedal, and stays there. A console that has
-left, or that nothing was heard of for `GONE_MS`, loses it. Everything else is an act, told as event "owner": an
-operator takes it while the pedal of the other console is up, whoever has it gives it away, the instructor gives it to
-anyone.
+Nobody has the seat at first: it goes to the console that first steps on its pedal, and stays there.
+A console that has left, or that nothing was heard of for `GONE_MS`, loses it. Everything else is an
+act, told as event "owner": an operator takes it while the pedal of the other console is up, whoever
+has it gives it away, the instructor gives it to anyone.
 
-A pedal counts as down only after it was seen up: at the beginning, and again after each of these, which a foot that
-never moved would not notice: the console was silent for `STALE_MS` or has left, the seat went to it, the robot was
-stopped, restarted or set back, a pause was over, the link to the robot was lost.
+A pedal counts as down only after it was seen up: at the beginning, and again after each of these,
+which a foot that never moved would not notice: the console was silent for `STALE_MS` or has left,
+the seat went to it, the robot was stopped, restarted or set back, a pause was over, the link to the
+robot was lost.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.session import pedal as words
 
 GONE_MS = 2000
-"""A console that was silent for so long has gone; the same as `robot_link.packet_filter` has for a stream."""
+"""A console that was silent for so long has gone; the same as `robot_link.packet_filter` has for
+a stream.
+"""
 NOBODY, SCRIPT = "nobody", "script"
 
 
@@ -43,10 +46,13 @@ class ConsoleSeat:
         """Of the owner in `CONSOLES`."""
         return CONSOLES.index(self.owner)
 
-    def hear(self, message: Mapping[str, Any], take: Callable[[Mapping[str, Any]], bool], tick: int) -> None:
+    def hear(
+        self, message: Mapping[str, Any], take: Callable[[Mapping[str, Any]], bool], tick: int
+    ) -> None:
         """A message of a console's hands.
 
-        take: gets it as it counts, if its console drives; it gives False where it is refused, as if it were unsaid.
+        take: gets it as it counts, if its console drives; it gives False where it is refused, as if
+        it were unsaid.
         """
         console, pedal = console_of(message), message.get("pedal")
         if console in self._heard and tick - self._heard[console] > STALE_MS:
@@ -95,8 +101,14 @@ class ConsoleSeat:
                 self._hand_to(NOBODY, "left", tick)
                 return True
         elif do == "take" and self.owner != console:
-            if self.owner != NOBODY and self._down and tick - self._heard.get(self.owner, tick) <= STALE_MS:
-                self._tell(tick, "refused", console=console, why=f"the pedal of {self.owner} is down")
+            if (
+                self.owner != NOBODY
+                and self._down
+                and tick - self._heard.get(self.owner, tick) <= STALE_MS
+            ):
+                self._tell(
+                    tick, "refused", console=console, why=f"the pedal of {self.owner} is down"
+                )
             else:
                 return self._hand_over(console, by, tick)
         elif do == "give" and command.get("to") in CONSOLES and command["to"] != self.owner:

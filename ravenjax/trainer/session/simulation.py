@@ -41,9 +41,13 @@ class SimulatedRobot:
         self._shown = np.zeros((2, code.outputs), np.float32)
         self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
         self.row = self._shown[0, : blueprint.layout.simulated]
-        self.motion = self._own.flat.reshape(len(code.tables), -1)  # [columns, ticks], row by row as it happens
+        self.motion = self._own.flat.reshape(
+            len(code.tables), -1
+        )  # [columns, ticks], row by row as it happens
         first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
-        self._golden = self._shown[:, first.start : last.stop]  # what the row tells of the golden run
+        self._golden = self._shown[
+            :, first.start : last.stop
+        ]  # what the row tells of the golden run
         self.now = 0  # tick to come
         series = run.series_length(blueprint.setup)
         self._series = self._shown[1, -series:]
@@ -54,7 +58,9 @@ class SimulatedRobot:
         """Where a packet from outside enters the two."""
         self._fresh = self._own.snapshot()
         places = tree.filled(code.state, list(range(len(tree.leaves(code.state)))))
-        self._slots = [tree.leaves(slot) for slot in places.faults.slots]  # of each number, among the state's
+        self._slots = [
+            tree.leaves(slot) for slot in places.faults.slots
+        ]  # of each number, among the state's
         self._fault_inputs = len(code.input_types) - len(_FIELDS) * (blueprint.fault_slots + 1)
 
     def step(self) -> None:
@@ -102,7 +108,8 @@ class SimulatedRobot:
         self.now = other.now
 
     def _realign(self) -> None:
-        """From now on the golden run begins where the robot is: a hazard that is over has left the two apart.
+        """From now on the golden run begins where the robot is: a hazard that is over has left the
+        two apart.
 
         The model comes along by itself at the next pedal-up (`nominal.resync`).
         """
@@ -119,7 +126,8 @@ class SimulatedRobot:
     def arm(self, row: int) -> None:
         """Let the fault of this row of the fault table strike from the next tick on.
 
-        Several slots of a row keep their distances in time; what waits for the pedal in a campaign does not wait here.
+        Several slots of a row keep their distances in time; what waits for the pedal in a campaign
+        does not wait here.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
@@ -155,7 +163,9 @@ class SimulatedRobot:
             self._part(True)
         values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
         slot = self.blueprint.fault_slots
-        self._write(slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": ticks})
+        self._write(
+            slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": ticks}
+        )
         self._forget([slot])
 
     def _write(self, slot: int, values: dict[str, Any] | None) -> None:
@@ -165,7 +175,9 @@ class SimulatedRobot:
 
     def _forget(self, slots: Sequence[int] | range) -> None:
         """Take the changed inputs over; what these slots remember of earlier faults goes."""
-        self._own.restore_leaves(self._fresh, [leaf for slot in slots for leaf in self._slots[slot]])
+        self._own.restore_leaves(
+            self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
+        )
         self._own.inputs_changed()
 
 
@@ -180,7 +192,9 @@ class PacketRobot(SimulatedRobot):
         self._standstill = Standstill(self.blueprint.layout)
 
     def tick(self, packet: Packet | None) -> Frame:
-        """One tick with the packet that arrived, None: none did. The frame is the same object each time."""
+        """One tick with the packet that arrived, None: none did. The frame is the same object
+        each time.
+        """
         if packet is not None:
             leaves = tree.leaves(packet)
             for entering in self.packets:

@@ -1,7 +1,9 @@
-"""Compares the groups of a study: rates, times and sizes with effect sizes, intervals and adjusted p-values.
+"""Compares the groups of a study: rates, times and sizes with effect sizes, intervals and adjusted
+p-values.
 
-Participants are what was randomised, and hazards of one participant are not independent: every interval and p-value
-counts participants. Where most of them did both conditions, each is compared with itself.
+Participants are what was randomised, and hazards of one participant are not independent: every
+interval and p-value counts participants. Where most of them did both conditions, each is compared
+with itself.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ def _time(hazard: HazardRow) -> float | None:
 RIGHT = ComparedOutcome("right", "right response", "", 1, lambda one: float(one.response_ok))
 TIME = ComparedOutcome("time", "time to a response", "ms", -1, _time)
 SIZES = (
-    ComparedOutcome("unintended", "largest unintended motion", "mm", -1, lambda one: one.farthest_mm),
+    ComparedOutcome(
+        "unintended", "largest unintended motion", "mm", -1, lambda one: one.farthest_mm
+    ),
     ComparedOutcome(
         "depth",
         "deepest in the tissue",
@@ -104,14 +108,20 @@ def compare(study: TrainingStudy, confidence: float = 0.95, seed: int = 0) -> li
 
 
 def horizon_ms(study: TrainingStudy) -> float:
-    """Until when every hazard was watched for a response, ms after its strike; later ones count as none.
+    """Until when every hazard was watched for a response, ms after its strike; later ones count as
+    none.
 
-    The shortest time for a response that a hazard of the scenario gives; the longest response seen where none tells.
+    The shortest time for a response that a hazard of the scenario gives; the longest response seen
+    where none tells.
     """
     limits = [
-        session.watched_ms[hazard.number] for session, _, hazard in study.rows() if hazard.number in session.watched_ms
+        session.watched_ms[hazard.number]
+        for session, _, hazard in study.rows()
+        if hazard.number in session.watched_ms
     ]
-    responses = [hazard.after["response"] for _, _, hazard in study.rows() if "response" in hazard.after]
+    responses = [
+        hazard.after["response"] for _, _, hazard in study.rows() if "response" in hazard.after
+    ]
     return min(limits) if limits else max(responses, default=1000.0)
 
 
@@ -131,7 +141,10 @@ def _compared(
     members = [sorted(both)] * 2 if is_paired else [sorted(side.keys() - both) for side in sides]
     left_out = len(everyone - set(members[0]) - set(members[1]))
     one, two = ([side[name] for name in names] for side, names in zip(sides, members, strict=True))
-    means = [[np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in side] for side in (one, two)]
+    means = [
+        [np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in side]
+        for side in (one, two)
+    ]
     if outcome is RIGHT:
         risk = clustered.paired_risk_difference if is_paired else clustered.risk_difference
         difference = risk(two, one, confidence)
@@ -153,7 +166,11 @@ def _compared(
         delta=dominance(points[1], points[0], confidence) if enough else _NONE,
         icc=clustered.correlation(*means).icc,
         log_rank=_log_rank(one, two, horizon) if outcome is TIME else None,
-        p=clustered.permutation_p(means[1], means[0], is_paired=is_paired, seed=seed) if varies else math.nan,
+        p=(
+            clustered.permutation_p(means[1], means[0], is_paired=is_paired, seed=seed)
+            if varies
+            else math.nan
+        ),
         adjusted=math.nan,
         clear=False,
         left_out=left_out,
@@ -162,14 +179,18 @@ def _compared(
 
 
 def _varies(points: list[np.ndarray], is_paired: bool) -> bool:
-    """Whether exchanging conditions could change anything: asked without a look at which group is which, so that
-    leaving out what does not vary favours no result."""
+    """Whether exchanging conditions could change anything: asked without a look at which group is
+    which, so that leaving out what does not vary favours no result."""
     spread = np.abs(points[0] - points[1]).max() if is_paired else np.ptp(np.concatenate(points))
     return bool(spread > _ALIKE)
 
 
-def _clusters(study: TrainingStudy, outcome: ComparedOutcome, label: str, horizon: float) -> dict[str, np.ndarray]:
-    """Values of each participant's hazards; a response after the horizon counts as none (infinite)."""
+def _clusters(
+    study: TrainingStudy, outcome: ComparedOutcome, label: str, horizon: float
+) -> dict[str, np.ndarray]:
+    """Values of each participant's hazards; a response after the horizon counts as none
+    (infinite).
+    """
     out: dict[str, list[float]] = {}
     for session, group, hazard in study.rows():
         value = outcome.value(hazard) if group == label else None
@@ -179,7 +200,9 @@ def _clusters(study: TrainingStudy, outcome: ComparedOutcome, label: str, horizo
     return {name: np.array(values) for name, values in out.items()}
 
 
-def _group(label: str, clusters: list[np.ndarray], outcome: ComparedOutcome, horizon: float) -> ComparedGroup:
+def _group(
+    label: str, clusters: list[np.ndarray], outcome: ComparedOutcome, horizon: float
+) -> ComparedGroup:
     values = np.concatenate(clusters) if clusters else np.zeros(0)
     limited = [np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in clusters]
     points = clustered.means(limited).tolist()
@@ -203,7 +226,9 @@ def _median(values: np.ndarray) -> float:
 def _medians(
     one: list[np.ndarray], two: list[np.ndarray], confidence: float, is_paired: bool, seed: int
 ) -> BootstrapBand:
-    return clustered.bootstrap_difference(two, one, _median, confidence, is_paired=is_paired, seed=seed)
+    return clustered.bootstrap_difference(
+        two, one, _median, confidence, is_paired=is_paired, seed=seed
+    )
 
 
 def _log_rank(one: list[np.ndarray], two: list[np.ndarray], horizon: float) -> LogRank:

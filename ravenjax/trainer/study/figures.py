@@ -1,4 +1,6 @@
-"""Figures of a study: effect sizes with intervals, curves of the time to a response, each participant's mean."""
+"""Figures of a study: effect sizes with intervals, curves of the time to a response, each
+participant's mean.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +23,18 @@ def forest_height(found: list[GroupComparison]) -> int:
 
 
 def forest(found: list[GroupComparison], labels: list[str]) -> str:
-    """Standardised differences with their intervals, one line a comparison; right of 0 the group did better."""
+    """Standardised differences with their intervals, one line a comparison; right of 0 the group
+    did better.
+    """
     traces = []
     for label in dict.fromkeys(one.second.label for one in found):
         mine = [one for one in found if one.second.label == label and math.isfinite(one.g.value)]
         colour = COLOURS[labels.index(label) % len(COLOURS)]
         value = [one.outcome.better * one.g.value for one in mine]
-        ends = [sorted((one.outcome.better * one.g.low, one.outcome.better * one.g.high)) for one in mine]
+        ends = [
+            sorted((one.outcome.better * one.g.low, one.outcome.better * one.g.high))
+            for one in mine
+        ]
         traces.append(
             {
                 "type": "scatter",
@@ -38,7 +45,9 @@ def forest(found: list[GroupComparison], labels: list[str]) -> str:
                     "type": "data",
                     "symmetric": False,
                     "array": _finite([high - v for v, (_, high) in zip(value, ends, strict=True)]),
-                    "arrayminus": _finite([v - low for v, (low, _) in zip(value, ends, strict=True)]),
+                    "arrayminus": _finite(
+                        [v - low for v, (low, _) in zip(value, ends, strict=True)]
+                    ),
                     "color": colour,
                     "thickness": 2,
                     "width": 5,
@@ -51,9 +60,20 @@ def forest(found: list[GroupComparison], labels: list[str]) -> str:
     layout = look(forest_height(found)) | {
         "margin": {"l": 210, "r": 24, "t": 14, "b": 50},
         "showlegend": len(labels) > 2,
-        "xaxis": _axis(f"better than {labels[0]}, standard deviations →")
-        | {"zeroline": True, "zerolinecolor": "#8a8f96", "rangemode": "tozero"},
-        "yaxis": {"autorange": "reversed", "type": "category", "gridcolor": GRID, "automargin": True},
+        "xaxis": (
+            _axis(f"better than {labels[0]}, standard deviations →")
+            | {
+                "zeroline": True,
+                "zerolinecolor": "#8a8f96",
+                "rangemode": "tozero",
+            }
+        ),
+        "yaxis": {
+            "autorange": "reversed",
+            "type": "category",
+            "gridcolor": GRID,
+            "automargin": True,
+        },
     }
     return json_of(traces, layout)
 
@@ -68,14 +88,20 @@ def curves(found: list[GroupComparison], labels: list[str], horizon: float) -> s
         colour = COLOURS[labels.index(group.label) % len(COLOURS)]
         time, share, low, high = (
             np.append(part, part[-1]) if i else np.append(part, horizon)
-            for i, part in enumerate((group.curve.time, group.curve.fraction, group.curve.low, group.curve.high))
+            for i, part in enumerate(
+                (group.curve.time, group.curve.fraction, group.curve.low, group.curve.high)
+            )
         )
         step_x = np.repeat(time, 2)[1:]
         traces.append(
             {
                 "type": "scatter",
                 "x": np.concatenate([step_x, step_x[::-1]]).round(2).tolist(),
-                "y": np.concatenate([np.repeat(high, 2)[:-1], np.repeat(low, 2)[:-1][::-1]]).round(5).tolist(),
+                "y": (
+                    np.concatenate([np.repeat(high, 2)[:-1], np.repeat(low, 2)[:-1][::-1]])
+                    .round(5)
+                    .tolist()
+                ),
                 "fill": "toself",
                 "fillcolor": faded(colour),
                 "line": {"width": 0},
@@ -111,12 +137,22 @@ def participants(one: GroupComparison, found: list[GroupComparison], labels: lis
     if one.paired and len(groups) == 2:
         for start, end in zip(groups[0].points, groups[1].points, strict=True):
             traces.append(
-                {"type": "scatter", "mode": "lines", "x": [0, 1], "y": _finite([start, end]), "hoverinfo": "skip"}
+                {
+                    "type": "scatter",
+                    "mode": "lines",
+                    "x": [0, 1],
+                    "y": _finite([start, end]),
+                    "hoverinfo": "skip",
+                }
                 | {"line": {"color": "rgba(128,128,128,0.45)", "width": 1.2}}
             )
     for place, group in enumerate(groups):
         colour = COLOURS[labels.index(group.label) % len(COLOURS)]
-        spread = np.zeros(len(group.points)) if one.paired else np.linspace(-0.16, 0.16, max(1, len(group.points)))
+        spread = (
+            np.zeros(len(group.points))
+            if one.paired
+            else np.linspace(-0.16, 0.16, max(1, len(group.points)))
+        )
         traces.append(
             {
                 "type": "scatter",
@@ -128,7 +164,12 @@ def participants(one: GroupComparison, found: list[GroupComparison], labels: lis
             }
         )
         traces.append(
-            {"type": "scatter", "mode": "lines", "x": [place - 0.24, place + 0.24], "y": _finite([group.mean] * 2)}
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": [place - 0.24, place + 0.24],
+                "y": _finite([group.mean] * 2),
+            }
             | {"line": {"color": colour, "width": 3}, "hoverinfo": "skip"}
         )
     title = "share right" if one.outcome is RIGHT else one.outcome.unit

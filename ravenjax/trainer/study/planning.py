@@ -1,9 +1,11 @@
-"""Before any data are taken: how small a p a study of so many people can reach, and how many it needs.
+"""Before any data are taken: how small a p a study of so many people can reach, and how many it
+needs.
 
-`comparison` exchanges conditions within or between participants. So few people can be exchanged in so few ways that
-even the largest effect has no small p: the smallest is two of all ways, since both directions count. Holm's adjustment
-multiplies the smallest p of a family by the number of its comparisons. Where that stays above 1 - confidence, no result
-can be clear, and the study should not be begun.
+`comparison` exchanges conditions within or between participants. So few people can be exchanged in
+so few ways that even the largest effect has no small p: the smallest is two of all ways, since both
+directions count. Holm's adjustment multiplies the smallest p of a family by the number of its
+comparisons. Where that stays above 1 - confidence, no result can be clear, and the study should not
+be begun.
 """
 
 from __future__ import annotations
@@ -44,12 +46,17 @@ def plan(
     power: float = 0.8,
     confidence: float = 0.95,
 ) -> StudyPlan:
-    """What `participants` can show where every group is compared with the first on every outcome that varies.
+    """What `participants` can show where every group is compared with the first on every outcome
+    that varies.
 
-    paired: each does all conditions. effect: standardised difference (Cohen's d; of differences where paired) that is
-    to be found with this power. UserError where a number makes no sense.
+    paired: each does all conditions. effect: standardised difference (Cohen's d; of differences
+    where paired) that is to be found with this power. UserError where a number makes no sense.
     """
-    for name, value, least in (("participants", participants, 1), ("groups", groups, 2), ("outcomes", outcomes, 1)):
+    for name, value, least in (
+        ("participants", participants, 1),
+        ("groups", groups, 2),
+        ("outcomes", outcomes, 1),
+    ):
         if value < least:
             raise UserError(f"{name} is {value}, expected at least {least}")
     if not 0.0 < power < 1.0:
@@ -63,11 +70,15 @@ def plan(
     if effect is not None:
         for_effect = max(needed, _for_effect(effect, power, alpha / comparisons, paired, groups))
     adjusted = min(1.0, comparisons * smallest)
-    return StudyPlan(participants, paired, comparisons, smallest, adjusted, adjusted <= alpha, needed, for_effect)
+    return StudyPlan(
+        participants, paired, comparisons, smallest, adjusted, adjusted <= alpha, needed, for_effect
+    )
 
 
 def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float:
-    """The least two-sided p of an exchange test of two groups, people spread evenly over `groups`; 1 below two."""
+    """The least two-sided p of an exchange test of two groups, people spread evenly over
+    `groups`; 1 below two.
+    """
     if paired:
         ways = 2**participants if participants > 1 else 1
     else:
@@ -81,23 +92,32 @@ def sentences(found: StudyPlan) -> str:
     """The plan in words."""
     design = "who do both conditions" if found.paired else "each in one group"
     family = f"{found.comparisons} comparisons" if found.comparisons > 1 else "one comparison"
-    can = "a clear result is possible" if found.possible else "no result can be clear, however large the effect"
+    can = (
+        "a clear result is possible"
+        if found.possible
+        else "no result can be clear, however large the effect"
+    )
     why = f", as {DRAWS:,} exchanges are drawn" if found.smallest_p <= 2.0 / (DRAWS + 1) else ""
     lines = [
-        f"{found.participants} participants, {design}: the smallest p is {found.smallest_p:.3g}{why}; after "
-        f"Holm over {family} {found.adjusted:.3g}: {can}.",
+        (
+            f"{found.participants} participants, {design}: the smallest p is"
+            f" {found.smallest_p:.3g}{why}; after Holm over {family} {found.adjusted:.3g}: {can}."
+        ),
         f"The least for a clear result: {found.needed} participants.",
     ]
     if found.for_effect is not None:
         lines.append(f"For the effect that is to be found: {found.for_effect} participants.")
     lines.append(
-        "An outcome that does not vary is not compared, which makes the family smaller; who drops out makes it harder."
+        "An outcome that does not vary is not compared, which makes the family smaller; who drops"
+        " out makes it harder."
     )
     return "\n".join(lines)
 
 
 def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups: int) -> int:
-    """Participants, by Student's t-test at Holm's first level: somewhat fewer than an exchange test of few needs."""
+    """Participants, by Student's t-test at Holm's first level: somewhat fewer than an exchange
+    test of few needs.
+    """
     from statsmodels.stats.power import TTestIndPower, TTestPower  # slow to import
 
     law = TTestPower() if paired else TTestIndPower()
@@ -111,7 +131,10 @@ def _least(enough: Callable[[int], bool]) -> int:
     while not enough(high):
         low, high = high, 2 * high
         if low > MOST:
-            raise UserError(f"more than {MOST} participants are needed: ask for a larger effect or fewer comparisons")
+            raise UserError(
+                f"more than {MOST} participants are needed: ask for a larger effect or fewer"
+                " comparisons"
+            )
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle) else (middle, high)

@@ -1,4 +1,6 @@
-"""A study: compares groups of sessions and writes the result as a page, a table and a short text."""
+"""A study: compares groups of sessions and writes the result as a page, a table and a short
+text.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ __all__ = ["Assignment", "StudyResult", "assign", "run"]
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
-"""Columns that would tell a blinded reader who had the cue; a session's folder may be named after it."""
+"""Columns that would tell a blinded reader who had the cue; a session's folder may be named
+after it.
+"""
 
 
 class StudyResult(NamedTuple):
@@ -44,7 +48,8 @@ def run(
 ) -> StudyResult:
     """Compare sessions and write study.html, study.csv (one row a hazard) and study.txt into `out`.
 
-    Arguments as `study_table.collect`; seed: of bootstrap and permutations. Raises UserError and StoreError as it does.
+    Arguments as `study_table.collect`; seed: of bootstrap and permutations. Raises UserError and
+    StoreError as it does.
     """
     study = study_table.collect(folders, by, unblind=unblind, mixed=mixed)
     comparisons = comparison.compare(study, confidence, seed)
@@ -63,7 +68,10 @@ def table(study: TrainingStudy) -> str:
     """One row a hazard that struck, as CSV; `compared` is the group as it is shown."""
     rows = []
     for session, label, hazard in study.rows():
-        row = dataclasses.asdict(hazard) | {"participant": session.participant, "session": session.name}
+        row = dataclasses.asdict(hazard) | {
+            "participant": session.participant,
+            "session": session.name,
+        }
         if study.blinded:
             row = {name: value for name, value in row.items() if name not in _HIDDEN}
         rows.append({"compared": label} | row)

@@ -1,4 +1,6 @@
-"""The sessions of a study: reads them, checks that they belong together, and hides the groups of a blinded study."""
+"""The sessions of a study: reads them, checks that they belong together, and hides the groups of
+a blinded study.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,8 @@ _LONGEST = 6  # names of an error's list
 
 
 UNDECIDED = ("", "interrupted")
-"""Outcomes of hazards that were cut off, by the end of a recording or by what is not the operator's: they count for
-neither group."""
+"""Outcomes of hazards that were cut off, by the end of a recording or by what is not the
+operator's: they count for neither group."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +51,9 @@ class StudySession:
         return str(self.header.get("participant") or f"(session {self.name})")
 
     def groups(self, by: str) -> dict[str, list[HazardRow]]:
-        """Its hazards that struck and were decided, by condition; the cue may have been changed on the way."""
+        """Its hazards that struck and were decided, by condition; the cue may have been changed
+        on the way.
+        """
         out: dict[str, list[HazardRow]] = {}
         for hazard in self.hazards:
             if hazard.struck_ms is not None and hazard.outcome not in UNDECIDED:
@@ -59,10 +63,14 @@ class StudySession:
 
     @property
     def watched_ms(self) -> dict[int, float]:
-        """How long a response to each hazard of its list is awaited, ms; a little longer is watched."""
+        """How long a response to each hazard of its list is awaited, ms; a little longer is
+        watched.
+        """
         listed = self.header.get("hazards") or []
         return {
-            int(one["number"]): 1e3 * float(one["within_s"]) for one in listed if "number" in one and "within_s" in one
+            int(one["number"]): 1e3 * float(one["within_s"])
+            for one in listed
+            if "number" in one and "within_s" in one
         }
 
 
@@ -101,25 +109,29 @@ def collect(
 ) -> TrainingStudy:
     """Read sessions: each folder is one, or holds some at any depth.
 
-    by: "group" or "cue"; the one that differs if None, "group" first. unblind: show what conditions the groups of
-    blinded sessions were. mixed: take sessions of several scenarios or versions together, and say so. Raises UserError
-    where there is nothing to compare or sessions are not of one study, StoreError where a file is damaged.
+    by: "group" or "cue"; the one that differs if None, "group" first. unblind: show what conditions
+    the groups of blinded sessions were. mixed: take sessions of several scenarios or versions
+    together, and say so. Raises UserError where there is nothing to compare or sessions are not of
+    one study, StoreError where a file is damaged.
     """
     every = [_read(folder) for folder in _folders(folders)]
     left_out = [_why_not(one) for one in every if not _struck(one)]
     valid = [one for one in every if _struck(one)]
     if not valid:
         listed = "; ".join(left_out[:_LONGEST]) or "no session was found"
-        raise UserError(f"a study needs sessions in which hazards struck and were decided: {listed}")
+        raise UserError(
+            f"a study needs sessions in which hazards struck and were decided: {listed}"
+        )
     notes = [*_of_one_study(valid, mixed), *_undecided(valid)]
     by = _by(valid, by)
     groups = sorted(
-        {name for one in valid for name in one.groups(by)}, key=lambda name: (name.lower() not in _REFERENCES, name)
+        {name for one in valid for name in one.groups(by)},
+        key=lambda name: (name.lower() not in _REFERENCES, name),
     )
     if len(groups) < 2:
         raise UserError(
-            f"all {len(valid)} sessions have {by} {groups[0]!r}: there is nothing to compare. Give sessions of another "
-            f"{by} too" + ("" if by == "cue" else ", or compare by the cue")
+            f"all {len(valid)} sessions have {by} {groups[0]!r}: there is nothing to compare. Give"
+            f" sessions of another {by} too" + ("" if by == "cue" else ", or compare by the cue")
         )
     blinded = any(one.header.get("blinded") for one in valid) and not unblind
     labels = _blind(groups, valid) if blinded else {name: _named(by, name) for name in groups}
@@ -138,21 +150,30 @@ def _folders(given: Iterable[Path]) -> list[Path]:
         if (folder / description.FILE).exists():
             inside = [folder]
         else:
-            inside = sorted(path.parent for path in folder.rglob(description.FILE)) if folder.is_dir() else []
+            inside = (
+                sorted(path.parent for path in folder.rglob(description.FILE))
+                if folder.is_dir()
+                else []
+            )
         if not inside:
             raise UserError(
-                f"{folder}: holds no session; expected folders that `ravenjax train` wrote, or one with such"
+                f"{folder}: holds no session; expected folders that `ravenjax train` wrote, or one"
+                " with such"
             )
         out += [one for one in inside if one.resolve() not in {other.resolve() for other in out}]
     return out
 
 
 def _read(folder: Path) -> StudySession:
-    """A session's hazards are those of its table; of its recording where it was killed before it could write one."""
+    """A session's hazards are those of its table; of its recording where it was killed before it
+    could write one.
+    """
     header = description.read(folder)
     if (folder / table.FILE).exists() or reader.find(folder) is None:
         return StudySession(folder, header, table.read(folder))
-    return StudySession(folder, header, events.from_recording(reader.read(folder), header), cut_short=True)
+    return StudySession(
+        folder, header, events.from_recording(reader.read(folder), header), cut_short=True
+    )
 
 
 def _struck(one: StudySession) -> bool:
@@ -162,7 +183,10 @@ def _struck(one: StudySession) -> bool:
 def _why_not(one: StudySession) -> str:
     if any(hazard.struck_ms is not None for hazard in one.hazards):
         return f"{one.name}: every hazard that struck was cut off"
-    return f"{one.name}: no hazard struck{'' if one.header.get('ended') else ' before it was cut short'}"
+    return (
+        f"{one.name}: no hazard"
+        f" struck{'' if one.header.get('ended') else ' before it was cut short'}"
+    )
 
 
 def _undecided(sessions: Sequence[StudySession]) -> list[str]:
@@ -170,13 +194,15 @@ def _undecided(sessions: Sequence[StudySession]) -> list[str]:
     notes = []
     short = [one.name for one in sessions if one.cut_short]
     if short:
-        notes.append(f"Sessions that were cut short count as far as their recordings go: {', '.join(short)}.")
+        notes.append(
+            f"Sessions that were cut short count as far as their recordings go: {', '.join(short)}."
+        )
     hazards = [hazard for one in sessions for hazard in one.hazards if hazard.struck_ms is not None]
     cut = sum(hazard.outcome in UNDECIDED for hazard in hazards)
     if cut:
         notes.append(
-            f"{cut} of {len(hazards)} hazards were cut off, and not by the operator (a pause, a reset, a lost console, "
-            "the end); they are left out."
+            f"{cut} of {len(hazards)} hazards were cut off, and not by the operator (a pause, a"
+            " reset, a lost console, the end); they are left out."
         )
     return notes
 
@@ -190,17 +216,23 @@ def _of_one_study(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
             raise UserError(f"{one.folder}: is a copy of {same[key]}; give each session once")
         same[key] = str(one.folder)
     notes = []
-    for what, value in (("scenarios", _scenario), ("versions", lambda header: header.get("versions") or {})):
+    for what, value in (
+        ("scenarios", _scenario),
+        ("versions", lambda header: header.get("versions") or {}),
+    ):
         kinds: dict[str, list[StudySession]] = {}
         for one in sessions:
             kinds.setdefault(json.dumps(value(one.header), sort_keys=True), []).append(one)
         if len(kinds) > 1:
             first, second = list(kinds.values())[:2]
-            text = f"{len(kinds)} different {what}: {_difference(value(first[0].header), value(second[0].header))}"
+            text = (
+                f"{len(kinds)} different {what}:"
+                f" {_difference(value(first[0].header), value(second[0].header))}"
+            )
             if not mixed:
                 raise UserError(
-                    f"the sessions are not of one study, they have {text} ({first[0].name} against {second[0].name}). "
-                    "Give those of one study, or allow a mixture with --mixed"
+                    f"the sessions are not of one study, they have {text} ({first[0].name} against"
+                    f" {second[0].name}). Give those of one study, or allow a mixture with --mixed"
                 )
             notes.append(f"Sessions with {text} are taken together.")
     return notes
@@ -212,7 +244,11 @@ def _scenario(header: dict[str, Any]) -> Any:
     if not isinstance(content, dict):
         return content
     cue = content.get("cue")
-    fixed = {key: value for key, value in cue.items() if key not in ("on", "blinded")} if isinstance(cue, dict) else cue
+    fixed = (
+        {key: value for key, value in cue.items() if key not in ("on", "blinded")}
+        if isinstance(cue, dict)
+        else cue
+    )
     return content | {"cue": fixed}
 
 
@@ -235,7 +271,9 @@ def _by(sessions: Sequence[StudySession], by: str | None) -> str:
 
 
 def _blind(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
-    """Letters in an order that tells nothing: drawn from the sessions' own names, the same each time."""
+    """Letters in an order that tells nothing: drawn from the sessions' own names, the same each
+    time.
+    """
     names = "\n".join(sorted(one.name for one in sessions))
     seed = int.from_bytes(hashlib.sha256(names.encode()).digest()[:8], "little")
     order = np.random.default_rng(seed).permutation(len(groups))

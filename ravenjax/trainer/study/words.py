@@ -64,15 +64,24 @@ def difference(one: GroupComparison) -> str:
 
 def sentence(one: GroupComparison) -> str:
     """One outcome in a sentence."""
-    sides = f"{one.second.label}: {level(one, one.second)}; {one.first.label}: {level(one, one.first)}"
+    sides = (
+        f"{one.second.label}: {level(one, one.second)}; {one.first.label}: {level(one, one.first)}"
+    )
     return f"{one.outcome.name[:1].upper()}{one.outcome.name[1:]}: {sides}. {_verdict(one)}"
 
 
 def _verdict(one: GroupComparison) -> str:
     if math.isnan(one.p):
         few = min(one.first.participants, one.second.participants) < 2
-        return "Too few participants to compare." if few else "It did not vary, so there is nothing to test."
-    numbers = f"difference {difference(one)}, p {_equals(p_value(one.p))}, adjusted {_equals(p_value(one.adjusted))}"
+        return (
+            "Too few participants to compare."
+            if few
+            else "It did not vary, so there is nothing to test."
+        )
+    numbers = (
+        f"difference {difference(one)}, p {_equals(p_value(one.p))}, adjusted"
+        f" {_equals(p_value(one.adjusted))}"
+    )
     if not one.clear:
         return f"No clear difference ({numbers})."
     return f"{one.second.label} did {'better' if _sign(one) > 0 else 'worse'} ({numbers})."
@@ -99,7 +108,8 @@ def headline(found: list[GroupComparison]) -> tuple[str, str]:
             mine = [one for one in clear if one.second.label == label and _sign(one) == sign]
             if mine:
                 parts.append(
-                    f"{_listed([one.outcome.name for one in mine])} {word} with {label} than with {mine[0].first.label}"
+                    f"{_listed([one.outcome.name for one in mine])} {word} with {label} than with"
+                    f" {mine[0].first.label}"
                 )
     are = "comparison is" if len(clear) == 1 else "comparisons are"
     return f"{len(clear)} of {len(tested)} {are} clear", ": " + "; ".join(parts) + "."
@@ -122,21 +132,31 @@ def caveats(study: TrainingStudy, found: list[GroupComparison]) -> list[str]:
         out.append("Blinded: groups have letters. Unblind once the analysis is settled.")
     for label in dict.fromkeys(one.second.label for one in found):
         mine = [one for one in found if one.second.label == label]
-        people = min(one.first.participants + (0 if one.paired else one.second.participants) for one in mine)
+        people = min(
+            one.first.participants + (0 if one.paired else one.second.participants) for one in mine
+        )
         if people < _FEW:
             out.append(
-                f"{people} participants: intervals of medians, which resample participants, are too narrow with fewer "
-                f"than some {_FEW}; the others allow for it."
+                f"{people} participants: intervals of medians, which resample participants, are too"
+                f" narrow with fewer than some {_FEW}; the others allow for it."
             )
         lost = max(one.left_out for one in mine)
         if lost:
             who = "1 participant" if lost == 1 else f"{lost} participants"
-            does = "did only one condition" if mine[0].paired else "did both conditions, unlike half of all or more,"
-            out.append(f"{who} {does} and {'is' if lost == 1 else 'are'} left out of the comparison.")
+            does = (
+                "did only one condition"
+                if mine[0].paired
+                else "did both conditions, unlike half of all or more,"
+            )
+            out.append(
+                f"{who} {does} and {'is' if lost == 1 else 'are'} left out of the comparison."
+            )
     out += _floors(found)
     unnamed = sum(not one.header.get("participant") for one in study.sessions)
     if unnamed:
-        out.append(f"{unnamed} sessions name no participant; each is taken as a participant of its own.")
+        out.append(
+            f"{unnamed} sessions name no participant; each is taken as a participant of its own."
+        )
     out += [f"Left out: {one}." for one in study.left_out]
     return list(dict.fromkeys(out))
 
@@ -152,8 +172,9 @@ def _floors(found: list[GroupComparison]) -> list[str]:
     if adjusted <= 0.05:
         return []
     return [
-        f"So few participants cannot show anything: the smallest p that they can reach is {p_value(smallest)}, "
-        f"{p_value(adjusted)} after Holm over {len(tested)} comparisons. `ravenjax study plan` says how many it takes."
+        "So few participants cannot show anything: the smallest p that they can reach is"
+        f" {p_value(smallest)}, {p_value(adjusted)} after Holm over {len(tested)} comparisons."
+        " `ravenjax study plan` says how many it takes."
     ]
 
 
@@ -163,14 +184,18 @@ def text(study: TrainingStudy, found: list[GroupComparison], horizon: float) -> 
     hazards = len(study.rows())
     people = len({one.participant for one in study.sessions})
     lines = [
-        f"Study of {study.scenario or 'sessions'}: "
-        f"{people} participants, {len(study.sessions)} sessions, {hazards} hazards",
+        (
+            f"Study of {study.scenario or 'sessions'}: "
+            f"{people} participants, {len(study.sessions)} sessions, {hazards} hazards"
+        ),
         f"{begin}{rest}",
         "",
         *(sentence(one) for one in found),
         "",
-        f"Responses count for {horizon / 1000:g} s. Intervals are of 95 %; participants are counted, not hazards; "
-        "p by exchanging conditions, adjusted by Holm.",
+        (
+            f"Responses count for {horizon / 1000:g} s. Intervals are of 95 %; participants are"
+            " counted, not hazards; p by exchanging conditions, adjusted by Holm."
+        ),
         *caveats(study, found),
     ]
     return "\n".join(lines) + "\n"

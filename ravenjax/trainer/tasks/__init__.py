@@ -1,7 +1,9 @@
-"""What the operator is asked to do: reach targets, also in levels, transfer an object, follow a line, or nothing.
+"""What the operator is asked to do: reach targets, also in levels, transfer an object, follow a
+line, or nothing.
 
-Everything lies in world coordinates, m, in the field around the middle of the tips at the beginning. Tips in a frame
-are in frame 0 of their arm. Nothing here touches the robot: pegs and objects stay where they are, without contact.
+Everything lies in world coordinates, m, in the field around the middle of the tips at the
+beginning. Tips in a frame are in frame 0 of their arm. Nothing here touches the robot: pegs and
+objects stay where they are, without contact.
 """
 
 from __future__ import annotations

@@ -39,7 +39,9 @@ class Task(abc.ABC):
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
         """One tick of the session: events "target", "object" and "task_done"."""
-        tips: dict[ArmName, Point] = {arm: travel.step(frame) for arm, travel in self._travels.items()}
+        tips: dict[ArmName, Point] = {
+            arm: travel.step(frame) for arm, travel in self._travels.items()
+        }
         events: list[Event] = []
         if not self.done:
             self._step(frame, tips, tick, events)
@@ -49,7 +51,9 @@ class Task(abc.ABC):
         return events
 
     @abc.abstractmethod
-    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
         """What is special about the task."""
 
     def restart(self) -> None:
@@ -62,8 +66,17 @@ class Task(abc.ABC):
         return None
 
     def geometry(self) -> dict[str, Any]:
-        """What the page draws, world coordinates in m; JSON. `turns`: arms that take turns, `of` so many in all."""
-        return {"kind": self.kind, "targets": [], "pegs": [], "object": None, "path": None, "turns": None}
+        """What the page draws, world coordinates in m; JSON. `turns`: arms that take turns, `of`
+        so many in all.
+        """
+        return {
+            "kind": self.kind,
+            "targets": [],
+            "pegs": [],
+            "object": None,
+            "path": None,
+            "turns": None,
+        }
 
     def result(self) -> dict[str, Any]:
         """Numbers for the debrief: `score` is 0 to 100; lengths in mm, times in ms."""
@@ -73,7 +86,9 @@ class Task(abc.ABC):
             "done": self.done,
             "score": round(100.0 * self._score(), 1),
             "path_mm": {arm: round(travel.path_mm, 3) for arm, travel in self._travels.items()},
-            "deepest_mm": {arm: _finite(travel.deepest_mm) for arm, travel in self._travels.items()},
+            "deepest_mm": {
+                arm: _finite(travel.deepest_mm) for arm, travel in self._travels.items()
+            },
         }
 
     def _score(self) -> float:
@@ -91,7 +106,9 @@ class FreeTask(Task):
     def __init__(self, begin: Mapping[ArmName, Point]) -> None:
         super().__init__("free", begin)
 
-    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
         """Nothing to do."""
 
 
@@ -104,7 +121,9 @@ class Travel:
         self.arm: ArmName = arm
         self.path_mm = 0.0
         self.deepest_mm = -math.inf
-        self._places: tuple[int, int] | None = None  # of the jaws' axis and of the joints in a frame
+        self._places: tuple[int, int] | None = (
+            None  # of the jaws' axis and of the joints in a frame
+        )
         self._last: Point | None = None
 
     def step(self, frame: Frame) -> Point:
@@ -114,7 +133,10 @@ class Travel:
             self._places = places[f"{self.arm}/tip"].start, places[f"{self.arm}/link_jpos"].start
         axis, joints = self._places
         numbers = frame.numbers
-        tip = to_world(self.arm, closing_point(self.arm, numbers[axis : axis + 3], numbers[joints : joints + 7]))
+        tip = to_world(
+            self.arm,
+            closing_point(self.arm, numbers[axis : axis + 3], numbers[joints : joints + 7]),
+        )
         if self._last is not None:
             self.path_mm += 1e3 * math.dist(tip, self._last)
         self._last = tip

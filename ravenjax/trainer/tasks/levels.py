@@ -1,8 +1,10 @@
-"""Levels to proficiency: rounds of targets until some in a row are within the time, then the next level.
+"""Levels to proficiency: rounds of targets until some in a row are within the time, then the next
+level.
 
-A round has the same targets each time, and its time runs from its first target to its last, so that nobody is hurried
-between rounds. That training ends with a level of skill that is shown again at once, not with a number of repetitions,
-is how surgical skills are taught (Ritter, Scott, Surg. Innov. 14, 2007); which times are proficient, a scenario says.
+A round has the same targets each time, and its time runs from its first target to its last, so that
+nobody is hurried between rounds. That training ends with a level of skill that is shown again at
+once, not with a number of repetitions, is how surgical skills are taught (Ritter, Scott, Surg.
+Innov. 14, 2007); which times are proficient, a scenario says.
 """
 
 from __future__ import annotations
@@ -40,17 +42,23 @@ class LevelsTask(Task):
         self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
         self._level = 0
         self._in_a_row = 0
-        self._rounds_ms: list[list[int]] = [[] for _ in settings.level]  # how long each round of a level took
+        self._rounds_ms: list[list[int]] = [
+            [] for _ in settings.level
+        ]  # how long each round of a level took
         self._begun: int | None = None  # tick at which the round's first target was reached
         self._reach = self._make[0]()
         self._told_level = False
         self.target = 0
 
-    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
         if not self._told_level:
             self._told_level = True
             events.append(self._event(tick))
-        self._reach._step(frame, tips, tick, [])  # the tips are known; what it tells is the round's alone
+        self._reach._step(
+            frame, tips, tick, []
+        )  # the tips are known; what it tells is the round's alone
         if self._begun is None and self._reach.target != 0:
             self._begun = tick
         if self._reach.done:
@@ -68,7 +76,9 @@ class LevelsTask(Task):
         self._begun = None
         if self._in_a_row == self.settings.in_a_row:
             self._level, self._in_a_row = level + 1, 0
-        self.progress = (self._level + self._in_a_row / self.settings.in_a_row) / len(self.settings.level)
+        self.progress = (self._level + self._in_a_row / self.settings.in_a_row) / len(
+            self.settings.level
+        )
         if self._level == len(self.settings.level):
             self._finish(tick, events)
             return

@@ -25,7 +25,11 @@ class PathTask(Task):
     """One arm goes along the line; with two, each has its own, side by side in turn of laps."""
 
     def __init__(
-        self, settings: Path, arms: Sequence[ArmName], begin: Mapping[ArmName, Point], middle: tuple[float, float]
+        self,
+        settings: Path,
+        arms: Sequence[ArmName],
+        begin: Mapping[ArmName, Point],
+        middle: tuple[float, float],
     ) -> None:
         super().__init__("path", begin)
         self.settings, self._arms = settings, tuple(arms)
@@ -43,7 +47,9 @@ class PathTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[(self._at // POINTS) % len(self._arms)]
 
-    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
         tip = tips[self._arm]
         near, ahead = math.inf, 0
         for k in range(AHEAD):
@@ -89,7 +95,9 @@ class PathTask(Task):
     def result(self) -> dict[str, Any]:
         return super().result() | {
             "laps": round(self._at / POINTS, 3),
-            "rms_off_mm": round(math.sqrt(self._square_mm2 / self._ticks), 3) if self._ticks else None,
+            "rms_off_mm": (
+                round(math.sqrt(self._square_mm2 / self._ticks), 3) if self._ticks else None
+            ),
             "worst_off_mm": round(self._worst_mm, 3) if self._ticks else None,
             "within_share": round(self._within / self._ticks, 4) if self._ticks else None,
         }

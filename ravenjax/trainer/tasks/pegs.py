@@ -1,8 +1,9 @@
-"""Peg transfer: take the object from its peg, carry it over, set it down on the other. Kinematic, without contact.
+"""Peg transfer: take the object from its peg, carry it over, set it down on the other. Kinematic,
+without contact.
 
-Jaws that close within `tolerance_mm` of the object take it along; jaws that open let go of it: over its peg it is
-placed, elsewhere it drops to the tissue and has to be fetched there. The jaws are those of the true links, so a hazard
-that opens them drops the object too.
+Jaws that close within `tolerance_mm` of the object take it along; jaws that open let go of it: over
+its peg it is placed, elsewhere it drops to the tissue and has to be fetched there. The jaws are
+those of the true links, so a hazard that opens them drops the object too.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from ravenjax.trainer.scenario.config import PegTransfer
 from ravenjax.trainer.tasks.base import Event, Task, Wish, rounded
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
-"""Jaw openings below which jaws hold and above which they let go; 1.57 at home, 0.67 with the 900 mrad of the generated
-motion of the same name."""
+"""Jaw openings below which jaws hold and above which they let go; 1.57 at home, 0.67 with the 900
+mrad of the generated motion of the same name."""
 LIFT_M = 0.008
 """How high over pegs an operator carries."""
 PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
@@ -53,7 +54,9 @@ class PegTask(Task):
         self.placed, self.dropped = 0, 0
         self.target = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
-        self._jaws: dict[ArmName, tuple[str, bool]] = {arm: (f"{arm}/link_jpos", False) for arm in self._arms}
+        self._jaws: dict[ArmName, tuple[str, bool]] = {
+            arm: (f"{arm}/link_jpos", False) for arm in self._arms
+        }
         self._times: list[int] = []
         self._since = 0
 
@@ -61,7 +64,9 @@ class PegTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[self.placed % len(self._arms)]
 
-    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
         for arm, (channel, closed) in self._jaws.items():
             row = frame[channel]
             opening = float(row[5]) + float(row[6])
@@ -72,7 +77,11 @@ class PegTask(Task):
                 self.object = tips[arm]
                 if opens:
                     self._let_go(tick, events)
-            elif closes and self.held is None and math.dist(tips[arm], self.object) <= self._tolerance_m:
+            elif (
+                closes
+                and self.held is None
+                and math.dist(tips[arm], self.object) <= self._tolerance_m
+            ):
                 self.held = arm
                 self.target = self.ways[self.placed + 1]
                 events.append(self._told_object(tick))
@@ -101,7 +110,11 @@ class PegTask(Task):
         """What was held lies on its peg again: the robot that held it is elsewhere."""
         super().restart()
         if self.held is not None:
-            self.held, self.object, self.target = None, self.pegs[self.ways[self.placed]], len(self.pegs)
+            self.held, self.object, self.target = (
+                None,
+                self.pegs[self.ways[self.placed]],
+                len(self.pegs),
+            )
         self._jaws = {arm: (channel, False) for arm, (channel, _) in self._jaws.items()}
 
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
@@ -141,7 +154,9 @@ class PegTask(Task):
             "placed": self.placed,
             "dropped": self.dropped,
             "transfers": self.settings.transfers,
-            "time_per_transfer_ms": round(sum(self._times) / len(self._times), 1) if self._times else None,
+            "time_per_transfer_ms": (
+                round(sum(self._times) / len(self._times), 1) if self._times else None
+            ),
         }
 
     def _score(self) -> float:

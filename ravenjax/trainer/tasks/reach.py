@@ -48,7 +48,9 @@ class ReachTask(Task):
         self._straight_mm = 0.0
         self._from = dict(begin)
 
-    def _step(self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]) -> None:
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
         arm, point = self.targets[self.target]
         if math.dist(tips[arm], point) > self._tolerance_m:
             self._inside = 0
@@ -77,7 +79,13 @@ class ReachTask(Task):
 
     def geometry(self) -> dict[str, Any]:
         targets = [
-            {"number": k, "arm": arm, "at": rounded(at), "radius_m": self._tolerance_m, "colour": COLOURS[arm]}
+            {
+                "number": k,
+                "arm": arm,
+                "at": rounded(at),
+                "radius_m": self._tolerance_m,
+                "colour": COLOURS[arm],
+            }
             for k, (arm, at) in enumerate(self.targets)
         ]
         return super().geometry() | {"targets": targets}
@@ -86,13 +94,19 @@ class ReachTask(Task):
         return super().result() | {
             "reached": len(self._times),
             "targets": len(self.targets),
-            "time_per_target_ms": round(sum(self._times) / len(self._times), 1) if self._times else None,
+            "time_per_target_ms": (
+                round(sum(self._times) / len(self._times), 1) if self._times else None
+            ),
             "straight_mm": round(self._straight_mm, 3),
         }
 
 
-def _drawn(settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point) -> Point:
-    """A point of the box that is no repetition of the one before; the farthest of some where the box is small."""
+def _drawn(
+    settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
+) -> Point:
+    """A point of the box that is no repetition of the one before; the farthest of some where the
+    box is small.
+    """
     extent = settings.extent_mm / 1e3
     points = []
     for _ in range(20):

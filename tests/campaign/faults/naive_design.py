@@ -1,6 +1,8 @@
-"""The expansion of a campaign written out row by row with Python's own numbers: slow, and easy to believe.
+"""The expansion of a campaign written out row by row with Python's own numbers: slow, and easy to
+believe.
 
-An oracle for `ravenjax.campaign.faults.design`, with which it shares no more than the quantiles that a design draws.
+An oracle for `ravenjax.campaign.faults.design`, with which it shares no more than the quantiles
+that a design draws.
 """
 
 from __future__ import annotations
@@ -24,8 +26,21 @@ from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.legal import complaint, legal
 
-FIELDS = ("site", "arm", "channel", "effect", "value", "trigger", "start_ms", "duration_ms", "every_ms", "period_ms")
-EMPTY = {name: 0 if name.endswith("_ms") else math.nan if name == "value" else "" for name in FIELDS}
+FIELDS = (
+    "site",
+    "arm",
+    "channel",
+    "effect",
+    "value",
+    "trigger",
+    "start_ms",
+    "duration_ms",
+    "every_ms",
+    "period_ms",
+)
+EMPTY = {
+    name: 0 if name.endswith("_ms") else math.nan if name == "value" else "" for name in FIELDS
+}
 LEAST = {"start_ms": 0, "duration_ms": 1, "every_ms": 0, "period_ms": 1}
 MASK = 2**64 - 1
 
@@ -42,7 +57,11 @@ def expand(config):
             content |= {f"fault{slot}_{name}": value for name, value in fault.items()}
         plain = mix(sum(hashed(common, name, value) for name, value in content.items()) & MASK)
         copy = copies[plain] = copies.get(plain, -1) + 1
-        row = {"run_id": mix(plain ^ mix(copy)) if copy else plain, "index": index, "pair": index - behind}
+        row = {
+            "run_id": mix(plain ^ mix(copy)) if copy else plain,
+            "index": index,
+            "pair": index - behind,
+        }
         row |= {"group": group, "seed": seed, "operator": config.operator.label}
         for slot in range(config.slots):
             fault = faults[slot] if slot < len(faults) else EMPTY
@@ -55,7 +74,9 @@ def expand(config):
 
 
 def arranged(config, rows, repeats):
-    """The rows of a campaign with [stop]: each group's draws one after another, those of lists in a drawn order."""
+    """The rows of a campaign with [stop]: each group's draws one after another, those of lists
+    in a drawn order.
+    """
     out = []
     for group in config.group:
         draws, of = [], {}
@@ -71,7 +92,10 @@ def arranged(config, rows, repeats):
         if group.design not in ("random", "lhs", "sobol"):
             rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode()), 1])
             places = rng.permutation(len(draws)).tolist()
-            draws = [draw for _, draw in sorted(zip(places, draws, strict=True), key=lambda pair: pair[0])]
+            draws = [
+                draw
+                for _, draw in sorted(zip(places, draws, strict=True), key=lambda pair: pair[0])
+            ]
         out += [row for draw in draws for row in draw]
     new = {row["index"]: place for place, row in enumerate(out)}
     return [row | {"index": place, "pair": new[row["pair"]]} for place, row in enumerate(out)]
@@ -89,7 +113,11 @@ def hashed(common, name, value):
         return 0
     salt = f"{common}/{name}/{value}" if isinstance(value, str) else f"{common}/{name}"
     salt = int.from_bytes(hashlib.sha256(salt.encode()).digest()[:8], "little")
-    return salt if isinstance(value, str) else mix(salt ^ int.from_bytes(struct.pack("<d", value + 0.0), "little"))
+    return (
+        salt
+        if isinstance(value, str)
+        else mix(salt ^ int.from_bytes(struct.pack("<d", value + 0.0), "little"))
+    )
 
 
 def runs_of(config, group):
@@ -97,14 +125,23 @@ def runs_of(config, group):
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for run in group.run or (None,):
         faults = group.faults_of(run) if run else group.fault
-        axes = {(f, name): axis for f, fault in enumerate(faults) for name, axis in axes_of(config, fault).items()}
+        axes = {
+            (f, name): axis
+            for f, fault in enumerate(faults)
+            for name, axis in axes_of(config, fault).items()
+        }
         parameters = {**config.parameters, **group.parameters, **(run.parameters if run else {})}
         axes |= {("", path): axis for path, axis in parameters.items()}
         drawn = list(cells(group, axes, rng))
         crossed = {**config.cross, **group.cross}
-        for number, values in enumerate(itertools.product(*(axis.values for axis in crossed.values()))):
+        for number, values in enumerate(
+            itertools.product(*(axis.values for axis in crossed.values()))
+        ):
             for repeat, cell in drawn:
-                rows = tuple(canonical(config, group.name, f, fault, axes, cell) for f, fault in enumerate(faults))
+                rows = tuple(
+                    canonical(config, group.name, f, fault, axes, cell)
+                    for f, fault in enumerate(faults)
+                )
                 plain = {path: float(cell["", path][0]) for path in parameters}
                 of_cross = {path: float(value) for path, value in zip(crossed, values, strict=True)}
                 yield group.name, rows, plain | of_cross, repeat, number * len(drawn)
@@ -132,11 +169,17 @@ def cells(group, axes, rng):
         drawn = {key: a for key, a in axes.items() if a.kind != "fixed"}
         sample = unit(group.design, group.runs, len(drawn), rng)
         for row, repeat in itertools.product(range(group.runs), range(group.repeats)):
-            yield repeat, constant | {key: draw(axis, sample[row, i]) for i, (key, axis) in enumerate(drawn.items())}
+            yield (
+                repeat,
+                constant
+                | {key: draw(axis, sample[row, i]) for i, (key, axis) in enumerate(drawn.items())},
+            )
         return
     if group.design == "zip":
         longest = max((len(values) for values in lists.values()), default=1)
-        combinations = list(zip(*(v * longest if len(v) == 1 else v for v in lists.values()), strict=True)) or [()]
+        combinations = list(
+            zip(*(v * longest if len(v) == 1 else v for v in lists.values()), strict=True)
+        ) or [()]
     else:
         combinations = list(itertools.product(*lists.values()))
     sample = unit("random", len(combinations) * group.repeats, len(drawn), rng)
@@ -148,7 +191,11 @@ def cells(group, axes, rng):
 def unit(design, rows, dimensions, rng):
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
-    sampler = qmc.LatinHypercube(dimensions, rng=rng) if design == "lhs" else qmc.Sobol(dimensions, rng=rng)
+    sampler = (
+        qmc.LatinHypercube(dimensions, rng=rng)
+        if design == "lhs"
+        else qmc.Sobol(dimensions, rng=rng)
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return sampler.random(rows)
@@ -165,15 +212,23 @@ def draw(axis, u):
     elif kind == "loguniform":
         real = float(np.exp(math.log(low) + u * (math.log(high) - math.log(low))))
     else:
-        whole = min(math.floor(low) + math.floor(u * (math.floor(high) - math.floor(low) + 1.0)), high)
+        whole = min(
+            math.floor(low) + math.floor(u * (math.floor(high) - math.floor(low) + 1.0)), high
+        )
         return low + u * (high - low), round(whole)
     return real, round(real)
 
 
 def canonical(config, group, slot, fault, axes, cell):
-    out = {"site": fault.site} | {name: cell[slot, name][name in LEAST] for name in axes_of_slot(axes, slot)}
+    out = {"site": fault.site} | {
+        name: cell[slot, name][name in LEAST] for name in axes_of_slot(axes, slot)
+    }
     for name, least in LEAST.items():
-        endless = name == "duration_ms" and UNTIL_END in axes[slot, name].listed and out[name] == UNTIL_END
+        endless = (
+            name == "duration_ms"
+            and UNTIL_END in axes[slot, name].listed
+            and out[name] == UNTIL_END
+        )
         out[name] = out[name] if endless else max(int(out[name]), least)
     effect = out["effect"]
     out["channel"] = NETWORK_EFFECTS[effect][0] if effect in NETWORK_EFFECTS else out["channel"]
@@ -186,7 +241,8 @@ def canonical(config, group, slot, fault, axes, cell):
     value = out["value"] = float(cell[slot, "value"][rule.rounded])
     if not rule.low <= value <= rule.high or (rule.whole and value != int(value)):
         raise UserError(
-            f"group {group!r}, fault[{slot}].value: {complaint(fault.site, channel, effect, value, beyond)}"
+            f"group {group!r}, fault[{slot}].value:"
+            f" {complaint(fault.site, channel, effect, value, beyond)}"
         )
     return out
 

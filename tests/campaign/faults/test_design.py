@@ -13,7 +13,13 @@ from ravenjax.campaign.faults import design
 from ravenjax.errors import UserError
 
 BASE = {"campaign": {"name": "x"}, "operator": {"motion": "still"}}
-FAULT = {"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 1, "start_ms": 100}
+FAULT = {
+    "site": "usb_out",
+    "channel": "shoulder",
+    "effect": "overwrite",
+    "value": 1,
+    "start_ms": 100,
+}
 
 
 def expand(*groups, **sections):
@@ -25,7 +31,9 @@ def group(name="g", **keys):
     return {"name": name, "fault": faults, **keys}
 
 
-CHANNELS = st.lists(st.sampled_from(["shoulder", "elbow", "insertion"]), min_size=1, max_size=3, unique=True)
+CHANNELS = st.lists(
+    st.sampled_from(["shoulder", "elbow", "insertion"]), min_size=1, max_size=3, unique=True
+)
 VALUES = st.lists(st.integers(-32768, 32767), min_size=1, max_size=4, unique=True)
 TIMES = st.lists(st.integers(1, 2999), min_size=1, max_size=3, unique=True)
 
@@ -33,8 +41,16 @@ TIMES = st.lists(st.integers(1, 2999), min_size=1, max_size=3, unique=True)
 @settings(max_examples=60, deadline=None)
 @given(CHANNELS, VALUES, TIMES, TIMES, VALUES, st.integers(1, 3), st.booleans())
 def test_grid_is_the_product_in_order(channels, values, starts, durations, second, repeats, noise):
-    """Slot by slot, field by field, parameters last, repeats fastest; one slot of two is a list as well."""
-    first = {**FAULT, "channel": channels, "value": values, "start_ms": starts, "duration_ms": durations}
+    """Slot by slot, field by field, parameters last, repeats fastest; one slot of two is a list
+    as well.
+    """
+    first = {
+        **FAULT,
+        "channel": channels,
+        "value": values,
+        "start_ms": starts,
+        "duration_ms": durations,
+    }
     other = {**FAULT, "value": second}
     repeats = repeats if noise else 1
     table = expand(
@@ -70,17 +86,28 @@ def test_grid_is_the_product_in_order(channels, values, starts, durations, secon
 def test_zip_goes_side_by_side(length, data):
     values = data.draw(st.lists(st.integers(-100, 100), min_size=length, max_size=length))
     starts = data.draw(st.lists(st.integers(0, 2999), min_size=length, max_size=length))
-    table = expand(group(design="zip", faults=[{**FAULT, "value": values, "start_ms": starts, "channel": ["elbow"]}]))
+    table = expand(
+        group(
+            design="zip",
+            faults=[{**FAULT, "value": values, "start_ms": starts, "channel": ["elbow"]}],
+        )
+    )
     naive = [("elbow", v, s) for v, s in zip(values, starts, strict=True)]
     assert (
-        list(table[["fault0_channel", "fault0_value", "fault0_start_ms"]].itertuples(index=False, name=None)) == naive
+        list(
+            table[["fault0_channel", "fault0_value", "fault0_start_ms"]].itertuples(
+                index=False, name=None
+            )
+        )
+        == naive
     )
 
 
 def test_zip_takes_lists_of_one_length_only():
     """ "*" is a list as well, of the site's channels."""
     with pytest.raises(
-        UserError, match=r"'g': design 'zip' needs lists of one length, got channel of slot 0: 7, value"
+        UserError,
+        match=r"'g': design 'zip' needs lists of one length, got channel of slot 0: 7, value",
     ):
         expand(group(design="zip", faults=[{**FAULT, "channel": "*", "value": [1, 2, 3]}]))
 
@@ -118,32 +145,53 @@ def test_sampled_designs(kind, runs):
     table = expand(one)
     assert len(table) == runs
     assert table["fault0_value"].between(-20000, 20000).all()
-    assert (table["fault0_value"] == np.rint(table["fault0_value"])).all()  # a DAC takes whole counts
+    assert (
+        table["fault0_value"] == np.rint(table["fault0_value"])
+    ).all()  # a DAC takes whole counts
     assert table["fault0_start_ms"].between(1000, 1003).all()
     assert table["fault0_duration_ms"].between(1, 512).all()
     assert expand(one).equals(table)
-    assert not expand(one, campaign={"name": "x", "seed": 1})["fault0_value"].equals(table["fault0_value"]) or runs == 1
+    assert (
+        not expand(one, campaign={"name": "x", "seed": 1})["fault0_value"].equals(
+            table["fault0_value"]
+        )
+        or runs == 1
+    )
 
 
 def test_latin_hypercube_has_one_run_in_each_stratum():
-    table = expand(group(design="lhs", runs=50, faults=[{**FAULT, "site": "tau_d", "value": {"uniform": [0.0, 50.0]}}]))
+    table = expand(
+        group(
+            design="lhs",
+            runs=50,
+            faults=[{**FAULT, "site": "tau_d", "value": {"uniform": [0.0, 50.0]}}],
+        )
+    )
     assert sorted(math.floor(v) for v in table["fault0_value"]) == list(range(50))
 
 
 def test_latin_hypercube_balances_lists():
-    table = expand(group(design="lhs", runs=60, faults=[{**FAULT, "channel": ["shoulder", "elbow", "wrist"]}]))
+    table = expand(
+        group(design="lhs", runs=60, faults=[{**FAULT, "channel": ["shoulder", "elbow", "wrist"]}])
+    )
     assert table["fault0_channel"].value_counts().tolist() == [20, 20, 20]
 
 
 def test_sobol_is_balanced_in_halves():
     table = expand(
-        group(design="sobol", runs=64, faults=[{**FAULT, "site": "tau_d", "value": {"uniform": [0.0, 1.0]}}])
+        group(
+            design="sobol",
+            runs=64,
+            faults=[{**FAULT, "site": "tau_d", "value": {"uniform": [0.0, 1.0]}}],
+        )
     )
     assert (table["fault0_value"] < 0.5).sum() == 32
 
 
 def test_uniform_whole_numbers_include_both_ends():
-    table = expand(group(design="random", runs=400, faults=[{**FAULT, "value": {"uniform": [-1, 2]}}]))
+    table = expand(
+        group(design="random", runs=400, faults=[{**FAULT, "value": {"uniform": [-1, 2]}}])
+    )
     counts = table["fault0_value"].value_counts()
     assert sorted(counts.index) == [-1.0, 0.0, 1.0, 2.0] and counts.min() > 60
 
@@ -153,7 +201,12 @@ def test_uniform_whole_numbers_include_both_ends():
 def test_until_the_end(axis, kind):
     keys = {"runs": 40} if kind == "lhs" else {}
     table = expand(
-        group(design=kind, repeats=1 if kind == "lhs" else 40, faults=[{**FAULT, "duration_ms": axis}], **keys),
+        group(
+            design=kind,
+            repeats=1 if kind == "lhs" else 40,
+            faults=[{**FAULT, "duration_ms": axis}],
+            **keys,
+        ),
         campaign={"name": "x", "noise": True},
     )
     assert set(table["fault0_duration_ms"]) == ({-1} if axis == "end" else {-1, 5})
@@ -172,7 +225,9 @@ def test_groups_do_not_disturb_each_other():
 
 
 def test_limit_is_no_part_of_the_table():
-    """How many rows are computed is the runner's business: the table, its ids and its count stay as they are."""
+    """How many rows are computed is the runner's business: the table, its ids and its count stay
+    as they are.
+    """
     one = group(faults=[{**FAULT, "value": [1, 2, 3, 4]}])
     config = loading.from_dict({**BASE, "campaign": {"name": "x", "limit": 2}, "group": [one]})
     assert design.expand(config).equals(expand(one)) and design.count(config) == 4
@@ -212,7 +267,11 @@ def test_canonical_form_of_what_an_effect_does_not_use():
 def test_fault_free_rows_are_empty():
     table = expand({"name": "free"}, group())
     first = table.iloc[0]
-    assert first["fault0_site"] == "" and first["fault0_duration_ms"] == 0 and math.isnan(first["fault0_value"])
+    assert (
+        first["fault0_site"] == ""
+        and first["fault0_duration_ms"] == 0
+        and math.isnan(first["fault0_value"])
+    )
     assert table["group"].tolist() == ["free", "g"]
 
 
@@ -230,7 +289,13 @@ def test_every_channel():
 
 
 def test_network_effects_name_their_channel():
-    fault = {"site": "network", "effect": ["drop", "duplicate", "delay"], "value": 20, "start_ms": 5, "duration_ms": 9}
+    fault = {
+        "site": "network",
+        "effect": ["drop", "duplicate", "delay"],
+        "value": 20,
+        "start_ms": 5,
+        "duration_ms": 9,
+    }
     table = expand(group(faults=[fault]))
     assert table["fault0_channel"].tolist() == ["lost", "lag", "delay"]
     assert table["fault0_value"].isna().tolist() == [True, True, False]
@@ -251,8 +316,14 @@ def test_arm_is_implied_with_one_arm_and_asked_for_with_two():
         ({"effect": "bit_flip", "value": 16}, "0..15"),
         ({"site": "mpos", "effect": "bit_flip", "value": 32}, "0..31"),
         ({"value": 1.5}, "whole number"),
-        ({"value": 2**15}, "16-bit number: expected -32768..32767, got 32768, which would wrap to -32768"),
-        ({"site": "encoder", "value": 2**23}, "24-bit number: expected -8388608..8388607, got 8388608"),
+        (
+            {"value": 2**15},
+            "16-bit number: expected -32768..32767, got 32768, which would wrap to -32768",
+        ),
+        (
+            {"site": "encoder", "value": 2**23},
+            "24-bit number: expected -8388608..8388607, got 8388608",
+        ),
         ({"site": "packet", "channel": "delx", "value": 2**31}, "32-bit"),
         ({"site": "brake", "channel": "engaged", "value": 2}, "0 or 1"),
     ],
@@ -272,12 +343,16 @@ def test_values_that_a_channel_cannot_take(keys, message):
     ],
 )
 def test_dac_values_beyond_16_bit_are_taken_where_the_campaign_says_so(fault, campaign):
-    table = expand(group(faults=[{**FAULT, "value": 800000, **fault}]), campaign={"name": "x", **campaign})
+    table = expand(
+        group(faults=[{**FAULT, "value": 800000, **fault}]), campaign={"name": "x", **campaign}
+    )
     assert table["fault0_value"][0] == 800000.0
 
 
 def test_dac_words_is_about_usb_words_alone():
-    with pytest.raises(UserError, match="would wrap to 13568; if that is meant, write wraps = true here"):
+    with pytest.raises(
+        UserError, match="would wrap to 13568; if that is meant, write wraps = true here"
+    ):
         expand(
             group(faults=[{**FAULT, "site": "current_cmd", "value": 800000}]),
             campaign={"name": "x", "dac_words": "saturate"},
@@ -285,8 +360,12 @@ def test_dac_words_is_about_usb_words_alone():
 
 
 def test_drawn_values_beyond_16_bit_are_refused():
-    with pytest.raises(UserError, match=r"expected -32768..32767, got -70000, which would wrap to -4464"):
-        expand(group(design="random", runs=5, faults=[{**FAULT, "value": {"uniform": [-70000, 0]}}]))
+    with pytest.raises(
+        UserError, match=r"expected -32768..32767, got -70000, which would wrap to -4464"
+    ):
+        expand(
+            group(design="random", runs=5, faults=[{**FAULT, "value": {"uniform": [-70000, 0]}}])
+        )
 
 
 def test_to_say_that_words_wrap_changes_no_run():
@@ -307,14 +386,21 @@ def test_count_is_the_number_of_rows(values, runs, kind):
 
 
 def test_repeats_of_drawn_rows_in_a_grid_draw_anew():
-    table = expand(group(repeats=4, faults=[{**FAULT, "value": [1, 2], "start_ms": {"uniform": [0, 2999]}}]))
+    table = expand(
+        group(repeats=4, faults=[{**FAULT, "value": [1, 2], "start_ms": {"uniform": [0, 2999]}}])
+    )
     assert table["seed"].tolist() == [0, 1, 2, 3] * 2
     assert table["fault0_start_ms"].nunique() == 8
 
 
 def test_repeats_of_a_sample_keep_it_and_change_the_seed():
     table = expand(
-        group(design="random", runs=3, repeats=2, faults=[{**FAULT, "value": {"uniform": [-9999, 9999]}}]),
+        group(
+            design="random",
+            runs=3,
+            repeats=2,
+            faults=[{**FAULT, "value": {"uniform": [-9999, 9999]}}],
+        ),
         campaign={"name": "x", "noise": True},
     )
     assert table["seed"].tolist() == [0, 1] * 3
@@ -327,4 +413,6 @@ def test_large_grids_are_itertools_product():
     faults = [{**FAULT, "value": lists[0], "start_ms": lists[1], "duration_ms": lists[2]}]
     table = expand(group(faults=faults))
     columns = ["fault0_value", "fault0_start_ms", "fault0_duration_ms"]
-    assert list(table[columns].itertuples(index=False, name=None)) == list(itertools.product(*lists))
+    assert list(table[columns].itertuples(index=False, name=None)) == list(
+        itertools.product(*lists)
+    )

@@ -24,14 +24,26 @@ CHANNELS = {
     "brake": ("engaged",),
     "network": ("lag", "delay", "lost"),
 }
-EFFECTS = ("overwrite", "offset", "scale", "stuck", "bit_flip", "periodic", "toggle", "drift", "random")
+EFFECTS = (
+    "overwrite",
+    "offset",
+    "scale",
+    "stuck",
+    "bit_flip",
+    "periodic",
+    "toggle",
+    "drift",
+    "random",
+)
 NETWORK = ("drop", "duplicate", "delay", "overwrite")
 numbers = st.one_of(st.integers(-9, 9), st.sampled_from([-0.0, 0.0, 0.5, 1.0, 1, 0, 3e4, 2**31]))
 times = st.integers(1, 300)
 
 
 def axis(values, ends=None, length=None):
-    """An axis of these values: one, a list of them (of a length, if given), or a distribution between `ends`."""
+    """An axis of these values: one, a list of them (of a length, if given), or a distribution
+    between `ends`.
+    """
     several = st.lists(values, min_size=length or 1, max_size=length or 3)
     kinds = [values, several, several.map(lambda v: {"choice": v})]
     if ends is not None:
@@ -48,8 +60,12 @@ def axis(values, ends=None, length=None):
 def faults(draw, length):
     site = draw(st.sampled_from(list(CHANNELS)))
     fault = {"site": site, "start_ms": draw(axis(times, times, length))}
-    fault["effect"] = draw(axis(st.sampled_from(NETWORK if site == "network" else EFFECTS), None, length))
-    fault["channel"] = draw(st.one_of(st.just("*"), axis(st.sampled_from(CHANNELS[site]), None, length)))
+    fault["effect"] = draw(
+        axis(st.sampled_from(NETWORK if site == "network" else EFFECTS), None, length)
+    )
+    fault["channel"] = draw(
+        st.one_of(st.just("*"), axis(st.sampled_from(CHANNELS[site]), None, length))
+    )
     fault["value"] = draw(axis(numbers, st.integers(-40, 40), length))
     if site in ("usb_out", "packet", "tau_d", "usb_status"):
         fault["arm"] = draw(axis(st.sampled_from(["gold", "green"]), None, length))
@@ -62,7 +78,8 @@ def faults(draw, length):
 
 
 CROSS = st.dictionaries(
-    st.sampled_from(["plant.mass_scale", "operator.scale"]), st.lists(st.sampled_from([0.5, 1, 0.25]), min_size=1)
+    st.sampled_from(["plant.mass_scale", "operator.scale"]),
+    st.lists(st.sampled_from([0.5, 1, 0.25]), min_size=1),
 )
 
 
@@ -73,15 +90,20 @@ def groups(draw, name):
     group = {"name": name, "design": kind, "repeats": draw(st.integers(1, 3))}
     group["fault"] = draw(st.lists(faults(length), max_size=2))
     paths = draw(st.lists(st.sampled_from(["plant.friction_scale", "operator.scale"]), unique=True))
-    group["parameters"] = {path: draw(axis(st.sampled_from([0.5, 1, 0.25]), None, length)) for path in paths}
+    group["parameters"] = {
+        path: draw(axis(st.sampled_from([0.5, 1, 0.25]), None, length)) for path in paths
+    }
     if kind == "list":
         entry = st.fixed_dictionaries(
-            {"value": st.integers(0, 1)}, optional={"duration_ms": times, "trigger": st.just("time")}
+            {"value": st.integers(0, 1)},
+            optional={"duration_ms": times, "trigger": st.just("time")},
         )
         fault = st.lists(entry, max_size=len(group["fault"]))
         scale = st.dictionaries(st.just("plant.friction_scale"), st.sampled_from([0.5, 2]))
         group["run"] = draw(
-            st.lists(st.fixed_dictionaries({"fault": fault, "parameters": scale}), min_size=1, max_size=3)
+            st.lists(
+                st.fixed_dictionaries({"fault": fault, "parameters": scale}), min_size=1, max_size=3
+            )
         )
     group["cross"] = draw(CROSS)
     if kind in ("random", "lhs", "sobol"):
@@ -95,7 +117,11 @@ HAZARDS = [row.id for row in library.rows() if row.runnable]
 @st.composite
 def hazards(draw, name):
     """A group that names rows of the library instead of faults of its own."""
-    group = {"name": name, "hazards": draw(st.lists(st.sampled_from(HAZARDS), min_size=1, max_size=2)), "arm": "gold"}
+    group = {
+        "name": name,
+        "hazards": draw(st.lists(st.sampled_from(HAZARDS), min_size=1, max_size=2)),
+        "arm": "gold",
+    }
     if draw(st.booleans()):
         group["start_ms"] = draw(times)
     return group | {"repeats": draw(st.integers(1, 2))}
@@ -105,13 +131,20 @@ SECTIONS = {
     "cross": CROSS,
     "parameters": st.dictionaries(st.just("operator.scale"), st.sampled_from([0.5, 1])),
     "reaction": st.fixed_dictionaries({"action": st.sampled_from(["none", "release", "slow"])}),
-    "detector": st.just([{"name": "d", "kind": "steps", "fusion": ["all", "any"], "threshold": [1, 2]}]),
+    "detector": st.just(
+        [{"name": "d", "kind": "steps", "fusion": ["all", "any"], "threshold": [1, 2]}]
+    ),
 }
 
 
 @st.composite
 def campaigns(draw):
-    campaign = {"name": "x", "noise": True, "arms": ["gold", "green"], "seed": draw(st.integers(0, 2**31 - 1))}
+    campaign = {
+        "name": "x",
+        "noise": True,
+        "arms": ["gold", "green"],
+        "seed": draw(st.integers(0, 2**31 - 1)),
+    }
     last = draw(st.sampled_from(["limit", "stop", None]))
     if last == "limit":
         campaign["limit"] = draw(st.integers(1, 20))
@@ -120,8 +153,14 @@ def campaigns(draw):
     found = {"campaign": campaign, "operator": {"motion": "still"}}
     found |= {name: draw(values) for name, values in SECTIONS.items() if draw(st.booleans())}
     if last == "stop":
-        found["stop"] = {"half_width": 0.1, "allocation": draw(st.sampled_from(["proportional", "neyman"]))}
-    kinds = [draw(st.sampled_from([groups, groups, groups, hazards])) for _ in range(draw(st.integers(1, 3)))]
+        found["stop"] = {
+            "half_width": 0.1,
+            "allocation": draw(st.sampled_from(["proportional", "neyman"])),
+        }
+    kinds = [
+        draw(st.sampled_from([groups, groups, groups, hazards]))
+        for _ in range(draw(st.integers(1, 3)))
+    ]
     return found | {"group": [draw(kind(name)) for kind, name in zip(kinds, "abc", strict=False)]}
 
 
@@ -141,7 +180,12 @@ FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwr
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(campaigns())
-@example({"campaign": {"name": "x"}, "group": [{"name": "a", "fault": [FAULT | {"value": [1.0, 1, -0.0, 0, 1.5]}]}]})
+@example(
+    {
+        "campaign": {"name": "x"},
+        "group": [{"name": "a", "fault": [FAULT | {"value": [1.0, 1, -0.0, 0, 1.5]}]}],
+    }
+)
 @example(
     {
         "campaign": {"name": "x"},
@@ -160,7 +204,9 @@ def test_columns_of_many_more_campaigns(campaign):
 
 
 def compare(campaign):
-    """Also of campaigns that `copies` refuses: that some runs are alike is no reason to expand them wrongly."""
+    """Also of campaigns that `copies` refuses: that some runs are alike is no reason to expand
+    them wrongly.
+    """
     try:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(loading, "copies", NothingToSay)
@@ -181,9 +227,13 @@ def compare(campaign):
     for name in table.columns:
         if isinstance(table[name].dtype, pd.CategoricalDtype):
             assert table[name].tolist() == naive[name].tolist(), name
-            assert set(table[name].cat.categories) == set(naive[name]), "no word that does not occur"
+            assert set(table[name].cat.categories) == set(naive[name]), (
+                "no word that does not occur"
+            )
         else:
-            np.testing.assert_array_equal(table[name].to_numpy(), naive[name].to_numpy(table[name].dtype), name)
+            np.testing.assert_array_equal(
+                table[name].to_numpy(), naive[name].to_numpy(table[name].dtype), name
+            )
     assert table["run_id"].is_unique
     assert design.count(config) == len(table)
     if config.stop is not None:
@@ -191,9 +241,13 @@ def compare(campaign):
 
 
 def beginnings(config, table):
-    """Of a campaign that may stop, the beginning of each group's rows is so many whole draws of that group."""
+    """Of a campaign that may stop, the beginning of each group's rows is so many whole draws of
+    that group.
+    """
     draws = strata.draws(config)
-    assert [of.first for of in draws] == [(table["group"] == group.name).argmax() for group in config.group]
+    assert [of.first for of in draws] == [
+        (table["group"] == group.name).argmax() for group in config.group
+    ]
     plain = design.expand(config.model_copy(update={"stop": None}))
     assert sorted(table["run_id"]) == sorted(plain["run_id"]), "the order decides no run"
     for group, of in zip(config.group, draws, strict=True):
@@ -202,7 +256,9 @@ def beginnings(config, table):
             rows = table.iloc[list(of.range(taken))]
             assert set(rows["pair"]) <= set(rows["index"]), "crossed variants are taken together"
             assert (rows.groupby("pair").size() == of.rows // group.repeats).all()
-            assert (rows["seed"].value_counts() == len(rows) // group.repeats).all(), "and so are repeats"
+            assert (rows["seed"].value_counts() == len(rows) // group.repeats).all(), (
+                "and so are repeats"
+            )
 
 
 def complaint(config):

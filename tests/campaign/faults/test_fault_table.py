@@ -13,11 +13,19 @@ from ravenjax.campaign import loading, plan
 from ravenjax.campaign.faults import design, run_id
 from ravenjax.campaign.faults.fault_table import FaultTable
 
-FAULT = {"site": "usb_out", "channel": ["elbow", "wrist"], "effect": ["offset", "scale"], "value": [1, 2, 3],
-         "start_ms": 20}  # fmt: skip
+FAULT = {
+    "site": "usb_out",
+    "channel": ["elbow", "wrist"],
+    "effect": ["offset", "scale"],
+    "value": [1, 2, 3],
+    "start_ms": 20,
+}
 CONFIG = {
     "campaign": {"name": "t", "duration_s": 1.0},
-    "group": [{"name": "one", "fault": [FAULT]}, {"name": "free", "parameters": {"plant.mass_scale": [0.9, 1.1]}}],
+    "group": [
+        {"name": "one", "fault": [FAULT]},
+        {"name": "free", "parameters": {"plant.mass_scale": [0.9, 1.1]}},
+    ],
 }
 
 
@@ -39,7 +47,9 @@ def test_a_frame_has_the_same_columns_and_comes_back(config, rows):
     assert "seed" in rows and "nothing" not in rows
 
 
-@pytest.mark.parametrize("some", [slice(3, 9), slice(None, None, -2), np.array([5, 0, 5]), np.arange(14) % 3 == 1])
+@pytest.mark.parametrize(
+    "some", [slice(3, 9), slice(None, None, -2), np.array([5, 0, 5]), np.arange(14) % 3 == 1]
+)
 def test_rows_are_those_of_the_frame(rows, some):
     wanted = rows.frame().iloc[some].reset_index(drop=True)
     assert rows.take(some).frame().equals(wanted)
@@ -77,7 +87,11 @@ def test_ids_are_those_of_pandas_hash():
 
 def test_golden_runs_are_numbered_as_they_come():
     rng = np.random.default_rng(2)
-    varied = {"a": rng.integers(0, 4, 500).astype(np.float32), "same": np.ones(500), "b": rng.integers(0, 9, 500)}
+    varied = {
+        "a": rng.integers(0, 4, 500).astype(np.float32),
+        "same": np.ones(500),
+        "b": rng.integers(0, 9, 500),
+    }
     keys = pd.Series(list(zip(*varied.values(), strict=True)))
     np.testing.assert_array_equal(plan._golden_runs(varied, 500), pd.factorize(keys)[0])
     assert plan._golden_runs({}, 3).tolist() == [0, 0, 0]

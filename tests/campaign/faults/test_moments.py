@@ -9,7 +9,13 @@ import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.errors import UserError
 
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": 9000, "duration_ms": 5}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "overwrite",
+    "value": 9000,
+    "duration_ms": 5,
+}
 
 DEEP_M = 0.386
 """Insertion from which the taps of motion palpate reach the tissue."""
@@ -19,13 +25,17 @@ def campaign(start, group=None, fault=None, **sections):
     return {
         "campaign": {"name": "moments", "duration_s": 6.0, **sections.pop("campaign", {})},
         "operator": {"motion": "clutched", **sections.pop("operator", {})},
-        "group": [{"name": "g", **(group or {}), "fault": [{**FAULT, "start_ms": start, **(fault or {})}]}],
+        "group": [
+            {"name": "g", **(group or {}), "fault": [{**FAULT, "start_ms": start, **(fault or {})}]}
+        ],
         **sections,
     }
 
 
 def starts(*args, **kwargs):
-    return plan.make(rj.load_campaign(campaign(*args, **kwargs))).table["fault0_start_ms"].to_numpy()
+    return (
+        plan.make(rj.load_campaign(campaign(*args, **kwargs))).table["fault0_start_ms"].to_numpy()
+    )
 
 
 def phases(**sections):
@@ -40,7 +50,9 @@ def phases(**sections):
 
 def test_pedal_down_is_where_the_robot_is_in_it():
     config, masks = phases()
-    levels = rj.simulate(config.model_copy(update={"group": (config.group[0].model_copy(update={"fault": ()}),)}), 0)
+    levels = rj.simulate(
+        config.model_copy(update={"group": (config.group[0].model_copy(update={"fault": ()}),)}), 0
+    )
     np.testing.assert_array_equal(masks["pedal_down"], levels["runlevel"].values == 3)
     np.testing.assert_array_equal(masks["pedal_up"], ~masks["pedal_down"])
 
@@ -60,7 +72,9 @@ def test_in_tissue_is_where_the_operator_has_a_tip_below_its_surface():
     free = config.model_copy(update={"group": (config.group[0].model_copy(update={"fault": ()}),)})
     depth = rj.simulate(free, 0)["tissue_depth_mm"].sel(arm="gold").values
     assert masks["in_tissue"].any() and not masks["in_tissue"].all()
-    assert (depth[masks["in_tissue"]] > -4.0).all() and (depth[~masks["in_tissue"]] < 4.0).all(), "but for the lag"
+    assert (depth[masks["in_tissue"]] > -4.0).all() and (depth[~masks["in_tissue"]] < 4.0).all(), (
+        "but for the lag"
+    )
 
 
 def test_draws_are_of_the_phase_alike_everywhere_and_the_same_again():
@@ -70,11 +84,16 @@ def test_draws_are_of_the_phase_alike_everywhere_and_the_same_again():
     assert np.isin(onsets, ticks).all()
     share = np.searchsorted(ticks, onsets) / len(ticks)
     assert np.abs(np.histogram(share, 10, (0, 1))[0] / 4000 - 0.1).max() < 0.02
-    np.testing.assert_array_equal(onsets, starts({"phase": "fast"}, {"design": "random", "runs": 4000}))
+    np.testing.assert_array_equal(
+        onsets, starts({"phase": "fast"}, {"design": "random", "runs": 4000})
+    )
     other = starts({"phase": "fast"}, {"design": "random", "runs": 4000}, campaign={"seed": 1})
     assert (onsets != other).any()
     even = starts({"phase": "fast"}, {"design": "lhs", "runs": 100})
-    assert np.abs(np.sort(np.searchsorted(ticks, even)) / len(ticks) - np.arange(100) / 100).max() < 0.02
+    assert (
+        np.abs(np.sort(np.searchsorted(ticks, even)) / len(ticks) - np.arange(100) / 100).max()
+        < 0.02
+    )
 
 
 def test_shares_are_places_among_the_ticks_of_a_phase():
@@ -85,7 +104,9 @@ def test_shares_are_places_among_the_ticks_of_a_phase():
         ticks[-1],
     ]
     assert starts([700, {"phase": "slow", "share": 0.0}]).tolist() == [700, ticks[0]]
-    onsets = starts({"choice": [700, {"phase": "slow", "share": 1}]}, {"design": "random", "runs": 50})
+    onsets = starts(
+        {"choice": [700, {"phase": "slow", "share": 1}]}, {"design": "random", "runs": 50}
+    )
     assert set(onsets.tolist()) == {700, ticks[-1]}
     run = {"design": "list", "run": [{"fault": [{"start_ms": {"phase": "slow", "share": 1}}]}]}
     assert starts(10, run).tolist() == [ticks[-1]]
@@ -96,13 +117,20 @@ def test_a_campaign_is_written_as_it_was_read():
     again = rj.load_campaign(config.model_dump(mode="json", exclude_defaults=True))
     assert again.group == config.group
     config = rj.load_campaign(campaign({"phase": "slow"}, {"design": "random", "runs": 3}))
-    assert rj.load_campaign(config.model_dump(mode="json", exclude_defaults=True)).group == config.group
+    assert (
+        rj.load_campaign(config.model_dump(mode="json", exclude_defaults=True)).group
+        == config.group
+    )
 
 
 @pytest.mark.parametrize(
     ("start", "fault", "words"),
     [
-        ({"phase": "fsat", "share": 0.1}, {}, ["unknown phase 'fsat'", "expected one of pedal_down", "mean 'fast'"]),
+        (
+            {"phase": "fsat", "share": 0.1},
+            {},
+            ["unknown phase 'fsat'", "expected one of pedal_down", "mean 'fast'"],
+        ),
         ({"phase": "fast", "share": 1.5}, {}, ["share: got 1.5", "from 0 to 1"]),
         ({"phase": "fast", "share": []}, {}, ["the list is empty"]),
         ({"phase": "fast", "shared": 1}, {}, ["got shared", "mean 'share'"]),
@@ -110,7 +138,11 @@ def test_a_campaign_is_written_as_it_was_read():
         ({"phase": 3}, {}, ["phase: got 3", "expected the name"]),
         ([{"phase": "fast"}], {}, ["in a list", "add share = 0.5"]),
         ({"uniform": [{"phase": "fast", "share": 0}, 9]}, {}, ["expected a number"]),
-        ({"phase": "fast", "share": 0.1}, {"trigger": "pedal"}, ["with trigger 'pedal'", "expected trigger = 'time'"]),
+        (
+            {"phase": "fast", "share": 0.1},
+            {"trigger": "pedal"},
+            ["with trigger 'pedal'", "expected trigger = 'time'"],
+        ),
         ({"phase": "fast"}, {}, ["drawn from once"]),
     ],
 )
@@ -122,7 +154,10 @@ def test_what_is_wrong_is_told_with_what_to_write(start, fault, words):
 
 
 def test_a_phase_that_never_comes_is_refused_before_anything_runs():
-    with pytest.raises(UserError, match=r"(?s)fault\[0\].start_ms: phase 'in_tissue'.*never comes.*expected one that"):
+    with pytest.raises(
+        UserError,
+        match=r"(?s)fault\[0\].start_ms: phase 'in_tissue'.*never comes.*expected one that",
+    ):
         starts({"phase": "in_tissue", "share": 0.5})
 
 

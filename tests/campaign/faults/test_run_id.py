@@ -13,9 +13,15 @@ NUMBERS = {"seed": np.array([1, 2, 3]), "value": np.array([0.5, np.nan, -0.0])}
 
 
 def test_the_hash_of_a_number_is_that_of_splitmix64():
-    """The generator's first outputs from seed 0, as its authors' reference implementation prints them."""
+    """The generator's first outputs from seed 0, as its authors' reference implementation prints
+    them.
+    """
     states = np.arange(1, 4, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    assert [hex(x) for x in run_id.mixed(states)] == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
+    assert [hex(x) for x in run_id.mixed(states)] == [
+        "0xe220a8397b1dcdaf",
+        "0x6e789e6aa1b965f4",
+        "0x6c45d188009454f",
+    ]
 
 
 def test_order_of_columns_and_form_of_numbers_do_not_count():
@@ -24,7 +30,9 @@ def test_order_of_columns_and_form_of_numbers_do_not_count():
     assert (ids == backwards).all()
     plain = {"seed": np.array([1.0, 2.0, 3.0]), "value": np.array([0.5, np.nan, 0.0])}
     assert (ids == run_id.of("common", WORDS, plain)).all()
-    other_codes = {name: column.set_categories(["x", *column.categories]) for name, column in WORDS.items()}
+    other_codes = {
+        name: column.set_categories(["x", *column.categories]) for name, column in WORDS.items()
+    }
     assert (ids == run_id.of("common", other_codes, NUMBERS)).all()
 
 
@@ -71,7 +79,9 @@ def test_text_is_16_hex_digits_and_found_again():
     for row, digits in enumerate(text):
         assert run_id.beginning(ids, digits).tolist() == [row]
     assert run_id.beginning(ids, "abc").tolist() == [1, 3]
-    assert [len(run_id.beginning(ids, wrong)) for wrong in ("", "xyz", "0x1", "+1", "0" * 17)] == [0] * 5
+    assert [len(run_id.beginning(ids, wrong)) for wrong in ("", "xyz", "0x1", "+1", "0" * 17)] == [
+        0
+    ] * 5
 
 
 def test_streams_of_two_purposes_are_strangers():

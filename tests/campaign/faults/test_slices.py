@@ -16,11 +16,18 @@ def test_columns_of_slices_are_joined_in_order(monkeypatch, rows):
     source = np.random.default_rng(1).random((rows, 3))
 
     def columns(some):
-        return {"whole": source[some], "first": source[some, 0].astype(np.float32), "all": np.int8(4)}
+        return {
+            "whole": source[some],
+            "first": source[some, 0].astype(np.float32),
+            "all": np.int8(4),
+        }
 
     got = slices.joined(columns, rows)
     assert np.array_equal(got["whole"], source) and got["whole"].dtype == np.float64
-    assert np.array_equal(got["first"], source[:, 0].astype(np.float32)) and got["first"].dtype == np.float32
+    assert (
+        np.array_equal(got["first"], source[:, 0].astype(np.float32))
+        and got["first"].dtype == np.float32
+    )
     assert got["all"] == 4 and np.ndim(got["all"]) == 0
 
 
@@ -92,7 +99,9 @@ def test_a_fault_table_is_the_same_whatever_the_slices(monkeypatch, tmp_path):
     assert len(whole) > 200 and whole.dtypes.equals(sliced.dtypes) and whole.equals(sliced)
     assert injection == other_injection
     for name, values in arrays.items():
-        assert values.dtype == other_arrays[name].dtype and np.array_equal(values, other_arrays[name]), name
+        assert values.dtype == other_arrays[name].dtype and np.array_equal(
+            values, other_arrays[name]
+        ), name
 
 
 def test_the_first_value_that_cannot_be_is_named_whatever_the_slices(monkeypatch, tmp_path):

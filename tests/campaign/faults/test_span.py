@@ -1,4 +1,6 @@
-"""When faults of a run may act first, and when it is no longer observed: by windows that are opened tick by tick."""
+"""When faults of a run may act first, and when it is no longer observed: by windows that are
+opened tick by tick.
+"""
 
 from __future__ import annotations
 
@@ -36,16 +38,23 @@ def faults_of(slots):
 
 
 def active_ticks(slots, cycles, down):
-    """Ticks in which a window is open: packets last `cycles`, the pedal goes down in tick `down`."""
+    """Ticks in which a window is open: packets last `cycles`, the pedal goes down in tick
+    `down`.
+    """
     setup = RavenSetup(injection=Injection(len(slots), (), tuple(TRIGGER_CODES)))
     faults = {name: values[0] for name, values in faults_of(slots).items()}
     records = fault.Faults(
-        tuple(fault.FaultSlot(**{name: jnp.asarray(v[s]) for name, v in faults.items()}) for s in range(len(slots)))
+        tuple(
+            fault.FaultSlot(**{name: jnp.asarray(v[s]) for name, v in faults.items()})
+            for s in range(len(slots))
+        )
     )
     state, ticks = fault.init(setup), []
     for tick in range(TICKS):
         clocks = window.TriggerClocks(
-            jnp.int32(tick), jnp.int32(tick // cycles + 1), jnp.int32(tick - down - 1 if tick > down else -1)
+            jnp.int32(tick),
+            jnp.int32(tick // cycles + 1),
+            jnp.int32(tick - down - 1 if tick > down else -1),
         )
         state = window.open_windows(setup, records, state, clocks)
         if any(bool(slot.active) for slot in state.slots):

@@ -27,7 +27,14 @@ CONFIG = {
                     "start_ms": 10,
                     "duration_ms": [5, "end"],
                 },
-                {"site": "brake", "effect": "overwrite", "value": 1, "start_ms": 3, "duration_ms": 2, "every_ms": 40},
+                {
+                    "site": "brake",
+                    "effect": "overwrite",
+                    "value": 1,
+                    "start_ms": 3,
+                    "duration_ms": 2,
+                    "every_ms": 40,
+                },
             ],
         },
         {
@@ -68,7 +75,9 @@ def runs():
 def test_injection_is_the_union_in_canonical_order(runs):
     injection = table.injection(runs, robots.USUAL)
     assert injection.slots == 2
-    assert [use.site for use in injection.sites] == [s for s in SITES if s in ("network", "tau_d", "usb_out", "brake")]
+    assert [use.site for use in injection.sites] == [
+        s for s in SITES if s in ("network", "tau_d", "usb_out", "brake")
+    ]
     by_site = {use.site: use for use in injection.sites}
     expected = (("gold", "elbow"), ("gold", "wrist"), ("green", "elbow"), ("green", "wrist"))
     assert by_site["usb_out"].channels == expected

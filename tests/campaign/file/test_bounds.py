@@ -1,4 +1,6 @@
-"""Ranges of parameters: nothing outside one is accepted, everything in it can be run. Each has one: `test_quantity`."""
+"""Ranges of parameters: nothing outside one is accepted, everything in it can be run. Each has
+one: `test_quantity`.
+"""
 
 import numpy as np
 import pandas as pd
@@ -34,17 +36,27 @@ def leaves(**campaign):
 
 @pytest.fixture(scope="module")
 def every():
-    return leaves(arms=["gold", "green"], contact=True) | leaves(software="fork2015") | leaves(console="absolute")
+    return (
+        leaves(arms=["gold", "green"], contact=True)
+        | leaves(software="fork2015")
+        | leaves(console="absolute")
+    )
 
 
 def test_a_parameter_is_named_as_its_fields_are(every):
     kinds = {bounds.plain(ROBOT, path) for path in every}
-    assert {path for path, _ in bounds.rows(ROBOT)} == {kind for kind in kinds if not bounds.reserved(ROBOT, kind)}
+    assert {path for path, _ in bounds.rows(ROBOT)} == {
+        kind for kind in kinds if not bounds.reserved(ROBOT, kind)
+    }
 
 
 def test_of_reserved_parameters_the_inmost_word_counts(every):
     assert bounds.reserved(ROBOT, "monitor.limit") != bounds.reserved(ROBOT, "monitor.idle_share")
-    assert bounds.reserved(ROBOT, "plant.gold.noise_key") == bounds.reserved(ROBOT, "plant.noise_key") != ""
+    assert (
+        bounds.reserved(ROBOT, "plant.gold.noise_key")
+        == bounds.reserved(ROBOT, "plant.noise_key")
+        != ""
+    )
     assert bounds.reserved(ROBOT, "plant.gravity") == ""
 
 
@@ -52,17 +64,25 @@ def test_no_word_of_a_path_is_taken_for_a_misspelt_distribution():
     """But `nominal`, which is like `normal` and names no number."""
     words = bounds.names(ROBOT) - {"nominal"}
     for word in words:
-        assert flatten_parameters({"parameters": {"a": {word: [1, 2]}}}) == {"parameters": {f"a.{word}": [1, 2]}}
+        assert flatten_parameters({"parameters": {"a": {word: [1, 2]}}}) == {
+            "parameters": {f"a.{word}": [1, 2]}
+        }
 
 
-@pytest.mark.parametrize("path", ["control.cartesian.lower", "control.cartesian.lower.elbow", "plant.gold.stops.upper"])
+@pytest.mark.parametrize(
+    "path", ["control.cartesian.lower", "control.cartesian.lower.elbow", "plant.gold.stops.upper"]
+)
 def test_a_vector_is_checked_against_the_rows_of_all_its_numbers(path):
     """0.5 suits angles and the insertion, 3 rad no insertion in m."""
     assert not [*bounds.complaints(ROBOT, path, fixed(0.5))]
-    assert len([*bounds.complaints(ROBOT, path, fixed(3.0))]) == (0 if path.endswith("elbow") else 1)
+    assert len([*bounds.complaints(ROBOT, path, fixed(3.0))]) == (
+        0 if path.endswith("elbow") else 1
+    )
 
 
-@pytest.mark.parametrize("path", ["plant.friction_scale", "plant.gold.friction_scale", "plant.green.friction_scale"])
+@pytest.mark.parametrize(
+    "path", ["plant.friction_scale", "plant.gold.friction_scale", "plant.green.friction_scale"]
+)
 def test_an_arm_may_be_named_or_left_out(path):
     assert [*bounds.complaints(ROBOT, path, fixed(-1))]
 
@@ -82,7 +102,11 @@ def test_an_arm_may_be_named_or_left_out(path):
         ("plant.friction_scale", {"uniform": [-0.5, 2]}, ("uniform = [-0.5, 2]", "as low as -0.5")),
         ("plant.friction_scale", {"uniform": [0.5, 200]}, ("as high as 200",)),
         ("plant.friction_scale", {"loguniform": [0.5, 200]}, ("as high as 200",)),
-        ("plant.friction_scale", {"normal": [1, 0.2]}, ("as low as -0.408", "standard deviation up to 0.142")),
+        (
+            "plant.friction_scale",
+            {"normal": [1, 0.2]},
+            ("as low as -0.408", "standard deviation up to 0.142"),
+        ),
         ("plant.mass_scale", 10**400, ("got 1000000000", "expected 0.01..100")),
         ("control.cartesian.upper.elbow", 135, ("got 135, expected -6.3..6.3 rad",)),
         ("haptics.cues.0.threshold_m", 0.02, ("cannot be set", "write [haptics] threshold_mm")),
@@ -91,7 +115,11 @@ def test_an_arm_may_be_named_or_left_out(path):
         ("monitor.jump_step", 3e-4, ("cannot be set", "write [outcomes] jump_step_mm")),
         ("monitor.idle_share", 0.5, ("cannot be set", "it belongs to the observer")),
         ("monitor.moved", 0.02, ("cannot be set", "it belongs to the observer")),
-        ("detectors.thresholds.0.1", 2, ("cannot be set", "write threshold = [..] in [[detector]]")),
+        (
+            "detectors.thresholds.0.1",
+            2,
+            ("cannot be set", "write threshold = [..] in [[detector]]"),
+        ),
         ("plant.noise_key", 7, ("cannot be set", "campaign.noise = true")),
         ("plant.gold.noise_key", 7, ("cannot be set",)),
         ("start.elbow", 1.5, ("cannot be set", "write [operator.start]")),
@@ -112,7 +140,9 @@ def test_what_is_out_of_range_is_refused(path, value, words):
 
 def test_the_runs_of_a_list_are_looked_at_too():
     group = {"name": "g", "design": "list", "run": [{}, {"parameters": {"plant.mass_scale": -1}}]}
-    with pytest.raises(UserError, match=r"group\[0\]\.run\[1\]\.parameters\.plant\.mass_scale: got -1"):
+    with pytest.raises(
+        UserError, match=r"group\[0\]\.run\[1\]\.parameters\.plant\.mass_scale: got -1"
+    ):
         loading.from_dict({**BASE, "group": [group]})
 
 
@@ -129,9 +159,15 @@ def at_the_ends(paths, **own):
     groups = [{"name": "free"}]
     for path in sorted(paths):
         for row in bounds.of(ROBOT, path):
-            groups += [{"name": f"{path} = {end}", "parameters": {path: end}} for end in (row.low, row.high)]
+            groups += [
+                {"name": f"{path} = {end}", "parameters": {path: end}}
+                for end in (row.low, row.high)
+            ]
     campaign = {"name": "ends", "duration_s": 0.4, "noise": True, "console": "absolute", **own}
-    table = rj.run({**BASE, "campaign": campaign, "operator": {"motion": "reach"}, "group": groups}, engine="simd")
+    table = rj.run(
+        {**BASE, "campaign": campaign, "operator": {"motion": "reach"}, "group": groups},
+        engine="simd",
+    )
     assert len(table) == len(groups)
     return table
 
@@ -139,10 +175,15 @@ def at_the_ends(paths, **own):
 @pytest.mark.slow
 def test_the_ends_of_every_range_can_be_run(every):
     """Whatever the table lets through, the robot's numbers stay numbers."""
-    idle = ("control.teleoperation.grasp_", "control.overdrive.dac_max.grasp2")  # not read here, and so refused
+    idle = (
+        "control.teleoperation.grasp_",
+        "control.overdrive.dac_max.grasp2",
+    )  # not read here, and so refused
     shown = {paths.shorten(path, ARMS) for path in leaves(console="absolute")}
     shown = {path for path in shown if not path.startswith(idle)}
-    drawn = {"network.packets"}  # drawn packets have no length of their own, and the last choice needs shares
+    drawn = {
+        "network.packets"
+    }  # drawn packets have no length of their own, and the last choice needs shares
     table = pd.concat([at_the_ends(shown - drawn), at_the_ends(drawn, packets=[0.5, 0.5])])
     assert len(table) > 300
     failed = table.loc[table["failed"].astype(str) != "", "group"].tolist()

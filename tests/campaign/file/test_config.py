@@ -1,4 +1,6 @@
-"""Campaign files: what is accepted, and that each mistake is told with file, line, key, expectation and suggestion."""
+"""Campaign files: what is accepted, and that each mistake is told with file, line, key,
+expectation and suggestion.
+"""
 
 import tomllib
 
@@ -93,35 +95,95 @@ def test_quick_is_what_the_readme_says():
 @pytest.mark.parametrize(
     "old, new, parts",
     [
-        ('name = "x"', 'name = "x"\nsed = 3', [":3: campaign.sed: unknown key", "Did you mean 'seed'"]),
-        ("duration_s = 2.0", "duration_s = -2", [":3: campaign.duration_s: got -2, expected greater than 0"]),
+        (
+            'name = "x"',
+            'name = "x"\nsed = 3',
+            [":3: campaign.sed: unknown key", "Did you mean 'seed'"],
+        ),
+        (
+            "duration_s = 2.0",
+            "duration_s = -2",
+            [":3: campaign.duration_s: got -2, expected greater than 0"],
+        ),
         ("duration_s = 2.0", "duration_s = nan", [":3: campaign.duration_s", "nan", "finite"]),
-        ("duration_s = 2.0", "duration_s = true", [":3: campaign.duration_s: got 'true', expected a valid number"]),
-        ("start_ms = 1000", "start_ms = true", [":23:", "start_ms: got True", "whole number of milliseconds"]),
+        (
+            "duration_s = 2.0",
+            "duration_s = true",
+            [":3: campaign.duration_s: got 'true', expected a valid number"],
+        ),
+        (
+            "start_ms = 1000",
+            "start_ms = true",
+            [":23:", "start_ms: got True", "whole number of milliseconds"],
+        ),
         ("[operator]", "[operatr]", ["operatr: unknown key", "Did you mean 'operator'"]),
-        ('motion = "reach"', 'motion = "rech"', [":6: operator.motion: unknown motion 'rech'", "Did you mean 'reach'"]),
-        ('motion = "reach"', 'motion = "reach"\nfile = "a.csv"', ["operator", "either motion", "or file"]),
+        (
+            'motion = "reach"',
+            'motion = "rech"',
+            [":6: operator.motion: unknown motion 'rech'", "Did you mean 'reach'"],
+        ),
+        (
+            'motion = "reach"',
+            'motion = "reach"\nfile = "a.csv"',
+            ["operator", "either motion", "or file"],
+        ),
         (
             '"usb_out"',
             '"usbout"',
             [":19: group[1].fault[0].site: unknown fault site 'usbout'", "Did you mean 'usb_out'"],
         ),
-        ('"elbow"]', '"elbw"]', [":20: group[1].fault[0].channel", "'elbw'", "Did you mean 'elbow'"]),
-        ('"overwrite"', '"overwrit"', [":21:", "unknown effect 'overwrit'", "Did you mean 'overwrite'"]),
+        (
+            '"elbow"]',
+            '"elbw"]',
+            [":20: group[1].fault[0].channel", "'elbw'", "Did you mean 'elbow'"],
+        ),
+        (
+            '"overwrite"',
+            '"overwrit"',
+            [":21:", "unknown effect 'overwrit'", "Did you mean 'overwrite'"],
+        ),
         ('"overwrite"', '"drop"', ["'drop' belongs to site 'network'"]),
         ("value = [100, 200]", "value = [100, nan]", [":22:", "got nan", "finite"]),
         ("value = [100, 200]", 'value = "big"', [":22:", "got 'big', expected a number"]),
-        ("value = [100, 200]", "", ["group[1].fault[0].value: missing", "'overwrite' takes a value"]),
+        (
+            "value = [100, 200]",
+            "",
+            ["group[1].fault[0].value: missing", "'overwrite' takes a value"],
+        ),
         ("value = [100, 200]", "value = []", [":22:", "empty"]),
-        ("value = [100, 200]", "value = {unifrm = [1, 2]}", ["exactly one of the keys", "Did you mean 'uniform'"]),
-        ("value = [100, 200]", "value = {uniform = [2, 1]}", ["low must not exceed high, got [2, 1]"]),
+        (
+            "value = [100, 200]",
+            "value = {unifrm = [1, 2]}",
+            ["exactly one of the keys", "Did you mean 'uniform'"],
+        ),
+        (
+            "value = [100, 200]",
+            "value = {uniform = [2, 1]}",
+            ["low must not exceed high, got [2, 1]"],
+        ),
         ("value = [100, 200]", "value = {loguniform = [0, 1]}", ["above 0"]),
-        ("start_ms = 1000", "start_ms = -1", ["start_ms: got -1, expected a whole number of milliseconds from 0"]),
-        ("start_ms = 1000", "start_ms = 5000000000", ["start_ms: got 5000000000, expected", "to 1000000000"]),
-        ("start_ms = 1000", "start_ms = {normal = [5e8, 1e8]}", ["expected a whole number of milliseconds from 0"]),
+        (
+            "start_ms = 1000",
+            "start_ms = -1",
+            ["start_ms: got -1, expected a whole number of milliseconds from 0"],
+        ),
+        (
+            "start_ms = 1000",
+            "start_ms = 5000000000",
+            ["start_ms: got 5000000000, expected", "to 1000000000"],
+        ),
+        (
+            "start_ms = 1000",
+            "start_ms = {normal = [5e8, 1e8]}",
+            ["expected a whole number of milliseconds from 0"],
+        ),
         ('[10, "end"]', '{uniform = ["end", 5]}', [":24:", "got 'end', expected a number"]),
         ('[10, "end"]', "{uniform = [0, 5]}", ["duration_ms: got 0", "from 1"]),
-        ("value = [100, 200]", "value = [100, 1e39]", [":22:", "got 1e+39, expected a number of single precision"]),
+        (
+            "value = [100, 200]",
+            "value = [100, 1e39]",
+            [":22:", "got 1e+39, expected a number of single precision"],
+        ),
         (
             "value = [100, 200]",
             "value = {uniform = [-3e9, 0]}",
@@ -131,21 +193,59 @@ def test_quick_is_what_the_readme_says():
         (
             "value = [100, 200]",
             "value = 99999",
-            [":22:", "shoulder is a 16-bit number: expected -32768..32767, got 99999, which would wrap to -31073"],
+            [
+                ":22:",
+                (
+                    "shoulder is a 16-bit number: expected -32768..32767, got 99999, which would"
+                    " wrap to -31073"
+                ),
+            ],
         ),
         (
             "value = [100, 200]",
             "value = 40000",
             ['write dac_words = "wrap" (or "saturate", "unwrapped") in [campaign]'],
         ),
-        ("start_ms = 1000", 'start_ms = 5000\ntrigger = "pedal"', ["got 5000, expected less than the run's 2000 ms"]),
-        ("value = [100, 200]", "value = {list = 5}", ["list takes a list with at least one a number, got 5"]),
-        ("start_ms = 1000", "start_ms = 1000\nruns = 5", ["fault[0].runs: unknown key", "above [[group.fault]]"]),
-        ("duration_s = 2.0", "duration_ms = 2000", [":3: campaign.duration_ms: unknown", "Did you mean 'duration_s'?"]),
-        ("[[group]]", "[haptics]\nthreshold = 3\n[[group]]", ["haptics.threshold", "Did you mean 'threshold_mm'?"]),
-        ("start_ms = 1000", "start_ms = 1000\ncap = 5", ["cap is a key of [haptics]: write it there"]),
-        ("duration_s = 2.0", "duration_s = 2.0004", ["got 2.0004 s, expected whole milliseconds", "such as 2"]),
-        ("duration_s = 2.0", "duration_s = 0.0001", ["got 0.0001 s, expected whole milliseconds from 0.001 on"]),
+        (
+            "start_ms = 1000",
+            'start_ms = 5000\ntrigger = "pedal"',
+            ["got 5000, expected less than the run's 2000 ms"],
+        ),
+        (
+            "value = [100, 200]",
+            "value = {list = 5}",
+            ["list takes a list with at least one a number, got 5"],
+        ),
+        (
+            "start_ms = 1000",
+            "start_ms = 1000\nruns = 5",
+            ["fault[0].runs: unknown key", "above [[group.fault]]"],
+        ),
+        (
+            "duration_s = 2.0",
+            "duration_ms = 2000",
+            [":3: campaign.duration_ms: unknown", "Did you mean 'duration_s'?"],
+        ),
+        (
+            "[[group]]",
+            "[haptics]\nthreshold = 3\n[[group]]",
+            ["haptics.threshold", "Did you mean 'threshold_mm'?"],
+        ),
+        (
+            "start_ms = 1000",
+            "start_ms = 1000\ncap = 5",
+            ["cap is a key of [haptics]: write it there"],
+        ),
+        (
+            "duration_s = 2.0",
+            "duration_s = 2.0004",
+            ["got 2.0004 s, expected whole milliseconds", "such as 2"],
+        ),
+        (
+            "duration_s = 2.0",
+            "duration_s = 0.0001",
+            ["got 0.0001 s, expected whole milliseconds from 0.001 on"],
+        ),
         (
             "[operator]",
             "[plant]\nmass_scale = 2\n[operator]",
@@ -155,42 +255,102 @@ def test_quick_is_what_the_readme_says():
         ('"overwrite"', '"bit_flip"', [":22:", "index of a bit, 0..15, got 100"]),
         ('"x"', '".."', [":2: campaign.name"]),
         ('"x"', f'"{"x" * 200}"', [":2: campaign.name", "at most 100 characters"]),
-        ('motion = "reach"', 'file = "a\\u0000b.csv"', [":6: operator.file", "expected the path of"]),
+        (
+            'motion = "reach"',
+            'file = "a\\u0000b.csv"',
+            [":6: operator.file", "expected the path of"],
+        ),
         (
             '"free"',
             '"free"\nparameters.plant.mass_scale = {normal = 5}',
             ["normal takes [mean, standard deviation], got 5"],
         ),
-        ('"free"', '"free"\nparameters.plant.mass_scale = -1', [":14:", "mass_scale: got -1, expected 0.01..100"]),
+        (
+            '"free"',
+            '"free"\nparameters.plant.mass_scale = -1',
+            [":14:", "mass_scale: got -1, expected 0.01..100"],
+        ),
         (
             "[0.5, 2.0]",
             "[-0.5, 2.0]",
             [":9: parameters.plant.friction_scale: got uniform = [-0.5, 2.0]", "as low as -0.5"],
         ),
-        ("[parameters]", "[parameters]\nplant.noise_key = 3", [":9: parameters.plant.noise_key: cannot be set"]),
-        ("[parameters]", "[haptics]\ncap = 1e300\n[parameters]", ["haptics.cap", "1e+300", "less than or equal"]),
-        ("start_ms = 1000", "start_ms = 2.5", [":23:", "got 2.5, expected a whole number of milliseconds"]),
+        (
+            "[parameters]",
+            "[parameters]\nplant.noise_key = 3",
+            [":9: parameters.plant.noise_key: cannot be set"],
+        ),
+        (
+            "[parameters]",
+            "[haptics]\ncap = 1e300\n[parameters]",
+            ["haptics.cap", "1e+300", "less than or equal"],
+        ),
+        (
+            "start_ms = 1000",
+            "start_ms = 2.5",
+            [":23:", "got 2.5, expected a whole number of milliseconds"],
+        ),
         ("start_ms = 1000", "start_ms = 2000", ["got 2000, expected less than the run's 2000 ms"]),
-        ('[10, "end"]', "-10", [":24:", 'got -10, expected a whole number of milliseconds from 1, or "end"']),
+        (
+            '[10, "end"]',
+            "-10",
+            [":24:", 'got -10, expected a whole number of milliseconds from 1, or "end"'],
+        ),
         ("start_ms = 1000", 'start_ms = 1000\ntrigger = "tick"', ["unknown trigger 'tick'"]),
-        ("start_ms = 1000", 'start_ms = 1000\narm = "green"', ["arm 'green' is not in this campaign"]),
+        (
+            "start_ms = 1000",
+            'start_ms = 1000\narm = "green"',
+            ["arm 'green' is not in this campaign"],
+        ),
         ("start_ms = 1000", 'start_ms = 1000\narm = "grey"', ["unknown arm 'grey'"]),
-        ("start_ms = 1000", "start_ms = 1000\nevery_ms = 5", ["every_ms", "not longer than every_ms"]),
+        (
+            "start_ms = 1000",
+            "start_ms = 1000\nevery_ms = 5",
+            ["every_ms", "not longer than every_ms"],
+        ),
         ('"free"', '"dac"', ["got 'dac' twice"]),
         ('"free"', '"free"\nruns = 5', ["'grid' sets the number of runs itself"]),
         ('"free"', '"free"\ndesign = "lhs"', ["'lhs' needs runs"]),
-        ('"dac"', '"dac"\nrepeats = 0', ["group[1].repeats: got 0, expected greater than or equal to 1"]),
-        ('"free"', '"free"\ndesign = "zip"\nparameters."plant.a" = [1, 2, 3]', ["'zip' needs lists of one length"]),
+        (
+            '"dac"',
+            '"dac"\nrepeats = 0',
+            ["group[1].repeats: got 0, expected greater than or equal to 1"],
+        ),
+        (
+            '"free"',
+            '"free"\ndesign = "zip"\nparameters."plant.a" = [1, 2, 3]',
+            ["'zip' needs lists of one length"],
+        ),
         (
             "[parameters]",
             "[limits]\nelbow_deg = [40, 135]\n[parameters]",
             ["limits.elbow_deg: got [40.0, 135.0]", "45 <= min < max <= 137.5"],
         ),
-        ("[parameters]", "[outcomes]\ncue = 1\n[parameters]", ["outcomes.cue: got 1, expected 0..0"]),
-        ("[parameters]", "[haptics]\nthreshold_mm = [3, -1]\n[parameters]", ["haptics.threshold_mm", "got -1"]),
-        ("duration_s = 2.0", 'arms = ["green", "gold"]', ["campaign.arms", "in the order ['gold', 'green']"]),
-        ("duration_s = 2.0", 'tools = ["r_graspr"]', ["unknown tool 'r_graspr'", "Did you mean 'r_grasper'"]),
-        ("duration_s = 2.0", 'software = "raven3"', [":3: campaign.software: got 'raven3'", "'raven2' or 'fork2015'"]),
+        (
+            "[parameters]",
+            "[outcomes]\ncue = 1\n[parameters]",
+            ["outcomes.cue: got 1, expected 0..0"],
+        ),
+        (
+            "[parameters]",
+            "[haptics]\nthreshold_mm = [3, -1]\n[parameters]",
+            ["haptics.threshold_mm", "got -1"],
+        ),
+        (
+            "duration_s = 2.0",
+            'arms = ["green", "gold"]',
+            ["campaign.arms", "in the order ['gold', 'green']"],
+        ),
+        (
+            "duration_s = 2.0",
+            'tools = ["r_graspr"]',
+            ["unknown tool 'r_graspr'", "Did you mean 'r_grasper'"],
+        ),
+        (
+            "duration_s = 2.0",
+            'software = "raven3"',
+            [":3: campaign.software: got 'raven3'", "'raven2' or 'fork2015'"],
+        ),
     ],
 )
 def test_each_mistake_has_its_message(write, old, new, parts):
@@ -220,7 +380,8 @@ def test_a_field_that_is_written_anew_holds_what_it_can(write, site, channel, va
 
 
 @pytest.mark.parametrize(
-    "site, channel, last", [("pins_out", "pins", 7), ("runlevel", "rl_desired", 1), ("packet_header", "size", 15)]
+    "site, channel, last",
+    [("pins_out", "pins", 7), ("runlevel", "rl_desired", 1), ("packet_header", "size", 15)],
 )
 def test_a_bit_that_flips_is_one_of_the_field(write, site, channel, last):
     text = GOOD.replace('"usb_out"', f'"{site}"').replace('["shoulder", "elbow"]', f'"{channel}"')
@@ -249,13 +410,20 @@ def test_packets_that_last_come_later(write):
 
 def test_one_table_where_several_are_expected(write):
     text = GOOD.replace("[[group.fault]]", "[group.fault]")
-    expected = "group[1].fault: got one table, expected several: open each with [[group.fault]], in double brackets"
+    expected = (
+        "group[1].fault: got one table, expected several: open each with [[group.fault]], in double"
+        " brackets"
+    )
     assert complaint(write(text)).endswith(expected)
-    assert "tools: got 5, expected a list" in complaint(write(GOOD.replace("duration_s = 2.0", "tools = 5")))
+    assert "tools: got 5, expected a list" in complaint(
+        write(GOOD.replace("duration_s = 2.0", "tools = 5"))
+    )
 
 
 def test_noise_of_no_size_makes_no_repeat_another(write):
-    text = GOOD.replace("plant.friction_scale = { uniform = [0.5, 2.0] }", "plant.encoder_noise = 0")
+    text = GOOD.replace(
+        "plant.friction_scale = { uniform = [0.5, 2.0] }", "plant.encoder_noise = 0"
+    )
     text = text.replace('"dac"', '"dac"\nrepeats = 3')
     assert loading.load(write(text), ["campaign.noise=true"])
     message = complaint(write(text), "campaign.noise=true", "parameters.plant.torque_noise=0")
@@ -264,30 +432,41 @@ def test_noise_of_no_size_makes_no_repeat_another(write):
 
 def test_a_list_that_says_so_is_a_list(write):
     plain, explicit = (
-        loading.load(write(GOOD.replace("[100, 200]", text))) for text in ("[100, 200]", "{list=[100, 200]}")
+        loading.load(write(GOOD.replace("[100, 200]", text)))
+        for text in ("[100, 200]", "{list=[100, 200]}")
     )
     assert design.expand(explicit).equals(design.expand(plain))
     assert explicit.group[1].fault[0].value.explicit and not plain.group[1].fault[0].value.explicit
-    assert loading.from_dict(explicit.model_dump(mode="json")).group == explicit.group, "a manifest keeps the words"
+    assert loading.from_dict(explicit.model_dump(mode="json")).group == explicit.group, (
+        "a manifest keeps the words"
+    )
 
 
 def test_lists_of_parameters_whose_names_look_like_a_distribution(write):
     text = GOOD.replace("[parameters]", "[parameters]\ncontrol.overdrive.policy = [0, 1]")
     assert loading.load(write(text)).parameters["control.overdrive.policy"].values == (0, 1)
-    assert "Did you mean 'choice'" in complaint(write(text.replace("policy = [0, 1]", "policy = {choise = [0, 1]}")))
+    assert "Did you mean 'choice'" in complaint(
+        write(text.replace("policy = [0, 1]", "policy = {choise = [0, 1]}"))
+    )
 
 
 def test_lists_side_by_side_are_looked_at_pair_by_pair(write):
     """Bit 3 and count 100 each fit their own effect; in a grid they would be crossed."""
-    text = GOOD.replace('"overwrite"', '["bit_flip", "overwrite"]').replace("[100, 200]", "[3, 100]")
+    text = GOOD.replace('"overwrite"', '["bit_flip", "overwrite"]').replace(
+        "[100, 200]", "[3, 100]"
+    )
     assert "index of a bit" in complaint(write(text))
-    text = text.replace('name = "dac"', 'name = "dac"\ndesign = "zip"').replace('"operator.scale" = [0.05, 0.1]', "")
+    text = text.replace('name = "dac"', 'name = "dac"\ndesign = "zip"').replace(
+        '"operator.scale" = [0.05, 0.1]', ""
+    )
     config = loading.load(write(text))
     assert len(design.expand(config)) == 3
 
 
 def test_too_many_runs(write):
-    text = GOOD.replace("[100, 200]", str(list(range(3000)))).replace("= 1000", f"= {list(range(1, 2000))}")
+    text = GOOD.replace("[100, 200]", str(list(range(3000)))).replace(
+        "= 1000", f"= {list(range(1, 2000))}"
+    )
     text = text.replace('"dac"', '"dac"\nrepeats = 100')
     message = complaint(write(text), "campaign.limit=10")
     assert "group: the groups make" in message and "expected at most 100000000" in message
@@ -299,7 +478,9 @@ def test_too_many_cues():
 
 
 def test_identical_repeats_are_refused(write):
-    text = GOOD.replace("plant.friction_scale = { uniform = [0.5, 2.0] }", "").replace('"dac"', '"dac"\nrepeats = 3')
+    text = GOOD.replace("plant.friction_scale = { uniform = [0.5, 2.0] }", "").replace(
+        '"dac"', '"dac"\nrepeats = 3'
+    )
     message = complaint(write(text))
     assert "group[1].repeats" in message and "would be identical" in message
     assert loading.load(write(text), ["campaign.noise=true"]).group[1].repeats == 3
@@ -308,7 +489,9 @@ def test_identical_repeats_are_refused(write):
 def test_all_mistakes_are_told_at_once_in_order_of_lines(write):
     text = GOOD.replace("usb_out", "usb").replace("reach", "rech").replace("overwrite", "over")
     numbers = [int(line.split(":")[1]) for line in complaint(write(text)).splitlines()]
-    assert numbers == sorted(numbers) and len(numbers) == 2  # the channels and effects of an unknown site say nothing
+    assert (
+        numbers == sorted(numbers) and len(numbers) == 2
+    )  # the channels and effects of an unknown site say nothing
 
 
 def test_syntax_error_names_the_line(write):
@@ -324,7 +507,10 @@ def test_a_misspelt_table_is_told_of_once(write):
 @pytest.mark.parametrize("name", ["quik.toml", "quik", "./quik.toml", "/nowhere/quik.toml"])
 def test_missing_file_is_told_in_one_line_with_the_nearest_name(name):
     message = complaint(name)
-    assert message.startswith(f"{name}: no such campaign file; `ravenjax campaigns` lists") and "\n" not in message
+    assert (
+        message.startswith(f"{name}: no such campaign file; `ravenjax campaigns` lists")
+        and "\n" not in message
+    )
     assert message.endswith("Did you mean 'quick'?") and len(message) < 200
 
 
@@ -364,12 +550,14 @@ def test_unknown_parameters(write):
     loading.check_parameters(config, ["plant.friction_scale", "operator.scale"])
     with pytest.raises(UserError) as error:
         loading.check_parameters(config, ["plant.friction_scal", "operator.scale"])
-    assert ":9: parameters.plant.friction_scale: unknown parameter. Did you mean 'plant.friction_scal'" in str(
-        error.value
+    assert (
+        ":9: parameters.plant.friction_scale: unknown parameter. Did you mean 'plant.friction_scal'"
+        in str(error.value)
     )
 
 
-# --- overrides --------------------------------------------------------------------------------------------------------
+# --- overrides ------------------------------------------------------------------------------------
+# --------------------
 
 
 def test_overrides(write):
@@ -401,7 +589,10 @@ def test_overrides(write):
         ("group.dak.repeats=1", ["got 'dak'", "free, dac", "Did you mean 'dac'"]),
         ("group.7.repeats=1", ["got '7', expected a number 0..1"]),
         ("campaign.name.x=1", ["'x' is no key of the value 'x'"]),
-        ("group.dac.fault.0.effect=over", ["--set: group[1].fault[0].effect: unknown effect 'over'"]),
+        (
+            "group.dac.fault.0.effect=over",
+            ["--set: group[1].fault[0].effect: unknown effect 'over'"],
+        ),
     ],
 )
 def test_bad_overrides(write, override, parts):
@@ -410,7 +601,8 @@ def test_bad_overrides(write, override, parts):
         assert part in message, message
 
 
-# --- haptics and limits -----------------------------------------------------------------------------------------------
+# --- haptics and limits
+# -----------------------------------------------------------------------------------------------
 
 
 def with_section(section: dict) -> CampaignConfig:
@@ -418,7 +610,9 @@ def with_section(section: dict) -> CampaignConfig:
 
 
 def test_cues_are_the_product_in_si():
-    cues = with_section({"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [0.0045, 0.009]}}).haptics.cues()
+    cues = with_section(
+        {"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [0.0045, 0.009]}}
+    ).haptics.cues()
     assert [(round(c.threshold_m, 9), round(c.kp, 9)) for c in cues] == [
         (0.002, 4.5),
         (0.002, 9.0),
@@ -434,19 +628,29 @@ def test_cues_side_by_side():
     ).haptics.cues()
     assert [(round(c.threshold_m, 9), round(c.kp, 9)) for c in cues] == [(0.002, 4.5), (0.003, 9.0)]
     with pytest.raises(UserError, match="one length"):
-        with_section({"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [1, 2, 3], "combine": "zip"}})
+        with_section(
+            {"haptics": {"threshold_mm": [2, 3], "kp_per_mm": [1, 2, 3], "combine": "zip"}}
+        )
 
 
 def test_limits_in_si():
-    given = with_section({"limits": {"elbow_deg": [60, 120], "insertion_m": [0.3, 0.5]}}).limits.si()
-    assert given == {"elbow": (pytest.approx(1.0471975512), pytest.approx(2.0943951024)), "insertion": (0.3, 0.5)}
+    given = with_section(
+        {"limits": {"elbow_deg": [60, 120], "insertion_m": [0.3, 0.5]}}
+    ).limits.si()
+    assert given == {
+        "elbow": (pytest.approx(1.0471975512), pytest.approx(2.0943951024)),
+        "insertion": (0.3, 0.5),
+    }
 
 
-# --- lines ------------------------------------------------------------------------------------------------------------
+# --- lines ----------------------------------------------------------------------------------------
+# --------------------
 
 
 def test_lines_of_keys():
-    found = location.lines(GOOD + "[[group]]\nname = 'b'\n[[group.fault]]\n'site' = 1\n[[group.fault]]\na.b = 2\n")
+    found = location.lines(
+        GOOD + "[[group]]\nname = 'b'\n[[group.fault]]\n'site' = 1\n[[group.fault]]\na.b = 2\n"
+    )
     assert found["campaign.duration_s"] == 3
     assert found["parameters.plant.friction_scale"] == 9
     assert found["parameters.operator.scale"] == 10
@@ -458,4 +662,6 @@ def test_lines_of_keys():
 
 def test_a_former_key_is_told_its_name(write) -> None:
     text = GOOD + '\n[[detector]]\nname = "d"\nkind = "tip_error"\nlevel = 3\n'
-    assert "detector[0]: key 'level' is now called 'threshold': write that" in complaint(write(text))
+    assert "detector[0]: key 'level' is now called 'threshold': write that" in complaint(
+        write(text)
+    )

@@ -1,4 +1,6 @@
-"""Campaigns with anything wrong anywhere: loading gives a campaign or a UserError, never another exception."""
+"""Campaigns with anything wrong anywhere: loading gives a campaign or a UserError, never another
+exception.
+"""
 
 import copy
 import re
@@ -25,7 +27,10 @@ FULL = {
         "limit": 100,
     },
     "operator": {"motion": "suture", "scale": 0.2, "seed": 1},
-    "parameters": {"plant": {"friction_scale": {"uniform": [0.5, 2.0]}}, "operator.scale": [0.05, 0.1]},
+    "parameters": {
+        "plant": {"friction_scale": {"uniform": [0.5, 2.0]}},
+        "operator.scale": [0.05, 0.1],
+    },
     "limits": {"elbow_deg": [50, 120], "insertion_m": [0.3, 0.5]},
     "haptics": {"threshold_mm": [3, 2], "cap": 0.05, "combine": "grid"},
     "outcomes": {"jump": "text", "cue": 1},
@@ -67,7 +72,10 @@ FULL = {
             "name": "listed",
             "design": "list",
             "fault": [{"site": "runlevel", "effect": "overwrite", "value": 1, "start_ms": 50}],
-            "run": [{"fault": [{"value": 2, "duration_ms": "end"}]}, {"parameters": {"plant.gold.mass_scale": 1.1}}],
+            "run": [
+                {"fault": [{"value": 2, "duration_ms": "end"}]},
+                {"parameters": {"plant.gold.mass_scale": 1.1}},
+            ],
         },
     ],
 }
@@ -78,7 +86,13 @@ FULL = {
     "cross": {"reaction": {"action": [0, 1]}, "plant.cable_damping": [400, 500]},
     "reaction": {"action": "slow", "delay_ms": 200, "slow_to": 0.5},
     "detector": [
-        {"name": "model", "kind": "steps", "fusion": ["all", "any"], "consecutive": [1, 3], "threshold": [0.5, 1]},
+        {
+            "name": "model",
+            "kind": "steps",
+            "fusion": ["all", "any"],
+            "consecutive": [1, 3],
+            "threshold": [0.5, 1],
+        },
         {"name": "tip", "kind": "tip_error", "threshold": 3},
     ],
     "stop": {
@@ -88,7 +102,10 @@ FULL = {
         "looks": [0.1, 1.0],
         "allocation": "neyman",
     },
-    "group": [*FULL["group"], {"name": "library", "hazards": ["C02", "B25"], "arm": "gold", "start_ms": 100}],
+    "group": [
+        *FULL["group"],
+        {"name": "library", "hazards": ["C02", "B25"], "arm": "gold", "start_ms": 100},
+    ],
 }
 BUNDLED = [tomllib.loads(path.read_text()) for path in resources.bundled("campaigns", "*.toml")]
 
@@ -96,16 +113,36 @@ JUNK = st.one_of(
     st.none(),
     st.booleans(),
     st.integers(),
-    st.sampled_from([10**30, -(10**400), 2**31, 2**63, 0, -1, 1e308, 1e-308, "end", "*", "nan", "", "gold", b"x", 1j]),
+    st.sampled_from(
+        [
+            10**30,
+            -(10**400),
+            2**31,
+            2**63,
+            0,
+            -1,
+            1e308,
+            1e-308,
+            "end",
+            "*",
+            "nan",
+            "",
+            "gold",
+            b"x",
+            1j,
+        ]
+    ),
     st.floats(),
     st.text(max_size=8),
     st.sampled_from(["uniform", "normal", "choice", "loguniform"]).flatmap(
-        lambda kind: st.lists(st.one_of(st.floats(), st.integers(), st.text(max_size=3)), max_size=3).map(
-            lambda values: {kind: values}
-        )
+        lambda kind: st.lists(
+            st.one_of(st.floats(), st.integers(), st.text(max_size=3)), max_size=3
+        ).map(lambda values: {kind: values})
     ),
     st.recursive(
-        st.none() | st.integers() | st.text(max_size=3), lambda inner: st.lists(inner, max_size=3), max_leaves=6
+        st.none() | st.integers() | st.text(max_size=3),
+        lambda inner: st.lists(inner, max_size=3),
+        max_leaves=6,
     ),
     st.recursive(
         st.integers() | st.text(max_size=3),
@@ -117,7 +154,13 @@ JUNK = st.one_of(
 
 def places(tree, at=()):
     """The path of every entry of nested tables and lists."""
-    entries = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    entries = (
+        tree.items()
+        if isinstance(tree, dict)
+        else enumerate(tree)
+        if isinstance(tree, list)
+        else ()
+    )
     for key, value in entries:
         yield (*at, key)
         yield from places(value, (*at, key))
@@ -170,7 +213,9 @@ def test_a_changed_campaign(raw):
     config = loaded(raw)
     if config is not None:
         assert isinstance(config, CampaignConfig)
-        assert loading.from_dict(config.model_dump(mode="json")) == config, "the manifest means the same campaign"
+        assert loading.from_dict(config.model_dump(mode="json")) == config, (
+            "the manifest means the same campaign"
+        )
 
 
 @settings(RELAXED, max_examples=60)
@@ -199,7 +244,20 @@ def test_endless_nesting():
 
 
 KEYS = st.sampled_from(
-    ["campaign", "group", "0", "1", "name", "fault", "value", "parameters", "plant", "drawn", "²", ""]
+    [
+        "campaign",
+        "group",
+        "0",
+        "1",
+        "name",
+        "fault",
+        "value",
+        "parameters",
+        "plant",
+        "drawn",
+        "²",
+        "",
+    ]
 )
 
 
@@ -305,15 +363,30 @@ WRONG = (
     '""',
     "nan",
 )
-SAYS = ("expected", "exactly one of", "missing", "unknown key", "remove", "write", "belongs to", "needs", "give", "got")
-"""Each complaint has at least one of these words: it says what was got, or what to write instead."""
+SAYS = (
+    "expected",
+    "exactly one of",
+    "missing",
+    "unknown key",
+    "remove",
+    "write",
+    "belongs to",
+    "needs",
+    "give",
+    "got",
+)
+"""Each complaint has at least one of these words: it says what was got, or what to write
+instead.
+"""
 
 
 @settings(RELAXED, max_examples=150)
 @given(st.sampled_from(WRITTEN), st.sampled_from(WRONG))
 @example(WRITTEN[-1], "[]")
 def test_a_wrong_value_is_located(tmp_path_factory, number, wrong):
-    """One value of a file replaced: a campaign, or complaints that name file, line and key and what was expected."""
+    """One value of a file replaced: a campaign, or complaints that name file, line and key and
+    what was expected.
+    """
     rows = TEXT.splitlines()
     key = rows[number].partition(" = ")[0]
     rows[number] = f"{key} = {wrong}"
@@ -323,11 +396,15 @@ def test_a_wrong_value_is_located(tmp_path_factory, number, wrong):
         loading.load(path)
     except UserError as error:
         for complaint in str(error).splitlines():
-            assert complaint.startswith(f"{path}:") and any(word in complaint for word in SAYS), complaint
+            assert complaint.startswith(f"{path}:") and any(word in complaint for word in SAYS), (
+                complaint
+            )
             line, named, _ = complaint.removeprefix(f"{path}:").split(": ", 2)
             there = rows[int(line) - 1]
             last = re.sub(r"\[\d+\]", "", named).rpartition(".")[2]
-            assert there.startswith("[") or last in there, complaint  # of a key that is missing, the table
+            assert there.startswith("[") or last in there, (
+                complaint
+            )  # of a key that is missing, the table
 
 
 @settings(RELAXED, max_examples=60)
@@ -345,7 +422,11 @@ def test_a_misspelt_key_is_located(tmp_path_factory, number, at, letter):
     try:
         loading.load(path)
     except UserError as error:
-        assert f"{path}:{number + 1}: " in str(error) and misspelt in str(error) and "expected one of" in str(error)
+        assert (
+            f"{path}:{number + 1}: " in str(error)
+            and misspelt in str(error)
+            and "expected one of" in str(error)
+        )
         return
     raise AssertionError(f"{misspelt} was taken")
 

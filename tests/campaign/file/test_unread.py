@@ -1,4 +1,6 @@
-"""The parameters that nothing reads are those, and only those, that a campaign file is refused for."""
+"""The parameters that nothing reads are those, and only those, that a campaign file is refused
+for.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,19 @@ LANES = 2
 def without_influence(ready: plan.Plan) -> set[str]:
     """Full paths of parameters that no state, outcome or series of a tick depends on."""
     leaves = dict(paths.leaves(ready.program.params, ready.program.setup))
-    varied = {path: np.full(LANES, value) for path, value in leaves.items() if not path.startswith("start.")}
+    varied = {
+        path: np.full(LANES, value)
+        for path, value in leaves.items()
+        if not path.startswith("start.")
+    }
     program = dataclasses.replace(ready.program, varied=tuple(varied))
     segment, shapes = scan._segment_function(program, 1, False)
     reference = np.zeros((1, run.series_length(program.setup), LANES), np.float32)
     motion = tuple(np.asarray(column) for column in ready.columns)
     faults = ready.lanes([0], LANES)[1]
-    traced = jax.make_jaxpr(segment)(varied, faults, (), shapes(varied, LANES), np.int32(1), reference, motion)
+    traced = jax.make_jaxpr(segment)(
+        varied, faults, (), shapes(varied, LANES), np.int32(1), reference, motion
+    )
     _, used = partial_eval.dce_jaxpr(traced.jaxpr, [True] * len(traced.jaxpr.outvars))
     return {path for path, read in zip(sorted(varied), used, strict=False) if not read}
 
@@ -62,7 +70,11 @@ def test_what_nothing_reads_is_refused(campaign):
     )
     ready = plan.make(config)
     refused = {row.path for row in UNREAD if row.where(config.campaign) and not row.component}
-    components = {f"{row.path}.{row.component}" for row in UNREAD if row.where(config.campaign) and row.component}
+    components = {
+        f"{row.path}.{row.component}"
+        for row in UNREAD
+        if row.where(config.campaign) and row.component
+    }
     silent = {NOISE_KEY, *ROBOT.noise} if not config.campaign.noise else set()
     idle = without_influence(ready) - {DELAY, PACKETS}  # which are read where they are varied
     silent |= {"network.cycles_per_packet"} if config.random_packets else {PACKET_KEY}

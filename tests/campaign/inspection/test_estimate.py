@@ -29,7 +29,9 @@ def test_the_model_is_near_what_was_measured(name):
 
 
 def test_a_campaign_costs_its_ticks_on_every_core():
-    """2571 runs and 12 golden ones of 3000 ticks, 174 ns each, on two cores, and 12 us a run to store it."""
+    """2571 runs and 12 golden ones of 3000 ticks, 174 ns each, on two cores, and 12 us a run to
+    store it.
+    """
     work = MEASURED["quick"][1]
     cost = estimate(work, Machine("simd", 2))
     assert cost.run_s == pytest.approx((2583 * 3000 * tick_ns(work) + 2571 * 12_000) * 1e-9 / 2)
@@ -38,7 +40,13 @@ def test_a_campaign_costs_its_ticks_on_every_core():
 
 @pytest.mark.parametrize(
     ("more", "key"),
-    [({"runs": 9000}, 0), ({"arms": 2}, 0), ({"golden_runs": 8192}, 2), ({"sites": 30}, 2), ({"slots": 8}, 2)],
+    [
+        ({"runs": 9000}, 0),
+        ({"arms": 2}, 0),
+        ({"golden_runs": 8192}, 2),
+        ({"sites": 30}, 2),
+        ({"slots": 8}, 2),
+    ],
 )
 def test_more_work_costs_more(more, key):
     plain = CostFactors(8192, 1000, 1)
@@ -58,8 +66,12 @@ def test_machines():
 
 
 def test_memory_of_golden_runs_is_bounded():
-    memory = [estimate(CostFactors(n, 3000, n), Machine("simd", 2)).memory_mib for n in (1000, 100_000)]
-    assert memory[0] == pytest.approx(501.5 + 1000 * (95 + 2 * 3000 * 24) / 2**20), "series, and a copy of each"
+    memory = [
+        estimate(CostFactors(n, 3000, n), Machine("simd", 2)).memory_mib for n in (1000, 100_000)
+    ]
+    assert memory[0] == pytest.approx(501.5 + 1000 * (95 + 2 * 3000 * 24) / 2**20), (
+        "series, and a copy of each"
+    )
     assert memory[1] == pytest.approx(501.5 + 100_000 * 95 / 2**20 + 1536)
     shared = estimate(CostFactors(100_000, 3000, 1000), Machine("simd", 2)).memory_mib
     assert shared == pytest.approx(501.5 + (100_000 * 95 + 1000 * 3000 * 24) / 2**20)
@@ -67,7 +79,14 @@ def test_memory_of_golden_runs_is_bounded():
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(0.01, "1 s"), (12.3, "13 s"), (89, "89 s"), (200, "3.3 min"), (7200, "2 h"), (90_000, "25 h")],
+    [
+        (0.01, "1 s"),
+        (12.3, "13 s"),
+        (89, "89 s"),
+        (200, "3.3 min"),
+        (7200, "2 h"),
+        (90_000, "25 h"),
+    ],
 )
 def test_durations(seconds, words):
     assert duration(seconds) == words

@@ -1,4 +1,6 @@
-"""Explained runs against two whole traces of each, compared offline; and that explaining changes no run."""
+"""Explained runs against two whole traces of each, compared offline; and that explaining changes
+no run.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,9 @@ def sites_of(signals):
     return of | {
         "packet": control.packet,
         "packet_header": control.packet,
-        "usb_in": dataclasses.make_dataclass("UsbWords", ["enc_val"])([arm.enc_val for arm in arms]),
+        "usb_in": dataclasses.make_dataclass("UsbWords", ["enc_val"])(
+            [arm.enc_val for arm in arms]
+        ),
         "encoder": [out.enc_val for out in signals.plant],
         "runlevel": control.runlevel,
         "pos": [pose.position_um for pose in poses["pos"]],
@@ -117,13 +121,18 @@ def offline(signals, golden, arms):
     received = np.asarray(signals.control.packet.received) != 0
     out = {}
     for place in crossings(SEAMS, arms):
-        there = received if place.seam.name in ("packet", "packet_header") else np.ones(len(received), bool)
+        there = (
+            received
+            if place.seam.name in ("packet", "packet_header")
+            else np.ones(len(received), bool)
+        )
         differs = first((bits(own[place.name]) != bits(usual[place.name])) & there)
         leaves = -1
         if place.channel.site:
             span = ranges.normal(place.channel.site, place.channel.name, place.arm)
             low, high = (
-                np.float32(end) for end in (span.low - 5e-6 * abs(span.low), span.high + 5e-6 * abs(span.high))
+                np.float32(end)
+                for end in (span.low - 5e-6 * abs(span.low), span.high + 5e-6 * abs(span.high))
             )
             inside = [
                 (x.astype(np.float32) >= low) & (x.astype(np.float32) <= high)
@@ -143,7 +152,9 @@ def traces(config, rows):
     )
     for row in rows:
         ends = np.full(1, int(ready.ends[row]))
-        harmless, faulty = (Block(*ready.lanes([row], 1, harmless=one), None, ends=ends) for one in (True, False))
+        harmless, faulty = (
+            Block(*ready.lanes([row], 1, harmless=one), None, ends=ends) for one in (True, False)
+        )
         golden = tracer.run(harmless, harmless, ready.columns)[2]
         yield tracer.run(harmless, faulty, ready.columns)[2], golden
 
@@ -156,14 +167,18 @@ def require_equal_to_traces(config, rows, engine="simd"):
         expected = offline(signals, golden, arms)
         row = explained.ticks.iloc[place]
         for name, (differs, leaves) in expected.items():
-            if not (name.split("/")[-2] in ("ori", "ori_d") and "/q" in name):  # of a matrix whose bits are compared
+            if not (
+                name.split("/")[-2] in ("ori", "ori_d") and "/q" in name
+            ):  # of a matrix whose bits are compared
                 assert row[f"differs:{name}"] == differs, (rows[place], name)
             if f"leaves:{name}" in row:
                 assert row[f"leaves:{name}"] == leaves, (rows[place], name)
             else:
                 assert leaves == -1
         for one in signals_of({key: [value] for key, value in row.items()}, config.robot, arms):
-            firsts = [t for name, (t, _) in expected.items() if name.startswith(one.name + "/") and t >= 0]
+            firsts = [
+                t for name, (t, _) in expected.items() if name.startswith(one.name + "/") and t >= 0
+            ]
             assert one.differs[0] == min(firsts, default=-1), (rows[place], one.name)
     return explained
 
@@ -171,10 +186,16 @@ def require_equal_to_traces(config, rows, engine="simd"):
 def spread(config, runs):
     """Rows over all sites, as many of each as there are, `runs` in all."""
     table = plan.make(config).table
-    by_site = [group.index.to_numpy() for site, group in table.groupby("fault0_site", observed=True) if site]
+    by_site = [
+        group.index.to_numpy()
+        for site, group in table.groupby("fault0_site", observed=True)
+        if site
+    ]
     assert len(by_site) == len(SITES)
     each = -(-runs // len(by_site))
-    rows = np.concatenate([some[np.linspace(0, len(some) - 1, min(each, len(some))).astype(int)] for some in by_site])
+    rows = np.concatenate(
+        [some[np.linspace(0, len(some) - 1, min(each, len(some))).astype(int)] for some in by_site]
+    )
     return np.unique(rows)
 
 
@@ -185,7 +206,15 @@ BOTH = {
         {
             "name": site,
             "parameters": {"plant.friction_scale": [1.0, 1.3]},
-            "fault": [{"site": site, "arm": ["gold", "green"], "start_ms": 250, "duration_ms": 60, **fault}],
+            "fault": [
+                {
+                    "site": site,
+                    "arm": ["gold", "green"],
+                    "start_ms": 250,
+                    "duration_ms": 60,
+                    **fault,
+                }
+            ],
         }
         for site, fault in {
             "usb_out": {"channel": "elbow", "effect": "overwrite", "value": 9000},
@@ -248,7 +277,9 @@ def test_runs_with_golden_runs_of_their_own_are_explained_alike_in_small_blocks(
 
 @pytest.mark.parametrize("engine", ["mjx", "simdd", "cpu"])
 def test_an_engine_that_cannot_is_named(engine):
-    with pytest.raises(UserError, match=f"engine '{engine}' cannot explain runs: expected auto or simd, xla, cuda"):
+    with pytest.raises(
+        UserError, match=f"engine '{engine}' cannot explain runs: expected auto or simd, xla, cuda"
+    ):
         Explainer(tiny_campaign.config(runs=5), engine)
 
 
@@ -257,7 +288,9 @@ def test_nothing_and_too_much_are_refused(monkeypatch):
     with pytest.raises(UserError, match="no run to explain"):
         explainer.explain([])
     monkeypatch.setattr(explain, "MOST", 3)
-    with pytest.raises(UserError, match="4 runs are too many to explain together, expected 3 at most"):
+    with pytest.raises(
+        UserError, match="4 runs are too many to explain together, expected 3 at most"
+    ):
         explainer.explain([3, 4, 5, 6])
 
 
@@ -276,7 +309,9 @@ def test_engine_xla_finds_the_same_beginning():
     onset = ours.results["first_active_ms"].to_numpy()
     assert (onset >= 0).any() and onset.tolist() == theirs.results["first_active_ms"].tolist()
     differs = ours.ticks.filter(like="differs:").to_numpy()
-    assert (np.where(differs < 0, 10**6, differs).min(axis=1) == np.where(onset < 0, 10**6, onset)).all()
+    assert (
+        np.where(differs < 0, 10**6, differs).min(axis=1) == np.where(onset < 0, 10**6, onset)
+    ).all()
     for joint in ("shoulder", "elbow"):
         for name in (f"differs:gold/usb_out/{joint}", f"leaves:gold/usb_out/{joint}"):
             assert ours.ticks[name].tolist() == theirs.ticks[name].tolist()

@@ -1,4 +1,6 @@
-"""More fault-free motion of a campaign's robot: different, of the same robot, and as much as asked."""
+"""More fault-free motion of a campaign's robot: different, of the same robot, and as much as
+asked.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,18 @@ CAMPAIGN = {
     "group": [
         {
             "name": "dac",
-            "fault": [{"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": 9000, "start_ms": 300}],
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "channel": "elbow",
+                    "effect": "overwrite",
+                    "value": 9000,
+                    "start_ms": 300,
+                }
+            ],
         },
     ],
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -47,7 +57,9 @@ def result(tmp_path_factory):
     path = tmp_path_factory.mktemp("result") / "small"
     path.mkdir()
     ready = plan.make(rj.load_campaign(CAMPAIGN))
-    manifest.write(path, runner._manifest(ready, selection.select("simd", ready.program.setup.precision)))
+    manifest.write(
+        path, runner._manifest(ready, selection.select("simd", ready.program.setup.precision))
+    )
     return path
 
 
@@ -55,10 +67,15 @@ def result(tmp_path_factory):
 def test_as_many_hours_as_asked_of_different_motion(result, short):
     told = []
     wanted = 3.0 / 3600  # 3 s in pedal-down, of runs that are so for 1.8 s
-    there = fault_free.extend(result, wanted, on_motion=lambda hours, path: told.append((hours, path.name)))
+    there = fault_free.extend(
+        result, wanted, on_motion=lambda hours, path: told.append((hours, path.name))
+    )
     found = find(result, manifest.read(result))
     tables = [folder.read_all(one.path) for one in found.motions]
-    assert [one.path.name for one in found.motions] == ["reach_5", "reach_6"] and found.excluded == ()
+    assert [one.path.name for one in found.motions] == [
+        "reach_5",
+        "reach_6",
+    ] and found.excluded == ()
     assert there == pytest.approx(sum(table["pedal_down_ms"].sum() for table in tables) / HOUR_MS)
     assert wanted <= there < wanted + 1.8 / 3600
     assert told == [(0.0, "reach_5"), (pytest.approx(there / 2), "reach_6")]
@@ -111,7 +128,10 @@ def changed(result, **sections):
     ("operator", "why"),
     [
         ({"motion": "still"}, "'still' is the same motion for every seed"),
-        ({"motion": None, "file": "/data/hand.csv"}, r"the operator is a recording \(/data/hand.csv\)"),
+        (
+            {"motion": None, "file": "/data/hand.csv"},
+            r"the operator is a recording \(/data/hand.csv\)",
+        ),
     ],
 )
 def test_an_operator_without_another_motion_is_refused(result, tmp_path, operator, why):
@@ -151,8 +171,12 @@ def test_drawn_robots_are_drawn_for_each_motion(result):
 def test_a_robot_that_is_stopped_without_a_fault_is_told_of(tmp_path, monkeypatch):
     """Else the hours would never come together."""
     monkeypatch.setattr(fault_free, "ENOUGH", 2)
-    (tmp_path / "mine.py").write_text("def step(params, state, view):\n    return state, (view.tick >= 600) * 2.0\n")
+    (tmp_path / "mine.py").write_text(
+        "def step(params, state, view):\n    return state, (view.tick >= 600) * 2.0\n"
+    )
     check = {"name": "mine", "file": str(tmp_path / "mine.py"), "at": "jpos", "acts": "stop"}
     rj.run({**copy.deepcopy(CAMPAIGN), "check": [check]}, out=tmp_path / "stopped", engine="simd")
-    with pytest.raises(UserError, match=r"2 fault-free motions of \d+ s had .* s of pedal-down: something stops"):
+    with pytest.raises(
+        UserError, match=r"2 fault-free motions of \d+ s had .* s of pedal-down: something stops"
+    ):
         fault_free.extend(tmp_path / "stopped", 0.1)

@@ -1,4 +1,6 @@
-"""JSON Schemas of the files that people write: every bundled file is valid, and what an editor should mark is not."""
+"""JSON Schemas of the files that people write: every bundled file is valid, and what an editor
+should mark is not.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,19 @@ from ravenjax.robots.raven2 import ROBOT
 from ravenjax.search.file import json_schema as searches
 from ravenjax.trainer.scenario import json_schema as scenarios
 
-FOLDERS = {"campaign": "campaigns", "search": "campaigns/searches", "scenario": "campaigns/training"}
-SCHEMAS = {"campaign": campaigns.schema(ROBOT), "search": searches.schema(ROBOT), "scenario": scenarios.schema()}
-FILES = [(kind, path) for kind, folder in FOLDERS.items() for path in resources.bundled(folder, "*.toml")]
+FOLDERS = {
+    "campaign": "campaigns",
+    "search": "campaigns/searches",
+    "scenario": "campaigns/training",
+}
+SCHEMAS = {
+    "campaign": campaigns.schema(ROBOT),
+    "search": searches.schema(ROBOT),
+    "scenario": scenarios.schema(),
+}
+FILES = [
+    (kind, path) for kind, folder in FOLDERS.items() for path in resources.bundled(folder, "*.toml")
+]
 
 CAMPAIGN = """
 [campaign]
@@ -50,7 +62,10 @@ hazards = ["B27"]
 
 
 def problems(kind: str, text: str) -> list[str]:
-    return [error.message for error in jsonschema.Draft202012Validator(SCHEMAS[kind]).iter_errors(tomllib.loads(text))]
+    return [
+        error.message
+        for error in jsonschema.Draft202012Validator(SCHEMAS[kind]).iter_errors(tomllib.loads(text))
+    ]
 
 
 @pytest.mark.parametrize("kind", SCHEMAS)
@@ -58,7 +73,9 @@ def test_it_is_a_schema(kind):
     jsonschema.Draft202012Validator.check_schema(SCHEMAS[kind])
 
 
-@pytest.mark.parametrize(("kind", "path"), FILES, ids=lambda value: value.stem if isinstance(value, Path) else value)
+@pytest.mark.parametrize(
+    ("kind", "path"), FILES, ids=lambda value: value.stem if isinstance(value, Path) else value
+)
 def test_every_bundled_file_is_valid(kind, path):
     assert problems(kind, path.read_text(encoding="utf-8")) == []
 
@@ -66,11 +83,15 @@ def test_every_bundled_file_is_valid(kind, path):
 @pytest.mark.parametrize(
     "text",
     [
-        CAMPAIGN.replace("start_ms = 3", 'start_ms = [1, 2]\nduration_ms = { choice = [5, "end"] }'),
+        CAMPAIGN.replace(
+            "start_ms = 3", 'start_ms = [1, 2]\nduration_ms = { choice = [5, "end"] }'
+        ),
         CAMPAIGN + '[[group]]\nname = "library"\nhazards = "all"\narm = ["gold", "green"]\n',
-        CAMPAIGN + "[parameters]\nplant.friction_scale = 2\nnominal.gold.kp.elbow = { list = [1, 2] }\n",
+        CAMPAIGN
+        + "[parameters]\nplant.friction_scale = 2\nnominal.gold.kp.elbow = { list = [1, 2] }\n",
         CAMPAIGN + '[parameters]\n"plant.gold.friction_scale" = { uniform = [1, 2] }\n',
-        CAMPAIGN + '[[detector]]\nname = "d"\nkind = "steps"\nfusion = "any"\nconsecutive = [1, 8]\nthreshold = 2\n',
+        CAMPAIGN + '[[detector]]\nname = "d"\nkind = "steps"\nfusion = "any"\nconsecutive = [1,'
+        " 8]\nthreshold = 2\n",
         CAMPAIGN + "[haptics]\nthreshold_mm = 3\ncap = [1, 2]\n",
     ],
 )
@@ -97,7 +118,11 @@ def test_what_a_campaign_may_say(text):
         ("campaign", "start_ms = 3", "start_ms = 3\n[parameters]\nplant.frictoin_scale = 2"),
         ("campaign", "start_ms = 3", "start_ms = 3\n[parameters]\nplants.friction_scale = 2"),
         ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nhazards = ["Z99"]'),
-        ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nhazards = "all"\nruns = 3'),
+        (
+            "campaign",
+            "start_ms = 3",
+            'start_ms = 3\n[[group]]\nname = "l"\nhazards = "all"\nruns = 3',
+        ),
         ("campaign", "start_ms = 3", 'start_ms = 3\n[[group]]\nname = "l"\nvalue = 3'),
         ("campaign", "start_ms = 3", "start_ms = 3\n[limits]\nelbow_deg = [40, 100]"),
         ("search", 'harm = "evades"', ""),
@@ -106,7 +131,11 @@ def test_what_a_campaign_may_say(text):
         ("search", "[search]", '[[group]]\nname = "h"\n[search]'),
         ("scenario", '"reach"', '"reech"'),
         ("scenario", '"reach"', '"reach"\nlaps = 3'),
-        ("scenario", '["B27"]', '["B27"]\n[[hazard.fault]]\nsite = "usb_out"\neffect = "overwrite"'),
+        (
+            "scenario",
+            '["B27"]',
+            '["B27"]\n[[hazard.fault]]\nsite = "usb_out"\neffect = "overwrite"',
+        ),
         ("scenario", '["B27"]', '["B27"]\nright_response = ["wait"]'),
     ],
 )

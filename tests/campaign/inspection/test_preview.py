@@ -45,18 +45,29 @@ def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     view, ready = preview.preview(config, tmp_path / "out"), plan.make(config)
     rows = ready.table
     assert view.runs == view.due == len(rows)
-    assert {row.name: row.runs for row in view.groups} == rows["group"].value_counts(sort=False).to_dict()
+    assert {row.name: row.runs for row in view.groups} == rows["group"].value_counts(
+        sort=False
+    ).to_dict()
     slots = range(config.slots)
     struck = {(row.site, row.effect): row.runs for row in view.faults}
     for (site, effect), runs in struck.items():
-        hit = [(rows[f"fault{s}_site"] == site) & (rows[f"fault{s}_effect"] == effect) for s in slots]
+        hit = [
+            (rows[f"fault{s}_site"] == site) & (rows[f"fault{s}_effect"] == effect) for s in slots
+        ]
         assert runs == sum(any(one) for one in zip(*hit, strict=True))
     sites = {site for s in slots for site in rows[f"fault{s}_site"].unique()} - {""}
     assert {site for site, _ in struck} == sites
-    assert view.fault_free == sum(all(row == "") for row in rows[[f"fault{s}_site" for s in slots]].to_numpy())
+    assert view.fault_free == sum(
+        all(row == "") for row in rows[[f"fault{s}_site" for s in slots]].to_numpy()
+    )
     assert view.golden_runs == len(set(ready.golden.tolist()))
-    assert view.sample["index"].tolist() == sorted(set(view.sample["index"])) and len(view.sample) == preview.SAMPLE
-    assert view.sample["run_id"].tolist() == [f"{int(rows['run_id'].iloc[i]):016x}" for i in view.sample["index"]]
+    assert (
+        view.sample["index"].tolist() == sorted(set(view.sample["index"]))
+        and len(view.sample) == preview.SAMPLE
+    )
+    assert view.sample["run_id"].tolist() == [
+        f"{int(rows['run_id'].iloc[i]):016x}" for i in view.sample["index"]
+    ]
     assert not (tmp_path / "out").exists(), "nothing is written"
 
 
@@ -67,10 +78,19 @@ def test_a_limit_asks_for_less_of_the_same(idle, tmp_path):
 
 
 def test_runs_that_repeat_another_are_counted(idle, tmp_path):
-    fault = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": [1, 2], "start_ms": 5}
+    fault = {
+        "site": "usb_out",
+        "channel": "elbow",
+        "effect": "overwrite",
+        "value": [1, 2],
+        "start_ms": 5,
+    }
     raw = {
         "campaign": {"name": "x", "duration_s": 0.02},
-        "group": [{"name": "a", "fault": [fault]}, {"name": "b", "fault": [{**fault, "value": [2, 3]}]}],
+        "group": [
+            {"name": "a", "fault": [fault]},
+            {"name": "b", "fault": [{**fault, "value": [2, 3]}]},
+        ],
     }
     assert preview.preview(loading.from_dict(raw), tmp_path).copies == 1
     noisy = {**raw, "campaign": {**raw["campaign"], "noise": True}}
@@ -85,10 +105,14 @@ def test_a_campaign_without_faults_and_parameters_has_a_preview(idle, tmp_path):
 
 def test_what_a_run_would_refuse_is_refused(idle, tmp_path, monkeypatch):
     config = loading.load("quick.toml", ["parameters.plant.friction_scal=2"])
-    with pytest.raises(UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"):
+    with pytest.raises(
+        UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"
+    ):
         preview.preview(config, tmp_path)
     monkeypatch.setattr(preview, "MOST_EXPANDED", 10)
-    with pytest.raises(UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"):
+    with pytest.raises(
+        UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"
+    ):
         preview.preview(config, tmp_path)
     with pytest.raises(UserError, match="engine 'fast' is unknown"):
         preview.preview(loading.load("quick.toml"), tmp_path, "fast")
@@ -96,10 +120,17 @@ def test_what_a_run_would_refuse_is_refused(idle, tmp_path, monkeypatch):
 
 def test_a_large_campaign_is_counted_and_not_expanded(idle, tmp_path, monkeypatch):
     monkeypatch.setattr(preview, "MOST_EXPANDED", 100)
-    monkeypatch.setattr(design, "expand", lambda config: pytest.fail("expanded") if len(config.group) > 1 else BARE)
+    monkeypatch.setattr(
+        design, "expand", lambda config: pytest.fail("expanded") if len(config.group) > 1 else BARE
+    )
     view = preview.preview(loading.load("hazard_library.toml"), tmp_path)
     assert view.runs == 1810 and sum(row.runs for row in view.groups) == 1810
-    assert (view.faults, view.fault_free, view.golden_runs, len(view.sample)) == (None, None, None, 0)
+    assert (view.faults, view.fault_free, view.golden_runs, len(view.sample)) == (
+        None,
+        None,
+        None,
+        0,
+    )
     assert view.cost.run_s > 0
 
 
@@ -113,14 +144,19 @@ def test_a_folder_that_holds_a_part_says_how_fast_it_was(tmp_path):
     runner.run_campaign(few, tmp_path, "simd")
     view = preview.preview(config, tmp_path, "simd")
     assert view.state.startswith("100 of 300 runs of campaign tiny")
-    assert view.basis.endswith("200 of 300 runs left") and "measured at the folder's last start" in view.basis
+    assert (
+        view.basis.endswith("200 of 300 runs left")
+        and "measured at the folder's last start" in view.basis
+    )
     assert preview.preview(few, tmp_path, "simd").cost.run_s == 0.0
     other = preview.preview(loading.load("quick.toml"), tmp_path, "simd")
     assert other.basis == preview.BASIS, "another campaign says nothing of this one"
 
 
 def test_the_command_prints_it(run, idle, tmp_path):
-    code, out, _ = run("check", "safecomp45", "--out", str(tmp_path), "--set", "haptics.threshold_mm=[2, 3]")
+    code, out, _ = run(
+        "check", "safecomp45", "--out", str(tmp_path), "--set", "haptics.threshold_mm=[2, 3]"
+    )
     assert code == 0
     lines = {line.split("│")[0].strip(): line for line in reversed(out.splitlines()) if "│" in line}
     for name, words in {
@@ -144,11 +180,19 @@ def test_the_command_as_json(run, idle):
     view = json.loads(out)
     assert code == 0
     assert (view["runs"], view["runs_asked_for"], view["duration_ms"]) == (3121, 10, 4000)
-    assert {row["name"] for row in view["groups"]} >= {"free/as modelled", "boundary/usb_out", "library/B24"}
-    assert {"site": "usb_out", "layer": "L7", "effect": "latch_offset", "runs": 136} in view["faults"]
+    assert {row["name"] for row in view["groups"]} >= {
+        "free/as modelled",
+        "boundary/usb_out",
+        "library/B24",
+    }
+    assert {"site": "usb_out", "layer": "L7", "effect": "latch_offset", "runs": 136} in view[
+        "faults"
+    ]
     assert view["sample"][0]["fault"] == "no fault" and len(view["sample"][0]["run_id"]) == 16
     assert len(view["detectors"]) == 18 + 3 and view["engine"]["name"] in ("simd", "cuda")
-    assert view["notices"][0].startswith("group[1].parameters.plant.gold.encoder_noise: nothing reads it while")
+    assert view["notices"][0].startswith(
+        "group[1].parameters.plant.gold.encoder_noise: nothing reads it while"
+    )
     assert set(view["expected"]) == {"start_s", "run_s", "memory_mib", "basis"}
 
 
@@ -160,7 +204,9 @@ def test_the_command_refuses_in_words(run):
 def test_it_tells_what_checks_and_operator_of_ones_own_do(run, idle, tmp_path):
     """Numbers are those of the files: of a check's parameters too, which its file alone names."""
     (tmp_path / "gate.py").write_text(GATE)
-    (tmp_path / "eye.py").write_text("def step(params, state, view):\n    return state, view.jpos[0]\n")
+    (tmp_path / "eye.py").write_text(
+        "def step(params, state, view):\n    return state, view.jpos[0]\n"
+    )
     (tmp_path / "hands.py").write_text("def step(params, state, view):\n    return state, {}\n")
     campaign = tmp_path / "own.toml"
     campaign.write_text(OWN)
@@ -168,12 +214,21 @@ def test_it_tells_what_checks_and_operator_of_ones_own_do(run, idle, tmp_path):
     assert code == 0, err
     lines = {what: text for what, _, text in (line.partition("│") for line in out.splitlines())}
     lines = {what.strip(): text.strip() for what, text in lines.items()}
-    assert lines["check gate"] == "at usb_out, above 0.25 to 4, varied: stops the robot; checks.own.gate.counts = 3000"
+    assert (
+        lines["check gate"]
+        == "at usb_out, above 0.25 to 4, varied: stops the robot; checks.own.gate.counts = 3000"
+    )
     assert lines["check eye"] == "at jpos, above 2, 3 ms in a row: watches, does nothing"
-    assert lines["operator"] == f"suture, generated; {tmp_path / 'hands.py'} has the hands; scale 0.1"
+    assert (
+        lines["operator"] == f"suture, generated; {tmp_path / 'hands.py'} has the hands; scale 0.1"
+    )
     code, out, _ = run("check", str(campaign), "--out", str(tmp_path / "out"), "--json")
     gate, eye = json.loads(out)["checks"]
-    assert (gate["threshold"], gate["consecutive"], gate["acts"]) == ("0.25 to 4, varied", 1, "stop")
+    assert (gate["threshold"], gate["consecutive"], gate["acts"]) == (
+        "0.25 to 4, varied",
+        1,
+        "stop",
+    )
     assert eye["parameters"] == {} and eye["consecutive"] == 3
 
 
@@ -216,7 +271,10 @@ name = "free"
 """
 
 
-CROSSED, VARIES = {"reaction.action": [0, 2]}, "at the cue: reaction.action varies, elsewhere lift the pedal"
+CROSSED, VARIES = (
+    {"reaction.action": [0, 2]},
+    "at the cue: reaction.action varies, elsewhere lift the pedal",
+)
 
 
 @pytest.mark.parametrize(
@@ -232,5 +290,7 @@ CROSSED, VARIES = {"reaction.action": [0, 2]}, "at the cue: reaction.action vari
     ],
 )
 def test_an_operator_who_reacts_in_some_runs_is_not_said_never_to(tables, said):
-    config = loading.from_dict({"campaign": {"name": "x"}, "reaction": {}, "group": [{"name": "free"}], **tables})
+    config = loading.from_dict(
+        {"campaign": {"name": "x"}, "reaction": {}, "group": [{"name": "free"}], **tables}
+    )
     assert dict(config.lines())["operator"].endswith(f"; {said}")

@@ -31,7 +31,9 @@ def sections() -> dict[str, dict[str, list[str]]]:
 
 def test_the_page_in_the_repository_is_the_one_that_is_written_now():
     file = resources.bundled("campaigns", "*.toml")[0].with_name("REFERENCE.md")
-    assert file.read_text(encoding="utf-8") == reference.page(robots.USUAL), f"write it anew: {reference.COMMAND}"
+    assert file.read_text(encoding="utf-8") == reference.page(robots.USUAL), (
+        f"write it anew: {reference.COMMAND}"
+    )
 
 
 def test_every_key_of_every_table_has_a_meaning():

@@ -19,7 +19,14 @@ IDS = np.array([0xAB00000000000001, 0xAB10000000000000, 0x1234567890123456, 0x12
 
 @pytest.mark.parametrize(
     ("typed", "index"),
-    [(2, 2), ("2", 2), ("ab1", 1), ("ab00000000000001", 0), ("1234567890123456", 2), ("0000000000000012", 3)],
+    [
+        (2, 2),
+        ("2", 2),
+        ("ab1", 1),
+        ("ab00000000000001", 0),
+        ("1234567890123456", 2),
+        ("0000000000000012", 3),
+    ],
 )
 def test_a_run_is_found_by_index_id_or_beginning(typed, index):
     assert replay.find(IDS, typed) == index
@@ -70,7 +77,9 @@ def test_a_second_run_compiles_nothing(replayer, monkeypatch):
 
 @pytest.mark.slow
 def test_another_campaign_of_the_same_form_traces_and_compiles_nothing(monkeypatch):
-    """Other seed, other values of the faults, other numbers of runs in a chunk: the same code, found again."""
+    """Other seed, other values of the faults, other numbers of runs in a chunk: the same code,
+    found again.
+    """
     rj.run(CONFIG, engine="simd")
     for step in ("traced.trace", "cpu.jit.compile"):
         monkeypatch.setattr(f"ravenjax.engines.{step}", None)

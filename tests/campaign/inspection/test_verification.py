@@ -1,4 +1,6 @@
-"""A folder is believed where all is as it must be; each kind of damage is found, and runs made again are the same."""
+"""A folder is believed where all is as it must be; each kind of damage is found, and runs made
+again are the same.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ CAMPAIGN = {
             ],
         },
     ],
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -75,13 +77,18 @@ def test_runs_made_again_are_equal_to_the_bit(folder):
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     found = verification.verify(folder, sample=12)
     assert found.fine and found.rerun is not None and found.rerun.other == []
-    assert len(set(found.rerun.rows.tolist())) == found.rerun.verdicts == 12 and found.rerun.differing == []
+    assert (
+        len(set(found.rerun.rows.tolist())) == found.rerun.verdicts == 12
+        and found.rerun.differing == []
+    )
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
 def test_runs_of_a_table_without_trips_of_golden_runs_are_compared_in_what_it_has(folder):
     record = manifests.read(folder)
-    older = record.model_copy(update={"shape": dataclasses.replace(record.shape, golden_checks=False)})
+    older = record.model_copy(
+        update={"shape": dataclasses.replace(record.shape, golden_checks=False)}
+    )
     table, listed = read_all(folder)[[column.name for column in schema.columns(older.shape)]], []
     for part in record.parts:
         frame = table.iloc[part.first : part.last + 1].reset_index(drop=True)
@@ -89,15 +96,27 @@ def test_runs_of_a_table_without_trips_of_golden_runs_are_compared_in_what_it_ha
         listed.append(parts.write(folder / "parts", frame, older.shape, record.config_hash))
     manifests.write(folder, older.model_copy(update={"parts": listed}))
     found = verification.verify(folder, sample=6)
-    assert found.fine and found.rerun is not None and found.rerun.verdicts == 6 and found.rerun.differing == []
+    assert (
+        found.fine
+        and found.rerun is not None
+        and found.rerun.verdicts == 6
+        and found.rerun.differing == []
+    )
 
 
 def test_the_sample_is_that_of_its_seed_and_never_larger_than_the_table():
     whole = [parts.Part(file="", first=a, last=b, sha256="", size=0) for a, b in [(0, 9), (20, 24)]]
     there = [*range(10), *range(20, 25)]
     drawn = verification._drawn(whole, 6, seed=4)
-    assert drawn.tolist() == verification._drawn(whole, 6, seed=4).tolist() == sorted(set(drawn.tolist()))
-    assert set(drawn.tolist()) < set(there) and verification._drawn(whole, 6, seed=5).tolist() != drawn.tolist()
+    assert (
+        drawn.tolist()
+        == verification._drawn(whole, 6, seed=4).tolist()
+        == sorted(set(drawn.tolist()))
+    )
+    assert (
+        set(drawn.tolist()) < set(there)
+        and verification._drawn(whole, 6, seed=5).tolist() != drawn.tolist()
+    )
     assert verification._drawn(whole, 99, seed=0).tolist() == there
 
 
@@ -130,15 +149,45 @@ def test_other_code_is_told_and_excuses_outcomes_not_inputs(folder):
 @pytest.mark.parametrize(
     ("column", "value", "check", "told"),
     [
-        ("response_ms", 999_999, "ranges", "response_ms: lies outside -1 to 300 ms in 1 row, the first is 13"),
+        (
+            "response_ms",
+            999_999,
+            "ranges",
+            "response_ms: lies outside -1 to 300 ms in 1 row, the first is 13",
+        ),
         ("cue0_count", -4, "ranges", "cue0_count: is negative in 1 row, the first is 13"),
-        ("unintended_mm", np.inf, "finite numbers", "unintended_mm: is not finite in 1 row, the first is 13"),
-        ("check_estop_margin", np.nan, "finite numbers", "check_estop_margin: is not a number in 1 row"),
-        ("verdict", "stopped/none/cue", "verdicts", "verdict: does not follow from response, hazard and cue in 1 row"),
-        ("hazard", "false report", "verdicts", "hazard: does not follow from the times of the hazards in 1 row"),
+        (
+            "unintended_mm",
+            np.inf,
+            "finite numbers",
+            "unintended_mm: is not finite in 1 row, the first is 13",
+        ),
+        (
+            "check_estop_margin",
+            np.nan,
+            "finite numbers",
+            "check_estop_margin: is not a number in 1 row",
+        ),
+        (
+            "verdict",
+            "stopped/none/cue",
+            "verdicts",
+            "verdict: does not follow from response, hazard and cue in 1 row",
+        ),
+        (
+            "hazard",
+            "false report",
+            "verdicts",
+            "hazard: does not follow from the times of the hazards in 1 row",
+        ),
         ("told_ms", 7, "verdicts", "told_ms: does not follow from response in 1 row"),
         ("failed", "lost", "ranges", "failed: is none of the words that it can be in 1 row"),
-        ("run_id", "f" * 16, "campaign", "its run ids are not those of the campaign's rows 10 to 19"),
+        (
+            "run_id",
+            "f" * 16,
+            "campaign",
+            "its run ids are not those of the campaign's rows 10 to 19",
+        ),
         ("run_id", "no id", "row numbers", "run_id: is not 16 hex digits in 1 row"),
     ],
 )
@@ -167,9 +216,14 @@ def test_damaged_missing_and_stray_parts_are_each_named(folder):
 
 def test_missing_and_double_rows(folder):
     record, frame = manifests.read(folder), read_all(folder)
-    manifests.write(folder, record.model_copy(update={"parts": (*record.parts[:1], *record.parts[2:])}))
+    manifests.write(
+        folder, record.model_copy(update={"parts": (*record.parts[:1], *record.parts[2:])})
+    )
     problems = wrong(verification.verify(folder, sample=0))
-    assert problems["rows"] == ["10 rows are missing: 10 to 19"] and "no record names" in problems["parts"][0]
+    assert (
+        problems["rows"] == ["10 rows are missing: 10 to 19"]
+        and "no record names" in problems["parts"][0]
+    )
     double = parts.write(folder / "parts", frame.iloc[2:5], record.shape, record.config_hash)
     manifests.write(folder, record.model_copy(update={"parts": (*record.parts, double)}))
     (problem,) = wrong(verification.verify(folder, sample=0))["rows"]
@@ -180,19 +234,25 @@ def test_a_shard_is_asked_for_its_own_rows_only(folder):
     record = manifests.read(folder)
     for part in record.parts[2:]:
         (folder / "parts" / part.file).unlink()
-    share = record.model_copy(update={"parts": record.parts[:2], "rows": ((0, 19),), "shard": "1/2"})
+    share = record.model_copy(
+        update={"parts": record.parts[:2], "rows": ((0, 19),), "shard": "1/2"}
+    )
     manifests.write(folder, share)
     assert verification.verify(folder, sample=5).fine
     manifests.write(folder, share.model_copy(update={"rows": ((0, 9), (20, 29))}))
     problems = wrong(verification.verify(folder, sample=0))["rows"]
-    assert problems[0] == "10 rows are missing: 20 to 29" and "not asked of this folder" in problems[1]
+    assert (
+        problems[0] == "10 rows are missing: 20 to 29" and "not asked of this folder" in problems[1]
+    )
 
 
 def test_another_config_under_the_same_hash(folder):
     record = manifests.read(folder)
     record.config["campaign"]["seed"] = 4
     manifests.write(folder, record)
-    assert "config_hash is not that of its config" in wrong(verification.verify(folder))["campaign"][0]
+    assert (
+        "config_hash is not that of its config" in wrong(verification.verify(folder))["campaign"][0]
+    )
 
 
 def test_a_config_of_another_time_is_told(folder):

@@ -1,4 +1,6 @@
-"""A campaign that stops by itself: as far as its rule asks, the same way however often it is interrupted."""
+"""A campaign that stops by itself: as far as its rule asks, the same way however often it is
+interrupted.
+"""
 
 from __future__ import annotations
 
@@ -36,15 +38,26 @@ def config(allocation="proportional", of="groups", half_width=0.06, repeats=1):
             },
             "group": [
                 {"name": "free"},
-                {"name": "grid", "repeats": repeats, "fault": [FAULT | {"value": list(range(600)), "duration_ms": 4}]},
-                {"name": "drawn", "design": "sobol", "runs": 1500, "fault": [FAULT | {"value": {"uniform": [0, 99]}}]},
+                {
+                    "name": "grid",
+                    "repeats": repeats,
+                    "fault": [FAULT | {"value": list(range(600)), "duration_ms": 4}],
+                },
+                {
+                    "name": "drawn",
+                    "design": "sobol",
+                    "runs": 1500,
+                    "fault": [FAULT | {"value": {"uniform": [0, 99]}}],
+                },
             ],
         }
     )
 
 
 class Stand:
-    """Takes the place of the runner: rows of a made-up table, through the real store; dies after so many parts."""
+    """Takes the place of the runner: rows of a made-up table, through the real store; dies after
+    so many parts.
+    """
 
     def __init__(self, rows=2101, parts_to_live=None):
         self.table = synthetic.frame(rows)
@@ -55,7 +68,9 @@ class Stand:
     def __call__(self, config, out, engine, *, rows, **_):
         self.asked.append(rows)
         if out is None:
-            kept = [schema.conform(self.table.iloc[r.start : r.stop], synthetic.shape()) for r in rows]
+            kept = [
+                schema.conform(self.table.iloc[r.start : r.stop], synthetic.shape()) for r in rows
+            ]
             return Results(synthetic.shape(), None, kept)
         asked = tuple((r.start, r.stop - 1) for r in rows)
         folder = ResultFolder.open(out, synthetic.manifest(len(self.table), rows=asked))
@@ -84,7 +99,9 @@ def run(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("of", ["groups", "whole"])
 @pytest.mark.parametrize("allocation", ["proportional", "neyman"])
-def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(run, tmp_path, allocation, of):
+def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
+    run, tmp_path, allocation, of
+):
     results, _ = run(config(allocation, of), tmp_path)
     looks, rows = decisions.read(tmp_path), results.frame()
     assert looks[-1].stop and not looks[-1].waiting and 1 < looks[-1].number < len(LOOKS)
@@ -92,7 +109,9 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(run, tmp_p
     assert all(interval.half_width <= 0.06 for interval in looks[-1].intervals)
     assert len(rows) == sum(looks[-1].draws.values()) < 2101
     if (allocation, of) == ("neyman", "groups"):
-        assert looks[-1].draws["grid"] < 600 * LOOKS[looks[-1].number - 1], "a group that is known well gets no more"
+        assert looks[-1].draws["grid"] < 600 * LOOKS[looks[-1].number - 1], (
+            "a group that is known well gets no more"
+        )
 
 
 @pytest.mark.slow
@@ -157,9 +176,15 @@ def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
 def test_parts_do_not_shatter(run, tmp_path):
     run(config(half_width=0.001), tmp_path)
     found = manifests.read(tmp_path).parts
-    assert sum(len(part.rows) for part in found) == 2101, "a width that cannot be had takes the whole table"
-    assert len(found) <= -(-2101 // CHUNK) + 3 * len(LOOKS), "a look leaves at most one small part a group"
-    assert decisions.sentence(tmp_path).startswith("Stopped at look 6 of 6: every rate is known within +-0.001, or its")
+    assert sum(len(part.rows) for part in found) == 2101, (
+        "a width that cannot be had takes the whole table"
+    )
+    assert len(found) <= -(-2101 // CHUNK) + 3 * len(LOOKS), (
+        "a look leaves at most one small part a group"
+    )
+    assert decisions.sentence(tmp_path).startswith(
+        "Stopped at look 6 of 6: every rate is known within +-0.001, or its"
+    )
 
 
 def test_of_repeats_the_first_valid_one_counts():
@@ -176,7 +201,9 @@ def test_of_repeats_the_first_valid_one_counts():
 def test_without_a_stop_section_nothing_is_different(monkeypatch):
     plain, share = config().model_copy(update={"stop": None}), Shard(2, 7)
     calls = []
-    monkeypatch.setattr(adaptive.runner, "run_campaign", lambda *args, **kwargs: calls.append((args, kwargs)))
+    monkeypatch.setattr(
+        adaptive.runner, "run_campaign", lambda *args, **kwargs: calls.append((args, kwargs))
+    )
     adaptive.run(plain, None, "simd", shard=share, command=["ravenjax"])
     ((args, given),) = calls
     assert args == (plain, None, "simd") and "rows" not in given
@@ -184,25 +211,41 @@ def test_without_a_stop_section_nothing_is_different(monkeypatch):
 
 
 def test_a_shard_of_it_is_refused():
-    with pytest.raises(UserError, match=r"--shard 2/7: a campaign with \[stop\] decides by all its rows"):
+    with pytest.raises(
+        UserError, match=r"--shard 2/7: a campaign with \[stop\] decides by all its rows"
+    ):
         adaptive.run(config(), shard=Shard(2, 7))
 
 
 @pytest.mark.slow
 def test_a_real_campaign_stops_and_resumes(tmp_path, monkeypatch):
-    """The same rows as of the whole table, whether in one go or cut short in the middle of a look."""
+    """The same rows as of the whole table, whether in one go or cut short in the middle of a
+    look.
+    """
     raw = {
         "campaign": {"name": "real", "duration_s": 0.3, "chunk": 64},
         "stop": {"half_width": 0.2, "looks": [0.02, 0.1, 0.5, 1], "allocation": "neyman"},
         "group": [
-            {"name": "list", "fault": [FAULT | {"value": list(range(-9000, 9000, 90)), "duration_ms": 4}]},
-            {"name": "drawn", "design": "sobol", "runs": 300, "fault": [FAULT | {"value": {"uniform": [0, 30000]}}]},
+            {
+                "name": "list",
+                "fault": [FAULT | {"value": list(range(-9000, 9000, 90)), "duration_ms": 4}],
+            },
+            {
+                "name": "drawn",
+                "design": "sobol",
+                "runs": 300,
+                "fault": [FAULT | {"value": {"uniform": [0, 30000]}}],
+            },
         ],
     }
     real = loading.from_dict(raw)
     whole = adaptive.run(real, tmp_path / "whole").frame()
     looks = decisions.read(tmp_path / "whole")
-    assert looks[-1].stop and not looks[-1].waiting and len(whole) == sum(looks[-1].draws.values()) < 500
+    assert (
+        looks[-1].stop
+        and not looks[-1].waiting
+        and len(whole) == sum(looks[-1].draws.values()) < 500
+    )
     table = design.expand(real).set_index("index")
     assert whole["run_id"].tolist() == [f"{table.at[i, 'run_id']:016x}" for i in whole["index"]]
 
@@ -218,7 +261,11 @@ def test_a_real_campaign_stops_and_resumes(tmp_path, monkeypatch):
         adaptive.run(real, tmp_path / "cut")
     monkeypatch.setattr(ResultFolder, "put", put)
     pd.testing.assert_frame_equal(adaptive.run(real, tmp_path / "cut").frame(), whole)
-    assert (tmp_path / "cut" / decisions.FILE).read_bytes() == (tmp_path / "whole" / decisions.FILE).read_bytes()
+    assert (tmp_path / "cut" / decisions.FILE).read_bytes() == (
+        tmp_path / "whole" / decisions.FILE
+    ).read_bytes()
     assert manifests.read(tmp_path / "cut").finished
     with pytest.raises(StoreError, match=r"config.stop.half_width: 0.2 here, 0.1 asked for"):
-        adaptive.run(loading.from_dict(raw | {"stop": raw["stop"] | {"half_width": 0.1}}), tmp_path / "cut")
+        adaptive.run(
+            loading.from_dict(raw | {"stop": raw["stop"] | {"half_width": 0.1}}), tmp_path / "cut"
+        )

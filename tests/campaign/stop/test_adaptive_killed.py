@@ -1,4 +1,6 @@
-"""A campaign that stops by itself, really killed again and again: its table and its decisions stay the same."""
+"""A campaign that stops by itself, really killed again and again: its table and its decisions
+stay the same.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,24 @@ import pytest
 from ravenjax.campaign.stop import decisions
 from ravenjax.store.folder import read_all
 
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 100, "duration_ms": 8}
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "overwrite",
+    "start_ms": 100,
+    "duration_ms": 8,
+}
 CAMPAIGN = {
     "campaign": {"name": "killed", "duration_s": 2.0, "chunk": 128},
     "stop": {"half_width": 0.04, "looks": [0.05, 0.1, 0.2, 0.4, 1.0], "allocation": "neyman"},
     "group": [
         {"name": "list", "fault": [FAULT | {"value": list(range(-20_000, 20_000, 40))}]},
-        {"name": "drawn", "design": "sobol", "runs": 4000, "fault": [FAULT | {"value": {"uniform": [0, 30_000]}}]},
+        {
+            "name": "drawn",
+            "design": "sobol",
+            "runs": 4000,
+            "fault": [FAULT | {"value": {"uniform": [0, 30_000]}}],
+        },
     ],
 }
 RUN = f"""

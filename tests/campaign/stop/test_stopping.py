@@ -1,4 +1,6 @@
-"""What a stop rule sees of a campaign: groups as strata, events as the report means them, its mistakes named."""
+"""What a stop rule sees of a campaign: groups as strata, events as the report means them, its
+mistakes named.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +22,40 @@ from ravenjax.search.file import loading as searches
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 GROUPS = [
     {"name": "free"},
-    {"name": "grid", "fault": [FAULT | {"value": list(range(40)), "duration_ms": [1, 2, 4, 8, 16]}]},
-    {"name": "drawn", "design": "sobol", "runs": 64, "fault": [FAULT | {"value": {"uniform": [0, 99]}}]},
+    {
+        "name": "grid",
+        "fault": [FAULT | {"value": list(range(40)), "duration_ms": [1, 2, 4, 8, 16]}],
+    },
+    {
+        "name": "drawn",
+        "design": "sobol",
+        "runs": 64,
+        "fault": [FAULT | {"value": {"uniform": [0, 99]}}],
+    },
 ]
 
 
 def config(stop=None, groups=GROUPS, **more):
     return loading.from_dict(
-        {"campaign": {"name": "x"}, "stop": {"half_width": 0.1} | (stop or {}), "group": groups, **more}
+        {
+            "campaign": {"name": "x"},
+            "stop": {"half_width": 0.1} | (stop or {}),
+            "group": groups,
+            **more,
+        }
     )
 
 
 def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
     found = strata.rule(
-        config({"rates": ["unintended_motion"], "looks": [0.25, 1], "of": "whole", "allocation": "neyman"})
+        config(
+            {
+                "rates": ["unintended_motion"],
+                "looks": [0.25, 1],
+                "of": "whole",
+                "allocation": "neyman",
+            }
+        )
     )
     assert [(s.name, s.size, s.judged) for s in found.strata] == [
         ("free", 1, False),
@@ -51,7 +73,9 @@ def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
 
 def test_repeats_and_crossed_variants_are_one_draw():
     groups = [GROUPS[0], GROUPS[1] | {"repeats": 3}]
-    one = config(groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]})
+    one = config(
+        groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]}
+    )
     assert [tuple(of) for of in strata.draws(one)] == [(0, 1, 2), (2, 200, 6)]
     assert strata.draws(one)[1].range(10) == range(2, 62)
 
@@ -61,10 +85,14 @@ def test_the_beginning_of_a_grid_is_a_sample_of_it():
     rows = table[table["group"] == "grid"]
     begun = rows.iloc[:100]
     assert len(begun.groupby(["fault0_value", "fault0_duration_ms"])) == 100
-    assert (begun["fault0_duration_ms"].value_counts().reindex([1, 2, 4, 8, 16]) >= 10).all(), "not a corner of it"
+    assert (begun["fault0_duration_ms"].value_counts().reindex([1, 2, 4, 8, 16]) >= 10).all(), (
+        "not a corner of it"
+    )
     assert abs(begun["fault0_value"].mean() - 19.5) < 4
     again = design.expand(config(campaign={"name": "x", "seed": 1}))
-    assert again["fault0_value"].tolist() != table["fault0_value"].tolist(), "the seed draws the order"
+    assert again["fault0_value"].tolist() != table["fault0_value"].tolist(), (
+        "the seed draws the order"
+    )
 
 
 def test_a_sequence_is_begun_as_it_was_drawn():
@@ -74,7 +102,9 @@ def test_a_sequence_is_begun_as_it_was_drawn():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("event", ["evades", "unintended_motion", "loss_of_motion", "false_report", "cue", "stopped"])
+@pytest.mark.parametrize(
+    "event", ["evades", "unintended_motion", "loss_of_motion", "false_report", "cue", "stopped"]
+)
 def test_events_are_those_of_the_report(event):
     frame = synthetic.judged(synthetic.frame(3000), cue=2)
     rules = Rules(cue=2, threshold_mm=2.0, jump="jump_text")
@@ -90,7 +120,9 @@ def test_events_are_those_of_the_report(event):
 
 
 def test_rules_are_the_campaigns():
-    one = config(haptics={"threshold_mm": [3, 2.5]}, outcomes={"cue": 1, "jump": "text", "limit_mm": 4})
+    one = config(
+        haptics={"threshold_mm": [3, 2.5]}, outcomes={"cue": 1, "jump": "text", "limit_mm": 4}
+    )
     assert one.rules == Rules(1, 2.5, "jump_text", 4.0)
 
 
@@ -99,19 +131,31 @@ def test_rules_are_the_campaigns():
     [
         ({"half_width": 0}, "stop.half_width", "got 0, expected greater than 0"),
         ({"half_width": 0.7}, "stop.half_width", "got 0.7, expected less than 0.5"),
-        ({"rates": ["evade"]}, "stop.rates[0]", "got 'evade', expected one of evades, evades_built_in,"),
-        ({"rates": ["harm"]}, "stop.rates[0]", "got 'harm', which is now called 'unintended_motion': write that"),
+        (
+            {"rates": ["evade"]},
+            "stop.rates[0]",
+            "got 'evade', expected one of evades, evades_built_in,",
+        ),
+        (
+            {"rates": ["harm"]},
+            "stop.rates[0]",
+            "got 'harm', which is now called 'unintended_motion': write that",
+        ),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
         ({"rates": []}, "stop.rates", "at least 1"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
         ({"looks": [0.5, 1.2]}, "stop", "at most 1"),
         ({"looks": []}, "stop.looks", "at least 1"),
         ({"confidence": 1}, "stop.confidence", "got 1, expected less than 1"),
-        ({"allocation": "equal"}, "stop.allocation", "got 'equal', expected 'proportional' or 'neyman'"),
+        (
+            {"allocation": "equal"},
+            "stop.allocation",
+            "got 'equal', expected 'proportional' or 'neyman'",
+        ),
         ({"of": "all"}, "stop.of", "got 'all', expected 'groups' or 'whole'"),
         ({"width": 0.1}, "stop.width", "unknown key, expected one of half_width, rates"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said_with_its_key(stop, key, message):
     with pytest.raises(UserError) as wrong:
         config(stop)
@@ -125,13 +169,19 @@ def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
     path.write_text(f'[campaign]\nname = "x"\n\n[stop]\nhalf_width = 0.1\n\n{group}')
     assert loading.load(path).stop is not None
     with pytest.raises(
-        UserError, match=r"c.toml:4: stop: campaign.limit = 5 would cut the groups .* such as looks = \[0.01, 0.05\]"
+        UserError,
+        match=(
+            r"c.toml:4: stop: campaign.limit = 5 would cut the groups .* such as looks = \[0.01,"
+            r" 0.05\]"
+        ),
     ):
         loading.load(path, ["campaign.limit=5"])
 
 
 def test_a_campaign_without_anything_to_judge_is_refused():
-    with pytest.raises(UserError, match=r"group: no group has a fault: there is nothing that \[stop\] could judge"):
+    with pytest.raises(
+        UserError, match=r"group: no group has a fault: there is nothing that \[stop\] could judge"
+    ):
         config(groups=[{"name": "free"}])
 
 
@@ -143,7 +193,9 @@ def test_a_search_has_none():
         "search": {"kind": "sobol", "outcomes": ["jump_code"]},
     }
     group = {"name": "g", "fault": [FAULT | {"value": {"uniform": [0, 99]}}]}
-    with pytest.raises(UserError, match=r"stop: a search decides how many runs it makes; remove the section"):
+    with pytest.raises(
+        UserError, match=r"stop: a search decides how many runs it makes; remove the section"
+    ):
         searches.from_dict(raw | {"group": [group]})
 
 
@@ -155,5 +207,7 @@ def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
     assert [one.line() for one in decisions.read(tmp_path)] == [look.line()]
     assert decisions.sentence(tmp_path).startswith("Not stopped yet: at look 1 of 5")
     (tmp_path / decisions.FILE).write_text(look.line()[:50])
-    with pytest.raises(StoreError, match=r"decisions.jsonl: cannot be read .* delete it and start the same"):
+    with pytest.raises(
+        StoreError, match=r"decisions.jsonl: cannot be read .* delete it and start the same"
+    ):
         decisions.read(tmp_path)

@@ -1,5 +1,5 @@
-"""Choices between bits of several numbers, through vector code: of some, LLVM 22.1 makes one instruction for AVX-512
-that takes the wrong bits (`LlvmPrinter._chosen_apart`)."""
+"""Choices between bits of several numbers, through vector code: of some, LLVM 22.1 makes one
+instruction for AVX-512 that takes the wrong bits (`LlvmPrinter._chosen_apart`)."""
 
 from __future__ import annotations
 
@@ -25,23 +25,37 @@ def columns():
 def program(seed):
     """Two numbers made of others by logic and choices."""
     rng, builder = random.Random(seed), Builder()
-    numbers, truths = [builder.input("int32") for _ in range(4)], [builder.input("bool") for _ in range(3)]
+    numbers, truths = (
+        [builder.input("int32") for _ in range(4)],
+        [builder.input("bool") for _ in range(3)],
+    )
 
     def mixed(depth):
         """Some bits of one number, the others of another; or that, or one of the two."""
         x, y, mask = number(depth - 1), number(depth - 1), rng.choice(MASKS)
-        sides = (builder.emit("and", "int32", z, builder.constant("int32", m)) for z, m in ((x, mask), (y, ~mask)))
+        sides = (
+            builder.emit("and", "int32", z, builder.constant("int32", m))
+            for z, m in ((x, mask), (y, ~mask))
+        )
         mix = builder.emit("or", "int32", *sides)
-        return builder.emit("select", "int32", rng.choice(truths), *rng.sample([mix, rng.choice([x, y])], 2))
+        return builder.emit(
+            "select", "int32", rng.choice(truths), *rng.sample([mix, rng.choice([x, y])], 2)
+        )
 
     def number(depth):
         if depth == 0 or rng.random() < 0.15:
-            return rng.choice(numbers) if rng.random() < 0.7 else builder.constant("int32", rng.choice([16, -17, 1]))
+            return (
+                rng.choice(numbers)
+                if rng.random() < 0.7
+                else builder.constant("int32", rng.choice([16, -17, 1]))
+            )
         kind = rng.choice(["mixed", "and", "or", "xor", "select"])
         if kind == "mixed":
             return mixed(depth)
         sides = number(depth - 1), number(depth - 1)
-        return builder.emit(kind, "int32", *([rng.choice(truths)] if kind == "select" else []), *sides)
+        return builder.emit(
+            kind, "int32", *([rng.choice(truths)] if kind == "select" else []), *sides
+        )
 
     return builder.program([number(4), mixed(3)])
 
@@ -52,4 +66,6 @@ def test_bits_are_chosen_as_the_program_says(width):
     for seed in range(25):
         one = program(seed)
         for number, value in zip(compiled(one, width, inputs), evaluate(one, inputs), strict=True):
-            np.testing.assert_array_equal(number, np.broadcast_to(value, LANES), err_msg=f"seed {seed}")
+            np.testing.assert_array_equal(
+                number, np.broadcast_to(value, LANES), err_msg=f"seed {seed}"
+            )

@@ -67,9 +67,14 @@ def test_shifts_by_a_known_amount(width, amount):
     for name in ("shl", "shr", "sar"):
         builder = Builder()
         x = builder.input("int32")
-        program = builder.program([builder.emit(name, "int32", x, builder.constant("int32", amount))])
+        program = builder.program(
+            [builder.emit(name, "int32", x, builder.constant("int32", amount))]
+        )
         (got,) = compiled(program, width, (HARD_INTEGERS,))
-        same_bits(got, semantics.evaluate(name, "int32", (HARD_INTEGERS, np.full_like(HARD_INTEGERS, amount))))
+        same_bits(
+            got,
+            semantics.evaluate(name, "int32", (HARD_INTEGERS, np.full_like(HARD_INTEGERS, amount))),
+        )
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -99,7 +104,11 @@ def test_truth_values(width):
 def test_look_ups(width):
     tables = np.concatenate([np.arange(5), 100 + np.arange(7)]).astype(np.float32)
     builder = Builder()
-    first, second, index = builder.table("float32", 5), builder.table("float32", 7), builder.input("int32")
+    first, second, index = (
+        builder.table("float32", 5),
+        builder.table("float32", 7),
+        builder.input("int32"),
+    )
     program = builder.program([builder.lookup(first, index), builder.lookup(second, index)])
     index = np.array([4, 0, 2, 2, 1, 3, 0, 4, 1, 1, 2, 3, 4, 0, 0, 1, 2], np.int32)
     got = compiled(program, width, (index,), tables)
@@ -121,4 +130,6 @@ def test_an_operation_without_a_form_is_refused_by_name():
 def one_operation_unchecked(name):
     from ravenjax.ir.program import Operation, Program
 
-    return Program((Operation("input", "float32", (), 0), Operation(name, "float32", (0,))), ("float32",), (1,))
+    return Program(
+        (Operation("input", "float32", (), 0), Operation(name, "float32", (0,))), ("float32",), (1,)
+    )

@@ -19,7 +19,9 @@ INTEGERS = [0, 1, -1, 7, -7, 2**31 - 1, -(2**31), 65535, 123456789]
 
 def printed(function, *types):
     with jax.enable_x64(True):
-        shapes = [t if isinstance(t, jax.ShapeDtypeStruct) else jax.ShapeDtypeStruct((), t) for t in types]
+        shapes = [
+            t if isinstance(t, jax.ShapeDtypeStruct) else jax.ShapeDtypeStruct((), t) for t in types
+        ]
         return python.compile(jax.make_jaxpr(function)(*shapes))
 
 
@@ -52,7 +54,9 @@ def test_arithmetic_is_one_ieee_operation(name, dtype):
             for b in VALUES:
                 expected = reference(dtype(a), dtype(b))
                 got = call(function, a, b)
-                zeros = name in ("max", "min") and got == expected == 0  # IEEE leaves the sign of such a zero open
+                zeros = (
+                    name in ("max", "min") and got == expected == 0
+                )  # IEEE leaves the sign of such a zero open
                 assert same(float(got), float(expected)) or zeros, (name, a, b)
 
 
@@ -87,7 +91,9 @@ def test_functions_of_one_number(name):
                 expected = float(reference(np.float64(x)))
                 assert same(got, expected) or (name == "sign" and got == expected == 0), x
                 continue
-            expected = float({"acos": np.arccos, "asin": np.arcsin}.get(name, getattr(np, name, None))(x))
+            expected = float(
+                {"acos": np.arccos, "asin": np.arcsin}.get(name, getattr(np, name, None))(x)
+            )
             assert same(got, expected) or got == pytest.approx(expected, rel=4e-16), x
 
 
@@ -145,7 +151,13 @@ def test_integers_wrap_as_xla_does(name, dtype):
 
 def test_conversions_truncate_saturate_and_round():
     to_integer = printed(lambda x: lax.convert_element_type(x, jnp.int32), np.float64)
-    assert [call(to_integer, x) for x in (2.9, -2.9, 1e20, -1e20, math.nan)] == [2, -2, 2**31 - 1, -(2**31), 0]
+    assert [call(to_integer, x) for x in (2.9, -2.9, 1e20, -1e20, math.nan)] == [
+        2,
+        -2,
+        2**31 - 1,
+        -(2**31),
+        0,
+    ]
     to_single = printed(lambda x: lax.convert_element_type(x, jnp.float32), np.float64)
     assert call(to_single, 0.1) == np.float32(0.1)
     widened = printed(lambda x: lax.convert_element_type(x, jnp.float64), np.float32)

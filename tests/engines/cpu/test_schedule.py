@@ -35,10 +35,16 @@ def test_orders_are_those_of_the_search(window, reach):
     rng = np.random.default_rng(window * 1000 + reach)
     names = ("fma", "add", "neg", "div", "lt", "select", "input")
     operations = [
-        Operation(str(rng.choice(names)), "float32", tuple(rng.integers(max(0, i - reach), i, min(i, 2)).tolist()))
+        Operation(
+            str(rng.choice(names)),
+            "float32",
+            tuple(rng.integers(max(0, i - reach), i, min(i, 2)).tolist()),
+        )
         for i in range(150)
     ]
-    order = np.flatnonzero(rng.random(150) < 0.8).tolist()  # what is not among them is there from the beginning
+    order = np.flatnonzero(
+        rng.random(150) < 0.8
+    ).tolist()  # what is not among them is there from the beginning
     found = schedule.schedule(operations, order, window)
     assert found == searched(operations, order, window)
     assert window > 1 or found == order

@@ -15,19 +15,35 @@ from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
 
 WIDTH = 8
-FAULT = {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": [*range(500, 10_500, 500)],
-         "start_ms": 20}  # fmt: skip
+FAULT = {
+    "site": "usb_out",
+    "channel": "elbow",
+    "effect": "offset",
+    "value": [*range(500, 10_500, 500)],
+    "start_ms": 20,
+}
 
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(rj.load_campaign({
-        "campaign": {"name": "forms", "duration_s": 0.1},
-        "operator": {"motion": "reach"},
-        "group": [{"name": "shared", "fault": [FAULT]},
-                  {"name": "drawn", "design": "random", "runs": 5, "fault": [FAULT],
-                   "parameters": {"plant.mass_scale": {"uniform": [0.9, 1.1]}}}],
-    }))  # fmt: skip
+    return plan.make(
+        rj.load_campaign(
+            {
+                "campaign": {"name": "forms", "duration_s": 0.1},
+                "operator": {"motion": "reach"},
+                "group": [
+                    {"name": "shared", "fault": [FAULT]},
+                    {
+                        "name": "drawn",
+                        "design": "random",
+                        "runs": 5,
+                        "fault": [FAULT],
+                        "parameters": {"plant.mass_scale": {"uniform": [0.9, 1.1]}},
+                    },
+                ],
+            }
+        )
+    )
 
 
 class Forms:
@@ -50,10 +66,14 @@ def kernel(ready, *there, kept=False, vain=0.0):
 
 
 def planned(one, *sizes):
-    """The parts of groups of so many lanes, (lanes, grouped), and the vectors that are run in vain."""
+    """The parts of groups of so many lanes, (lanes, grouped), and the vectors that are run in
+    vain.
+    """
     group = np.repeat(np.arange(len(sizes)), sizes)
     parts, vain = one._at_hand(simd._parts(group, WIDTH), group)
-    assert sorted(np.concatenate([part.lanes for part in parts]).tolist()) == list(range(len(group)))
+    assert sorted(np.concatenate([part.lanes for part in parts]).tolist()) == list(
+        range(len(group))
+    )
     return sorted((len(part.lanes), part.grouped) for part in parts), vain
 
 
@@ -83,7 +103,10 @@ def test_a_second_form_is_made_when_its_lack_has_cost_as_much(ready):
 
 def test_many_lanes_at_once_are_worth_a_form(ready):
     alone = simd.REPAID // 1000 + 100
-    assert planned(kernel(ready), alone + 8, *(1,) * alone) == ([(alone, False), (alone + 8, True)], 0.0)
+    assert planned(kernel(ready), alone + 8, *(1,) * alone) == (
+        [(alone, False), (alone + 8, True)],
+        0.0,
+    )
 
 
 def test_where_most_lanes_stand_alone_so_do_all(ready):
@@ -96,7 +119,9 @@ def test_one_way_is_one_form(ready):
 
 
 def test_either_way_gives_the_same_bits(ready, monkeypatch):
-    loop = traced.trace(traced.printable(ready.program), Block(*ready.lanes([0], 1), None), ready.columns)
+    loop = traced.trace(
+        traced.printable(ready.program), Block(*ready.lanes([0], 1), None), ready.columns
+    )
     forms, found = traced.Forms(loop), []
     for repaid in (10**9, -1):
         monkeypatch.setattr(simd, "REPAID", repaid)
@@ -105,9 +130,14 @@ def test_either_way_gives_the_same_bits(ready, monkeypatch):
         rows = np.arange(one.size(ready.runs)) % ready.runs
         golden = one.run(Block(*ready.lanes(rows, len(rows), harmless=True), None), ready.columns)
         found.append(one.run(Block(*ready.lanes(rows, len(rows)), golden.reference), ready.columns))
-        assert {way for way in (False, True) if forms.holds(one._key(way))} == ({True} if repaid > 0 else {False, True})
+        assert {way for way in (False, True) if forms.holds(one._key(way))} == (
+            {True} if repaid > 0 else {False, True}
+        )
         assert (one._vain > 0) == (repaid > 0)
     first, second = found
-    assert first.outcomes.keys() == second.outcomes.keys() and (first.outcomes["active_ticks"] > 0).any()
+    assert (
+        first.outcomes.keys() == second.outcomes.keys()
+        and (first.outcomes["active_ticks"] > 0).any()
+    )
     for name, values in first.outcomes.items():
         np.testing.assert_array_equal(values, second.outcomes[name], err_msg=name)

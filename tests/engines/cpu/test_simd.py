@@ -1,4 +1,6 @@
-"""Engine simd: a lane's result is its own, whatever runs beside it; its campaigns are those of engine xla."""
+"""Engine simd: a lane's result is its own, whatever runs beside it; its campaigns are those of
+engine xla.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,13 @@ def campaign(runs, duration_s=0.6, **changes):
         "start_ms": {"uniform": [250, 400]},
         "duration_ms": {"uniform": [1, 100]},
     }
-    mpos = {"site": "mpos", "channel": "insertion", "effect": "offset", "start_ms": 300, "duration_ms": 50}
+    mpos = {
+        "site": "mpos",
+        "channel": "insertion",
+        "effect": "offset",
+        "start_ms": 300,
+        "duration_ms": 50,
+    }
     weak = {"plant.cable_stiffness_scale": [0.5, 2.0]}
     return rj.load_campaign(
         {
@@ -48,7 +56,12 @@ def campaign(runs, duration_s=0.6, **changes):
             "group": [
                 {"name": "free"},
                 {"name": "dac", "design": "random", "runs": runs, "fault": [dac]},
-                {"name": "weak", "design": "grid", "parameters": weak, "fault": [{**mpos, "value": [0.5, 5.0, 50.0]}]},
+                {
+                    "name": "weak",
+                    "design": "grid",
+                    "parameters": weak,
+                    "fault": [{**mpos, "value": [0.5, 5.0, 50.0]}],
+                },
             ],
         }
         | changes
@@ -114,7 +127,12 @@ def test_vector_width_and_groups_change_no_bit(ready, loop, whole, width, groupe
 def test_a_lane_does_not_see_its_neighbours_nor_other_threads(ready, loop, whole):
     kernel = SimdKernel(ready.program, 16)
     kernel._forms = traced.Forms(loop)
-    rows = [np.array([25, 3, 3, 11]), np.arange(ready.runs)[::-1], np.array([0]), np.array([26, 21, 22])]
+    rows = [
+        np.array([25, 3, 3, 11]),
+        np.arange(ready.runs)[::-1],
+        np.array([0]),
+        np.array([26, 21, 22]),
+    ]
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda block: run(kernel, ready, block), rows))
     for block, result in zip(rows, found, strict=True):
@@ -134,11 +152,17 @@ def test_a_trace_is_the_run(ready, whole, row):
     varied, faults = ready.lanes([row], 3)
     _, harmless = ready.lanes([row], 3, harmless=True)
     tracer = SimdEngine().tracer(ready.program, 3)
-    golden, result, signals = tracer.run(Block(varied, harmless, None), Block(varied, faults, None), ready.columns)
+    golden, result, signals = tracer.run(
+        Block(varied, harmless, None), Block(varied, faults, None), ready.columns
+    )
     for name, column in golden.outcomes.items():
-        np.testing.assert_array_equal(column, np.repeat(whole[0].outcomes[name][row], 3), err_msg=name)
+        np.testing.assert_array_equal(
+            column, np.repeat(whole[0].outcomes[name][row], 3), err_msg=name
+        )
     for name, column in result.outcomes.items():
-        np.testing.assert_array_equal(column, np.repeat(whole[1].outcomes[name][row], 3), err_msg=name)
+        np.testing.assert_array_equal(
+            column, np.repeat(whole[1].outcomes[name][row], 3), err_msg=name
+        )
     ticks = ready.program.ticks
     assert all(leaf.shape == (ticks,) for leaf in jax.tree.leaves(signals))
     assert signals.fault_active[0].dtype == bool
@@ -183,7 +207,9 @@ def integer_columns(leaves, size=4000):
     small = rng.integers(-3, 300, (len(leaves), size))
     hard = rng.choice(HARD_INTEGERS, (len(leaves), size))
     columns = np.where(rng.random((len(leaves), size)) < 0.7, small, hard)
-    return [column.astype(np.asarray(leaf).dtype) for column, leaf in zip(columns, leaves, strict=True)]
+    return [
+        column.astype(np.asarray(leaf).dtype) for column, leaf in zip(columns, leaves, strict=True)
+    ]
 
 
 def _plc(setup, state, pins, estop, start):
@@ -191,7 +217,9 @@ def _plc(setup, state, pins, estop, start):
 
 
 def _network(setup, state, tick, received, size, sequence):
-    return network.step(setup, state, tick, network.Packet(received, size, sequence, (), (), (), jnp.int32(0)))
+    return network.step(
+        setup, state, tick, network.Packet(received, size, sequence, (), (), (), jnp.int32(0))
+    )
 
 
 def _watchdog(setup, state, *numbers):
@@ -235,11 +263,17 @@ def test_a_campaign_of_every_layer_runs(monkeypatch):
 
 @pytest.mark.slow
 def test_verdicts_are_those_of_engine_xla(monkeypatch):
-    """float32 trajectories part after a jump or a trip; of 2 000 runs at least 99.5 % still end in the same verdict."""
+    """float32 trajectories part after a jump or a trip; of 2 000 runs at least 99.5 % still end
+    in the same verdict.
+    """
     config = campaign(2000)
-    ours, theirs = (rows_of(config, engine, monkeypatch) for engine in (SimdEngine(), ScanEngine("xla")))
+    ours, theirs = (
+        rows_of(config, engine, monkeypatch) for engine in (SimdEngine(), ScanEngine("xla"))
+    )
     assert (ours["verdict"] == theirs["verdict"]).mean() >= 0.995
     assert (ours["active_ticks"] == theirs["active_ticks"]).mean() >= 0.995
     alike = ours["verdict"] == theirs["verdict"]
-    near = np.isclose(ours["peak_model_deviation_mm"], theirs["peak_model_deviation_mm"], rtol=0.02, atol=0.01)
+    near = np.isclose(
+        ours["peak_model_deviation_mm"], theirs["peak_model_deviation_mm"], rtol=0.02, atol=0.01
+    )
     assert near[alike].mean() >= 0.99

@@ -1,4 +1,6 @@
-"""One robot stepped from outside is the robot of a campaign, bit for bit; its state and inputs are plain memory."""
+"""One robot stepped from outside is the robot of a campaign, bit for bit; its state and inputs
+are plain memory.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +33,9 @@ def code():
 
     def step(inputs, state, now, entering, tables):
         read = tables[0].at[now].get(mode="clip", wrap_negative_indices=False)
-        new = State(state.sum + inputs.gain * read + entering[0], state.ticks + inputs.count, state.spare)
+        new = State(
+            state.sum + inputs.gain * read + entering[0], state.ticks + inputs.count, state.spare
+        )
         return new, [new.sum, jnp.float32(now), jnp.float32(entering[1])]
 
     def finish(inputs, state):
@@ -96,7 +100,14 @@ def test_a_snapshot_is_taken_over_whole_or_in_part(code):
 
 def test_only_float32_may_go_out():
     with pytest.raises(TypeError, match="float32"):
-        StepCode(lambda i: i, lambda i, s, now, e, t: (s, [now]), lambda i, s: {"s": s}, np.float32(0), (), [])
+        StepCode(
+            lambda i: i,
+            lambda i, s, now, e, t: (s, [now]),
+            lambda i, s: {"s": s},
+            np.float32(0),
+            (),
+            [],
+        )
 
 
 def own_functions(gain):
@@ -106,7 +117,9 @@ def own_functions(gain):
         return State(inputs.gain * 0.0, lazy.jnp.int32(0), lazy.jnp.float32(7.0))
 
     def step(inputs, state, now, entering, tables):
-        new = State(state.sum + inputs.gain * gain + entering[0], state.ticks + inputs.count, state.spare)
+        new = State(
+            state.sum + inputs.gain * gain + entering[0], state.ticks + inputs.count, state.spare
+        )
         return new, [new.sum, lazy.jnp.float32(now)]
 
     return begin, step, lambda inputs, state: {"ticks": state.ticks, "sum": state.sum}

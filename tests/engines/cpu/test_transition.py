@@ -1,4 +1,6 @@
-"""Transitions: compiled ones have the bits of interpreted ones, and functions are those of the C library."""
+"""Transitions: compiled ones have the bits of interpreted ones, and functions are those of the C
+library.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ FUNCTIONS = {
 
 
 def both(function, state, entering):
-    """`function`(state, *entering) -> (state, leaving), compiled and interpreted: what a run of some rows gives."""
+    """`function`(state, *entering) -> (state, leaving), compiled and interpreted: what a run of
+    some rows gives.
+    """
     columns = [np.asarray(column) for column in entering]
     types = [str(column.dtype) for column in columns]
     with jax.enable_x64(True):
@@ -49,15 +53,20 @@ def both(function, state, entering):
         results = []
         for machine in (Compiled({"f": one}), Interpreted({"f": one})):
             steps = len(columns[0])
-            memory = Memory(*(transition.rows(x, n) for x, n in ((none, 1), (own, 1), (one.entering, steps))),
-                            transition.rows(one.leaving, steps))  # fmt: skip
+            memory = Memory(
+                *(transition.rows(x, n) for x, n in ((none, 1), (own, 1), (one.entering, steps))),
+                transition.rows(one.leaving, steps),
+            )
             transition.write(own, memory.state[0], [state])
             for row, numbers in zip(memory.entering, zip(*columns, strict=True), strict=True):
                 transition.write(one.entering, row, numbers)
             memory = memory._replace(fixed=memory.fixed[0], state=memory.state[0])
             machine.bind("f", memory)()
             results.append(
-                (transition.read(own, memory.state), [transition.read(one.leaving, row) for row in memory.leaving])
+                (
+                    transition.read(own, memory.state),
+                    [transition.read(one.leaving, row) for row in memory.leaving],
+                )
             )
     return results
 
@@ -76,7 +85,10 @@ def same(compiled, interpreted):
 @pytest.mark.parametrize("name", list(FUNCTIONS))
 def test_functions_are_those_of_the_c_library(name, dtype):
     rng = np.random.default_rng(1)
-    small, far = rng.normal(0, 2, 1000), rng.normal(0, 1, 1000) * 10.0 ** rng.integers(-12, 12, 1000)
+    small, far = (
+        rng.normal(0, 2, 1000),
+        rng.normal(0, 1, 1000) * 10.0 ** rng.integers(-12, 12, 1000),
+    )
     x = np.concatenate([HARD_FLOATS, small, far]).astype(dtype)
     two = name in ("atan2", "pow", "fmod")
     entering = (x, rng.permutation(x)) if two else (x,)
@@ -96,7 +108,13 @@ def test_a_product_and_a_sum_are_rounded_apart_and_a_state_is_carried_on(rows):
         total = a * b + c
         narrow = lax.convert_element_type(total, jnp.float32)
         kept = jnp.where(total > 0, state + total, -state * c)
-        return kept, narrow * narrow + narrow, to_int32(total * 1e6), jnp.maximum(a, b), total - a * b
+        return (
+            kept,
+            narrow * narrow + narrow,
+            to_int32(total * 1e6),
+            jnp.maximum(a, b),
+            total - a * b,
+        )
 
     compiled, interpreted = both(mixed, np.float64(0.1), np.array(rows).T)
     same(compiled, interpreted)
@@ -124,7 +142,11 @@ def test_wide_integers_are_wrapped_and_widened():
     def wide(state, x, y):
         longer = lax.convert_element_type(x, jnp.int64) * 3 - 1
         chosen = jnp.where(longer > lax.convert_element_type(y, jnp.int64), longer, -longer)
-        return state, lax.convert_element_type(chosen, jnp.int32), lax.convert_element_type(chosen, jnp.float64)
+        return (
+            state,
+            lax.convert_element_type(chosen, jnp.int32),
+            lax.convert_element_type(chosen, jnp.float64),
+        )
 
     x = np.array([0, 1, -1, 2**31 - 1, -(2**31), 123456789], np.int32)
     same(*both(wide, np.float64(0), (x, x[::-1].copy())))

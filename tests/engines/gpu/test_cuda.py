@@ -26,7 +26,9 @@ def device():
 
 @pytest.fixture(scope="module")
 def operations(device):
-    return cuda_device.DeviceModule(device, cuda_device.compile(SOURCE, device.architecture, OPTIONS))
+    return cuda_device.DeviceModule(
+        device, cuda_device.compile(SOURCE, device.architecture, OPTIONS)
+    )
 
 
 @pytest.mark.parametrize("k", range(len(CASES)), ids=[name for name, _, _ in CASES])

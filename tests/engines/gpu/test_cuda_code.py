@@ -92,7 +92,9 @@ def test_a_tick_has_the_bits_of_engine_simd(monkeypatch, tmp_path, short):
 @pytest.mark.slow
 @pytest.mark.parametrize("observe", [None, 20])
 def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
-    """Several blocks of threads, which begin at snapshots of their own; or end at ticks of their own, in one launch."""
+    """Several blocks of threads, which begin at snapshots of their own; or end at ticks of their
+    own, in one launch.
+    """
     pretend(monkeypatch, tmp_path)
     monkeypatch.setattr(cuda_code, "EVERY", 10)
     monkeypatch.setattr(cuda_course, "EVERY", 10)
@@ -107,7 +109,9 @@ def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
     engine = cuda.CudaEngine()
     assert branching.Branching(ready, 32).branches.all()
     courses, between = [], cuda.between
-    monkeypatch.setattr(cuda, "between", lambda *args: courses.append(between(*args)) or courses[-1])
+    monkeypatch.setattr(
+        cuda, "between", lambda *args: courses.append(between(*args)) or courses[-1]
+    )
     some, whole = tables(ready, engine), tables(ready, SimdEngine(), whole=True)
     assert any(course.first > 0 and course.group_state is not None for course in courses)
     assert any(len(course.snapshots) > 1 for course in courses)
@@ -133,12 +137,16 @@ def striking(ready, rng):
 def test_what_cannot_be_is_one_line_that_says_so(monkeypatch, short):
     monkeypatch.setattr(cuda_device, "devices", lambda: (Device(),))
     wide = replace(short.program, setup=replace(short.program.setup, precision=REFERENCE))
-    with pytest.raises(UserError, match="engine 'cuda' computes in float32; for float64 take engine 'xla'"):
+    with pytest.raises(
+        UserError, match="engine 'cuda' computes in float32; for float64 take engine 'xla'"
+    ):
         cuda.CudaEngine().compile(wide, 1)
     monkeypatch.undo()
     cuda_device.devices.cache_clear()
     monkeypatch.setitem(sys.modules, "cuda.bindings", None)
-    with pytest.raises(UserError, match=r"needs the package cuda-bindings .*: pip install 'ravenjax\[cuda\]'"):
+    with pytest.raises(
+        UserError, match=r"needs the package cuda-bindings .*: pip install 'ravenjax\[cuda\]'"
+    ):
         cuda.CudaEngine().compile(short.program, 1)
 
 

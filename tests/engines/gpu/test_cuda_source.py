@@ -1,4 +1,6 @@
-"""Printed CUDA C means what the straight-line program means: compiled as C++ here, operation by operation."""
+"""Printed CUDA C means what the straight-line program means: compiled as C++ here, operation by
+operation.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What the linker makes of an object is what LLVM's own linker does, and what it does not know it refuses."""
+"""What the linker makes of an object is what LLVM's own linker does, and what it does not know
+it refuses.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ import pytest
 
 from ravenjax.engines.wasm import code, linking
 
-wasmtime = pytest.importorskip("wasmtime", reason="wasmtime is not installed (pip install wasmtime)")
+wasmtime = pytest.importorskip(
+    "wasmtime", reason="wasmtime is not installed (pip install wasmtime)"
+)
 WASM_LD = shutil.which("wasm-ld") or shutil.which("wasm-ld-14")
 
 CALLS = """
@@ -54,7 +58,16 @@ def test_calls_reach_the_functions_that_they_name():
 def test_it_does_what_wasm_ld_does(tmp_path):
     path, linked = tmp_path / "o.o", tmp_path / "o.wasm"
     path.write_bytes(an_object(CALLS))
-    command = [WASM_LD, path, "-o", linked, "--no-entry", "--export=twice", "--export=chosen", "--export=there"]
+    command = [
+        WASM_LD,
+        path,
+        "-o",
+        linked,
+        "--no-entry",
+        "--export=twice",
+        "--export=chosen",
+        "--export=there",
+    ]
     subprocess.run([str(word) for word in command], check=True)
     ours = linking.link(path.read_bytes(), ["twice", "chosen", "there"])
     assert results(linked.read_bytes(), exported_memory=True) == results(ours)
@@ -63,8 +76,17 @@ def test_it_does_what_wasm_ld_does(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("declare i32 @far(i32)\ndefine i32 @f(i32 %x) { %y = call i32 @far(i32 %x) ret i32 %y }", "imports 2"),
-        ("@word = global i32 5\ndefine i32 @f() { %y = load i32, ptr @word ret i32 %y }", "section"),
+        (
+            (
+                "declare i32 @far(i32)\ndefine i32 @f(i32 %x) { %y = call i32 @far(i32 %x) ret i32"
+                " %y }"
+            ),
+            "imports 2",
+        ),
+        (
+            "@word = global i32 5\ndefine i32 @f() { %y = load i32, ptr @word ret i32 %y }",
+            "section",
+        ),
         ("define i32 @g() { ret i32 1 }", "defines no f; it has g"),
     ],
 )

@@ -1,4 +1,6 @@
-"""WebAssembly gives the bits that each operation means, and a fused multiply-add those of a product and a sum."""
+"""WebAssembly gives the bits that each operation means, and a fused multiply-add those of a
+product and a sum.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ TRUTHS = ("eq", "ne", "lt", "le")
 
 
 def programs(*wanted):
-    """One program of several operations (name, dtype, types of its operands), whose inputs are shared by type."""
+    """One program of several operations (name, dtype, types of its operands), whose inputs are
+    shared by type.
+    """
     builder, inputs = Builder(), {}
 
     def of(place, dtype):
@@ -32,7 +36,10 @@ def programs(*wanted):
             inputs[place, dtype] = builder.input(dtype)
         return inputs[place, dtype]
 
-    results = [builder.emit(name, dtype, *(of(k, t) for k, t in enumerate(types))) for name, dtype, types in wanted]
+    results = [
+        builder.emit(name, dtype, *(of(k, t) for k, t in enumerate(types)))
+        for name, dtype, types in wanted
+    ]
     return builder.program(results), list(inputs)
 
 
@@ -41,14 +48,19 @@ def check(width, wanted, columns):
     program, inputs = programs(*wanted)
     results = wasm_results(program, width, tuple(columns[key] for key in inputs))
     for (name, dtype, types), got in zip(wanted, results, strict=True):
-        same_bits(got, semantics.evaluate(name, dtype, tuple(columns[k, t] for k, t in enumerate(types))))
+        same_bits(
+            got, semantics.evaluate(name, dtype, tuple(columns[k, t] for k, t in enumerate(types)))
+        )
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_float_operations(width):
     a, b = pairs(HARD_FLOATS)
     wanted = [(name, "float32", ("float32",)) for name in UNARY_FLOAT]
-    wanted += [(name, "bool" if name in TRUTHS else "float32", ("float32", "float32")) for name in BINARY_FLOAT]
+    wanted += [
+        (name, "bool" if name in TRUTHS else "float32", ("float32", "float32"))
+        for name in BINARY_FLOAT
+    ]
     check(width, wanted, {(0, "float32"): a, (1, "float32"): b})
 
 
@@ -58,14 +70,18 @@ def test_integer_operations_wrap(width, dtype):
     a, b = (x.view(dtype) for x in pairs(HARD_INTEGERS))
     names = [name for name in BINARY_INTEGER if (name, dtype) != ("sar", "uint32")]
     wanted = [(name, "bool" if name in TRUTHS else dtype, (dtype, dtype)) for name in names]
-    wanted += [("neg", dtype, (dtype,)), ("not", dtype, (dtype,))] + [("abs", dtype, (dtype,))] * (dtype == "int32")
+    wanted += [("neg", dtype, (dtype,)), ("not", dtype, (dtype,))] + [("abs", dtype, (dtype,))] * (
+        dtype == "int32"
+    )
     check(width, wanted, {(0, dtype): a, (1, dtype): b})
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_conversions(width):
     to = [("convert", dtype, ("float32",)) for dtype in ("int32", "uint32", "float64")]
-    to += [("bitcast", dtype, ("float32",)) for dtype in ("int32", "uint32")] + [("truncate", "int32", ("float32",))]
+    to += [("bitcast", dtype, ("float32",)) for dtype in ("int32", "uint32")] + [
+        ("truncate", "int32", ("float32",))
+    ]
     check(width, to, {(0, "float32"): HARD_FLOATS})
     for dtype in ("int32", "uint32"):
         back = [("convert", "float32", (dtype,)), ("bitcast", "float32", (dtype,))]
@@ -76,9 +92,14 @@ def test_conversions(width):
 def test_choices_and_truth_values(width):
     a, b = pairs(np.array([False, True]))
     columns = {(0, "bool"): a, (1, "bool"): b, (1, "int32"): np.array([3, 0, 1, 7], np.int32)}
-    columns |= {(2, "int32"): np.array([0, 1, 5, 0], np.int32), (1, "float32"): np.float32([3, 0, np.nan, 0])}
+    columns |= {
+        (2, "int32"): np.array([0, 1, 5, 0], np.int32),
+        (1, "float32"): np.float32([3, 0, np.nan, 0]),
+    }
     columns |= {(2, "float32"): np.float32([0, 1, 1, -0.0])}
-    wanted = [(name, "bool", ("bool", "bool")) for name in ("and", "or", "xor")] + [("not", "bool", ("bool",))]
+    wanted = [(name, "bool", ("bool", "bool")) for name in ("and", "or", "xor")] + [
+        ("not", "bool", ("bool",))
+    ]
     wanted += [("select", dtype, ("bool", dtype, dtype)) for dtype in ("int32", "float32")]
     check(width, wanted, columns)
 
@@ -87,7 +108,11 @@ def test_choices_and_truth_values(width):
 def test_look_ups(width):
     tables = np.concatenate([np.arange(5), 100 + np.arange(7)]).astype(np.float32)
     builder = Builder()
-    first, second, index = builder.table("float32", 5), builder.table("float32", 7), builder.input("int32")
+    first, second, index = (
+        builder.table("float32", 5),
+        builder.table("float32", 7),
+        builder.input("int32"),
+    )
     program = builder.program([builder.lookup(first, index), builder.lookup(second, index)])
     places = np.array([4, 0, 2, 2, 1, 3, 0, 4, 1], np.int32)
     got = wasm_results(program, width, (places,), tables)
@@ -103,7 +128,9 @@ FLOATS = st.floats(width=32, allow_nan=True, allow_infinity=True)
 def test_a_multiply_add_is_a_product_and_a_sum_each_rounded(rows):
     a, b, c = np.array(rows, np.float32).T
     builder = Builder()
-    program = builder.program([builder.emit("fma", "float32", *(builder.input("float32") for _ in range(3)))])
+    program = builder.program(
+        [builder.emit("fma", "float32", *(builder.input("float32") for _ in range(3)))]
+    )
     (got,) = wasm_results(program, code.WIDTH, (a, b, c))
     product = semantics.evaluate("mul", "float32", (a, b))
     same_bits(got, semantics.evaluate("add", "float32", (product, c)))
@@ -113,8 +140,10 @@ def test_a_multiply_add_is_a_product_and_a_sum_each_rounded(rows):
 def test_functions_are_within_an_ulp_or_two_of_numpys(width):
     x = np.linspace(-3, 3, 500, dtype=np.float32)
     y = np.linspace(2, -5, 500, dtype=np.float32)
-    (sine, cosine, angle, root) = wasm_results(
-        lowered(lambda a, b: (jnp.sin(a), jnp.cos(a), jnp.arctan2(a, b), jnp.exp(b)), x, y), width, (x, y)
+    sine, cosine, angle, root = wasm_results(
+        lowered(lambda a, b: (jnp.sin(a), jnp.cos(a), jnp.arctan2(a, b), jnp.exp(b)), x, y),
+        width,
+        (x, y),
     )
     wide_x, wide_y = x.astype(np.float64), y.astype(np.float64)
     for got, right in (

@@ -1,4 +1,6 @@
-"""Engine wasm: a campaign's runs are those of engine simd without a fused multiply-add, word by word."""
+"""Engine wasm: a campaign's runs are those of engine simd without a fused multiply-add, word by
+word.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,14 @@ def config():
         "duration_ms": {"uniform": [1, 100]},
     }
     weak = {"plant.cable_stiffness_scale": [0.5, 2.0]}
-    mpos = {"site": "mpos", "channel": "elbow", "effect": "offset", "value": 5.0, "start_ms": 60, "duration_ms": 50}
+    mpos = {
+        "site": "mpos",
+        "channel": "elbow",
+        "effect": "offset",
+        "value": 5.0,
+        "start_ms": 60,
+        "duration_ms": 50,
+    }
     return rj.load_campaign(
         {
             "campaign": {"name": "small", "duration_s": 0.3, "seed": 3, "observe_ms": 60},
@@ -70,11 +79,16 @@ def test_runs_are_those_of_simd_without_fusion(config):
     for name, target in TARGETS.items():
         kernel = SimdKernel(program, 16, target=target())
         lanes = kernel.size(len(rows))
-        (varied, faults), (_, harmless) = (ready.lanes(rows, lanes, harmless=free) for free in (False, True))
+        (varied, faults), (_, harmless) = (
+            ready.lanes(rows, lanes, harmless=free) for free in (False, True)
+        )
         ends = ready.ends[rows[np.minimum(np.arange(lanes), len(rows) - 1)]]
         golden = kernel.run(Block(varied, harmless, None), ready.columns)
         faulty = kernel.run(Block(varied, faults, golden.reference, ends=ends), ready.columns)
-        results[name] = golden.reference[:, :, :8], {key: column[:8] for key, column in faulty.outcomes.items()}
+        results[name] = (
+            golden.reference[:, :, :8],
+            {key: column[:8] for key, column in faulty.outcomes.items()},
+        )
     np.testing.assert_array_equal(results["wasm"][0], results["simd"][0])
     same(results["wasm"][1], results["simd"][1])
     assert results["wasm"][1]["active_ticks"].all()
@@ -89,7 +103,9 @@ def test_traces_are_those_of_simd_without_fusion(config):
     for name, target in TARGETS.items():
         kernel = SimdKernel(program, 1, signals=True, target=target())
         golden = kernel.run(Block(varied, harmless, None), ready.columns)
-        signals[name] = kernel.run_signals(Block(varied, faults, golden.reference), ready.columns)[1]
+        signals[name] = kernel.run_signals(Block(varied, faults, golden.reference), ready.columns)[
+            1
+        ]
     for one, other in zip(tree.leaves(signals["wasm"]), tree.leaves(signals["simd"]), strict=True):
         np.testing.assert_array_equal(one, other)
 

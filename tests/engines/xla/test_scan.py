@@ -1,4 +1,6 @@
-"""Engines xla and mjx: two writings of the link dynamics, one result; and what makes a lane's result its own."""
+"""Engines xla and mjx: two writings of the link dynamics, one result; and what makes a lane's
+result its own.
+"""
 
 from __future__ import annotations
 
@@ -32,14 +34,23 @@ FAULTS = (
     ("external_torque", "elbow", "overwrite", 2.0),
 )
 PEDAL_ROWS = 440
-"""Rows of the motion left out, so that the pedal is down from the first tick on and the hand moves from tick 60 on."""
+"""Rows of the motion left out, so that the pedal is down from the first tick on and the hand
+moves from tick 60 on.
+"""
 
 
 def campaign(ticks, friction=1.0):
     """A fault-free run and one for each of FAULTS from tick 30 on, for 40 ms."""
     groups = [{"name": "free"}]
     for site, channel, effect, value in FAULTS:
-        fault = {"site": site, "channel": channel, "effect": effect, "value": value, "start_ms": 30, "duration_ms": 40}
+        fault = {
+            "site": site,
+            "channel": channel,
+            "effect": effect,
+            "value": value,
+            "start_ms": 30,
+            "duration_ms": 40,
+        }
         groups.append({"name": f"{site} {channel}", "fault": [fault]})
     return {
         "campaign": {"name": "scan", "duration_s": ticks / 1e3},
@@ -64,7 +75,8 @@ def same(a, b):
         np.testing.assert_array_equal(a[name], b[name], err_msg=name)
 
 
-# --- two engines ------------------------------------------------------------------------------------------------------
+# --- two engines ----------------------------------------------------------------------------------
+# --------------------
 
 
 def gap(a, b):
@@ -82,14 +94,20 @@ def test_mjx_and_xla_agree_in_float64_over_100_ticks():
     for name in ("xla", "mjx"):
         kernel = ScanEngine(name).compile(ready.program, ready.runs)
         # without a reference the tips of faulty runs are returned, too
-        results.append(kernel.run(Block(*ready.lanes(range(ready.runs), kernel.lanes), None), columns))
+        results.append(
+            kernel.run(Block(*ready.lanes(range(ready.runs), kernel.lanes), None), columns)
+        )
     xla, mjx = results
     moved = np.linalg.norm(xla.reference[-1, :3] - xla.reference[0, :3], axis=0)
-    assert (moved[1 : 1 + len(FAULTS)] > 1e-6).all() and moved.max() > 1e-3, "the faults do something"
+    assert (moved[1 : 1 + len(FAULTS)] > 1e-6).all() and moved.max() > 1e-3, (
+        "the faults do something"
+    )
     assert xla.reference.dtype == np.float64
     assert gap(xla.reference, mjx.reference) < 1e-9
     for name, values in xla.outcomes.items():
-        assert gap(values, mjx.outcomes[name]) < (1e-6 if values.dtype == np.float32 else 1e-9), name
+        assert gap(values, mjx.outcomes[name]) < (1e-6 if values.dtype == np.float32 else 1e-9), (
+            name
+        )
     assert gap(xla.reference, mjx.reference) > 0.0, "two writings, not one"
 
 
@@ -109,9 +127,13 @@ def traces():
 
     def tracer(dynamics):
         setup = dataclasses.replace(ready.program.setup, link_dynamics=dynamics)
-        kernel = ScanKernel(dataclasses.replace(ready.program, setup=setup), LANE_MULTIPLE, keep_signals=True)
+        kernel = ScanKernel(
+            dataclasses.replace(ready.program, setup=setup), LANE_MULTIPLE, keep_signals=True
+        )
         golden = kernel.run(Block(*ready.lanes([0], LANE_MULTIPLE), None), columns).reference
-        return lambda row: kernel.run_signals(Block(*ready.lanes([row], LANE_MULTIPLE), golden), columns)[1]
+        return lambda row: kernel.run_signals(
+            Block(*ready.lanes([row], LANE_MULTIPLE), golden), columns
+        )[1]
 
     return tracer("unrolled"), tracer("mjx")
 
@@ -125,9 +147,14 @@ def test_mjx_and_xla_give_the_same_verdicts():
     frames = []
     for name in ("xla", "mjx"):
         kernel = ScanEngine(name).compile(ready.program, ready.runs)
-        golden = kernel.run(Block(*ready.lanes(rows, kernel.lanes, harmless=True), None), ready.columns)
+        golden = kernel.run(
+            Block(*ready.lanes(rows, kernel.lanes, harmless=True), None), ready.columns
+        )
         found = kernel.run(Block(*ready.lanes(rows, kernel.lanes), golden.reference), ready.columns)
-        tables = [{key: values[: len(rows)] for key, values in result.outcomes.items()} for result in (found, golden)]
+        tables = [
+            {key: values[: len(rows)] for key, values in result.outcomes.items()}
+            for result in (found, golden)
+        ]
         frames.append(outcomes.frame(config, ready.rows.take(rows), *tables))
     xla, mjx = (frame["verdict"].astype(str).to_numpy() for frame in frames)
     assert len(set(xla)) >= 6, "a sample that holds most verdicts"
@@ -136,7 +163,8 @@ def test_mjx_and_xla_give_the_same_verdicts():
 
 LANES = 256
 
-# --- one engine -------------------------------------------------------------------------------------------------------
+# --- one engine -----------------------------------------------------------------------------------
+# --------------------
 
 TICKS = 1013  # a prime: no segment but one tick divides it
 
@@ -181,7 +209,10 @@ def test_a_lane_does_not_know_its_neighbours(ready, kernel, golden, result):
     mixed = run_rows(ready, kernel, golden, order)
     same(mixed, {name: values[order] for name, values in result.items()})
     for row in (2, 6):
-        same(run_rows(ready, kernel, golden, [row]), {name: values[[row]] for name, values in result.items()})
+        same(
+            run_rows(ready, kernel, golden, [row]),
+            {name: values[[row]] for name, values in result.items()},
+        )
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two
@@ -195,7 +226,9 @@ def test_a_kernel_may_run_in_several_threads(ready, kernel, golden, result):
 
 @pytest.mark.slow
 def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
-    """In float64, as another length of segment is another program: in float32 a DAC command may be a count off."""
+    """In float64, as another length of segment is another program: in float32 a DAC command may
+    be a count off.
+    """
     content = {**campaign(TICKS, friction=[0.5, 1.0, 2.0]), "group": [{"name": "free"}]}
     ready = plan.make(rj.load_campaign(content), REFERENCE)
     results = []
@@ -203,14 +236,18 @@ def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
         if length is not None:
             monkeypatch.setattr(scan, "segment_ticks", lambda ticks: ticks)
         kernel = ScanEngine("xla").compile(ready.program, ready.runs)
-        assert kernel.length == (length or 507), "507: two segments, the last overshoots the run by one tick"
+        assert kernel.length == (length or 507), (
+            "507: two segments, the last overshoots the run by one tick"
+        )
         results.append(kernel.run(Block(*ready.lanes(range(3), kernel.lanes), None), ready.columns))
     split, whole = results
     assert split.reference.shape == whole.reference.shape == (TICKS, 6, LANE_MULTIPLE)
     assert gap(split.reference, whole.reference) < 1e-9
     assert split.outcomes["peak_model_deviation_mm"][:3].min() > 0.1, "the robot moved"
     for name, values in whole.outcomes.items():
-        assert gap(split.outcomes[name], values) < (1e-6 if values.dtype == np.float32 else 1e-9), name
+        assert gap(split.outcomes[name], values) < (1e-6 if values.dtype == np.float32 else 1e-9), (
+            name
+        )
 
 
 @given(st.integers(1, 100_000))
@@ -234,17 +271,25 @@ def test_progress_counts_every_tick_of_every_lane(ready, kernel, golden):
 def test_a_golden_run_is_what_faulty_runs_are_measured_against(ready, kernel, golden, result):
     plan_, columns = ready
     assert golden.reference.shape == (TICKS, 6, kernel.lanes)
-    assert (np.ptp(golden.reference, axis=2) == 0.0).all(), "all lanes of the block are the same run"
-    # Not always 0.0: the tip that is watched and the one that is kept may be contracted differently, a last bit apart.
+    assert (np.ptp(golden.reference, axis=2) == 0.0).all(), (
+        "all lanes of the block are the same run"
+    )
+    # Not always 0.0: the tip that is watched and the one that is kept may be contracted
+    # differently, a last bit apart.
     last_bit_mm = np.spacing(np.abs(golden.reference[:, :3]).max()) * 1e3
-    assert result["peak_golden_deviation_mm"][0] <= 2.0 * last_bit_mm and result["diverged_ms"][0] == -1
+    assert (
+        result["peak_golden_deviation_mm"][0] <= 2.0 * last_bit_mm
+        and result["diverged_ms"][0] == -1
+    )
     assert (result["peak_golden_deviation_mm"][1:] > 0.0).all()
     assert (result["diverged_ms"][1:] >= 30).all(), "nothing diverges before the fault"
     faulty = kernel.run(Block(*plan_.lanes([1], kernel.lanes), None), columns).reference
     apart = np.linalg.norm(faulty[:, :3, 0] - golden.reference[:, :3, 0], axis=1) * 1e3
     assert apart[:30].max() == 0.0, "the same program and inputs: the same bits"
     assert apart.max() == pytest.approx(result["peak_golden_deviation_mm"][1], rel=1e-4)
-    assert np.sqrt(np.mean(apart**2)) == pytest.approx(result["rms_golden_deviation_mm"][1], rel=1e-4)
+    assert np.sqrt(np.mean(apart**2)) == pytest.approx(
+        result["rms_golden_deviation_mm"][1], rel=1e-4
+    )
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two

@@ -24,7 +24,9 @@ FAULTS = 40
 
 
 def counterfactual(question, hours=100.0, peaks=0.5, robots=False, sampled=True, members=(0, 1)):
-    """Candidate 0 sees the even faults 50 ms before harm, candidate 1 those of group b, candidate 2 none."""
+    """Candidate 0 sees the even faults 50 ms before harm, candidate 1 those of group b,
+    candidate 2 none.
+    """
     lead = np.full((FAULTS, len(PARTS)), NEVER)
     lead[::2, 0] = 50
     group = np.array(["a", "b"] * (FAULTS // 2), dtype=str)
@@ -64,10 +66,14 @@ def test_shares_are_those_of_the_half_that_states():
     one = counterfactual(Question())
     rows, hazards = one.grounds.statement_half, one.grounds.hazards
     seen = ((np.arange(FAULTS) % 2 == 0) | (hazards.group == "b"))[rows]
-    assert f"2 checks together see {seen.sum()} of {rows.sum()} ({100 * seen.mean():.1f} %" in said(one)
+    assert f"2 checks together see {seen.sum()} of {rows.sum()} ({100 * seen.mean():.1f} %" in said(
+        one
+    )
     first, second = words.rows(one)
     assert first[1] == first[2]  # what the first sees it adds
-    assert float(first[2].split()[0]) + float(second[2].split()[0]) == pytest.approx(100 * seen.mean(), abs=0.1)
+    assert float(first[2].split()[0]) + float(second[2].split()[0]) == pytest.approx(
+        100 * seen.mean(), abs=0.1
+    )
     lost, among = int((~seen).sum()), int((hazards.group[rows] == "a").sum())
     assert f"Not seen in time: a ({lost} of {among})." in said(one)
 
@@ -80,14 +86,24 @@ def test_one_check_is_one_check():
 @pytest.mark.parametrize(
     ("question", "hours", "peaks", "words"),
     [
-        (Question(false_alarms_per_hour=1.0), 100.0, 0.5, "At most 1 an hour were asked for: this is shown."),
+        (
+            Question(false_alarms_per_hour=1.0),
+            100.0,
+            0.5,
+            "At most 1 an hour were asked for: this is shown.",
+        ),
         (
             Question(false_alarms_per_hour=1.0),
             2.0,
             0.5,
             "at the mean over calibrations; that it is so here is not shown",
         ),
-        (Question(false_alarms_per_hour=0.1), 2.0, 0.5, "too few for 2 h of calibration, which estimate up to"),
+        (
+            Question(false_alarms_per_hour=0.1),
+            2.0,
+            0.5,
+            "too few for 2 h of calibration, which estimate up to",
+        ),
         (Question(false_alarms_per_hour=0.1), 100.0, 9.0, "too few for"),
     ],
 )
@@ -102,7 +118,9 @@ def test_what_hours_can_say_of_the_rate_is_said(question, hours, peaks, words):
 
 def test_intervals_say_what_was_drawn():
     assert "faults drawn as this campaign's were" in said(counterfactual(Question()))
-    assert f"{FAULTS} of the faults are enumerated" in said(counterfactual(Question(), sampled=False))
+    assert f"{FAULTS} of the faults are enumerated" in said(
+        counterfactual(Question(), sampled=False)
+    )
     assert "Intervals are of robots" in said(counterfactual(Question(), robots=True))
 
 
@@ -118,7 +136,9 @@ def test_sets_chosen_without_a_group_are_tried_on_it():
 def test_lead_and_groups_are_told_as_they_were_asked():
     assert "by the time harm begins" in said(counterfactual(Question(lead_ms=0)))
     assert "12 ms or more before harm" in said(counterfactual(Question(lead_ms=12)))
-    assert f"{FAULTS} faults of a, b and c move" in said(counterfactual(Question(groups=("a", "b", "c"))))
+    assert f"{FAULTS} faults of a, b and c move" in said(
+        counterfactual(Question(groups=("a", "b", "c")))
+    )
 
 
 def test_a_channel_that_never_moved_alarms_at_any_change():
@@ -129,7 +149,9 @@ def test_a_channel_that_never_moved_alarms_at_any_change():
 def test_detectors_of_the_set_have_names_that_the_campaign_has_not():
     one = counterfactual(Question())
     first, second = (PARTS[place].name for place in (0, 1))
-    own = rj.load_campaign(tiny_campaign.tables() | {"detector": [{"name": first, "kind": "tip_error"}]})
+    own = rj.load_campaign(
+        tiny_campaign.tables() | {"detector": [{"name": first, "kind": "tip_error"}]}
+    )
     assert output.names(one) == [first, second]
     assert output.names(one._replace(config=own)) == [f"{first}_2", second]
     assert f'file = "{first}_2.py"' in output.campaign(one._replace(config=own))

@@ -32,7 +32,10 @@ def tables(**changes):
         "operator": {"motion": "suture"},
         "group": [
             {"name": "boards", "design": "random", "runs": 160, "fault": [fault]},
-            {"name": "pulse", "fault": [fault | {"value": [0, 1], "start_ms": 700, "duration_ms": 1}]},
+            {
+                "name": "pulse",
+                "fault": [fault | {"value": [0, 1], "start_ms": 700, "duration_ms": 1}],
+            },
         ],
     } | changes
 
@@ -40,9 +43,15 @@ def tables(**changes):
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"false_alarms_per_hour": 0.0}, "--false-alarms-per-hour is 0.0, expected a number above 0"),
+        (
+            {"false_alarms_per_hour": 0.0},
+            "--false-alarms-per-hour is 0.0, expected a number above 0",
+        ),
         ({"hours": float("nan")}, "--hours is nan"),
-        ({"false_alarms_per_hour": 200.0}, "--false-alarms-per-hour 200 is one in 18 s, and runs of 60 s count one"),
+        (
+            {"false_alarms_per_hour": 200.0},
+            "--false-alarms-per-hour 200 is one in 18 s, and runs of 60 s count one",
+        ),
         ({"hours": -1.0}, "--hours is -1.0"),
         ({"lead_ms": -1}, "--lead-ms is -1, expected a whole number from 0 on"),
         ({"lead_ms": 1.5}, "--lead-ms is 1.5"),
@@ -85,7 +94,9 @@ def test_the_set_as_real_detectors_keeps_its_promise(tmp_path):
     one = finding.find(rj.load_campaign(tables()), Question(hours=0.05, lead_ms=5))
     paths = output.write(one, tmp_path)
     both = one.promise.selected.k + one.promise.covered.k
-    same = confirmation.run(one, paths[-1], seed=4)  # the same faults: what was computed offline happens, to the run
+    same = confirmation.run(
+        one, paths[-1], seed=4
+    )  # the same faults: what was computed offline happens, to the run
     assert (same.every.k, same.every.n) == (both, one.grounds.hazards.count)
     other = confirmation.run(one, paths[-1], seed=5)
     assert other.verdict == "as" and "as promised" in other.sentence
@@ -114,7 +125,16 @@ def test_the_command_on_a_result_folder_and_from_python(tmp_path, capsys):
     config = tables(campaign={"name": "small", "duration_s": 1.2, "seed": 4, "noise": True})
     config["parameters"] = {"plant.friction_scale": {"uniform": [0.8, 1.2]}}  # robots are drawn
     rj.run(config, folder)
-    options = ["--hours", "0.05", "--false-alarms-per-hour", "40", "--most", "1", "--out", str(tmp_path / "out")]
+    options = [
+        "--hours",
+        "0.05",
+        "--false-alarms-per-hour",
+        "40",
+        "--most",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert cli.main(["counterfactual", str(folder), *options, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert len(told["checks"]) == 1 and len(told["files"]) == 4

@@ -29,7 +29,9 @@ def test_without_alarms_the_bound_is_one_in_one_motion_more():
 def test_the_least_margin_that_keeps_the_rate_is_taken():
     peaks = np.full((99, 1), 0.5)
     peaks[:3, 0] = 1.05, 1.3, 4.0
-    assert promise.calibrated(motion(peaks), 0.41).value == 1.0  # (3 alarms + 1) / 100 motions / 0.1 h
+    assert (
+        promise.calibrated(motion(peaks), 0.41).value == 1.0
+    )  # (3 alarms + 1) / 100 motions / 0.1 h
     assert promise.calibrated(motion(peaks), 0.39).value == 1.1
     assert promise.calibrated(motion(peaks), 0.21).value == 1.5
     assert promise.calibrated(motion(peaks), 0.11).value == 5.0
@@ -38,10 +40,18 @@ def test_the_least_margin_that_keeps_the_rate_is_taken():
 
 def test_where_no_margin_keeps_the_rate_the_best_bound_is_told():
     margin = promise.calibrated(motion([[0.5], [9.0], [1.2]]), per_hour=0.1)
-    assert margin.bound == pytest.approx(2 / 4 / 0.1) and margin.value == 1.25 and margin.alarms == 1
+    assert (
+        margin.bound == pytest.approx(2 / 4 / 0.1) and margin.value == 1.25 and margin.alarms == 1
+    )
 
 
-@given(arrays.arrays(np.float32, st.tuples(st.integers(2, 8), st.integers(1, 3)), elements=st.floats(0, 10, width=32)))
+@given(
+    arrays.arrays(
+        np.float32,
+        st.tuples(st.integers(2, 8), st.integers(1, 3)),
+        elements=st.floats(0, 10, width=32),
+    )
+)
 def test_more_alarms_allowed_never_raise_the_margin(peaks):
     places = [promise.calibrated(motion(peaks), rate).place for rate in (0.1, 1.0, 10.0, 100.0)]
     assert places == sorted(places, reverse=True)
@@ -57,7 +67,9 @@ def test_one_motion_more_keeps_the_rate_at_the_mean_whatever_the_scores():
         assert margin.bound <= asked
         alarms += int((np.float32(peaks[-1]) > np.float32(margin.value)).sum())
         hours += 0.2
-    assert stats.poisson.cdf(alarms / 2, asked * hours / 2) < 0.999  # two runs of a motion alarm together
+    assert (
+        stats.poisson.cdf(alarms / 2, asked * hours / 2) < 0.999
+    )  # two runs of a motion alarm together
 
 
 def test_stated_alarms_have_the_exact_poisson_interval():
@@ -143,5 +155,7 @@ def test_what_sees_every_group_sees_strangers_too():
     one = grounds(lead, groups=[f"g{number % 6}" for number in range(60)])
     strangers = one.of_strangers()
     assert (strangers.k, strangers.n) == (one.promise([0]).covered.k, one.promise([0]).covered.n)
-    assert strangers.high - strangers.low > 0.5  # groups 0 and 3 are missed whole: six groups say little of a seventh
+    assert (
+        strangers.high - strangers.low > 0.5
+    )  # groups 0 and 3 are missed whole: six groups say little of a seventh
     assert grounds(lead).of_strangers() is None

@@ -1,4 +1,6 @@
-"""A made-up campaign with haptic sets of which one comes for nothing now and then, and what each misses."""
+"""A made-up campaign with haptic sets of which one comes for nothing now and then, and what each
+misses.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ FRAME = synthetic.frame(RUNS).assign(golden_tip_path_mm=np.arange(RUNS) % 40 + 0
 LOW = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 1.0]
 for _k in LOW:  # at 1 mm every tenth motion has a cue without any fault, late
     FRAME[f"golden_cue{_k}_first_ms"] = np.where(FRAME["golden_tip_path_mm"] % 10 == 0.5, 700, -1)
-for _k in [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0]:  # misses more than 2 mm does
+for _k in [
+    k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0
+]:  # misses more than 2 mm does
     FRAME[f"cue{_k}_first_ms"] = np.where(FRAME.index % 4 == 0, -1, FRAME[f"cue{_k}_first_ms"])
 TABLE = Runs.of(FRAME, MANIFEST)
 ROWS = {row.number: row for row in sweep.rows(TABLE, MANIFEST)}

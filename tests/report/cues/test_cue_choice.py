@@ -29,9 +29,13 @@ def test_a_minute_of_motion_chooses_nothing_and_says_what_it_needs():
 
 
 def motion_for(hours):
-    """The same faults with golden runs that are together so long, and a result whose runs are so, too."""
+    """The same faults with golden runs that are together so long, and a result whose runs are
+    so, too.
+    """
     pedal = int(hours * 3.6e6 / 80)
-    return FRAME.assign(golden_pedal_down_ms=pedal), synthetic.manifest(RUNS, duration_ms=pedal + 200)
+    return FRAME.assign(golden_pedal_down_ms=pedal), synthetic.manifest(
+        RUNS, duration_ms=pedal + 200
+    )
 
 
 def test_as_many_hours_as_it_asks_for_decide():
@@ -41,9 +45,15 @@ def test_as_many_hours_as_it_asks_for_decide():
         runs = Runs.of(frame, manifest)
         chosen[hours] = {one.rule: one for one in choice.choices(runs, sweep.rows(runs, manifest))}
     assert chosen[7.0]["false cues an hour: at most 0.5"].row is None
-    named = next(one for rule, one in chosen[7.4].items() if rule.startswith("false cues an hour: at most 0.5"))
+    named = next(
+        one
+        for rule, one in chosen[7.4].items()
+        if rule.startswith("false cues an hour: at most 0.5")
+    )
     assert named.row is not None and named.row.cue.threshold_mm == 2.0
-    assert named.row.per_hour.high <= 0.5 and named.alike == 1  # the other gain does exactly as well
+    assert (
+        named.row.per_hour.high <= 0.5 and named.alike == 1
+    )  # the other gain does exactly as well
 
 
 @pytest.mark.slow
@@ -51,7 +61,9 @@ def test_thresholds_that_the_faults_do_not_tell_apart_are_both_named():
     frame, manifest = motion_for(100.0)
     second = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 3.0]
     third = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm == 2.0]
-    nearly = {f"cue{k}_first_ms": frame[f"cue{j}_first_ms"] for k, j in zip(second, third, strict=True)}
+    nearly = {
+        f"cue{k}_first_ms": frame[f"cue{j}_first_ms"] for k, j in zip(second, third, strict=True)
+    }
     runs = Runs.of(frame.assign(**nearly), manifest)
     found = choice.choices(runs, sweep.rows(runs, manifest))
     (limit,) = [one for one in found if one.rule.startswith("false cues")]
@@ -67,9 +79,12 @@ def test_the_counts_that_choices_stand_on():
     plain = np.stack([missed(FRAME, row.number)[HAZARD] for row in rows], axis=1)
     each = plain.astype(int)
     expected = AlarmCounts(
-        each.sum(0), each.T @ (1 - each), len(plain), np.array([row.per_hour.count for row in rows]),
+        each.sum(0),
+        each.T @ (1 - each),
+        len(plain),
+        np.array([row.per_hour.count for row in rows]),
         np.array([row.per_hour.hours for row in rows]),
-    )  # fmt: skip
+    )
     for name, mine, other in zip(AlarmCounts._fields, found, expected, strict=True):
         assert np.array_equal(mine, other), name
 
@@ -95,7 +110,9 @@ def test_the_page_says_that_it_cannot_be_said_and_offers_the_command():
     text = page.render(Runs.of(FRAME, MANIFEST), MANIFEST, Path("out"))
     assert "cannot be said before 7.38 h of fault-free motion" in text
     assert "ravenjax fault-free out 7.4" in text
-    assert "80 fault-free motions of 3.7 min in pedal-down together, of 1 motion of the hands" in text
+    assert (
+        "80 fault-free motions of 3.7 min in pedal-down together, of 1 motion of the hands" in text
+    )
 
 
 @pytest.mark.slow

@@ -21,7 +21,10 @@ def test_a_set_against_a_plain_count(k):
     free = FRAME.groupby(["operator", "golden_tip_path_mm"], observed=True)[
         [f"golden_cue{k}_first_ms", "golden_pedal_down_ms"]
     ].first()
-    first, pedal = free[f"golden_cue{k}_first_ms"].to_numpy(), free["golden_pedal_down_ms"].to_numpy()
+    first, pedal = (
+        free[f"golden_cue{k}_first_ms"].to_numpy(),
+        free["golden_pedal_down_ms"].to_numpy(),
+    )
     assert ROWS[k].false == wilson(int((first >= 0).sum()), len(free))
     hours = np.where(first >= 0, pedal * first / MANIFEST.duration_ms, pedal).sum() / 3.6e6
     assert ROWS[k].per_hour == pytest.approx(alarm_rate(int((first >= 0).sum()), hours))
@@ -57,7 +60,9 @@ def test_figure():
     marks = [mark for mark in chart.marks if isinstance(mark, Dots)]
     places = sorted((x, y) for mark in marks for x, y in zip(mark.x, mark.y, strict=True))
     assert places == sorted((row.per_hour.per_hour, row.missed.value) for row in rows)
-    assert sorted(x for mark in marks for x in mark.x_high) == sorted(row.per_hour.high for row in rows)
+    assert sorted(x for mark in marks for x in mark.x_high) == sorted(
+        row.per_hour.high for row in rows
+    )
     assert chart.x.low == chart.y.low == 0 and chart.x.high > max(x for x, _ in places)
     assert all((mark.y_low <= mark.y).all() and (mark.y <= mark.y_high).all() for mark in marks)
     assert chart.y.high >= max(mark.y_high.max() for mark in marks)

@@ -14,7 +14,9 @@ from ravenjax.store.manifest import DetectorRecord
 
 RUNS = 900
 MANIFEST = synthetic.manifest(RUNS)
-FRAME = synthetic.frame(RUNS).assign(golden_tip_path_mm=np.arange(RUNS) % 50 + 0.5)  # 50 fault-free motions an operator
+FRAME = synthetic.frame(RUNS).assign(
+    golden_tip_path_mm=np.arange(RUNS) % 50 + 0.5
+)  # 50 fault-free motions an operator
 FRAME["golden_detector0_score"] = np.where(
     FRAME["golden_tip_path_mm"] < 3, 0.7, 0.4
 )  # over the lowest threshold in 3 of 50
@@ -54,7 +56,10 @@ def test_rates_are_of_faults_as_everywhere_on_the_page():
     (faults,) = TABLE.faults()
     for row in ROWS.values():
         for threshold in row.thresholds:
-            assert (threshold.caught.n, threshold.caught.n + threshold.harmless.n) == (faults.unintended, faults.faults)
+            assert (threshold.caught.n, threshold.caught.n + threshold.harmless.n) == (
+                faults.unintended,
+                faults.faults,
+            )
 
 
 def test_false_alarms_count_each_motion_once():
@@ -72,8 +77,13 @@ def test_false_alarms_count_each_motion_once():
 
 def test_delay_and_lead_of_a_threshold():
     threshold = ROWS["dsn16"].thresholds[0]
-    alarm, motion = FRAME.loc[MOVED, "detector0_threshold0_first_ms"], FRAME.loc[MOVED, "unintended_first_ms"]
-    assert threshold.before == wilson(int(((alarm >= 0) & (alarm < motion)).sum()), int(MOVED.sum()))
+    alarm, motion = (
+        FRAME.loc[MOVED, "detector0_threshold0_first_ms"],
+        FRAME.loc[MOVED, "unintended_first_ms"],
+    )
+    assert threshold.before == wilson(
+        int(((alarm >= 0) & (alarm < motion)).sum()), int(MOVED.sum())
+    )
     delay = np.where(alarm >= 0, alarm - FRAME.loc[MOVED, "first_active_ms"], np.inf)
     assert threshold.delay_ms.value == np.sort(delay)[int(np.ceil(len(delay) / 2)) - 1] == 30
 
@@ -83,7 +93,9 @@ def test_area_is_the_chance_to_rank_a_motion_higher():
     high, low = score[MOVED], score[(VALID & ~MOVED).to_numpy()]
     pairs = high[:, None] - low[None, :]
     area = ROWS["dsn16"].auc
-    assert area is not None and area.value == pytest.approx(((pairs > 0) + 0.5 * (pairs == 0)).mean())
+    assert area is not None and area.value == pytest.approx(
+        ((pairs > 0) + 0.5 * (pairs == 0)).mean()
+    )
     assert area.low < area.value < area.high < 1
 
 
@@ -100,11 +112,24 @@ def test_enumerated_faults_have_no_interval_and_no_band():
     runs = Runs.of(FRAME, manifest)
     for row in performance.rows(runs, manifest, performance.alarms(runs, manifest)):
         for threshold in row.thresholds:
-            assert threshold.caught.k == ROWS[row.name].thresholds[row.thresholds.index(threshold)].caught.k
-            rates = (threshold.caught, threshold.harmless, threshold.precision, threshold.before, threshold.delay_ms)
+            assert (
+                threshold.caught.k
+                == ROWS[row.name].thresholds[row.thresholds.index(threshold)].caught.k
+            )
+            rates = (
+                threshold.caught,
+                threshold.harmless,
+                threshold.precision,
+                threshold.before,
+                threshold.delay_ms,
+            )
             assert np.isnan([end for one in rates for end in (one.low, one.high)]).all()
         if row.roc is not None and row.auc is not None:
-            assert np.isnan(row.auc.low) and np.isnan(row.roc.curve.low).all() and np.isfinite(row.auc.value)
+            assert (
+                np.isnan(row.auc.low)
+                and np.isnan(row.roc.curve.low).all()
+                and np.isfinite(row.auc.value)
+            )
     chart = figures.roc(performance.rows(runs, manifest, performance.alarms(runs, manifest)))
     assert chart is not None and not any(len(getattr(mark, "low", ())) for mark in chart.marks)
 
@@ -123,9 +148,12 @@ def test_many_thresholds_are_thinned_and_the_quiet_one_stays():
         f"detector0_threshold{k}_first_ms": np.where(FRAME["detector0_score"] > x, 900, -1)
         for k, x in enumerate(thresholds)
     }
-    frame = pd.concat([FRAME.drop(columns=[c for c in columns if c in FRAME]), pd.DataFrame(columns)], axis=1)
+    frame = pd.concat(
+        [FRAME.drop(columns=[c for c in columns if c in FRAME]), pd.DataFrame(columns)], axis=1
+    )
     manifest = synthetic.manifest(
-        RUNS, detectors=(DetectorRecord("many", "steps", "all", 1, thresholds), MANIFEST.detectors[1])
+        RUNS,
+        detectors=(DetectorRecord("many", "steps", "all", 1, thresholds), MANIFEST.detectors[1]),
     )
     runs = Runs.of(frame, manifest)
     row = performance.rows(runs, manifest, performance.alarms(runs, manifest))[0]
@@ -142,12 +170,18 @@ def test_charts_hold_their_curves():
     drawn = [(curve, one.delay, 100.0) for curve, one in zip(delays.marks, curves, strict=True)]
     findings = [one for one in curves if one.leads]
     ends = [float(one.lead.lag.time[-1]) for one in findings]
-    drawn += [(curve, one.lead.lag, at) for curve, one, at in zip(leads.marks, findings, ends, strict=True)]
+    drawn += [
+        (curve, one.lead.lag, at)
+        for curve, one, at in zip(leads.marks, findings, ends, strict=True)
+    ]
     for curve, truth, at in drawn:
         place = np.searchsorted(truth.time, at, side="right") - 1
         assert curve.at(at)[0] == pytest.approx(truth.fraction[place], abs=0.005)
         assert len(curve.x) < 450
-    assert [one.name for one in curves if not one.leads] == ["tip", "haptic cue, 3 mm"]  # by definition at 3 mm
+    assert [one.name for one in curves if not one.leads] == [
+        "tip",
+        "haptic cue, 3 mm",
+    ]  # by definition at 3 mm
     roc, recall = figures.roc(rows), figures.precision_recall(rows)
     assert roc is not None and recall is not None
     for chart in (roc, recall):

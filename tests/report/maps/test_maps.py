@@ -23,28 +23,38 @@ MEASURES = {
     "unintended": lambda frame: frame["hazard"] == "unintended motion",
     "told": lambda frame: frame["response"].isin(["stopped", "flagged"]),
     "cue": lambda frame: frame["cue0_first_ms"] >= 0,
-    "evaded": lambda frame: (frame["hazard"] == "unintended motion") & frame["response"].isin(["silent", "limited"]),
+    "evaded": lambda frame: (
+        (frame["hazard"] == "unintended motion") & frame["response"].isin(["silent", "limited"])
+    ),
 }
 """As the definitions have them; no golden run has a cue here."""
 
 
 def swept(rows, **columns):
-    """A campaign of one site and effect in which nothing varies but these columns, and the operator, so that no row
-    repeats another."""
+    """A campaign of one site and effect in which nothing varies but these columns, and the
+    operator, so that no row repeats another."""
     frame = synthetic.frame(2 * rows, seed=1)
     frame = frame[frame["fault0_site"] != ""].head(rows).reset_index(drop=True)
     same = {
-        "fault0_site": "dac", "fault0_effect": "overwrite", "fault0_channel": "elbow", "fault0_value": 1.0,
-        "fault0_start_ms": 500, "fault0_duration_ms": 20, "param:plant.friction_scale": 1.0, "failed": "",
+        "fault0_site": "dac",
+        "fault0_effect": "overwrite",
+        "fault0_channel": "elbow",
+        "fault0_value": 1.0,
+        "fault0_start_ms": 500,
+        "fault0_duration_ms": 20,
+        "param:plant.friction_scale": 1.0,
+        "failed": "",
         "operator": [f"suture {k}" for k in range(rows)],
-    }  # fmt: skip
+    }
     return synthetic.judged(frame.assign(**(same | columns)))
 
 
 def moving(frame, where):
     """The same with unintended motion where it is said and nowhere else."""
     return synthetic.judged(
-        frame.assign(unintended_first_ms=np.where(where, 700, -1), loss_first_ms=-1, false_report_first_ms=-1)
+        frame.assign(
+            unintended_first_ms=np.where(where, 700, -1), loss_first_ms=-1, false_report_first_ms=-1
+        )
     )
 
 
@@ -77,14 +87,20 @@ def plain(frame, across, up, name="unintended"):
     }
 
 
-# --- axes -------------------------------------------------------------------------------------------------------------
+# --- axes -----------------------------------------------------------------------------------------
+# --------------------
 
 
-@pytest.mark.parametrize("values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)])
+@pytest.mark.parametrize(
+    "values", [np.arange(200, 2400), np.linspace(-3, 3, 500), 2.0 ** np.linspace(0, 9, 300)]
+)
 def test_bins_hold_their_values(values):
     axis = axes.of_numbers("x", None, float(values.min()), float(values.max()), len(values))
     number = axis.number(values)
-    limits = [[float(e.replace("−", "-").replace("k", "e3")) for e in label.split(" to ")] for label in axis.labels]
+    limits = [
+        [float(e.replace("−", "-").replace("k", "e3")) for e in label.split(" to ")]
+        for label in axis.labels
+    ]
     assert number.min() == 0 and number.max() == len(axis.labels) - 1 <= 12
     for value, i in zip(values, number, strict=True):
         assert limits[i][0] <= value < limits[i][1] or value == limits[-1][1]
@@ -92,7 +108,12 @@ def test_bins_hold_their_values(values):
 
 def test_few_values_have_a_bin_each():
     axis = axes.of_numbers("x", np.array([1.0, 8, 64]), 1, 64, 4)
-    assert axis.labels == ["1", "8", "64"] and axis.number(np.array([8.0, 1, 64, 8])).tolist() == [1, 0, 2, 1]
+    assert axis.labels == ["1", "8", "64"] and axis.number(np.array([8.0, 1, 64, 8])).tolist() == [
+        1,
+        0,
+        2,
+        1,
+    ]
 
 
 def test_joined_bins_name_their_ends_and_leave_what_is_no_number_alone():
@@ -100,19 +121,29 @@ def test_joined_bins_name_their_ends_and_leave_what_is_no_number_alone():
     two, place = axis.join(2)
     assert two.labels == ["1, 2", "4, 8", "to the end"] and place.tolist() == [0, 0, 1, 1, 2]
     one, _ = two.join(1)
-    assert one.labels == ["1 .. 8", "to the end"] and one.number(np.array([4.0, -1])).tolist() == [0, 1]
+    assert one.labels == ["1 .. 8", "to the end"] and one.number(np.array([4.0, -1])).tolist() == [
+        0,
+        1,
+    ]
     even = axes.of_numbers("x", None, 0.0, 8.0, 500)
     assert even.join(2)[0].labels == ["0 to 4", "4 to 8"]
 
 
 def test_words_stand_in_the_order_of_the_joints_and_rare_ones_together():
-    axis = axes.of_words("channel", [("wrist", 3), ("elbow", 5), ("shoulder", 1)], ("shoulder", "elbow", "wrist"))
+    axis = axes.of_words(
+        "channel", [("wrist", 3), ("elbow", 5), ("shoulder", 1)], ("shoulder", "elbow", "wrist")
+    )
     assert axis.labels == ["shoulder", "elbow", "wrist"]
     many = axes.of_words("x", [(f"w{k:02}", 30 - k) for k in range(20)])
-    assert len(many.labels) == axes.MOST_VALUES and many.labels[-1] == "others" and many.labels[0] == "w00"
+    assert (
+        len(many.labels) == axes.MOST_VALUES
+        and many.labels[-1] == "others"
+        and many.labels[0] == "w00"
+    )
 
 
-# --- cells ------------------------------------------------------------------------------------------------------------
+# --- cells ----------------------------------------------------------------------------------------
+# --------------------
 
 
 def test_every_map_counts_each_fault_once_and_as_pandas_does():
@@ -140,40 +171,60 @@ def test_the_map_of_all_faults_has_a_row_for_each_site_and_effect():
 
 
 def test_two_parameters():
-    friction, mass = np.repeat([0.7, 1.0, 1.4], 40), np.tile(np.repeat([0.8, 0.9, 1.0, 1.1, 1.2], 8), 3)
+    friction, mass = (
+        np.repeat([0.7, 1.0, 1.4], 40),
+        np.tile(np.repeat([0.8, 0.9, 1.0, 1.1, 1.2], 8), 3),
+    )
     frame = swept(120, **{"param:plant.friction_scale": friction, "param:plant.mass_scale": mass})
     frame = moving(frame, (friction > 1) & (mass < 1))
     (item,) = made(frame)
     panel = panel_of(item)
     assert {panel["across"], panel["up"]} == {"plant.friction_scale", "plant.mass_scale"}
-    names = {"plant.friction_scale": "param:plant.friction_scale", "plant.mass_scale": "param:plant.mass_scale"}
+    names = {
+        "plant.friction_scale": "param:plant.friction_scale",
+        "plant.mass_scale": "param:plant.mass_scale",
+    }
     for name in ("unintended", "cue", "told"):
         one = panel_of(item, name)
         assert counts(one) == plain(frame, names[one["across"]], names[one["up"]], name)
 
 
 def test_channel_by_value():
-    channel, value = np.tile(["shoulder", "elbow", "insertion"], 30), np.repeat([-3.0, -1.0, 0.0, 1.0, 3.0], 18)
-    frame = moving(swept(90, fault0_channel=channel, fault0_value=value), (channel == "elbow") & (value > 0))
+    channel, value = (
+        np.tile(["shoulder", "elbow", "insertion"], 30),
+        np.repeat([-3.0, -1.0, 0.0, 1.0, 3.0], 18),
+    )
+    frame = moving(
+        swept(90, fault0_channel=channel, fault0_value=value), (channel == "elbow") & (value > 0)
+    )
     (item,) = made(frame)
     panel = panel_of(item)
     assert (panel["across"], panel["up"]) == ("value", "channel")
     assert [row["label"] for row in panel["rows"]] == ["shoulder", "elbow", "insertion"]
     hit = MEASURES["unintended"](frame).groupby([value, channel]).agg(["sum", "size"])
     expected = {
-        (f"{x:g}".replace("-", "−"), y): tuple(row) for (x, y), row in zip(hit.index, hit.to_numpy(), strict=True)
+        (f"{x:g}".replace("-", "−"), y): tuple(row)
+        for (x, y), row in zip(hit.index, hit.to_numpy(), strict=True)
     }
     assert counts(panel) == expected
 
 
 def test_onsets_of_two_faults():
     first, second = np.repeat([300, 600, 900], 32), np.tile([400, 800, 1200, 1600], 24)
-    more = {name: FRAME[name.replace("fault1", "fault0")].iloc[0] for name in
-            [f"fault1_{key}" for key in ("arm", "channel", "trigger", "every_ms", "period_ms")]}  # fmt: skip
+    more = {
+        name: FRAME[name.replace("fault1", "fault0")].iloc[0]
+        for name in [
+            f"fault1_{key}" for key in ("arm", "channel", "trigger", "every_ms", "period_ms")
+        ]
+    }
     frame = swept(96, fault0_start_ms=first).assign(
-        fault1_site="network", fault1_effect="drop", fault1_value=np.nan, fault1_start_ms=second,
-        fault1_duration_ms=10, **more,
-    )  # fmt: skip
+        fault1_site="network",
+        fault1_effect="drop",
+        fault1_value=np.nan,
+        fault1_start_ms=second,
+        fault1_duration_ms=10,
+        **more,
+    )
     frame = moving(frame, second < first)
     (item,) = made(frame)
     assert item["name"] == "dac · overwrite + network · drop"
@@ -186,21 +237,31 @@ def test_onsets_of_two_faults():
 def test_a_value_of_the_second_fault_is_an_axis_too():
     value = np.tile([1.0, 2.0, 3.0], 20)
     names = {f"fault1_{key}": FRAME[f"fault0_{key}"].iloc[0] for key in map_inputs.SLOT_INPUTS}
-    frame = swept(60).assign(fault1_site="encoder", fault1_effect="offset", **names).assign(fault1_value=value)
+    frame = (
+        swept(60)
+        .assign(fault1_site="encoder", fault1_effect="offset", **names)
+        .assign(fault1_value=value)
+    )
     (item,) = made(moving(frame, value == 2))
     panel = panel_of(item)
     assert panel["across"] == "fault 2: value" and counts(panel) == {
-        ("1", ""): (0, 20), ("2", ""): (20, 20), ("3", ""): (0, 20),
-    }  # fmt: skip
+        ("1", ""): (0, 20),
+        ("2", ""): (20, 20),
+        ("3", ""): (0, 20),
+    }
 
 
-# --- axes that tell most ----------------------------------------------------------------------------------------------
+# --- axes that tell most
+# ----------------------------------------------------------------------------------------------
 
 
 def test_of_many_inputs_those_that_decide_are_the_axes():
     random = np.random.default_rng(0)
     inputs = {f"param:p{k}": random.choice([1.0, 2.0, 3.0], 400) for k in range(9)}
-    inputs |= {"fault0_value": random.uniform(-5, 5, 400), "fault0_start_ms": random.integers(200, 900, 400)}
+    inputs |= {
+        "fault0_value": random.uniform(-5, 5, 400),
+        "fault0_start_ms": random.integers(200, 900, 400),
+    }
     frame = moving(swept(400, **inputs), (inputs["param:p6"] > 1) & (inputs["fault0_value"] > 0))
     (item,) = made(frame)
     panel = panel_of(item)
@@ -210,18 +271,25 @@ def test_of_many_inputs_those_that_decide_are_the_axes():
 
 def test_inputs_that_tell_nothing_add_no_panels():
     random = np.random.default_rng(0)
-    inputs = {"fault0_value": random.uniform(-5, 5, 300), "fault0_start_ms": random.integers(200, 900, 300)}
+    inputs = {
+        "fault0_value": random.uniform(-5, 5, 300),
+        "fault0_start_ms": random.integers(200, 900, 300),
+    }
     inputs["fault0_duration_ms"] = random.choice([1, 10, 100], 300)
     (item,) = made(moving(swept(300, **inputs), random.random(300) < 0.3))
     assert item["more"] == [] and panel_of(item)["across"] == "value"
 
 
-# --- durations and what is not set ------------------------------------------------------------------------------------
+# --- durations and what is not set
+# ------------------------------------------------------------------------------------
 
 
 def test_a_duration_until_the_end_is_said_so_and_comes_last():
     lengths = np.tile([-1, 30, 300], 16)
-    frame = moving(swept(48, fault0_duration_ms=lengths, fault0_start_ms=np.repeat([100, 200], 24)), lengths == -1)
+    frame = moving(
+        swept(48, fault0_duration_ms=lengths, fault0_start_ms=np.repeat([100, 200], 24)),
+        lengths == -1,
+    )
     (item,) = made(frame)
     panel = panel_of(item)
     assert (panel["across"], panel["up"]) == ("duration, ms", "onset, ms")
@@ -240,17 +308,25 @@ def test_durations_that_are_binned_leave_those_until_the_end_alone():
 def test_a_parameter_that_some_groups_leave_alone_is_not_set_there():
     friction = np.tile([np.nan, 1.0, 1.4], 20)
     (item,) = made(moving(swept(60, **{"param:plant.friction_scale": friction}), friction == 1.4))
-    assert counts(panel_of(item)) == {("1", ""): (0, 20), ("1.4", ""): (20, 20), ("not set", ""): (0, 20)}
+    assert counts(panel_of(item)) == {
+        ("1", ""): (0, 20),
+        ("1.4", ""): (20, 20),
+        ("not set", ""): (0, 20),
+    }
 
 
 def test_a_bin_without_runs_is_no_rate():
     onset = np.repeat([100, 200], 12)
     frame = swept(24, fault0_start_ms=onset, fault0_value=np.where(onset == 100, 1.0, 2.0))
     (item,) = made(moving(frame, onset == 100))
-    assert [[cell and cell.n for cell in row["cells"]] for row in panel_of(item)["rows"]] == [[None, 12], [12, None]]
+    assert [[cell and cell.n for cell in row["cells"]] for row in panel_of(item)["rows"]] == [
+        [None, 12],
+        [12, None],
+    ]
 
 
-# --- small samples ----------------------------------------------------------------------------------------------------
+# --- small samples --------------------------------------------------------------------------------
+# --------------------
 
 
 def test_few_runs_are_pooled_in_coarser_bins():
@@ -277,7 +353,9 @@ def test_sites_that_are_too_small_are_in_the_map_of_all_faults():
     (item,) = made(frame)
     assert item["name"] == panels.WHOLE and item["n"] == 60
     panel = panel_of(item)
-    assert panel["rows"][0]["label"] == "packet · overwrite" and panel["rows"][0]["cells"][0] == wilson(10, 10)
+    assert panel["rows"][0]["label"] == "packet · overwrite" and panel["rows"][0]["cells"][
+        0
+    ] == wilson(10, 10)
     assert [row["cells"][0].k for row in panel["rows"]] == [10, 0, 0, 0, 0, 0]
 
 
@@ -292,13 +370,16 @@ def test_many_sites_share_a_last_row():
 
 def test_repeats_of_a_fault_count_once():
     onset = np.tile([100, 200], 30)
-    frame = moving(swept(60, fault0_start_ms=onset, fault0_value=np.repeat(np.arange(30.0), 2)), onset == 100)
+    frame = moving(
+        swept(60, fault0_start_ms=onset, fault0_value=np.repeat(np.arange(30.0), 2)), onset == 100
+    )
     twice = pd.concat([frame, frame.assign(seed=8)], ignore_index=True).assign(pair=np.arange(120))
     (once,), (again,) = made(frame), made(twice)
     assert again["n"] == once["n"] == 60 and counts(panel_of(again)) == counts(panel_of(once))
 
 
-# --- what has nothing to show -----------------------------------------------------------------------------------------
+# --- what has nothing to show
+# -----------------------------------------------------------------------------------------
 
 
 def test_a_campaign_in_which_nothing_evades_still_has_its_maps():
@@ -313,11 +394,17 @@ def test_a_campaign_in_which_nothing_evades_still_has_its_maps():
 def test_a_campaign_without_faults_maps_checks_and_cue():
     friction = np.repeat([0.7, 1.0, 1.4], 10)
     frame = swept(30, fault0_site="", fault0_effect="", **{"param:plant.friction_scale": friction})
-    frame = synthetic.judged(frame.assign(cue0_first_ms=np.where(friction < 1, 400, -1), told_ms=-1, response="silent"))
+    frame = synthetic.judged(
+        frame.assign(cue0_first_ms=np.where(friction < 1, 400, -1), told_ms=-1, response="silent")
+    )
     (item,) = made(frame)
     assert (item["name"], item["unit"]) == ("no fault", "runs")
     assert [panel["name"] for panel in item["panels"]] == ["cue"]
-    assert counts(panel_of(item, "cue")) == {("0.7", ""): (10, 10), ("1", ""): (0, 10), ("1.4", ""): (0, 10)}
+    assert counts(panel_of(item, "cue")) == {
+        ("0.7", ""): (10, 10),
+        ("1", ""): (0, 10),
+        ("1.4", ""): (0, 10),
+    }
 
 
 def test_nothing_varied_has_no_map():
@@ -334,7 +421,8 @@ def test_cells_of_a_file_have_a_column_a_measure():
     assert {"faults", "across", "column", "up", "row", *MEASURES} <= set(whole[0])
 
 
-# --- the page ---------------------------------------------------------------------------------------------------------
+# --- the page -------------------------------------------------------------------------------------
+# --------------------
 
 
 def section(frame):
@@ -347,7 +435,9 @@ def section(frame):
 
 
 def text(frame):
-    return re.sub(r"\s+", " ", re.sub(r"<script.*?</script>|<[^>]*>", " ", section(frame), flags=re.S))
+    return re.sub(
+        r"\s+", " ", re.sub(r"<script.*?</script>|<[^>]*>", " ", section(frame), flags=re.S)
+    )
 
 
 def test_the_page_says_what_never_came_with_its_bound():

@@ -1,4 +1,6 @@
-"""Rates of false cues and alarms over a campaign's golden runs and the motion beside it, against plain pandas."""
+"""Rates of false cues and alarms over a campaign's golden runs and the motion beside it, against
+plain pandas.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ GOLDEN = 20
 
 
 def golden(frame, first_ms, pedal_ms, number):
-    """Rows whose golden runs, `number` different ones, have their first cues and time in pedal-down so."""
+    """Rows whose golden runs, `number` different ones, have their first cues and time in
+    pedal-down so.
+    """
     which = np.arange(len(frame)) % number
     return frame.assign(
         operator="suture",
@@ -45,7 +49,9 @@ def test_golden_runs_count_once_until_their_first_cue():
 
 
 def beside(folder, first_ms, alarm_ms, length_ms=600_000):
-    """A folder of fault-free motion: one run each, its first cue and the first alarm of detector 0, threshold 0."""
+    """A folder of fault-free motion: one run each, its first cue and the first alarm of detector
+    0, threshold 0.
+    """
     rows = len(first_ms)
     config = CONFIG | {"operator": CONFIG["operator"] | {"seed": 2}}
     frame = synthetic.frame(rows).assign(
@@ -91,14 +97,23 @@ def test_a_long_motion_that_is_never_quiet_has_a_high_rate(tmp_path):
 
 
 def test_no_time_has_no_rate():
-    assert Runs.of(golden(synthetic.frame(50), [-1], [0], 1), MANIFEST).motions().cue_rate(0) is None
+    assert (
+        Runs.of(golden(synthetic.frame(50), [-1], [0], 1), MANIFEST).motions().cue_rate(0) is None
+    )
 
 
 def test_the_command_is_rounded_up_and_quoted(tmp_path):
     assert (
-        motions.command(tmp_path / "my results", MANIFEST, 7.378) == f"ravenjax fault-free '{tmp_path}/my results' 7.4"
+        motions.command(tmp_path / "my results", MANIFEST, 7.378)
+        == f"ravenjax fault-free '{tmp_path}/my results' 7.4"
     )
-    assert [motions.rounded_up(hours) for hours in (7.378, 0.0615, 64.6, 7.4, 0.5)] == [7.4, 0.062, 65, 7.4, 0.5]
+    assert [motions.rounded_up(hours) for hours in (7.378, 0.0615, 64.6, 7.4, 0.5)] == [
+        7.4,
+        0.062,
+        65,
+        7.4,
+        0.5,
+    ]
 
 
 @pytest.mark.parametrize("operator", [{"motion": "still"}, {"file": "hand.csv"}])

@@ -9,7 +9,9 @@ from ravenjax.report.sections.motion import operator
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, line
 
 TIME_S = np.arange(4000) * 1e-3
-PLACE = np.stack([-0.078 + 0.002 * np.sin(TIME_S), -0.025 + 0.01 * np.cos(TIME_S), 0.013 + 0.0 * TIME_S], axis=1)
+PLACE = np.stack(
+    [-0.078 + 0.002 * np.sin(TIME_S), -0.025 + 0.01 * np.cos(TIME_S), 0.013 + 0.0 * TIME_S], axis=1
+)
 PLACE[1234, 2] += 0.05  # one sample
 
 
@@ -71,11 +73,16 @@ def test_a_page_of_a_recorded_operator_says_what_became_of_it():
     text = words(page)
     assert "operator" in page.ids and "#operator" in page.targets
     assert (
-        "Recorded hands: hands <1>.csv. 0.50 to 2.75 s of 4.00 s are replayed in every run, and the tip moves as"
-        in text
+        "Recorded hands: hands <1>.csv. 0.50 to 2.75 s of 4.00 s are replayed in every run, and the"
+        " tip moves as" in text
     )
-    assert "15 % of the recording cannot be replayed" in text and "[3.000, 3.500], [0.100, 0.200] s" in text
-    assert "row 1234 (1.234 s, gold): 50 mm" in text and "not read: note" in text and "a note" in text
+    assert (
+        "15 % of the recording cannot be replayed" in text
+        and "[3.000, 3.500], [0.100, 0.200] s" in text
+    )
+    assert (
+        "row 1234 (1.234 s, gold): 50 mm" in text and "not read: note" in text and "a note" in text
+    )
 
 
 @pytest.mark.slow
@@ -94,7 +101,9 @@ def test_what_was_changed_is_in_the_first_sentence():
         arms=(
             summary()
             .arms[0]
-            .model_copy(update={"removed_largest_mm": 0.61, "removed_rms_mm": 0.1, "removed_largest_s": 1.0}),
+            .model_copy(
+                update={"removed_largest_mm": 0.61, "removed_rms_mm": 0.1, "removed_largest_s": 1.0}
+            ),
         ),
     )
     section = operator.section(changed)
@@ -106,8 +115,8 @@ def test_what_was_changed_is_in_the_first_sentence():
         "the tip moves 1 to 2 times as far as recorded",
     ]
     assert section.command.endswith(
-        "--arms gold --set 'operator.window_s=[0.500,2.750]' operator.cutoff_hz=5 operator.spikes=remove "
-        "operator.slow_down=2"
+        "--arms gold --set 'operator.window_s=[0.500,2.750]' operator.cutoff_hz=5"
+        " operator.spikes=remove operator.slow_down=2"
     )
     assert operator.section(None) is None
 
@@ -116,11 +125,15 @@ def test_the_figure_shows_all_of_it_and_loses_no_spike():
     section = operator.section(summary())
     assert section is not None
     (drawing,) = section.drawings
-    assert drawing.arm == "gold" and [chart.title for chart in drawing.charts] == [f"Tip of gold, {a}" for a in "xyz"]
+    assert drawing.arm == "gold" and [chart.title for chart in drawing.charts] == [
+        f"Tip of gold, {a}" for a in "xyz"
+    ]
     for chart, column in zip(drawing.charts, PLACE.T, strict=True):
         curves = {curve.name: curve for curve in chart.marks}
         assert curves["recorded"].y.max() == pytest.approx(column.max() * 1e3, abs=1e-3)
         assert curves["recorded"].y.min() == pytest.approx(column.min() * 1e3, abs=1e-3)
         assert (curves["recorded"].x[0], curves["recorded"].x[-1]) == (0.0, 3.999)
         assert (curves["replayed"].x[0], curves["replayed"].x[-1]) == (0.5, 2.749)
-        assert chart.y.low < curves["recorded"].y.min() and curves["recorded"].y.max() < chart.y.high
+        assert (
+            chart.y.low < curves["recorded"].y.min() and curves["recorded"].y.max() < chart.y.high
+        )

@@ -37,7 +37,9 @@ def sides(action, columns):
     keep = (FRAME["fault0_site"] != "") & (FRAME["failed"] == "")
     far = FRAME[["unintended_mm", "unintended_off_mm"]].max(axis=1)
     table = FRAME[keep].assign(moved=FRAME["unintended_first_ms"] >= 0, excursion_mm=far)
-    parts = [table[table["param:reaction.action"] == a].set_index("pair")[columns] for a in (0, action)]
+    parts = [
+        table[table["param:reaction.action"] == a].set_index("pair")[columns] for a in (0, action)
+    ]
     return parts[0], parts[1].loc[parts[0].index]
 
 
@@ -68,8 +70,15 @@ def test_interrupted_for_nothing():
 
 def test_rows_by_layer_add_up():
     for told, whole in WHOLE.items():
-        parts = [row for row in ROWS if row.action == told and row.among in {*naive_facts.LAYERS, "other"}]
-        assert sum(row.n for row in parts) == whole.n and sum(row.spared for row in parts) == whole.spared
+        parts = [
+            row
+            for row in ROWS
+            if row.action == told and row.among in {*naive_facts.LAYERS, "other"}
+        ]
+        assert (
+            sum(row.n for row in parts) == whole.n
+            and sum(row.spared for row in parts) == whole.spared
+        )
 
 
 def test_other_crossed_parameters_pair_within_their_value_and_get_rows():
@@ -88,7 +97,9 @@ def test_pairs_of_one_fault_count_as_one_unit():
     """Three copies of every pair say no more than one does."""
     parts = [FRAME.assign(**{"param:plant.friction_scale": value}) for value in (0.7, 1.0, 1.4)]
     rows = {
-        row.among: row for row in differences(pd.concat(parts, ignore_index=True)) if row.action == "lift the pedal"
+        row.among: row
+        for row in differences(pd.concat(parts, ignore_index=True))
+        if row.action == "lift the pedal"
     }
     whole, once = rows["all faults"], WHOLE["lift the pedal"]
     assert whole.n == 3 * once.n and whole.spared == 3 * once.spared
@@ -102,8 +113,17 @@ def test_pairs_of_one_fault_count_as_one_unit():
 def test_enumerated_faults_have_no_interval_and_no_test():
     for row in differences(FRAME, sampled=False):
         drawn_row = next(one for one in ROWS if (one.action, one.among) == (row.action, row.among))
-        assert row.without.k == drawn_row.without.k and row.change.value == pytest.approx(drawn_row.change.value)
-        ends = (row.without.low, row.with_.high, row.change.low, row.distance_mm.low, row.depth_mm.high, row.idle.low)
+        assert row.without.k == drawn_row.without.k and row.change.value == pytest.approx(
+            drawn_row.change.value
+        )
+        ends = (
+            row.without.low,
+            row.with_.high,
+            row.change.low,
+            row.distance_mm.low,
+            row.depth_mm.high,
+            row.idle.low,
+        )
         assert np.isnan([*ends, row.p]).all()
     chart = figures.spared(differences(FRAME, sampled=False))
     assert all(len(mark.x) and not len(mark.x_low) for mark in chart.marks)
@@ -138,7 +158,11 @@ def test_interruptions_of_fault_free_motion():
     frame["golden_reaction_ms"] = np.where(acting & (frame["golden_tip_path_mm"] == 0.5), 900, -1)
     part = drawn(frame)
     found = {one.action: one for one in pairs.interruptions(part.frame, part.facts)}
-    motions = frame[acting].groupby(["operator", "golden_tip_path_mm"], observed=True)["golden_reaction_ms"].first()
+    motions = (
+        frame[acting]
+        .groupby(["operator", "golden_tip_path_mm"], observed=True)["golden_reaction_ms"]
+        .first()
+    )
     assert found["lift the pedal"].motions == wilson(int((motions >= 0).sum()), len(motions))
     assert found["correct by eye"].motions.k == 0 and np.isnan(found["correct by eye"].lost_ms)
 
@@ -150,7 +174,11 @@ def test_pairs_need_both_sides():
 
 def test_figures():
     chart = figures.spared(ROWS)
-    places = {(mark.name, round(y)): x for mark in chart.marks for x, y in zip(mark.x, mark.y, strict=True)}
+    places = {
+        (mark.name, round(y)): x
+        for mark in chart.marks
+        for x, y in zip(mark.x, mark.y, strict=True)
+    }
     for row in ROWS:
         if np.isfinite(row.distance_mm.low):
             assert places[row.action, chart.y.names.index(row.among)] == row.distance_mm.value

@@ -26,7 +26,9 @@ def series(reach_mm, arms=("gold",), golden=False):
     time = np.arange(TICKS)
     out = {"runlevel": np.full(TICKS, 3)}
     for number, arm in enumerate(arms):
-        model = np.stack([0.01 * np.sin(time / 300), 0.02 * np.cos(time / 200), 1e-6 * time], axis=1)
+        model = np.stack(
+            [0.01 * np.sin(time / 300), 0.02 * np.cos(time / 200), 1e-6 * time], axis=1
+        )
         off = np.zeros((TICKS, 3))
         off[700:, 1] = 1e-3 * reach_mm * (number + 1) * np.minimum(1, (time[700:] - 700) / 300)
         out |= {f"{arm}/model_position": model, f"{arm}/position": model, f"{arm}/tip": model + off}
@@ -58,7 +60,11 @@ def test_the_worst_come_first_and_are_thinned(tmp_path):
     one = found[0]
     assert len(one.time_ms) <= paths.POINTS + len(paths.MARKS) + 1
     assert one.time_ms[0] == 0 and one.time_ms[-1] == TICKS - 1
-    assert one.deviation_mm.max() == pytest.approx(4.0) and one.paths["true tip"][0].tolist() == [0, 0, 0]
+    assert one.deviation_mm.max() == pytest.approx(4.0) and one.paths["true tip"][0].tolist() == [
+        0,
+        0,
+        0,
+    ]
     assert set(one.paths) == {"true tip", "nominal model"}
 
 
@@ -86,7 +92,11 @@ def test_damaged_and_foreign_files_are_named(tmp_path):
     log.write(three, {"gold/position": np.zeros((5, 3))})
     (folder / "traces" / "unknown.mcap").write_bytes(b"of another campaign")
     found, broken = paths.find(folder, RUNS)
-    assert found == [] and [name.partition(":")[0] for name in broken] == [one.name, two.name, three.name]
+    assert found == [] and [name.partition(":")[0] for name in broken] == [
+        one.name,
+        two.name,
+        three.name,
+    ]
 
 
 def test_without_traces_there_is_nothing(tmp_path):
@@ -99,7 +109,8 @@ def test_figure_and_course(tmp_path):
     np.testing.assert_array_equal(chart.marks[0].x, one.time_ms)
     np.testing.assert_array_equal(chart.marks[0].y, one.deviation_mm)
     assert {mark.name: mark.x[0] for mark in chart.marks[1:]} == {
-        f"{label} {one.time_ms[point]:,} ms": one.time_ms[point] for label, point in one.marks.items()
+        f"{label} {one.time_ms[point]:,} ms": one.time_ms[point]
+        for label, point in one.marks.items()
     }
     course = path_figure.course(one)
     assert len({len(course[name]) for name in ("time", "tip", "model", "off")}) == 1
@@ -119,13 +130,22 @@ def test_views_are_at_one_scale_and_marks_stand_where_the_tip_is(tmp_path):
         start = one.paths["true tip"][0]
         assert float(mark.get("cx")) == pytest.approx(left + start[across] * scale, abs=0.1)
         assert float(mark.get("cy")) == pytest.approx(top - start[up] * scale, abs=0.1)
-        numbers = [float(n) for part in view.iter("path") for n in re.findall(r"-?[\d.]+", part.get("d"))]
+        numbers = [
+            float(n) for part in view.iter("path") for n in re.findall(r"-?[\d.]+", part.get("d"))
+        ]
         assert min(numbers) >= 0 and max(numbers) <= path_figure.WIDTH
         assert "mm off" in view.get("aria-label")
 
 
 def test_a_tip_that_does_not_move_has_views_too(tmp_path):
-    still = paths.TracedRun("r", "gold", "told", np.arange(5), {"true tip": np.zeros((5, 3)),
-                           "nominal model": np.zeros((5, 3))}, np.zeros(5), {})  # fmt: skip
+    still = paths.TracedRun(
+        "r",
+        "gold",
+        "told",
+        np.arange(5),
+        {"true tip": np.zeros((5, 3)), "nominal model": np.zeros((5, 3))},
+        np.zeros(5),
+        {},
+    )
     assert all("nan" not in view for view in path_figure.views(still))
     assert path_figure.distance(still).y.high > 0

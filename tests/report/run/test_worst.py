@@ -18,11 +18,15 @@ MANIFEST = synthetic.manifest(RUNS)
 FRAME = synthetic.judged(
     synthetic.frame(RUNS).assign(
         cue0_ms=np.random.default_rng(1).permutation(RUNS),
-        halted_ms=lambda frame: np.where(np.arange(RUNS) % 7 == 0, 300 + np.arange(RUNS), frame["halted_ms"]),
+        halted_ms=lambda frame: np.where(
+            np.arange(RUNS) % 7 == 0, 300 + np.arange(RUNS), frame["halted_ms"]
+        ),
     )
 )
 FAULTY = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
-FOUND = {kind["name"]: kind for kind in worst.rows(Runs.of(FRAME, MANIFEST), MANIFEST, Path("my out"))}
+FOUND = {
+    kind["name"]: kind for kind in worst.rows(Runs.of(FRAME, MANIFEST), MANIFEST, Path("my out"))
+}
 TOLD = FAULTY["response"].isin(["stopped", "flagged"])
 UNINTENDED, LOSS = (FAULTY["hazard"] == name for name in ("unintended motion", "loss of motion"))
 KINDS = {
@@ -65,10 +69,14 @@ def test_a_cue_that_the_golden_run_had_is_none():
 
 
 def test_repeats_of_a_fault_are_one_row():
-    twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True).assign(pair=np.arange(2 * RUNS))
+    twice = pd.concat([FRAME, FRAME.assign(seed=8)], ignore_index=True).assign(
+        pair=np.arange(2 * RUNS)
+    )
     found = worst.rows(Runs.of(twice, MANIFEST), MANIFEST, Path("my out"))
     assert [kind["n"] for kind in found] == [kind["n"] for kind in FOUND.values()]
-    assert [row["run_id"] for row in found[0]["rows"]] == [row["run_id"] for row in FOUND["evaded"]["rows"]]
+    assert [row["run_id"] for row in found[0]["rows"]] == [
+        row["run_id"] for row in FOUND["evaded"]["rows"]
+    ]
 
 
 def rendered(found):
@@ -80,18 +88,22 @@ def test_the_page_names_every_kind_and_what_no_run_had():
     html = rendered(list(FOUND.values()))
     for kind in FOUND.values():
         assert kind["title"] in html and kind["rows"][0]["command"].replace("'", "&#39;") in html
-    calm = FRAME.assign(unintended_first_ms=-1, loss_first_ms=-1, false_report_first_ms=-1, halted_ms=4)
+    calm = FRAME.assign(
+        unintended_first_ms=-1, loss_first_ms=-1, false_report_first_ms=-1, halted_ms=4
+    )
     found = worst.rows(Runs.of(synthetic.judged(calm), MANIFEST), MANIFEST, Path("out"))
     html = rendered(found)
     assert (
-        "No run had: unintended motion, nobody told; unintended motion, a check told; loss of motion while live; "
-        "loss of motion: not live; false report." in html
+        "No run had: unintended motion, nobody told; unintended motion, a check told; loss of"
+        " motion while live; loss of motion: not live; false report." in html
     )
     assert "Cue without a hazard" in html
 
 
 def test_a_campaign_without_a_cue_has_no_kind_of_it():
-    found = worst.rows(Runs.of(FRAME, MANIFEST), MANIFEST.model_copy(update={"cues": ()}), Path("out"))
+    found = worst.rows(
+        Runs.of(FRAME, MANIFEST), MANIFEST.model_copy(update={"cues": ()}), Path("out")
+    )
     assert "phantom" not in {kind["name"] for kind in found}
 
 

@@ -25,7 +25,9 @@ def folder(tmp_path_factory):
 def sorted_ids(values, most):
     cases = CASES.assign(value=values)
     cases = cases[cases["value"] > 0]
-    return cases.sort_values(["value", "index"], ascending=[False, True])["run_id"].head(most).tolist()
+    return (
+        cases.sort_values(["value", "index"], ascending=[False, True])["run_id"].head(most).tolist()
+    )
 
 
 @pytest.mark.parametrize(

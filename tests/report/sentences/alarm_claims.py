@@ -8,7 +8,19 @@ import pandas as pd
 import plain_statistics as plain
 from claim_words import are, between, brief, duration, hourly, many, prose, timed
 from expected_numbers import Expected
-from page_text import ANY_SPAN, ANY_TIME, DASH, Node, Text, cell, count, fixed, number, percent, rows
+from page_text import (
+    ANY_SPAN,
+    ANY_TIME,
+    DASH,
+    Node,
+    Text,
+    cell,
+    count,
+    fixed,
+    number,
+    percent,
+    rows,
+)
 
 
 def time(e: Expected, html: Node) -> None:
@@ -23,20 +35,28 @@ def time(e: Expected, html: Node) -> None:
     n, ahead = len(both), (both["told_ms"] - both["warned_ms"])
     if n:
         same, median = e.count(ahead == 0), float(ahead.median())
-        when = f"{number(abs(median))} ms {'before' if median > 0 else 'after'}" if median else "together with"
+        when = (
+            f"{number(abs(median))} ms {'before' if median > 0 else 'after'}"
+            if median
+            else "together with"
+        )
         text.says(
-            f"Where both came, the cue was first in {count((ahead > 0).sum())} of {many(n, 'fault')} "
-            f"({percent((ahead > 0).mean())} %, {between(e.count(ahead > 0), n)})"
+            f"Where both came, the cue was first in {count((ahead > 0).sum())} of"
+            f" {many(n, 'fault')} ({percent((ahead > 0).mean())} %,"
+            f" {between(e.count(ahead > 0), n)})"
             + (f" and in the same millisecond as the check in {count(same)}" if same else "")
             + f"; {'at the median ' if n > 1 else ''}it came {when} the check."
         )
     else:
         text.says("No fault had both a cue and a check that tells.")
     for word, column in (("cue", "warned_ms"), ("check", "told_ms")):
-        early = e.count(f["activated"].astype(bool) & (f[column] >= 0) & (f[column] < f["first_active_ms"]))
+        early = e.count(
+            f["activated"].astype(bool) & (f[column] >= 0) & (f[column] < f["first_active_ms"])
+        )
         if early:
             text.says(
-                f"{many(early, 'fault')} with a {word} before any effect {are(early)} left out of the {word}'s curve."
+                f"{many(early, 'fault')} with a {word} before any effect {are(early)} left out of"
+                f" the {word}'s curve."
             )
     text.is_said("Where both", "No fault", "left out")
 
@@ -56,7 +76,8 @@ def detectors(e: Expected, html: Node) -> None:
     text.says(f"a negative lead comes after the motion exceeded {e.limit}")
     text.says(f"an alarm at {e.limit} from the model or beyond, where the motion begins, too.")
     text.says(
-        f"{many(e.count(moved), 'fault')} with an unintended motion and {count((~moved).sum())} without, one run each."
+        f"{many(e.count(moved), 'fault')} with an unintended motion and {count((~moved).sum())}"
+        " without, one run each."
     )
     text.says(f"{free_motions(e)}; a motion counts until its first alarm")
     plain_runs = e.all[e.all["plain"] & e.all["faulty"] & ~e.all["failed"]]
@@ -64,9 +85,15 @@ def detectors(e: Expected, html: Node) -> None:
     curve = 0 < positive.sum() < len(positive) and plain_runs["distinct"].nunique() > 1
     if curve:
         text.says("Bands: 95 %, by resampling faults.")
-        text.says(f"the larger one the lowest without a false alarm in {duration(e.hours)} of fault-free motion.")
+        text.says(
+            f"the larger one the lowest without a false alarm in {duration(e.hours)} of fault-free"
+            " motion."
+        )
     else:
-        text.says("No curve: it needs two different faults, one with an unintended motion and one without.")
+        text.says(
+            "No curve: it needs two different faults, one with an unintended motion and one"
+            " without."
+        )
     lines = []
     for d, one in enumerate(e.manifest.detectors):
         what = one.kind.replace("_", " ") + (", fused: all" if one.kind == "steps" else "")
@@ -112,8 +139,8 @@ def cues(e: Expected, html: Node) -> None:
     f = e.faults
     moved, others = f[f["hazard"] == "unintended motion"], f[f["hazard"] != "unintended motion"]
     text.says(
-        f"{many(len(moved), 'fault')} with an unintended motion, {count(len(others))} without, one run each; "
-        f"{free_motions(e)}; a motion counts until its first cue"
+        f"{many(len(moved), 'fault')} with an unintended motion, {count(len(others))} without, one"
+        f" run each; {free_motions(e)}; a motion counts until its first cue"
     )
     text.says(f"lead: before the motion exceeds {e.limit}, negative after it")
     if not all(map(e.leads, range(len(e.plan.thresholds)))):
@@ -126,7 +153,9 @@ def cues(e: Expected, html: Node) -> None:
         warned = naive_facts.warned(e.frame, k)
         after = e.after(warned, moved)
         felt = e.frame.loc[[i for i, ms in zip(moved.index, after, strict=True) if ms >= 0]]
-        force, ms, pulses = (felt[f"cue{k}_{name}"].median() for name in ("peak_force", "ms", "count"))
+        force, ms, pulses = (
+            felt[f"cue{k}_{name}"].median() for name in ("peak_force", "ms", "count")
+        )
         expected = [
             count(k) + (" verdicts" if k == e.plan.verdict_cue else ""),
             f"{number(e.plan.thresholds[k])} mm",
@@ -149,11 +178,16 @@ def cues(e: Expected, html: Node) -> None:
 def free_motions(e: Expected) -> str:
     """Fault-free motion that false cues and alarms are of."""
     motions = many(len(e.motions), "fault-free motion")
-    return f"{motions} of {duration(e.hours)} in pedal-down together, of {count(1)} motion of the hands"
+    return (
+        f"{motions} of {duration(e.hours)} in pedal-down together, of {count(1)} motion of the"
+        " hands"
+    )
 
 
 def choices(e: Expected, section: Node, text: Text, moved: pd.DataFrame) -> None:
-    """Numbers of the sets that the data choose; whether they are the best is tested where that is decided."""
+    """Numbers of the sets that the data choose; whether they are the best is tested where that
+    is decided.
+    """
     if "This computes" in text.words:
         there = f"There {are(len(e.motions))} {duration(e.hours)} of fault-free motion."
         text.says(f"{there} This computes {ANY_TIME} of the same robot with other seeds")
@@ -167,7 +201,11 @@ def choices(e: Expected, section: Node, text: Text, moved: pd.DataFrame) -> None
             k = int(np.abs(np.array(e.plan.thresholds) - threshold).argmin())
             after = e.after(naive_facts.warned(e.frame, k), moved)
             missed = sum(ms < 0 for ms in after)
-            cell(cells[2], f"{percent(missed / len(moved))} % {between(missed, len(moved))}", "choice")
+            cell(
+                cells[2],
+                f"{percent(missed / len(moved))} % {between(missed, len(moved))}",
+                "choice",
+            )
             value, low, high = plain.poisson(*e.first_cues(k))
             cell(cells[3], f"{number(value)} {number(low)}{DASH}{number(high)}", "choice")
 
@@ -183,19 +221,29 @@ def after_stop(e: Expected, html: Node) -> None:
     n, took = len(f), f["response_ms"] - f["first_active_ms"]
     early, late = stop_motions(e, f)
     before = e.count((f["warned_ms"] >= 0) & (f["warned_ms"] < f["response_ms"]))
-    half = f"half of them within {number(took.median())} ms of" if n > 1 else f"{number(took.median())} ms after"
+    half = (
+        f"half of them within {number(took.median())} ms of"
+        if n > 1
+        else f"{number(took.median())} ms after"
+    )
     if not took.median():
         half = f"{'half of them ' if n > 1 else ''}in the millisecond of"
     text.says(f"A check stopped the robot in {many(n, 'fault')}, {half} the fault's first effect.")
     text.says(
-        f"In {count(early)} ({percent(early / n)} %) the tip was more than {e.limit} off before the stop, in "
-        f"{count(late)} more ({percent(late / n)} %, {between(late, n)}) only after it."
+        f"In {count(early)} ({percent(early / n)} %) the tip was more than {e.limit} off before the"
+        f" stop, in {count(late)} more ({percent(late / n)} %, {between(late, n)}) only after it."
     )
     text.says(f"The cue came before the stop in {count(before)} ({percent(before / n)} %).")
-    text.says("Shares are of the faults that this check stopped, one run of each; 95 % intervals (Wilson)")
+    text.says(
+        "Shares are of the faults that this check stopped, one run of each; 95 % intervals (Wilson)"
+    )
     causes = f.groupby("response_cause").size()
     every = f"every stop: {causes.index[0]}" if len(causes) == 1 else "every stop"
-    parts = {every: f} | ({cause: f[f["response_cause"] == cause] for cause in causes.index} if len(causes) > 1 else {})
+    parts = {every: f} | (
+        {cause: f[f["response_cause"] == cause] for cause in causes.index}
+        if len(causes) > 1
+        else {}
+    )
     table = {cells[0].words: cells[1:] for cells in rows(section.one("table"))}
     assert next(iter(table)) == every and set(table) == set(parts)
     for cause, cells in table.items():
@@ -215,9 +263,15 @@ def stop_row(e: Expected, cause: str, cells: list[Node], f: pd.DataFrame) -> Non
     cued, stop = f["warned_ms"] >= 0, f["response_ms"]
     expected = (
         count(n),
-        f"{number(took.median())} ms 95 % by {number(took.quantile(0.95))}, last {number(took.max())}",
+        (
+            f"{number(took.median())} ms 95 % by {number(took.quantile(0.95))}, last"
+            f" {number(took.max())}"
+        ),
         *(brief(k, n) for k in stop_motions(e, f)),
-        f"{number(off.median(), 2)} mm 95 % to {number(off.quantile(0.95), 2)}, most {number(off.max(), 2)}",
+        (
+            f"{number(off.median(), 2)} mm 95 % to {number(off.quantile(0.95), 2)}, most"
+            f" {number(off.max(), 2)}"
+        ),
         brief(e.count(cued & (f["warned_ms"] < stop)), n),
         brief(e.count(cued & (f["warned_ms"] >= stop)), n),
         brief(e.count(~cued), n),

@@ -21,7 +21,11 @@ def checks(e: Expected, html: Node) -> None:
         return
     text.says(f"Of {many(n, 'distinct fault')}, those in which each check tripped at all")
     text.says("Below each share: faults, and its 95 % interval (Wilson): the faults were drawn.")
-    does = {"stopped": "stops the robot", "flagged": "tells a person", "limited": "limits, tells nobody"}
+    does = {
+        "stopped": "stops the robot",
+        "flagged": "tells a person",
+        "limited": "limits, tells nobody",
+    }
     unit = {
         "overdrive_instant": " DAC counts",
         "overdrive_clip": " DAC counts",
@@ -37,7 +41,9 @@ def checks(e: Expected, html: Node) -> None:
         closest = f.loc[f["response"] == "silent", f"check_{name}_margin"].dropna().min()
         cell(cells[1], does[CHECKS[name]], name)
         cell(cells[2], brief(hits, n), name)
-        cell(cells[3], f"{number(closest)}{unit.get(name, '') if np.isfinite(closest) else ''}", name)
+        cell(
+            cells[3], f"{number(closest)}{unit.get(name, '') if np.isfinite(closest) else ''}", name
+        )
     assert tripped == sorted(tripped, reverse=True)
     responded = f[f["response"] != "silent"]
     if not len(responded):
@@ -60,7 +66,10 @@ def failures(e: Expected, html: Node) -> None:
     if not len(failed):
         text.says("None: every run gave a valid outcome.")
     else:
-        text.says(f"{count(len(failed))} of {many(len(e.all), 'run')} gave no valid outcome. They are in no rate.")
+        text.says(
+            f"{count(len(failed))} of {many(len(e.all), 'run')} gave no valid outcome. They are in"
+            " no rate."
+        )
         sizes = failed.groupby(failed["group"].astype(str)).size()
         table = rows(section.one("table"))
         assert [cells[1].words for cells in table] == sizes.index.tolist()

@@ -1,4 +1,6 @@
-"""How the page writes a rate, a span, a time: with the expected numbers in place, as `page_text` compares them."""
+"""How the page writes a rate, a span, a time: with the expected numbers in place, as `page_text`
+compares them.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def brief(k: int, n: int) -> str:
 
 def share(k: int, n: int, noun: str = "") -> str:
     """The same in a sentence."""
-    return f"{count(k)} of {many(n, noun) if noun else count(n)} ({percent(k / n)} %, {between(k, n)})"
+    return (
+        f"{count(k)} of {many(n, noun) if noun else count(n)} ({percent(k / n)} %, {between(k, n)})"
+    )
 
 
 def span(low: float, high: float) -> str:
@@ -76,7 +80,10 @@ def false_cues(e: Expected) -> str:
     """The sentence on cues in fault-free motion."""
     k, n = e.false_cues, len(e.motions)
     motions = many(n, "fault-free motion")
-    return f"Without any fault the {e.threshold} cue came in {count(k)} of {motions} ({between(k, n)})."
+    return (
+        f"Without any fault the {e.threshold} cue came in {count(k)} of {motions}"
+        f" ({between(k, n)})."
+    )
 
 
 def estimate(known: plain.Known) -> str:

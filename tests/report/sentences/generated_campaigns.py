@@ -1,7 +1,9 @@
-"""Campaigns as no simulation gives them: any limit, cues, arms, detectors, reactions, and golden runs that stray.
+"""Campaigns as no simulation gives them: any limit, cues, arms, detectors, reactions, and golden
+runs that stray.
 
-The tables hold to what every engine guarantees and to nothing else: before its first effect a fault changes nothing, a
-time is -1 or within the run, what told a person has a time. Hazard and verdict follow row by row.
+The tables hold to what every engine guarantees and to nothing else: before its first effect a fault
+changes nothing, a time is -1 or within the run, what told a person has a time. Hazard and verdict
+follow row by row.
 """
 
 from __future__ import annotations
@@ -73,7 +75,9 @@ class Campaign(NamedTuple):
 @st.composite
 def plans(draw: st.DrawFn) -> Plan:
     """Any plan of a small campaign."""
-    thresholds = draw(st.lists(st.sampled_from((0.7, 1.0, 2.345, 3.0, 4.5)), min_size=1, max_size=3, unique=True))
+    thresholds = draw(
+        st.lists(st.sampled_from((0.7, 1.0, 2.345, 3.0, 4.5)), min_size=1, max_size=3, unique=True)
+    )
     actions = draw(st.sampled_from(((), (), (0, 1), (0, 1, 3), (1,), (2,))))
     return Plan(
         seed=draw(st.integers(0, 10**6)),
@@ -142,7 +146,9 @@ DETECTORS = (
 )
 
 
-def _golden(random: np.random.Generator, plan: Plan, shape: schema.Shape, number: int) -> dict[str, Any]:
+def _golden(
+    random: np.random.Generator, plan: Plan, shape: schema.Shape, number: int
+) -> dict[str, Any]:
     """Outcomes of one golden run, by the names that they have beside a run."""
     strays = random.random() < plan.stray
     found: dict[str, Any] = {
@@ -156,7 +162,9 @@ def _golden(random: np.random.Generator, plan: Plan, shape: schema.Shape, number
         came = strays and random.random() < 0.6
         found[f"golden_cue{k}_first_ms"] = int(random.integers(0, plan.duration_ms)) if came else -1
     for d in range(plan.detectors):
-        found[f"golden_detector{d}_score"] = float(random.choice([0.2, 0.6, 1.7])) if strays else 0.2
+        found[f"golden_detector{d}_score"] = (
+            float(random.choice([0.2, 0.6, 1.7])) if strays else 0.2
+        )
     return found
 
 
@@ -178,7 +186,9 @@ def _runs(
             "fault0_duration_ms": int(random.choice([-1, 8, 64])),
             "param:plant.friction_scale": float(random.uniform(0.8, 1.2)),
         }
-        for number, (site, effect) in enumerate(BLOCKS[int(b)] for b in random.integers(0, len(BLOCKS), plan.faults))
+        for number, (site, effect) in enumerate(
+            BLOCKS[int(b)] for b in random.integers(0, len(BLOCKS), plan.faults)
+        )
     ]
     free = [
         {
@@ -189,18 +199,28 @@ def _runs(
         }
         for number in range(plan.free)
     ]
-    again = [dict(faults[i]) | {"seed": 8} for i in random.integers(0, max(1, plan.faults), plan.repeats) if faults]
+    again = [
+        dict(faults[i]) | {"seed": 8}
+        for i in random.integers(0, max(1, plan.faults), plan.repeats)
+        if faults
+    ]
     rows: list[dict[str, Any]] = []
     for given in [*faults, *free, *again]:
         own, pair = golden[int(random.integers(len(golden)))], len(rows)
-        for friction in (0.7, 1.4) if plan.crossed_robot else (given["param:plant.friction_scale"],):
+        for friction in (
+            (0.7, 1.4) if plan.crossed_robot else (given["param:plant.friction_scale"],)
+        ):
             for action in plan.actions or (0,):
                 row = _nothing(shape) | given | own | {"index": len(rows), "pair": pair}
                 row["run_id"] = f"{len(rows):016x}"
                 row["param:plant.friction_scale"] = friction
                 if plan.actions:
-                    unsaid = action and action == ["none", "release", "slow", "correct"].index(plan.usual)
-                    row["param:reaction.action"] = np.nan if unsaid and random.random() < 0.5 else float(action)
+                    unsaid = action and action == ["none", "release", "slow", "correct"].index(
+                        plan.usual
+                    )
+                    row["param:reaction.action"] = (
+                        np.nan if unsaid and random.random() < 0.5 else float(action)
+                    )
                 rows.append(row | _outcome(random, plan, row, action))
     return rows
 
@@ -218,12 +238,18 @@ def _nothing(shape: schema.Shape) -> dict[str, Any]:
     return row | {"seed": 7, "response": "silent", "response_ms": -1, "told_ms": -1}
 
 
-def _outcome(random: np.random.Generator, plan: Plan, row: dict[str, Any], action: int) -> dict[str, Any]:
+def _outcome(
+    random: np.random.Generator, plan: Plan, row: dict[str, Any], action: int
+) -> dict[str, Any]:
     """What became of one run."""
     end = plan.duration_ms
     faulty = row["fault0_site"] != ""
     golden_cues = [row[f"golden_cue{k}_first_ms"] for k in range(len(plan.thresholds))]
-    active = faulty and plan.fate != "nothing happens" and (plan.fate == "all evade" or random.random() < 0.9)
+    active = (
+        faulty
+        and plan.fate != "nothing happens"
+        and (plan.fate == "all evade" or random.random() < 0.9)
+    )
     onset = int(random.integers(100, 1600)) if active else -1
     found: dict[str, Any] = {
         "activated": active,
@@ -236,11 +262,17 @@ def _outcome(random: np.random.Generator, plan: Plan, row: dict[str, Any], actio
     if plan.fate == "all evade":
         found["failed"] = ""
     for check in CHECKS:
-        found[f"check_{check}_margin"] = float(random.choice([np.inf, np.nan, *random.normal(0, 900, 8).round(3)]))
+        found[f"check_{check}_margin"] = float(
+            random.choice([np.inf, np.nan, *random.normal(0, 900, 8).round(3)])
+        )
         if random.random() < 0.1:  # as in its golden run
             found |= {f"check_{check}_first_ms": 50, f"check_{check}_count": 2}
     for d, detector in enumerate(DETECTORS[: plan.detectors]):
-        score = float(random.choice([0.1, 0.7, 1.2, 2.5])) if active else row[f"golden_detector{d}_score"]
+        score = (
+            float(random.choice([0.1, 0.7, 1.2, 2.5]))
+            if active
+            else row[f"golden_detector{d}_score"]
+        )
         found[f"detector{d}_score"] = score
         for k, threshold in enumerate(detector.thresholds):
             found[f"detector{d}_threshold{k}_first_ms"] = (
@@ -258,7 +290,9 @@ def _outcome(random: np.random.Generator, plan: Plan, row: dict[str, Any], actio
     return found
 
 
-def _effects(random: np.random.Generator, plan: Plan, run: dict[str, Any], golden_cues: list[int]) -> dict[str, Any]:
+def _effects(
+    random: np.random.Generator, plan: Plan, run: dict[str, Any], golden_cues: list[int]
+) -> dict[str, Any]:
     """What the fault changed, from its first effect on."""
     onset, end = run["first_active_ms"], plan.duration_ms
     halted_ms = run["halted_ms"]
@@ -268,7 +302,11 @@ def _effects(random: np.random.Generator, plan: Plan, run: dict[str, Any], golde
         if random.random() >= share:
             return -1
         same = [ms for ms in like if ms >= onset]
-        return int(random.choice(same)) if same and random.random() < 0.25 else int(random.integers(onset, end))
+        return (
+            int(random.choice(same))
+            if same and random.random() < 0.25
+            else int(random.integers(onset, end))
+        )
 
     found: dict[str, Any] = {}
     motion = later(1.0 if plan.fate == "all evade" else 0.45)
@@ -276,14 +314,20 @@ def _effects(random: np.random.Generator, plan: Plan, run: dict[str, Any], golde
     found["loss_first_ms"] = later(0.2)
     found["false_report_first_ms"] = later(0.25)
     found["halted_ms"] = halted_ms + int(random.choice([0, 0, 150, 200, 201, 900]))
-    found["unintended_mm"] = round(float(random.uniform(1.01, 9) if motion >= 0 else 0.6) * plan.limit_mm, 2)
+    found["unintended_mm"] = round(
+        float(random.uniform(1.01, 9) if motion >= 0 else 0.6) * plan.limit_mm, 2
+    )
     found["unintended_off_mm"] = round(float(random.uniform(0, 8)), 2)
     found["tissue_depth_mm"] = round(float(random.uniform(0, 4)), 2)
     words = ["silent", "limited", "flagged", "stopped"]
-    shares = {"all evade": [0.5, 0.5, 0, 0], "all told": [0, 0, 0.5, 0.5]}.get(plan.fate, [0.35, 0.25, 0.2, 0.2])
+    shares = {"all evade": [0.5, 0.5, 0, 0], "all told": [0, 0, 0.5, 0.5]}.get(
+        plan.fate, [0.35, 0.25, 0.2, 0.2]
+    )
     response = str(random.choice(words, p=shares))
     response_ms = later(1.0, motion) if response != "silent" else -1
-    told_ms = {"flagged": response_ms, "stopped": int(random.choice([onset, response_ms]))}.get(response, -1)
+    told_ms = {"flagged": response_ms, "stopped": int(random.choice([onset, response_ms]))}.get(
+        response, -1
+    )
     found |= {"response": response, "response_ms": response_ms, "told_ms": told_ms}
     if response != "silent":
         check = str(random.choice([name for name, does in CHECKS.items() if does == response]))
@@ -293,7 +337,10 @@ def _effects(random: np.random.Generator, plan: Plan, run: dict[str, Any], golde
         if not 0 <= golden < onset:  # before its first effect a fault changes nothing
             found[f"cue{k}_first_ms"] = later(0.6, motion, told_ms, golden, response_ms)
         found[f"cue{k}_peak_force"] = round(float(random.uniform(0.001, 0.05)), 4)
-        found |= {f"cue{k}_ms": int(random.integers(1, 900)), f"cue{k}_count": int(random.integers(1, 5))}
+        found |= {
+            f"cue{k}_ms": int(random.integers(1, 900)),
+            f"cue{k}_count": int(random.integers(1, 5)),
+        }
     if random.random() < 0.08:  # as no engine of ours gives it
         found |= {"cue0_first_ms": onset - 1}
     for name in JUMPS:

@@ -26,8 +26,8 @@ def verdicts(e: Expected, html: Node) -> None:
         return
     text.says(f"{'Each of ' if n > 1 else ''}{many(n, 'distinct fault')} by what the checks did")
     text.says(
-        f"whether the {e.threshold} cue came. Each cell: share of all of them, count, 95 % interval "
-        "(Wilson) of faults drawn so."
+        f"whether the {e.threshold} cue came. Each cell: share of all of them, count, 95 % interval"
+        " (Wilson) of faults drawn so."
     )
     nobody, cued = untold(f), f["warned_ms"] >= 0
     evading = nobody & (f["hazard"] == "unintended motion")
@@ -44,33 +44,43 @@ def verdicts(e: Expected, html: Node) -> None:
     assert len(found) == len(tiles)
     for tile, (words, hits) in zip(found, tiles.items(), strict=True):
         k = e.count(hits)
-        cell(tile, f"{percent(k / n)} % {words} {count(k)} of {many(n, 'fault')} {between(k, n)}", "tile")
+        cell(
+            tile,
+            f"{percent(k / n)} % {words} {count(k)} of {many(n, 'fault')} {between(k, n)}",
+            "tile",
+        )
     matrix(section.one("table", "matrix"), f, "verdicts")
     if evading.any():
         text.says("Orange frame: the faults that evaded.")
     phantom = e.count(nobody & (f["hazard"] == "none") & cued)
     if phantom:
         text.says(
-            f"In {many(phantom, 'fault')} without a hazard, of which no check told anyone, the cue came all the same."
+            f"In {many(phantom, 'fault')} without a hazard, of which no check told anyone, the cue"
+            " came all the same."
         )
     late = e.count((f["response"] == "stopped") & (f["warned_ms"] >= f["response_ms"]))
     if late:
         text.says(
-            f"In {count(late)} stopped {'run' if late == 1 else 'runs'} the cue came only with the stop, or after it."
+            f"In {count(late)} stopped {'run' if late == 1 else 'runs'} the cue came only with the"
+            " stop, or after it."
         )
     every = e.all
     if e.repeats:
         text.says(
-            "Of a fault that was run several times the first valid run counts; "
-            f"{count(e.repeats)} further {'run is' if e.repeats == 1 else 'runs are'} in no rate here."
+            f"Of a fault that was run several times the first valid run counts; {count(e.repeats)}"
+            f" further {'run is' if e.repeats == 1 else 'runs are'} in no rate here."
         )
     failed = e.count(every["failed"])
     if failed:
-        text.says(f"{many(failed, 'run')} ended without a valid outcome and {are(failed)} in no rate; failures.")
+        text.says(
+            f"{many(failed, 'run')} ended without a valid outcome and {are(failed)} in no rate;"
+            " failures."
+        )
     reacting = e.count(~every["plain"])
     if reacting:
         text.says(
-            f"{many(reacting, 'run')} in which an operator reacts to the cue {are(reacting)} in no rate here; reaction."
+            f"{many(reacting, 'run')} in which an operator reacts to the cue {are(reacting)} in no"
+            " rate here; reaction."
         )
     if len(e.motions):
         text.says(false_cues(e))
@@ -85,10 +95,22 @@ def verdicts(e: Expected, html: Node) -> None:
     table = rows(list(section.all("table"))[1])
     for cells, (name, words) in zip(table, rules.items(), strict=True):
         jumped = f[f[name].astype(bool)]
-        moved, wrong = (e.count(jumped["hazard"] == word) for word in ("unintended motion", "false report"))
-        for node, expected in zip(cells, (words, brief(len(jumped), n), count(moved), count(wrong)), strict=True):
+        moved, wrong = (
+            e.count(jumped["hazard"] == word) for word in ("unintended motion", "false report")
+        )
+        for node, expected in zip(
+            cells, (words, brief(len(jumped), n), count(moved), count(wrong)), strict=True
+        ):
             cell(node, expected, name)
-    text.is_said("Orange", "phantom", "after the stop", "several times", "valid outcome", "reacts", "never changed")
+    text.is_said(
+        "Orange",
+        "phantom",
+        "after the stop",
+        "several times",
+        "valid outcome",
+        "reacts",
+        "never changed",
+    )
 
 
 def matrix(table: Node, f: pd.DataFrame, where: str) -> None:
@@ -99,7 +121,11 @@ def matrix(table: Node, f: pd.DataFrame, where: str) -> None:
         cell(cells[0], response, where)
         kinds = itertools.product(HAZARDS, (cued, ~cued))
         for node, (hazard, cue) in zip(cells[1:-1], kinds, strict=True):
-            cell(node, rate(int((mine & (f["hazard"] == hazard) & cue).sum()), n), f"{where} {response} {hazard}")
+            cell(
+                node,
+                rate(int((mine & (f["hazard"] == hazard) & cue).sum()), n),
+                f"{where} {response} {hazard}",
+            )
             bad = response in ("silent", "limited") and hazard == "unintended motion"
             framed = "bad" in (node.attributes.get("class") or "").split()
             assert framed == (bad and (mine & (f["hazard"] == hazard) & cue).any())
@@ -123,7 +149,9 @@ def groups(e: Expected, html: Node) -> None:
     """Outcomes and verdicts of each group."""
     section = html.one("section", "groups")
     text = prose(section, "groups")
-    text.says("Below each share: faults, and, where the group draws its faults, a 95 % interval (Wilson)")
+    text.says(
+        "Below each share: faults, and, where the group draws its faults, a 95 % interval (Wilson)"
+    )
     every = e.all
     parts = []
     for name in every["group"].astype(str).unique():
@@ -133,7 +161,9 @@ def groups(e: Expected, html: Node) -> None:
         parts.append((name, part, faulty, part[chosen]))
     parts.sort(key=lambda one: (not one[2], *largest_first(evades(one[3]))))
     table = rows(section.one("table", "groups"))
-    shares = [(cells[0].words.removesuffix(" no fault: its own golden run"), cells) for cells in table]
+    shares = [
+        (cells[0].words.removesuffix(" no fault: its own golden run"), cells) for cells in table
+    ]
     assert sorted(name for name, _ in shares) == sorted(name for name, *_ in parts)
     by_name = {name: rest for name, *rest in parts}
     order = [(not by_name[name][1], *largest_first(evades(by_name[name][2]))) for name, _ in shares]
@@ -154,16 +184,26 @@ def groups(e: Expected, html: Node) -> None:
             "limited": none & ~cued & (f["response"] == "limited"),
         }
         cell(cells[0], name + ("" if faulty else " no fault: its own golden run"), "groups")
-        cell(cells[1], count(n) + (f" {many(len(part), 'run')}" if len(part) != n else ""), f"faults of {name}")
+        cell(
+            cells[1],
+            count(n) + (f" {many(len(part), 'run')}" if len(part) != n else ""),
+            f"faults of {name}",
+        )
         for node, hits in zip(cells[3:-1], columns.values(), strict=True):
             cell(node, brief(int(hits.sum()), n), f"group {name}")
         cell(cells[-1], count(int(part["failed"].sum())), f"failed of {name}")
         columns["quiet"] = none & ~cued & (f["response"] == "silent")
-        label = Text((cells[2].one(name="bar").attributes["aria-label"] or "").replace("\u202f", " "), name)
+        label = Text(
+            (cells[2].one(name="bar").attributes["aria-label"] or "").replace("\u202f", " "), name
+        )
         for word, hits in columns.items():
             label.says(f"{word} {percent(hits.sum() / n)} %" if n else f"{word} {DASH}")
         matrix(table, f, f"group {name}")
-        cell(table.one("caption"), f"{name}, {many(n, 'fault' if faulty else 'run')}", f"table of {name}")
+        cell(
+            table.one("caption"),
+            f"{name}, {many(n, 'fault' if faulty else 'run')}",
+            f"table of {name}",
+        )
     if (~every["plain"]).any():
         text.says("the first valid run in which nobody reacts counts.")
     text.is_said("nobody reacts")

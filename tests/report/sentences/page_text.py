@@ -1,8 +1,9 @@
-"""A page as its reader has it: sections of sentences and tables, and numbers that are taken out one by one.
+"""A page as its reader has it: sections of sentences and tables, and numbers that are taken out one
+by one.
 
-A sentence is written as the page has it, with the expected numbers in place: `f"{count(3)} of {count(7)} faults"`. What
-the page prints must be the expected value as rounded there; what was found is taken out, so that in the end a digit
-that nobody expected is left over.
+A sentence is written as the page has it, with the expected numbers in place: `f"{count(3)} of
+{count(7)} faults"`. What the page prints must be the expected value as rounded there; what was
+found is taken out, so that in the end a digit that nobody expected is left over.
 """
 
 from __future__ import annotations
@@ -94,7 +95,10 @@ def parse(html: str) -> Node:
 
 def rows(table: Node) -> list[list[Node]]:
     """Cells of the rows of a table's body."""
-    return [[cell for cell in row.children if isinstance(cell, Node)] for row in table.one("tbody").all("tr")]
+    return [
+        [cell for cell in row.children if isinstance(cell, Node)]
+        for row in table.one("tbody").all("tr")
+    ]
 
 
 def count(value: int) -> str:
@@ -187,10 +191,14 @@ class Text:
         self.words = self.words[: right[0].start()] + " " + self.words[right[0].end() :]
 
     def is_said(self, *phrases: str) -> None:
-        """Nothing is left over: no digit, and none of these phrases, which only a claim may bring."""
+        """Nothing is left over: no digit, and none of these phrases, which only a claim may
+        bring.
+        """
         left = [phrase for phrase in phrases if phrase in self.words]
         assert not left, f"{self.where} says what it must not: {left} in: {self.words}"
-        assert not re.search(r"\d", self.words), f"{self.where} has a number that nobody expected: {self.words}"
+        assert not re.search(r"\d", self.words), (
+            f"{self.where} has a number that nobody expected: {self.words}"
+        )
 
 
 def cell(node: Node, expected: str, where: str) -> None:

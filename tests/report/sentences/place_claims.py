@@ -40,7 +40,10 @@ def maps(e: Expected, html: Node) -> None:
     every, unit = (e.faults, "faults") if faulty else (e.all[e.all["sample"]], "runs")
     drawn = list(section.all("div", "map"))
     if drawn:
-        text.says(f"Share of {unit}, in %, by what was injected or varied; k/n where fewer than 10 fell into a cell.")
+        text.says(
+            f"Share of {unit}, in %, by what was injected or varied; k/n where fewer than 10 fell"
+            " into a cell."
+        )
         text.says("Point at a cell for its counts, and its 95 % interval where faults were drawn.")
     if len(drawn) > 6:
         text.says(f"{count(len(drawn) - 6)} more maps, of less unintended motion")
@@ -67,8 +70,8 @@ def maps(e: Expected, html: Node) -> None:
         text.says(f"{name} ({count(len(part))} {unit}; {words})")
     if not drawn and not blank:
         text.says(
-            f"No map: each site and effect has fewer than {count(FEWEST_RUNS)} runs, or nothing that could be an axis "
-            "varies among them."
+            f"No map: each site and effect has fewer than {count(FEWEST_RUNS)} runs, or nothing"
+            " that could be an axis varies among them."
         )
     text.is_said()
 
@@ -145,7 +148,9 @@ def worst(e: Expected, html: Node) -> None:
             assert title not in tables
             continue
         shown = min(len(part), MOST_WORST)
-        more = f" the worst {count(shown)} of {count(len(part))} faults" if len(part) > shown else ""
+        more = (
+            f" the worst {count(shown)} of {count(len(part))} faults" if len(part) > shown else ""
+        )
         text.says(f"{title}{more}")
         far = sorted(part[column], reverse=True)[:shown]
         assert len(tables[title]) == shown

@@ -20,7 +20,10 @@ def wilson(k: int, n: int) -> Bounds:
     if not n:
         return math.nan, math.nan
     p, shrink = k / n, 1 + Z**2 / n
-    middle, half = (p + Z**2 / (2 * n)) / shrink, Z / shrink * math.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2))
+    middle, half = (
+        (p + Z**2 / (2 * n)) / shrink,
+        Z / shrink * math.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2)),
+    )
     return 0.0 if k == 0 else middle - half, 1.0 if k == n else middle + half
 
 
@@ -31,11 +34,11 @@ def poisson(count: int, hours: float) -> Known:
 
 
 def came_by(times: Sequence[int], came: Sequence[bool], share: Fraction) -> Known:
-    """When this share of runs had an event (Kaplan-Meier), and when the bounds of the curve reach it (Brookmeyer,
-    Crowley 1982); NaN where that is never.
+    """When this share of runs had an event (Kaplan-Meier), and when the bounds of the curve reach
+    it (Brookmeyer, Crowley 1982); NaN where that is never.
 
-    times: to the event where it came, else as long as the run was watched. Bounds are Greenwood's of log(-log), and
-    never fall; before the first event the upper one is that of the first.
+    times: to the event where it came, else as long as the run was watched. Bounds are Greenwood's
+    of log(-log), and never fall; before the first event the upper one is that of the first.
     """
     left, variance = Fraction(1), 0.0
     curve: list[tuple[int, Fraction, float, float]] = []
@@ -47,12 +50,20 @@ def came_by(times: Sequence[int], came: Sequence[bool], share: Fraction) -> Know
         if 0 < left < 1:
             variance += events / (risk * (risk - events))
             middle, half = math.log(-math.log(left)), Z * math.sqrt(variance) / abs(math.log(left))
-            low, high = 1 - math.exp(-math.exp(middle - half)), 1 - math.exp(-math.exp(middle + half))
+            low, high = (
+                1 - math.exp(-math.exp(middle - half)),
+                1 - math.exp(-math.exp(middle + half)),
+            )
         curve.append((ms, 1 - left, low, high))
     if not any(came):
         return math.nan, math.nan, math.nan
     rising = [
-        (ms, value, max(low for _, _, low, _ in curve[: i + 1]), min(high for *_, high in curve[i:]))
+        (
+            ms,
+            value,
+            max(low for _, _, low, _ in curve[: i + 1]),
+            min(high for *_, high in curve[i:]),
+        )
         for i, (ms, value, _, _) in enumerate(curve)
     ]
     value = next((ms for ms, reached, _, _ in rising if reached >= share), math.nan)
@@ -62,7 +73,9 @@ def came_by(times: Sequence[int], came: Sequence[bool], share: Fraction) -> Know
 
 
 def lead(lags: Sequence[int], came: Sequence[bool]) -> Known:
-    """Median of how long before the motion the alarm came, of lags alarm minus motion; negative: after it."""
+    """Median of how long before the motion the alarm came, of lags alarm minus motion; negative:
+    after it.
+    """
     value, low, high = came_by(lags, came, Fraction(1, 2))
     return -value, -high, -low
 
@@ -82,10 +95,14 @@ def mcnemar(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def further(p: float, n: int, half: float) -> int:
-    """How many more draws make the Wilson interval about a rate as narrow as +- half: by bisection."""
+    """How many more draws make the Wilson interval about a rate as narrow as +- half: by
+    bisection.
+    """
 
     def wide(m: int) -> bool:
-        return Z * math.sqrt(p * (1 - p) / m + (Z / (2 * m)) ** 2) / (1 + Z**2 / m) > half * (1 + 1e-12)
+        return Z * math.sqrt(p * (1 - p) / m + (Z / (2 * m)) ** 2) / (1 + Z**2 / m) > half * (
+            1 + 1e-12
+        )
 
     low, high = 1, 10**6
     while low < high:

@@ -29,9 +29,15 @@ def reaction(e: Expected, html: Node) -> None:
         parts += [(layer, both[both["layer"] == layer]) for layer in layers if len(layers) > 1]
         if e.plan.crossed_robot:
             values = both.groupby("pair")["param:plant.friction_scale"].nunique()
-            shown = sorted(both["param:plant.friction_scale"].unique()) if (values > 1).any() else []
+            shown = (
+                sorted(both["param:plant.friction_scale"].unique()) if (values > 1).any() else []
+            )
             parts += [
-                (f"plant.friction_scale = {number(v)}", both[both["param:plant.friction_scale"] == v]) for v in shown
+                (
+                    f"plant.friction_scale = {number(v)}",
+                    both[both["param:plant.friction_scale"] == v],
+                )
+                for v in shown
             ]
         lines += [(action, among, part) for among, part in parts]
         without, with_ = in_pairs(both)
@@ -44,7 +50,10 @@ def reaction(e: Expected, html: Node) -> None:
         text.says(f"Unintended motion: over {e.limit}, see definitions.")
         text.says("95 % intervals and p over faults that were drawn, all pairs of a fault together")
         if not e.leads(e.plan.verdict_cue):
-            text.says(f"The {e.threshold} cue is no warning of it, as both are distances from the nominal model")
+            text.says(
+                f"The {e.threshold} cue is no warning of it, as both are distances from the nominal"
+                " model"
+            )
         table = rows(section.one("table", "wide"))
         last = None
         for cells, (action, among, part) in zip(table, lines, strict=True):
@@ -52,7 +61,8 @@ def reaction(e: Expected, html: Node) -> None:
             last = action
     else:
         text.says(
-            "there is nothing to compare. Cross the reaction to get pairs: [cross] with reaction.action = [0, 1]."
+            "there is nothing to compare. Cross the reaction to get pairs: [cross] with"
+            " reaction.action = [0, 1]."
         )
     acting = sorted(set(e.all["action"]) - {0})
     if acting:
@@ -89,7 +99,9 @@ def pair_row(e: Expected, cells: list[Node], title: str, part: pd.DataFrame) -> 
 
 
 def one_each(part: pd.DataFrame) -> bool:
-    """Whether each pair is of another fault; where not, the library resamples faults, which has tests of its own."""
+    """Whether each pair is of another fault; where not, the library resamples faults, which has
+    tests of its own.
+    """
     return bool(part["distinct"].is_unique)
 
 
@@ -108,7 +120,9 @@ def share_of(hit: np.ndarray, part: pd.DataFrame) -> str:
         return brief(int(hit.sum()), len(hit))
     found = units.rate(hit, units.units(part["distinct"]))
     bounds = (
-        f"· {percent(found.low)}{DASH}{percent(found.high)} %" if found.low == found.low else f"of {count(len(hit))}"
+        f"· {percent(found.low)}{DASH}{percent(found.high)} %"
+        if found.low == found.low
+        else f"of {count(len(hit))}"
     )
     return f"{percent(found.value)} % {count(found.k)} {bounds}"
 

@@ -1,8 +1,9 @@
-"""Every number of every sentence of the report, recomputed from the raw table of campaigns that nobody simulated.
+"""Every number of every sentence of the report, recomputed from the raw table of campaigns that
+nobody simulated.
 
-Each section has a function that writes its sentences as they should be (`*_claims`), with numbers from plain pandas on
-the raw columns and the estimates of `plain_statistics`, and takes them out of the page. What is left over must hold no
-digit.
+Each section has a function that writes its sentences as they should be (`*_claims`), with numbers
+from plain pandas on the raw columns and the estimates of `plain_statistics`, and takes them out of
+the page. What is left over must hold no digit.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ made_environment = page._environment
 
 @pytest.fixture(scope="module", autouse=True)
 def cheap():
-    """Templates are compiled once; what is drawn, and what depends on the robot, is tested elsewhere."""
+    """Templates are compiled once; what is drawn, and what depends on the robot, is tested
+    elsewhere.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "_environment", environment)
         patch.setattr(dependence, "conclusions", lambda runs, robots: [])
@@ -93,7 +96,17 @@ SECTIONS: tuple[Callable[[Expected, Node], None], ...] = (
     )
 )
 @example(
-    Plan(6, faults=40, free=4, actions=(0, 1, 3), crossed_robot=True, repeats=6, motions=4, stray=1.0, usual="slow")
+    Plan(
+        6,
+        faults=40,
+        free=4,
+        actions=(0, 1, 3),
+        crossed_robot=True,
+        repeats=6,
+        motions=4,
+        stray=1.0,
+        usual="slow",
+    )
 )
 @example(Plan(7, faults=20, actions=(2,), usual="slow", limit_mm=0.5))
 @example(Plan(8, faults=40, fate="all evade", thresholds=(4.5, 0.7, 2.345), motions=4, stray=1.0))
@@ -117,7 +130,15 @@ def compare(plan):
 
 
 def test_no_sentence_knows_another_limit_or_threshold_than_the_campaigns():
-    plan = Plan(11, faults=40, limit_mm=4.25, thresholds=(5.5, 6.5), verdict_cue=1, detectors=2, actions=(0, 1))
+    plan = Plan(
+        11,
+        faults=40,
+        limit_mm=4.25,
+        thresholds=(5.5, 6.5),
+        verdict_cue=1,
+        detectors=2,
+        actions=(0, 1),
+    )
     body = rendered(generated_campaigns.made(plan)).one("body").without("table", "pre")
     found = set(re.findall(r"(\S+) mm\b(?! on average)", body.words))
     assert found == {"4.25", "6.5"}
@@ -125,7 +146,9 @@ def test_no_sentence_knows_another_limit_or_threshold_than_the_campaigns():
 
 def test_a_number_that_is_another_is_told_with_what_was_expected():
     text = Text("Of 5 distinct faults, 2 (40.0 %) evade. 7 runs failed.", "page")
-    with pytest.raises(AssertionError, match=r"says: 2 \(40.0 %\)\nexpected: \[n2\] \(\[p50.0\] %\)"):
+    with pytest.raises(
+        AssertionError, match=r"says: 2 \(40.0 %\)\nexpected: \[n2\] \(\[p50.0\] %\)"
+    ):
         text.says(f"{count(2)} ({percent(0.5)} %)")
     with pytest.raises(AssertionError, match="does not say: no such sentence"):
         text.says("no such sentence")
@@ -146,9 +169,15 @@ def test_the_terminal_counts_runs_with_a_fault(plan):
     words = mine["response"] + "/" + mine["hazard"] + "/" + np.where(mine["cued"], "cue", "no cue")
     sizes = words.value_counts()
     assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
-    assert [share for *_, share in told] == [f"{100 * int(runs) / len(mine):.1f} %" for _, runs, _ in told]
-    evading = mine[mine["response"].isin(["silent", "limited"]) & (mine["hazard"] == "unintended motion")]
+    assert [share for *_, share in told] == [
+        f"{100 * int(runs) / len(mine):.1f} %" for _, runs, _ in told
+    ]
+    evading = mine[
+        mine["response"].isin(["silent", "limited"]) & (mine["hazard"] == "unintended motion")
+    ]
     if len(mine):
         sentence = terminal.evading(counted, campaign.manifest.limit_mm)
         assert sentence.startswith(f"{len(evading) or 'None'} of {len(mine)} runs")
-        assert not len(evading) or sentence.endswith(f"The cue comes in {evading['cued'].sum()} of these.")
+        assert not len(evading) or sentence.endswith(
+            f"The cue comes in {evading['cued'].sum()} of these."
+        )

@@ -1,8 +1,10 @@
-"""A second writing of the Raven-II control loop in the original's manner: statics, arrays, its order of statements.
+"""A second writing of the Raven-II control loop in the original's manner: statics, arrays, its
+order of statements.
 
-Shares no code with the package. `float32` is what the original declares float; Python floats are its doubles. Eight
-slots per mechanism, slot 3 not connected. Written from the published sources' rules (raven2 src/raven; the 2015
-simulator fork where `fork`), kinematics by 4x4 matrices, no attempt at speed.
+Shares no code with the package. `float32` is what the original declares float; Python floats are
+its doubles. Eight slots per mechanism, slot 3 not connected. Written from the published sources'
+rules (raven2 src/raven; the 2015 simulator fork where `fork`), kinematics by 4x4 matrices, no
+attempt at speed.
 """
 
 from __future__ import annotations
@@ -44,8 +46,18 @@ C01, C02, C12 = float32(0.14545), float32(0.0077973826), float32(0.008077387)
 PI_F = float32(math.pi)
 MS = float32(0.001)
 
-STYLE = {"r_grasper": "raven", "r_grasper_A": "raven", "r_grasper_B": "raven", "r_sq_grasper": "square"}
-KAPPA = {"large_needle": 0.5, "micro_forceps": 0.5, "bipolar_forceps": 0.64, "cardiere_forceps": 0.7}
+STYLE = {
+    "r_grasper": "raven",
+    "r_grasper_A": "raven",
+    "r_grasper_B": "raven",
+    "r_sq_grasper": "square",
+}
+KAPPA = {
+    "large_needle": 0.5,
+    "micro_forceps": 0.5,
+    "bipolar_forceps": 0.64,
+    "cardiere_forceps": 0.7,
+}
 LIMITS = {  # roll, wrist, jaw 1 (deg)
     "r_grasper": (182, 70, 105),
     "r_grasper_B": (182, 75, 85),
@@ -58,7 +70,10 @@ LIMITS = {  # roll, wrist, jaw 1 (deg)
 def c_int(x) -> int:
     """(int)x on x86."""
     x = float(x)
-    if x != x or not -2147483648.0 <= math.trunc(x if abs(x) != math.inf else 1e300) <= 2147483647.0:
+    if (
+        x != x
+        or not -2147483648.0 <= math.trunc(x if abs(x) != math.inf else 1e300) <= 2147483647.0
+    ):
         return -2147483648
     return math.trunc(x)
 
@@ -77,7 +92,9 @@ class Joint:
         self.enc_val = 0
         self.enc_offset = 0
         self.mpos = self.mvel = self.jpos = self.jvel = float32(0)
-        self.mpos_d = self.mvel_d = self.jpos_d = self.tau_d = self.tau_g = self.integral = float32(0)
+        self.mpos_d = self.mvel_d = self.jpos_d = self.tau_d = self.tau_g = self.integral = float32(
+            0
+        )
         self.current_cmd = 0
         self.history = None
         positioning = kind <= ZI
@@ -92,7 +109,9 @@ class Joint:
         self.tau_per_amp = float32(torque * gear * self.tau_sign)
         self.dac_per_amp = float32(dac)
         jaw = kind in (G1, G2)
-        self.kp = float32([0.3, 0.3, 0.15, 0, 0.09, 0.05, 0.05, 0.05][kind] if not (fork and jaw) else 0.02)
+        self.kp = float32(
+            [0.3, 0.3, 0.15, 0, 0.09, 0.05, 0.05, 0.05][kind] if not (fork and jaw) else 0.02
+        )
         self.kd = float32([0.008, 0.008, 0.012 if arm == GOLD else 0.01, 0, 0.001, 0, 0, 0][kind])
         self.ki = float32(0.0 if positioning or (fork and jaw) else 0.05)
 
@@ -107,7 +126,9 @@ class Mechanism:
         self.grasp = self.grasp_d = 0
         self.pins = 0
         style = STYLE.get(tool, "dv")
-        self.s = {"raven": 1, "dv": -1, "square": -1}[style] * (1 if arm == GOLD or style == "square" else -1)
+        self.s = {"raven": 1, "dv": -1, "square": -1}[style] * (
+            1 if arm == GOLD or style == "square" else -1
+        )
         self.s6 = self.s if fork else -self.s
         self.kappa = float32(KAPPA.get(tool, 0.0))
 
@@ -129,7 +150,17 @@ DAC_MAX = {
 class Loop:
     """The process: `network(datagram)` as packets arrive, `cycle(...)` once a millisecond."""
 
-    def __init__(self, arms, tools, fork=False, policy=1, level="moderate", plc=True, runlevel=0, absolute=False):
+    def __init__(
+        self,
+        arms,
+        tools,
+        fork=False,
+        policy=1,
+        level="moderate",
+        plc=True,
+        runlevel=0,
+        absolute=False,
+    ):
         self.fork, self.policy, self.plc, self.absolute = fork, policy, plc, absolute
         self.mech = [Mechanism(arm, tool, fork) for arm, tool in zip(arms, tools, strict=True)]
         self.dac_max = DAC_MAX["fork" if fork else level]
@@ -236,7 +267,11 @@ class Loop:
             self.is_updated = False
             if self.runlevel == 3:
                 for i, m in enumerate(self.mech):
-                    m.pos_d, m.R_d, m.grasp_d = list(self.x_acc[i]), self.r_acc[i], self.grasp_acc[i]
+                    m.pos_d, m.R_d, m.grasp_d = (
+                        list(self.x_acc[i]),
+                        self.r_acc[i],
+                        self.grasp_acc[i],
+                    )
         if self.plc:
             for m in self.mech:
                 for j in m.joint:
@@ -309,7 +344,9 @@ class Loop:
             j.history = [[angle, *x[:2]], y]
             return
         new = angle * float32(0.02864)
-        for gain, old in zip((0.08591, 0.08591, 0.02864, 1.5189, -0.96, 0.2120), (*x, *y), strict=True):
+        for gain, old in zip(
+            (0.08591, 0.08591, 0.02864, 1.5189, -0.96, 0.2120), (*x, *y), strict=True
+        ):
             new = new + old * float32(gain)
         j.mpos, j.mvel = new, (new - y[0]) / MS
         j.history = [[angle, *x[:2]], [new, *y[:2]]]
@@ -389,7 +426,10 @@ class Loop:
         parts = links(m.arm, joint_to_theta(m.arm, m.six()))
         mass = (0.494, 0.750, 0.231)
         sign = 1.0 if gold else -1.0
-        com1, com2 = [sign * 0.0065, sign * 0.09775, -sign * 0.13771], [-0.002, -0.18274, -sign * 0.23053]
+        com1, com2 = (
+            [sign * 0.0065, sign * 0.09775, -sign * 0.13771],
+            [-0.002, -0.18274, -sign * 0.23053],
+        )
         g = [-float(float32(9.8)), 0.0, 0.0]
         gs = []
         for r, _ in parts[:3]:
@@ -401,8 +441,14 @@ class Loop:
         def about_z(com, g):
             return com[0] * g[1] - com[1] * g[0]
 
-        t1 = -sum(about_z(c, [w * x for x in gs[0]]) for c, w in zip((com1, com2_1, com3_1), mass, strict=True))
-        t2 = -sum(about_z(c, [w * x for x in gs[1]]) for c, w in zip((com2, com3_2), mass[1:], strict=True))
+        t1 = -sum(
+            about_z(c, [w * x for x in gs[0]])
+            for c, w in zip((com1, com2_1, com3_1), mass, strict=True)
+        )
+        t2 = -sum(
+            about_z(c, [w * x for x in gs[1]])
+            for c, w in zip((com2, com3_2), mass[1:], strict=True)
+        )
         f3 = -mass[2] * gs[2][2]
         for k, effort in zip((SH, EL, ZI), (t1, t2, f3), strict=True):
             m.joint[k].tau_g = float32(effort / float(TR[k]) * GP42)

@@ -1,4 +1,5 @@
-"""Kinematics and quaternions in the original's manner: 4x4 matrices, eight solutions one by one, ROS tf's formulas.
+"""Kinematics and quaternions in the original's manner: 4x4 matrices, eight solutions one by one,
+ROS tf's formulas.
 
 Shares no code with the package; see `oracle_control_software`.
 """
@@ -18,7 +19,10 @@ GM1, GM2, GM3, GM4 = math.sin(LA12), math.cos(LA12), math.sin(LA23), math.cos(LA
 
 def multiply(a, b):
     (ra, _), (rb, pb) = a, b
-    r = [[ra[i][0] * rb[0][j] + ra[i][1] * rb[1][j] + ra[i][2] * rb[2][j] for j in range(3)] for i in range(3)]
+    r = [
+        [ra[i][0] * rb[0][j] + ra[i][1] * rb[1][j] + ra[i][2] * rb[2][j] for j in range(3)]
+        for i in range(3)
+    ]
     return r, apply(a, pb)
 
 
@@ -78,7 +82,10 @@ def chain(parts):
     return t
 
 
-OFFSETS = {GOLD: [205 * DEG, 180 * DEG, 0.0, 0.0, -90 * DEG, 0.0], GREEN: [25 * DEG, 0.0, 0.0, 0.0, -90 * DEG, 0.0]}
+OFFSETS = {
+    GOLD: [205 * DEG, 180 * DEG, 0.0, 0.0, -90 * DEG, 0.0],
+    GREEN: [25 * DEG, 0.0, 0.0, 0.0, -90 * DEG, 0.0],
+}
 
 
 def wrap_pi(x):
@@ -104,7 +111,9 @@ def forward(arm, js):
 
 def divide(a, b):
     if b == 0.0:
-        return math.nan if a == 0.0 or a != a else math.copysign(math.inf, a) * math.copysign(1.0, b)
+        return (
+            math.nan if a == 0.0 or a != a else math.copysign(math.inf, a) * math.copysign(1.0, b)
+        )
     return a / b
 
 

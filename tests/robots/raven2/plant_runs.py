@@ -26,13 +26,17 @@ def setup(arm: str = "gold", precision=REFERENCE, **other) -> RavenSetup:
 
 @cache
 def stepper(setup_: RavenSetup):
-    """A compiled scan over DAC rows; parameters and initial state are traced, so one compile serves all tests."""
+    """A compiled scan over DAC rows; parameters and initial state are traced, so one compile
+    serves all tests.
+    """
     arm = setup_.arms[0]
 
     def tick(carry, row):
         params, state, brakes, scales = carry
         command = Vec(row[i] for i in range(N))
-        state, out = robot.step(setup_, arm, params, state, robot.PlantSignal(command, brakes, *scales))
+        state, out = robot.step(
+            setup_, arm, params, state, robot.PlantSignal(command, brakes, *scales)
+        )
         return (params, state, brakes, scales), out
 
     @quickly.jit
@@ -59,7 +63,9 @@ def simulate(setup_, commands, params=None, jpos0=HOME_JPOS, brakes=0, state=Non
     found = []
     assert len(commands) % CHUNK == 0
     for rows in np.split(np.asarray(commands, np.int32), len(commands) // CHUNK):
-        state, out = stepper(setup_)(params, state, jnp.int32(brakes), jax.tree.map(as_real, given), rows)
+        state, out = stepper(setup_)(
+            params, state, jnp.int32(brakes), jax.tree.map(as_real, given), rows
+        )
         found.append(jax.tree.map(np.asarray, out))
     return state, jax.tree.map(lambda *parts: np.concatenate(parts), *found)
 
@@ -76,12 +82,18 @@ def swings() -> np.ndarray:
     """0.2 s of DAC rows that swing every motor, each in its own time."""
     pattern = np.array([1500, -1500, 1500, 800, -800, 800, -800])
     ticks = np.arange(200)[:, None]
-    return (pattern * np.sin(2 * np.pi * ticks / np.array([200, 160, 120, 90, 80, 100, 70]))).astype(np.int32)
+    return (
+        pattern * np.sin(2 * np.pi * ticks / np.array([200, 160, 120, 90, 80, 100, 70]))
+    ).astype(np.int32)
 
 
 def weightless(params: robot.PlantParams) -> robot.PlantParams:
     """No gravity and no bias: nothing moves by itself."""
-    return replace(params, gravity=Vec((0.0, 0.0, 0.0)), actuators=replace(params.actuators, bias=Vec.full(N, 0.0)))
+    return replace(
+        params,
+        gravity=Vec((0.0, 0.0, 0.0)),
+        actuators=replace(params.actuators, bias=Vec.full(N, 0.0)),
+    )
 
 
 def frictionless(params: robot.PlantParams) -> robot.PlantParams:
@@ -89,7 +101,9 @@ def frictionless(params: robot.PlantParams) -> robot.PlantParams:
 
 
 def energy(one: RavenSetup, params: robot.PlantParams, out) -> np.ndarray:
-    """Kinetic energy of links and motors and elastic energy of cables (J), in the equation's own metric."""
+    """Kinetic energy of links and motors and elastic energy of cables (J), in the equation's own
+    metric.
+    """
     motor, arm = params.actuators, np.array(cables.ARMS_M)
 
     @jax.jit
@@ -101,5 +115,7 @@ def energy(one: RavenSetup, params: robot.PlantParams, out) -> np.ndarray:
     links = of_links(columns(out.jpos), columns(out.jvel))
     share = np.array(motor.inertia) / np.array(motor.reaction_scale)
     motors = 0.5 * (columns(out.mvel) ** 2 * share).sum(axis=1)
-    springs = (2 * np.array(params.cable_stiffness) * (np.cosh(arm * columns(out.stretch)) - 1)).sum(axis=1)
+    springs = (
+        2 * np.array(params.cable_stiffness) * (np.cosh(arm * columns(out.stretch)) - 1)
+    ).sum(axis=1)
     return np.asarray(links) + motors + springs

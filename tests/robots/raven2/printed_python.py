@@ -1,4 +1,6 @@
-"""Stages of the control software as the package's printed Python: in milliseconds what XLA compiles for seconds."""
+"""Stages of the control software as the package's printed Python: in milliseconds what XLA
+compiles for seconds.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from ravenjax.engines.cpu import python
 
 
 def printed(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function` of trees of single numbers, traced and printed once for each structure and width of its arguments."""
+    """`function` of trees of single numbers, traced and printed once for each structure and
+    width of its arguments.
+    """
     kept: dict[Any, Any] = {}
 
     def call(*arguments: Any) -> Any:

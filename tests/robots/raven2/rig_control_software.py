@@ -1,6 +1,8 @@
-"""A rough rig around the control software: motors that obey its DACs, a misbehaving PLC, a console that loses packets.
+"""A rough rig around the control software: motors that obey its DACs, a misbehaving PLC, a console
+that loses packets.
 
-Independent of the package. Everything is drawn from one seed, so two programs can be driven side by side.
+Independent of the package. Everything is drawn from one seed, so two programs can be driven side by
+side.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ def datagram(sequence, moves, quats, grasps, surgeon_mode):
     """124 bytes; two entries each, gold first."""
     columns = [int(m[k]) for k in range(3) for m in moves]
     turns = [q[k] for k in range(4) for q in quats]
-    return struct.pack("<3I6i8d6i", sequence % 2**32, 0, 0, *columns, *turns, 0, 0, *grasps, surgeon_mode, 0)
+    return struct.pack(
+        "<3I6i8d6i", sequence % 2**32, 0, 0, *columns, *turns, 0, 0, *grasps, surgeon_mode, 0
+    )
 
 
 class Console:
@@ -64,7 +68,10 @@ class Console:
         quats = []
         for spin in self.spin:
             size = rng.choice((1.0, 1.0, 1.0, 0.97, 2.5))
-            quats.append([size * s / 2 for s in spin] + [size * math.sqrt(max(0.0, 1 - sum(s * s for s in spin) / 4))])
+            quats.append(
+                [size * s / 2 for s in spin]
+                + [size * math.sqrt(max(0.0, 1 - sum(s * s for s in spin) / 4))]
+            )
         grasps = [rng.choice((0, 0, 0, 5, -5, 40, -40)) for _ in range(2)]
         data = datagram(self.sequence, self.velocity, quats, grasps, self.mode)
         self.sent.append(data)
@@ -89,7 +96,9 @@ class Console:
         if draw < 0.0283:
             return [datagram(self.sequence, self.velocity, [[0.0] * 4] * 2, grasps, self.mode)]
         if draw < 0.0288:
-            self.sequence = rng.choice((0, 5, self.sequence + 3, self.sequence - 1500, 2**31 + 7, 2**32 - 2))
+            self.sequence = rng.choice(
+                (0, 5, self.sequence + 3, self.sequence - 1500, 2**31 + 7, 2**32 - 2)
+            )
         return [data]
 
 
@@ -106,7 +115,11 @@ class Plc:
         if not self.plan:
             draw = rng.random()
             if draw < 0.35:
-                self.plan = [(0, rng.randrange(3, 40)), (1, rng.randrange(2, 30)), (2, rng.randrange(3, 30))]
+                self.plan = [
+                    (0, rng.randrange(3, 40)),
+                    (1, rng.randrange(2, 30)),
+                    (2, rng.randrange(3, 30)),
+                ]
             elif draw < 0.5:
                 self.plan = [(1, rng.randrange(3, 40))]
             elif draw < 0.75:
@@ -119,4 +132,7 @@ class Plc:
         if rng.random() < 0.01:
             level = rng.randrange(4)
         byte = level << 6
-        return [byte | rng.randrange(64) if rng.random() > 0.002 else rng.randrange(256) for _ in range(self.boards)]
+        return [
+            byte | rng.randrange(64) if rng.random() > 0.002 else rng.randrange(256)
+            for _ in range(self.boards)
+        ]

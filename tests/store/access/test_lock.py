@@ -28,7 +28,9 @@ with lock.held(pathlib.Path(sys.argv[1])):
 
 @pytest.fixture
 def holder(tmp_path):
-    process = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None and process.stdout.readline() == "held\n"
     yield process
     process.kill()
@@ -38,7 +40,10 @@ def holder(tmp_path):
 def test_the_second_is_told_who_holds_it_and_since_when(tmp_path, holder):
     before = (tmp_path / ".lock").read_bytes()
     who = f"process {holder.pid} on {socket.gethostname()}, since {json.loads(before)['since']}"
-    with pytest.raises(StoreError, match=re.escape(f"{tmp_path}: is being written by {who}.")), lock.held(tmp_path):
+    with (
+        pytest.raises(StoreError, match=re.escape(f"{tmp_path}: is being written by {who}.")),
+        lock.held(tmp_path),
+    ):
         pytest.fail("held twice")
     assert (tmp_path / ".lock").read_bytes() == before
 
@@ -46,14 +51,20 @@ def test_the_second_is_told_who_holds_it_and_since_when(tmp_path, holder):
 def test_the_lock_of_a_killed_process_does_not_block(tmp_path, holder):
     holder.send_signal(signal.SIGKILL)
     holder.wait()
-    assert json.loads((tmp_path / ".lock").read_text())["pid"] == holder.pid, "what it wrote is still there"
+    assert json.loads((tmp_path / ".lock").read_text())["pid"] == holder.pid, (
+        "what it wrote is still there"
+    )
     with lock.held(tmp_path):
         assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
     assert (tmp_path / ".lock").read_text() == ""
 
 
 def test_held_twice_in_one_process_is_refused_too_and_free_after_an_error(tmp_path):
-    with pytest.raises(StoreError, match=f"process {os.getpid()} on"), lock.held(tmp_path), lock.held(tmp_path):
+    with (
+        pytest.raises(StoreError, match=f"process {os.getpid()} on"),
+        lock.held(tmp_path),
+        lock.held(tmp_path),
+    ):
         pytest.fail("held twice")
     with lock.held(tmp_path):
         pass

@@ -1,4 +1,6 @@
-"""Shards joined: the table of one folder, whatever the cuts and the order; what does not fit is named."""
+"""Shards joined: the table of one folder, whatever the cuts and the order; what does not fit is
+named.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,10 @@ def whole(tmp_path_factory):
 
 
 def two(tmp_path, **changes):
-    return [shard(tmp_path / "a", [(0, 30), (60, 120)]), shard(tmp_path / "b", [(30, 60)], **changes)]
+    return [
+        shard(tmp_path / "a", [(0, 30), (60, 120)]),
+        shard(tmp_path / "b", [(30, 60)], **changes),
+    ]
 
 
 def content(folder):
@@ -56,7 +61,8 @@ def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, dat
     with tempfile.TemporaryDirectory() as place:
         root = Path(place)
         shards = {
-            n: shard(root / str(n), [r for r, o in zip(ranges, owner, strict=True) if o == n]) for n in set(owner)
+            n: shard(root / str(n), [r for r, o in zip(ranges, owner, strict=True) if o == n])
+            for n in set(owner)
         }
         done = merging.merge(root / "out", [shards[n] for n in order])
         assert done.missing == [] and done.linked == len(ranges)
@@ -94,7 +100,9 @@ def test_where_links_are_not_possible_parts_are_copied(tmp_path, monkeypatch, wh
 
 def test_missing_rows_are_named_unless_a_part_of_the_table_will_do(tmp_path):
     a, b = two(tmp_path)
-    with pytest.raises(StoreError, match=r"120 runs; no shard holds 30 of them: rows 30 to 59\..*--partial"):
+    with pytest.raises(
+        StoreError, match=r"120 runs; no shard holds 30 of them: rows 30 to 59\..*--partial"
+    ):
         merging.merge(tmp_path / "out", [a])
     assert not (tmp_path / "out").exists()
     done = merging.merge(tmp_path / "out", [a], partial=True)
@@ -136,7 +144,8 @@ def test_overlapping_rows_are_named(tmp_path):
     a, b = two(tmp_path)
     other = shard(tmp_path / "c", [(25, 40)])
     with pytest.raises(
-        StoreError, match=r"part-000000000-000000029.*part-000000025-000000039.* both hold row 25 to 29"
+        StoreError,
+        match=r"part-000000000-000000029.*part-000000025-000000039.* both hold row 25 to 29",
     ):
         merging.merge(tmp_path / "out", [a, b, other])
     assert not (tmp_path / "out").exists()
@@ -145,7 +154,10 @@ def test_overlapping_rows_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"config": {"duration_s": 4.0}, "config_hash": "0"}, "config.duration_s: 3.0 here, 4.0 there"),
+        (
+            {"config": {"duration_s": 4.0}, "config_hash": "0"},
+            "config.duration_s: 3.0 here, 4.0 there",
+        ),
         ({"code_hash": "f" * 64}, "code: "),
         ({"engine": "simd"}, 'engine: "xla" here, "simd" there'),
         ({"versions": {"jax": "0.1"}}, "versions.jax: "),
@@ -189,7 +201,9 @@ def test_a_folder_with_foreign_parts_and_one_without_shards(tmp_path):
     shards = two(tmp_path)
     shard(tmp_path / "out", [(10, 20)])
     (tmp_path / "out" / "manifest.json").unlink()
-    with pytest.raises(StoreError, match=r"part-000000010-000000019.parquet: is in the folder to merge into"):
+    with pytest.raises(
+        StoreError, match=r"part-000000010-000000019.parquet: is in the folder to merge into"
+    ):
         merging.merge(tmp_path / "out", shards)
     with pytest.raises(StoreError, match="nothing to merge"):
         merging.merge(tmp_path / "out", [])

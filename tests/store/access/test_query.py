@@ -1,4 +1,6 @@
-"""A folder as a relation: the same table however it is cut, only what the manifest names, nothing left behind."""
+"""A folder as a relation: the same table however it is cut, only what the manifest names,
+nothing left behind.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +38,16 @@ def test_the_relation_is_the_table_whatever_the_parts(chunk):
         folder = fill(Path(place) / "results", chunk)
         with query.open_folder(folder) as table:
             found = table.frame('SELECT * EXCLUDE row FROM results ORDER BY "index"')
-            assert table.row('SELECT count(*), bool_and(row = "index") FROM results') == (RUNS, True)
+            assert table.row('SELECT count(*), bool_and(row = "index") FROM results') == (
+                RUNS,
+                True,
+            )
         whole = read_all(folder)
         for name in whole:
             assert found[name].astype(str).tolist() == whole[name].astype(str).tolist(), name
-        assert sorted(path.name for path in folder.iterdir() if path.name.startswith(".query")) == []
+        assert (
+            sorted(path.name for path in folder.iterdir() if path.name.startswith(".query")) == []
+        )
 
 
 @pytest.mark.parametrize("name", ["with space", "a[1]b", "what?*", "quote's", 'say "x"'])
@@ -52,7 +59,9 @@ def test_any_path_will_do(tmp_path, name):
 def test_parts_that_nobody_recorded_are_not_read(tmp_path):
     fill(tmp_path, 40)
     record = manifests.read(tmp_path)
-    manifests.write(tmp_path, record.model_copy(update={"parts": record.parts[:1], "finished": None}))
+    manifests.write(
+        tmp_path, record.model_copy(update={"parts": record.parts[:1], "finished": None})
+    )
     with query.open_folder(tmp_path) as table:
         assert table.row("SELECT count(*) FROM results") == (40,)
 
@@ -66,7 +75,9 @@ def test_damage_and_other_versions_are_refused_before_a_query(tmp_path, monkeypa
         query.open_folder(tmp_path)
     path.write_bytes(content)
     text = (tmp_path / "manifest.json").read_text()
-    newer = text.replace(f'"schema_version": {schema.VERSION}', f'"schema_version": {schema.VERSION + 1}')
+    newer = text.replace(
+        f'"schema_version": {schema.VERSION}', f'"schema_version": {schema.VERSION + 1}'
+    )
     (tmp_path / "manifest.json").write_text(newer)
     with pytest.raises(StoreError, match=r"manifest.json: has result schema .*upgrade ravenjax"):
         query.open_folder(tmp_path)
@@ -76,7 +87,8 @@ def test_damage_and_other_versions_are_refused_before_a_query(tmp_path, monkeypa
     monkeypatch.setattr(query.manifests, "read", lambda _: record)
     monkeypatch.setattr(schema, "VERSION", known)
     with pytest.raises(
-        StoreError, match=rf"parquet: has result schema {written}; this ravenjax reads {known}.*upgrade"
+        StoreError,
+        match=rf"parquet: has result schema {written}; this ravenjax reads {known}.*upgrade",
     ):
         query.open_folder(tmp_path)
 
@@ -98,7 +110,10 @@ def test_what_does_not_fit_in_memory_is_spilled_and_what_cannot_be_is_told(tmp_p
         table.run("CREATE TABLE long AS SELECT i, hash(i) AS h FROM range(6000000) AS made(i)")
         assert table.row("SELECT count(*) FROM (SELECT h FROM long ORDER BY h)") == (6_000_000,)
     assert list(tmp_path.iterdir()) == []
-    with query.empty(tmp_path, memory_mb=40) as table, pytest.raises(StoreError, match="RAVENJAX_QUERY_MB=4000"):
+    with (
+        query.empty(tmp_path, memory_mb=40) as table,
+        pytest.raises(StoreError, match="RAVENJAX_QUERY_MB=4000"),
+    ):
         table.row("SELECT len(list(hash(i))) FROM range(20000000) AS made(i)")
 
 
@@ -135,4 +150,6 @@ def test_words_of_sql():
     with query.empty() as table:
         table.run(f"CREATE TABLE made ({query.quoted(name)} {query.enum([word, 'x'])})")
         table.run(f"INSERT INTO made VALUES ({query.text(word)})")
-        assert table.types("made") == {name: "ENUM('it''s', 'x')"} and table.row("SELECT * FROM made") == (word,)
+        assert table.types("made") == {name: "ENUM('it''s', 'x')"} and table.row(
+            "SELECT * FROM made"
+        ) == (word,)

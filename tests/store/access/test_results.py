@@ -41,7 +41,9 @@ def test_folder_and_memory_hold_the_same_table(in_memory, in_folder):
 
 def test_verdicts_are_counted_over_the_faulty_runs(in_memory, in_folder):
     faulty = FRAME[FRAME["fault0_site"] != ""]
-    naive = {verdict: faulty["verdict"].tolist().count(verdict) for verdict in set(faulty["verdict"])}
+    naive = {
+        verdict: faulty["verdict"].tolist().count(verdict) for verdict in set(faulty["verdict"])
+    }
     assert in_memory.verdicts() == in_folder.verdicts() == naive
     counts = list(in_memory.verdicts().values())
     assert counts == sorted(counts, reverse=True)

@@ -62,11 +62,20 @@ def test_what_is_not_finished_does_not_count_yet(tmp_path):
     ("changes", "why"),
     [
         ({"config": config(operator={"seed": 1})}, "the same motion"),
-        ({"config": config(operator={"scale": 0.2})}, "operator.scale: 0.2 here, 0.1 in the campaign"),
-        ({"config": config(parameters={"plant.friction_scale": [1.4]})}, "[1.4] here, [1.0] in the campaign"),
+        (
+            {"config": config(operator={"scale": 0.2})},
+            "operator.scale: 0.2 here, 0.1 in the campaign",
+        ),
+        (
+            {"config": config(parameters={"plant.friction_scale": [1.4]})},
+            "[1.4] here, [1.0] in the campaign",
+        ),
         ({"config": config(campaign={"arms": ["green"]})}, 'campaign.arms: ["green"] here'),
         ({"code_hash": "f" * 64}, "computed by another version of the code, ffffffffffffffff"),
-        ({"cues": synthetic.CUES[:-1] + (CueRecord(threshold_mm=9, kp_per_mm=0.1),)}, "has other cues"),
+        (
+            {"cues": synthetic.CUES[:-1] + (CueRecord(threshold_mm=9, kp_per_mm=0.1),)},
+            "has other cues",
+        ),
         ({"detectors": synthetic.DETECTORS[:1] * 2}, "has other detectors"),
     ],
 )
@@ -83,7 +92,9 @@ def test_one_motion_counts_once(tmp_path):
     put(tmp_path, "a")
     put(tmp_path, "b", config=config(campaign={"duration_s": 60.0}))
     companions = fault_free.find(tmp_path, CAMPAIGN)
-    assert [one.path.name for one in companions.motions] == ["a"] and companions.excluded == ("b: the same motion",)
+    assert [one.path.name for one in companions.motions] == ["a"] and companions.excluded == (
+        "b: the same motion",
+    )
 
 
 def test_with_noise_the_seed_makes_another_motion():

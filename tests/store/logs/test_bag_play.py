@@ -13,7 +13,11 @@ from test_bag_writing import DEBIANS_PYTHON, session  # noqa: F401 - a fixture
 
 from ravenjax.store.logs import bag_writing
 
-MASTER, PLAY, ROSPY = Path("/usr/bin/rosmaster"), Path("/usr/bin/rosbag"), Path("/usr/lib/python3/dist-packages/rospy")
+MASTER, PLAY, ROSPY = (
+    Path("/usr/bin/rosmaster"),
+    Path("/usr/bin/rosbag"),
+    Path("/usr/lib/python3/dist-packages/rospy"),
+)
 HEAR = """
 import json, sys, time, rospy
 counts = {}
@@ -32,24 +36,42 @@ print(json.dumps(counts))
 
 
 @pytest.mark.slow  # a ROS master, a player that waits for its subscribers, and a node
-@pytest.mark.skipif(not all(one.exists() for one in (MASTER, PLAY, ROSPY)), reason="Debian's ROS 1 is not installed")
+@pytest.mark.skipif(
+    not all(one.exists() for one in (MASTER, PLAY, ROSPY)), reason="Debian's ROS 1 is not installed"
+)
 def test_rosbag_plays_every_message(session, tmp_path):  # noqa: F811
     written = bag_writing.write(session, 1, tmp_path / "session.bag")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     environ = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environ |= {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1", "HOME": str(tmp_path)}
-    master = subprocess.Popen([MASTER, "--core", "-p", str(port)], env=environ, stdout=subprocess.DEVNULL)
-    topics = [f"/arm1/{name}" for name in ("measured_cp", "measured_js", "model_cp", "setpoint_js", "haptic_cf")]
+    environ |= {
+        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
+        "ROS_IP": "127.0.0.1",
+        "HOME": str(tmp_path),
+    }
+    master = subprocess.Popen(
+        [MASTER, "--core", "-p", str(port)], env=environ, stdout=subprocess.DEVNULL
+    )
+    topics = [
+        f"/arm1/{name}"
+        for name in ("measured_cp", "measured_js", "model_cp", "setpoint_js", "haptic_cf")
+    ]
     told = {"/ravenjax/events": 1, "/ravenjax/signals": 50} | dict.fromkeys(topics, 5)
     hear = subprocess.Popen(
-        [DEBIANS_PYTHON, "-c", HEAR, str(sum(told.values())), *told], env=environ, stdout=subprocess.PIPE, text=True
+        [DEBIANS_PYTHON, "-c", HEAR, str(sum(told.values())), *told],
+        env=environ,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     try:
-        assert hear.stdout is not None and "ready\n" in hear.stdout, "rospy may complain of a slow master before"
+        assert hear.stdout is not None and "ready\n" in hear.stdout, (
+            "rospy may complain of a slow master before"
+        )
         # it advertises its topics, waits, then sends
-        subprocess.run([PLAY, "play", "--delay=5", "-q", written.path], env=environ, check=True, timeout=60)
+        subprocess.run(
+            [PLAY, "play", "--delay=5", "-q", written.path], env=environ, check=True, timeout=60
+        )
         counts = json.loads(hear.communicate(timeout=70)[0])
     finally:
         hear.kill()

@@ -1,4 +1,6 @@
-"""Recordings as bags: the library and, where it is installed, Debian's rosbag read in them what was recorded."""
+"""Recordings as bags: the library and, where it is installed, Debian's rosbag read in them what
+was recorded.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ def session(tmp_path_factory):
     rows[:, names.index("gold/position/0")] += (np.arange(T) * 1e-4).astype(np.float32)
     rows[:, names.index("gold/jpos/2")] = 0.4
     writer = session_log.SessionWriter(
-        folder / session_log.FILE, names, {"arms": ["gold"], "started": "2026-01-02T03:04:05.678+00:00"}
+        folder / session_log.FILE,
+        names,
+        {"arms": ["gold"], "started": "2026-01-02T03:04:05.678+00:00"},
     )
     writer.add(0, rows, [{"tick": 3, "kind": "note", "text": "naïve"}])
     writer.close()
@@ -54,20 +58,29 @@ def trace(tmp_path_factory):
         "gold/rotation": np.tile(QUARTER, (T, 1, 1)),
         "runlevel": np.full(T, 3, np.int32),
     }
-    trace_log.write(path, series, events=[{"tick": 7, "kind": "fault", "text": "opens", "level": "info"}])
+    trace_log.write(
+        path, series, events=[{"tick": 7, "kind": "fault", "text": "opens", "level": "info"}]
+    )
     return path
 
 
 def messages(path):
     """(topic, arrival in ns, message) of a bag, read by the library."""
     with AnyReader([path]) as reader:
-        return [(one.topic, ns, reader.deserialize(data, one.msgtype)) for one, ns, data in reader.messages()]
+        return [
+            (one.topic, ns, reader.deserialize(data, one.msgtype))
+            for one, ns, data in reader.messages()
+        ]
 
 
 def same(first, second):
     """Whether two messages say the same; numbers of headers are ROS 1's alone."""
     if hasattr(first, "__dataclass_fields__"):
-        return all(same(getattr(first, n), getattr(second, n)) for n in first.__dataclass_fields__ if n != "seq")
+        return all(
+            same(getattr(first, n), getattr(second, n))
+            for n in first.__dataclass_fields__
+            if n != "seq"
+        )
     if isinstance(first, list):
         return len(first) == len(second) and all(map(same, first, second))
     return np.array_equal(first, second)
@@ -80,14 +93,20 @@ def test_a_session_is_the_same_in_a_bag(session, tmp_path, ros):
     kept = [one for one in recorded if ros == 2 or one[0] != "/ravenjax/log"]
     found = messages(told.path)
     assert told.messages == len(found) == len(kept)
-    assert [one[:2] for one in sorted(found, key=lambda one: one[:2])] == sorted(one[:2] for one in kept)
-    assert all(same(*pair) for topic in {one[0] for one in kept} for pair in of_topic(topic, kept, found))
+    assert [one[:2] for one in sorted(found, key=lambda one: one[:2])] == sorted(
+        one[:2] for one in kept
+    )
+    assert all(
+        same(*pair) for topic in {one[0] for one in kept} for pair in of_topic(topic, kept, found)
+    )
     assert min(one[1] for one in found) == START
 
 
 def of_topic(topic, *tables):
     """Pairs of messages."""
-    return zip(*([message for name, _, message in table if name == topic] for table in tables), strict=True)
+    return zip(
+        *([message for name, _, message in table if name == topic] for table in tables), strict=True
+    )
 
 
 def test_a_trace_begins_a_second_later_in_ros1_where_zero_is_no_time(trace, tmp_path):
@@ -103,7 +122,10 @@ def test_a_trace_begins_a_second_later_in_ros1_where_zero_is_no_time(trace, tmp_
 def test_a_bag_of_a_session_drives_a_campaign_as_its_recording_does(session, tmp_path):
     of_bag, of_mcap = (
         recording.load(path, ("gold",), ReplayOptions())
-        for path in (bag_writing.write(session, 1, tmp_path / "a.bag").path, session / session_log.FILE)
+        for path in (
+            bag_writing.write(session, 1, tmp_path / "a.bag").path,
+            session / session_log.FILE,
+        )
     )
     np.testing.assert_array_equal(of_bag.poses.position, of_mcap.poses.position)
 
@@ -133,9 +155,14 @@ print(json.dumps({"counts": counts, "last": sums, "known": known, "begin": bag.g
 def by_debian(program, *arguments):
     """What a program prints in Debian's Python, where that has rosbag."""
     script = [DEBIANS_PYTHON, "-c", program, *map(str, arguments)]
-    if not DEBIANS_PYTHON.exists() or subprocess.run([DEBIANS_PYTHON, "-c", "import rosbag"], env={}).returncode:
+    if (
+        not DEBIANS_PYTHON.exists()
+        or subprocess.run([DEBIANS_PYTHON, "-c", "import rosbag"], env={}).returncode
+    ):
         pytest.skip("Debian's python3-rosbag is not installed")
-    return subprocess.run(script, env={"HOME": "/tmp"}, check=True, stdout=subprocess.PIPE, text=True).stdout
+    return subprocess.run(
+        script, env={"HOME": "/tmp"}, check=True, stdout=subprocess.PIPE, text=True
+    ).stdout
 
 
 @pytest.mark.parametrize("which", ["session", "trace"])
@@ -144,10 +171,14 @@ def test_debians_rosbag_reads_it(which, request, tmp_path):
     written = bag_writing.write(source, 1, tmp_path / "a.bag")
     told = json.loads(by_debian(LOOK, written.path))
     assert sum(told["counts"].values()) == written.messages
-    assert told["known"] and all(told["known"].values()), "types are those that Debian's own packages have"
+    assert told["known"] and all(told["known"].values()), (
+        "types are those that Debian's own packages have"
+    )
     assert told["begin"] == pytest.approx(START * 1e-9 if which == "session" else 1.0, abs=1e-6)
     last = messages(written.path)
-    expected = [message.pose.position.x for topic, _, message in last if topic == "/arm1/measured_cp"][-1]
+    expected = [
+        message.pose.position.x for topic, _, message in last if topic == "/arm1/measured_cp"
+    ][-1]
     assert told["last"]["/arm1/measured_cp"] == expected
 
 
@@ -166,7 +197,7 @@ with rosbag.Bag(sys.argv[1], "w", compression=sys.argv[2]) as bag:
         jaws = JointState(position=[0.3, 0.3], name=["grasp1", "grasp2"])
         jaws.header.stamp = stamp
         bag.write("/arm1/setpoint_js", jaws, stamp)
-"""
+"""  # noqa: E501
 CAMPAIGN = """
 [campaign]
 name = "of_a_bag"
@@ -183,7 +214,9 @@ name = "free"
 def test_a_bag_of_debians_rosbag_is_a_motion(tmp_path, compression):
     by_debian(RECORD, tmp_path / "hand.bag", compression)
     one = recording.load(tmp_path / "hand.bag", ("gold",), ReplayOptions())
-    np.testing.assert_allclose(one.poses.position[:, 0, 0], -0.078 + np.arange(len(one)) * 2e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        one.poses.position[:, 0, 0], -0.078 + np.arange(len(one)) * 2e-6, atol=1e-9
+    )
     np.testing.assert_allclose(one.poses.opening_mrad, 600.0)
 
 

@@ -20,7 +20,9 @@ BLOCK = 20
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """A recording, its bytes, and where each of its chunks ends with everything that belongs to it."""
+    """A recording, its bytes, and where each of its chunks ends with everything that belongs to
+    it.
+    """
     path = tmp_path_factory.mktemp("recover") / session_log.FILE
     rows = np.random.default_rng(2).normal(size=(BLOCKS * BLOCK, len(NAMES))).astype(np.float32)
     writer = session_log.SessionWriter(path, NAMES, {"arms": ["gold"]})
@@ -36,13 +38,19 @@ def whole(tmp_path_factory):
 
 def chunks(data):
     """Where chunks stand by the file's own index."""
-    return sorted(make_reader(io.BytesIO(data)).get_summary().chunk_indexes, key=lambda one: one.chunk_start_offset)
+    return sorted(
+        make_reader(io.BytesIO(data)).get_summary().chunk_indexes,
+        key=lambda one: one.chunk_start_offset,
+    )
 
 
 def seeking(path):
     """Sequence numbers of the flat messages as the library's seeking reader gives them."""
     with open(path, "rb") as file:
-        return [one.sequence for _, _, one in make_reader(file).iter_messages(topics=["/ravenjax/signals"])]
+        return [
+            one.sequence
+            for _, _, one in make_reader(file).iter_messages(topics=["/ravenjax/signals"])
+        ]
 
 
 @pytest.mark.slow
@@ -60,7 +68,10 @@ def test_a_file_cut_anywhere_keeps_every_whole_chunk(whole, tmp_path):
         assert [one["tick"] for one in log.events] == list(range(chunks))
         told = recover.recover(path, out)
         assert seeking(out) == list(range(chunks * BLOCK))
-        assert told.seconds == pytest.approx((chunks * BLOCK - 1) * 1e-3) and told.complete == log.complete
+        assert (
+            told.seconds == pytest.approx((chunks * BLOCK - 1) * 1e-3)
+            and told.complete == log.complete
+        )
         assert told.lost_bytes == log.lost_bytes <= max(np.diff([*ends, len(data)]))
         again = session_log.read(out)
         assert again.complete and again.header == log.header and again.events == log.events
@@ -109,17 +120,24 @@ def test_damage_anywhere_costs_at_most_the_chunks_that_it_touches(whole, tmp_pat
     data, rows, ends = whole
     data = data[: ends[-1]] if cut else data
     begins = [index.chunk_start_offset for index in chunks(whole[0])]
-    # from the last chunk to the summary: what the session was, once more, which is looked for behind whole chunks alone
+    # from the last chunk to the summary: what the session was, once more, which is looked for
+    # behind whole chunks alone
     behind = 0 if cut else int.from_bytes(data[-28:-20], "little") - ends[-1]
     path = tmp_path / "damaged.mcap"
     places = {place + more for place in (*begins, *ends) for more in range(-3, 12)} | set(
         range(begins[0], len(data), 97)
     )
-    for at in sorted(place for place in places if ends[0] <= place < ends[-1]):  # the first names the channels
-        path.write_bytes(data[:at] + bytes(byte ^ 0x5A for byte in data[at : at + size]) + data[at + size :])
+    for at in sorted(
+        place for place in places if ends[0] <= place < ends[-1]
+    ):  # the first names the channels
+        path.write_bytes(
+            data[:at] + bytes(byte ^ 0x5A for byte in data[at : at + size]) + data[at + size :]
+        )
         hit = {k for k in range(BLOCKS) if begins[k] < at + size and at < ends[k]}
         log = session_log.read(path)
-        assert set(log.numbers.tolist()) >= {n for n in range(BLOCKS * BLOCK) if n // BLOCK not in hit}, at
+        assert set(log.numbers.tolist()) >= {
+            n for n in range(BLOCKS * BLOCK) if n // BLOCK not in hit
+        }, at
         np.testing.assert_array_equal(log.rows, rows[log.numbers])
         lost = sum(ends[k] - begins[k] for k in hit) + behind * (BLOCKS - 1 in hit)
         assert len(hit) <= 2 and log.lost_bytes <= lost + 2 * size + 600
@@ -148,6 +166,11 @@ def test_any_mcap_file_is_recovered(tmp_path, compression, chunked):
     path.write_bytes(data[: len(data) // 3])
     told = recover.recover(path)
     with open(told.path, "rb") as file:
-        found = [(one.log_time, one.publish_time, one.data) for _, _, one in make_reader(file).iter_messages()]
-    assert 5 < len(found) < 50 and found == [(1000 * i, 1000 * i + 7, b"{}" * 10) for i in range(len(found))]
+        found = [
+            (one.log_time, one.publish_time, one.data)
+            for _, _, one in make_reader(file).iter_messages()
+        ]
+    assert 5 < len(found) < 50 and found == [
+        (1000 * i, 1000 * i + 7, b"{}" * 10) for i in range(len(found))
+    ]
     assert mcap_records.scan(told.path).channels[0].metadata == {"unit": "none"}

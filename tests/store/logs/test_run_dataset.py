@@ -31,25 +31,37 @@ def test_every_series_is_where_its_names_say(arms):
     given = series(arms)
     found = run_dataset.dataset(given, {"run_id": "ab"}, (3.0, 2.0))
     assert set(found.data_vars) == set(time_series.OF_RUN) | set(time_series.OF_ARM)
-    assert found["arm"].values.tolist() == list(arms) and found["joint"].values.tolist() == list(JOINTS)
+    assert found["arm"].values.tolist() == list(arms) and found["joint"].values.tolist() == list(
+        JOINTS
+    )
     for arm in arms:
         for name in time_series.OF_ARM:
-            np.testing.assert_array_equal(found[name].sel(arm=arm).values, given[f"{arm}/{name}"], err_msg=name)
+            np.testing.assert_array_equal(
+                found[name].sel(arm=arm).values, given[f"{arm}/{name}"], err_msg=name
+            )
     np.testing.assert_array_equal(found["brakes"], given["brakes"])
     for slot in range(11):
-        np.testing.assert_array_equal(found["fault_active"].sel(fault=slot), given[f"fault{slot}_active"])
+        np.testing.assert_array_equal(
+            found["fault_active"].sel(fault=slot), given[f"fault{slot}_active"]
+        )
     elbow = found["jpos"].sel(arm=arms[0], joint="elbow", time=0.017)
     assert elbow.item() == given[f"{arms[0]}/jpos"][17, 1]
     assert found["rotation"].dims == ("time", "arm", "axis", "jaw_axis")
-    assert found["cue_threshold_mm"].values.tolist() == [3.0, 2.0] and found.attrs == {"run_id": "ab"}
+    assert found["cue_threshold_mm"].values.tolist() == [3.0, 2.0] and found.attrs == {
+        "run_id": "ab"
+    }
 
 
 def test_units_and_meanings_stand_beside_the_numbers():
     found = run_dataset.dataset(series(), {})
     assert found["tau_d"].attrs == {"units": "N m", "long_name": "desired torque at the capstan"}
-    assert found["jvel"].attrs["units"] == "rad/s" and found["jvel"].attrs["insertion_units"] == "m/s"
+    assert (
+        found["jvel"].attrs["units"] == "rad/s" and found["jvel"].attrs["insertion_units"] == "m/s"
+    )
     assert found["tip"].attrs["units"] == "m" and found["time"].attrs["units"] == "s"
-    assert all(found[name].attrs["units"] and found[name].attrs["long_name"] for name in found.data_vars)
+    assert all(
+        found[name].attrs["units"] and found[name].attrs["long_name"] for name in found.data_vars
+    )
 
 
 def test_it_is_a_file_of_other_tools(tmp_path):
@@ -58,7 +70,9 @@ def test_it_is_a_file_of_other_tools(tmp_path):
     found = run_dataset.dataset(series(), {"run_id": "ab", "index": 3})
     found.to_netcdf(tmp_path / "run.nc")
     with xarray.open_dataset(tmp_path / "run.nc") as again:
-        np.testing.assert_array_equal(again["tip"].sel(arm="green", axis="y"), found["tip"].sel(arm="green", axis="y"))
+        np.testing.assert_array_equal(
+            again["tip"].sel(arm="green", axis="y"), found["tip"].sel(arm="green", axis="y")
+        )
         assert again["tip"].attrs["units"] == "m" and again.attrs["run_id"] == "ab"
 
 

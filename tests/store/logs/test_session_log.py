@@ -35,7 +35,10 @@ HEADER = {
     "bases": {"green": {"origin": [0.1, 0.2, 0.3], "quaternion": [0.0, 0.0, 1.0, 0.0]}},
 }
 T = 95
-EVENTS = [{"tick": 5, "kind": "note", "text": "naïve"}, {"tick": 94, "kind": "end", "reason": "time"}]
+EVENTS = [
+    {"tick": 5, "kind": "note", "text": "naïve"},
+    {"tick": 94, "kind": "end", "reason": "time"},
+]
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +65,12 @@ def log(written):
 def test_it_reads_back_exactly(written, rows):
     log = session_log.read(written)
     kept = np.r_[0:60, 70:T]
-    assert log.names == LAYOUT.names() and log.header == HEADER and log.complete and log.lost_bytes == 0
+    assert (
+        log.names == LAYOUT.names()
+        and log.header == HEADER
+        and log.complete
+        and log.lost_bytes == 0
+    )
     np.testing.assert_array_equal(log.numbers, kept)
     np.testing.assert_array_equal(log.rows, rows[kept])
     assert log.events == EVENTS
@@ -85,7 +93,16 @@ EVERY = [*range(0, 60, 10), *range(70, T, 10)]
 
 
 def test_topics_and_times(log, rows):
-    per_arm = ("measured_js", "setpoint_js", "true_js", "model_js", "measured_cp", "true_cp", "model_cp", "haptic_cf")
+    per_arm = (
+        "measured_js",
+        "setpoint_js",
+        "true_js",
+        "model_js",
+        "measured_cp",
+        "true_cp",
+        "model_cp",
+        "haptic_cf",
+    )
     standard = {f"/arm{i}/{name}" for i in (1, 2) for name in per_arm} | {"/tf"}
     assert set(log.topics) == standard | {"/ravenjax/signals", "/ravenjax/events", "/ravenjax/log"}
     for topic in standard:
@@ -109,7 +126,10 @@ def test_other_tools_find_standard_messages(log, rows, i, arm):
         ("model_js", "model_jpos"),
     ):
         states = log.topics[f"/arm{i}/{name}"]
-        assert states[0].value.name == list(JOINTS) and states[0].value.header.frame_id == f"arm{i}_base"
+        assert (
+            states[0].value.name == list(JOINTS)
+            and states[0].value.header.frame_id == f"arm{i}_base"
+        )
         values = log.column(f"/arm{i}/{name}", "position")
         np.testing.assert_array_equal(values, rows[EVERY, LAYOUT.places[f"{arm}/{channel}"]])
     for name, channel, joints in (
@@ -129,25 +149,39 @@ def test_other_tools_find_standard_messages(log, rows, i, arm):
 
 def test_frames_hang_on_the_bases_that_are_known(log):
     frames = log.topics["/tf"][0].value.transforms
-    tips = [(f"arm{i}_base", f"arm{i}_tip_{which}") for i in (1, 2) for which in ("measured", "true", "model")]
+    tips = [
+        (f"arm{i}_base", f"arm{i}_tip_{which}")
+        for i in (1, 2)
+        for which in ("measured", "true", "model")
+    ]
     pairs = [(one.header.frame_id, one.child_frame_id) for one in frames]
     assert pairs == [("world", "arm2_base"), *tips]
     base, tip = frames[0].transform, frames[4].transform
-    assert [base.translation.x, base.translation.y, base.translation.z, base.rotation.z] == [0.1, 0.2, 0.3, 1.0]
+    assert [base.translation.x, base.translation.y, base.translation.z, base.rotation.z] == [
+        0.1,
+        0.2,
+        0.3,
+        1.0,
+    ]
     pose = log.topics["/arm2/measured_cp"][0].value.pose
     assert (tip.translation.x, tip.rotation.w) == (pose.position.x, pose.orientation.w)
 
 
 def test_events_are_told_in_words(log):
     assert [json.loads(message.value.data) for message in log.topics["/ravenjax/events"]] == EVENTS
-    words = [(one.value.level, one.value.name, one.value.msg) for one in log.topics["/ravenjax/log"]]
+    words = [
+        (one.value.level, one.value.name, one.value.msg) for one in log.topics["/ravenjax/log"]
+    ]
     assert words == [(20, "note", "note: naïve"), (20, "end", "session ends: time")]
 
 
 def test_metadata_tell_sessions_apart(log):
     told = log.metadata["ravenjax"]
     assert json.loads(told["header"]) == HEADER and json.loads(told["channels"]) == LAYOUT.names()
-    plain = {name: told[name] for name in ("session", "scenario", "seed", "version", "code_hash", "hazards")}
+    plain = {
+        name: told[name]
+        for name in ("session", "scenario", "seed", "version", "code_hash", "hazards")
+    }
     assert plain == {
         "session": "é",
         "scenario": "dac_burst",
@@ -162,14 +196,21 @@ def test_metadata_tell_sessions_apart(log):
     ("event", "level", "words"),
     [
         ({"kind": "alarm", "check": "soft_estop"}, "warn", "check soft_estop trips"),
-        ({"kind": "stray", "arm": "gold", "mm": 3.1, "number": 0}, "error", "true tip of the gold arm 3.1 mm off"),
+        (
+            {"kind": "stray", "arm": "gold", "mm": 3.1, "number": 0},
+            "error",
+            "true tip of the gold arm 3.1 mm off",
+        ),
         ({"kind": "runlevel", "runlevel": 0}, "info", "run level: E-stop"),
-        ({"kind": "response", "what": "release", "ok": False, "number": 1, "ms": 300}, "info",
-         "operator responds: release, not the right response"),
+        (
+            {"kind": "response", "what": "release", "ok": False, "number": 1, "ms": 300},
+            "info",
+            "operator responds: release, not the right response",
+        ),
         ({"kind": "target", "tick": 3}, "info", "target"),
         ({"kind": "unheard of", "tick": 3, "size": 4}, "info", "unheard of: size 4"),
     ],
-)  # fmt: skip
+)
 def test_events_in_words(event, level, words):
     assert (session_words.level(event), session_words.text(event)) == (level, words)
 
@@ -179,7 +220,9 @@ def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
     gold, green = track.arms["gold"], track.arms["green"]
     every = [*range(0, 60, 10), *range(70, T, 10)]
     np.testing.assert_allclose(gold.time_s, np.array(every) * 1e-3, rtol=0.0, atol=1e-12)
-    np.testing.assert_array_equal(green.position[:, 1], rows[every, LAYOUT.places["green/position"].start + 1])
+    np.testing.assert_array_equal(
+        green.position[:, 1], rows[every, LAYOUT.places["green/position"].start + 1]
+    )
     jaws = rows[every, LAYOUT.places["gold/jpos_d"]].astype(float)
     np.testing.assert_allclose(gold.opening_mrad, 1e3 * (jaws[:, 5] + jaws[:, 6]))
 

@@ -33,12 +33,24 @@ def test_what_was_written_is_read(series, tmp_path):
     table = pd.read_csv(path)
     assert table["time_s"].tolist() == [tick / 1000 for tick in range(T)]
     assert list(table)[1:6] == [
-        "runlevel", "fault0_active", "gold/jpos/shoulder [rad]", "gold/jpos/elbow [rad]", "gold/jpos/insertion [m]",
-    ]  # fmt: skip
-    assert {"gold/cue_force/1 [device units]", "gold/rotation/x/z", "gold/dac_cnt/grasp2 [counts]"} <= set(table)
+        "runlevel",
+        "fault0_active",
+        "gold/jpos/shoulder [rad]",
+        "gold/jpos/elbow [rad]",
+        "gold/jpos/insertion [m]",
+    ]
+    assert {
+        "gold/cue_force/1 [device units]",
+        "gold/rotation/x/z",
+        "gold/dac_cnt/grasp2 [counts]",
+    } <= set(table)
     assert len(table.columns) == 1 + 1 + 1 + 7 + 9 + 3 + 2 + 7
-    np.testing.assert_array_equal(table["gold/jpos/insertion [m]"].astype(np.float32), series["gold/jpos"][:, 2])
-    np.testing.assert_array_equal(table["gold/rotation/x/z"].astype(np.float32), series["gold/rotation"][:, 0, 2])
+    np.testing.assert_array_equal(
+        table["gold/jpos/insertion [m]"].astype(np.float32), series["gold/jpos"][:, 2]
+    )
+    np.testing.assert_array_equal(
+        table["gold/rotation/x/z"].astype(np.float32), series["gold/rotation"][:, 0, 2]
+    )
     np.testing.assert_allclose(table["gold/tip/y [m]"], series["gold/tip"][:, 1], rtol=1e-6)
     assert table["gold/tip/y [m]"].isna().sum() == 5
     assert table["fault0_active"].tolist() == series["fault0_active"].astype(int).tolist()

@@ -21,7 +21,11 @@ EVENTS = [
     {"tick": 700, "kind": "fault", "text": "window opens", "level": "info"},
     {"tick": 1200, "kind": "hazard", "text": "unintended motion begins", "level": "error"},
 ]
-BASES = {"gold": Base((0.1, 0.2, 0.3), tuple(Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_quat()))}
+BASES = {
+    "gold": Base(
+        (0.1, 0.2, 0.3), tuple(Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_quat())
+    )
+}
 RULE = "=" * 80
 
 
@@ -34,7 +38,11 @@ def turns(axis):
 def series():
     random = np.random.default_rng(3)
     unknown = turns(1)
-    unknown[100], unknown[101], unknown[102] = np.nan, 0.0, -np.eye(3)  # no number, no rotation, a mirror
+    unknown[100], unknown[101], unknown[102] = (
+        np.nan,
+        0.0,
+        -np.eye(3),
+    )  # no number, no rotation, a mirror
     return {
         "gold/jpos": random.normal(size=(TICKS, 7)),
         "gold/jvel": random.normal(size=(TICKS, 7)).astype(np.float32),
@@ -75,8 +83,14 @@ def log(path):
 @pytest.mark.slow
 def test_topics_and_times(log):
     kinds = {
-        **{f"/arm1/{name}_js": "sensor_msgs/msg/JointState" for name in ("measured", "setpoint", "true")},
-        **{f"/arm1/{name}_cp": "geometry_msgs/msg/PoseStamped" for name in ("measured", "setpoint", "true", "model")},
+        **{
+            f"/arm1/{name}_js": "sensor_msgs/msg/JointState"
+            for name in ("measured", "setpoint", "true")
+        },
+        **{
+            f"/arm1/{name}_cp": "geometry_msgs/msg/PoseStamped"
+            for name in ("measured", "setpoint", "true", "model")
+        },
         "/arm1/golden_tip": "geometry_msgs/msg/PointStamped",
         "/arm1/haptic_cf": "geometry_msgs/msg/WrenchStamped",
         "/arm2/measured_js": "sensor_msgs/msg/JointState",
@@ -88,7 +102,9 @@ def test_topics_and_times(log):
     }
     assert log.kinds == kinds
     for topic in kinds.keys() - {"/ravenjax/events", "/ravenjax/log", "/arm1/true_cp", "/tf"}:
-        assert [message.time_ns for message in log.topics[topic]] == [1_000_000 * tick for tick in range(TICKS)], topic
+        assert [message.time_ns for message in log.topics[topic]] == [
+            1_000_000 * tick for tick in range(TICKS)
+        ], topic
     assert log.metadata == {"ravenjax": {"run_id": "0123456789abcdef"}}
     stamp = log.topics["/arm1/measured_cp"][2345].value.header.stamp
     assert (stamp.sec, stamp.nanosec) == (2, 345_000_000)
@@ -97,7 +113,11 @@ def test_topics_and_times(log):
 @pytest.mark.slow
 def test_joint_states_are_exact(log, series):
     first = log.topics["/arm1/measured_js"][0].value
-    assert first.name == list(JOINTS) and first.header.frame_id == "arm1_base" and len(first.effort) == 0
+    assert (
+        first.name == list(JOINTS)
+        and first.header.frame_id == "arm1_base"
+        and len(first.effort) == 0
+    )
     for topic, field, name in (
         ("/arm1/measured_js", "position", "gold/jpos"),
         ("/arm1/measured_js", "velocity", "gold/jvel"),
@@ -119,7 +139,9 @@ def test_joint_states_are_exact(log, series):
     ],
 )
 def test_poses_have_their_place_and_a_unit_quaternion(log, series, topic, place, rotation):
-    np.testing.assert_array_equal(log.column(f"/arm1/{topic}", "pose", "position"), series[f"gold/{place}"])
+    np.testing.assert_array_equal(
+        log.column(f"/arm1/{topic}", "pose", "position"), series[f"gold/{place}"]
+    )
     quaternion = log.column(f"/arm1/{topic}", "pose", "orientation")
     np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-12)
     wanted = series[f"gold/{rotation}"].reshape(-1, 3, 3)
@@ -130,8 +152,12 @@ def test_poses_have_their_place_and_a_unit_quaternion(log, series, topic, place,
 def test_the_true_tip_is_a_pose_where_it_is_known(log, series):
     known = [message.number for message in log.topics["/arm1/true_cp"]]
     assert known == [*range(100), *range(103, TICKS)]
-    assert [message.time_ns for message in log.topics["/arm1/true_cp"]] == [1_000_000 * tick for tick in known]
-    np.testing.assert_array_equal(log.column("/arm1/true_cp", "pose", "position"), series["gold/tip"][known])
+    assert [message.time_ns for message in log.topics["/arm1/true_cp"]] == [
+        1_000_000 * tick for tick in known
+    ]
+    np.testing.assert_array_equal(
+        log.column("/arm1/true_cp", "pose", "position"), series["gold/tip"][known]
+    )
     quaternion = log.column("/arm1/true_cp", "pose", "orientation")
     np.testing.assert_allclose(
         Rotation.from_quat(quaternion).as_matrix(), series["gold/tip_rotation"][known], atol=1e-12
@@ -139,8 +165,12 @@ def test_the_true_tip_is_a_pose_where_it_is_known(log, series):
 
 
 def test_a_tip_without_orientation_is_a_point(log, series):
-    np.testing.assert_array_equal(log.column("/arm1/golden_tip", "point"), series["gold/golden_tip"])
-    np.testing.assert_array_equal(log.column("/arm2/model_tip", "point"), series["green/model_position"])
+    np.testing.assert_array_equal(
+        log.column("/arm1/golden_tip", "point"), series["gold/golden_tip"]
+    )
+    np.testing.assert_array_equal(
+        log.column("/arm2/model_tip", "point"), series["green/model_position"]
+    )
     assert log.topics["/arm2/model_tip"][0].value.header.frame_id == "arm2_base"
 
 
@@ -156,10 +186,16 @@ def test_frames_are_one_tree_that_ends_in_the_poses(log, series):
     known = np.array([message.number for message in log.topics["/tf"]])
     assert known.tolist() == [*range(100), *range(103, TICKS)]
     for tick, frames in zip(known.tolist(), messages, strict=True):
-        assert all(one.header.stamp.sec * 10**9 + one.header.stamp.nanosec == tick * 1_000_000 for one in frames)
+        assert all(
+            one.header.stamp.sec * 10**9 + one.header.stamp.nanosec == tick * 1_000_000
+            for one in frames
+        )
     places, turned = {}, {}
     for i, (_, child) in enumerate(pairs):
-        numbers = [(one.transform.translation, one.transform.rotation) for one in (frames[i] for frames in messages)]
+        numbers = [
+            (one.transform.translation, one.transform.rotation)
+            for one in (frames[i] for frames in messages)
+        ]
         places[child] = np.array([[p.x, p.y, p.z] for p, _ in numbers])
         quaternion = np.array([[q.x, q.y, q.z, q.w] for _, q in numbers])
         np.testing.assert_allclose(np.linalg.norm(quaternion, axis=1), 1.0, atol=1e-12)
@@ -195,7 +231,9 @@ def test_events_are_json_and_words_in_order(log):
 
 
 def test_wrench_and_signals(log, series):
-    np.testing.assert_array_equal(log.column("/arm1/haptic_cf", "wrench", "force"), series["gold/haptic_force"])
+    np.testing.assert_array_equal(
+        log.column("/arm1/haptic_cf", "wrench", "force"), series["gold/haptic_force"]
+    )
     assert not log.column("/arm1/haptic_cf", "wrench", "torque").any()
     assert ros2_log.fields(log.topics["/ravenjax/signals"][-1].value)[1:] == [
         *(f"gold_tip_{i}" for i in range(3)),
@@ -205,9 +243,12 @@ def test_wrench_and_signals(log, series):
     ]
     for i, joint in enumerate(JOINTS):
         np.testing.assert_array_equal(
-            log.column("/ravenjax/signals", f"gold_current_cmd_{joint}"), series["gold/current_cmd"][:, i]
+            log.column("/ravenjax/signals", f"gold_current_cmd_{joint}"),
+            series["gold/current_cmd"][:, i],
         )
-    np.testing.assert_array_equal(log.column("/ravenjax/signals", "fault_active"), series["fault active"])
+    np.testing.assert_array_equal(
+        log.column("/ravenjax/signals", "fault_active"), series["fault active"]
+    )
 
 
 def test_schemas_are_put_together_as_rosbag2_does(log):

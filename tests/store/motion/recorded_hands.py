@@ -26,7 +26,9 @@ def table(time_s, path=circle, unit="um", arms=("gold",)):
     """Positions at these times, without a time column; green mirrored."""
     columns = {}
     for arm in arms:
-        place = (HOME_MM + path(time_s)) * ([1, 1, 1] if arm == "gold" else [1, -1, 1]) * PER_MM[unit]
+        place = (
+            (HOME_MM + path(time_s)) * ([1, 1, 1] if arm == "gold" else [1, -1, 1]) * PER_MM[unit]
+        )
         columns |= {f"{arm}_{axis}_{unit}": place[:, i] for i, axis in enumerate("xyz")}
     return pd.DataFrame(columns)
 

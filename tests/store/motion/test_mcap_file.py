@@ -12,7 +12,9 @@ TIME_S = np.cumsum([0.0, *np.where(np.arange(600) % 2, 0.008, 0.002)])
 
 
 def write(path, poses):
-    """poses: {topic of an arm: (log times ns, header times ns, positions [T, 3] m)}; rotations are those of no file."""
+    """poses: {topic of an arm: (log times ns, header times ns, positions [T, 3] m)}; rotations
+    are those of no file.
+    """
     with open(path, "wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2", library="test")
@@ -38,18 +40,27 @@ def test_header_stamps_count_where_there_are_any(tmp_path):
     """A recorder writes forty messages at once; when they were sampled stands in their headers."""
     arrival = nanoseconds((np.arange(601) // 40) * 0.2 + (np.arange(601) % 40) * 1e-5)
     by_header = play(
-        write(tmp_path / "a.mcap", {("gold", "measured_cp"): (arrival, nanoseconds(TIME_S), place(TIME_S))})
+        write(
+            tmp_path / "a.mcap",
+            {("gold", "measured_cp"): (arrival, nanoseconds(TIME_S), place(TIME_S))},
+        )
     )
     assert by_header.summary.clock == "header stamps of /arm1/measured_cp"
     assert by_header.summary.rate_hz == pytest.approx(200.0)
-    np.testing.assert_allclose(tip_mm(by_header.motion)[999:3750], circle(np.arange(250, 3001) * 1e-3), atol=2e-3)
+    np.testing.assert_allclose(
+        tip_mm(by_header.motion)[999:3750], circle(np.arange(250, 3001) * 1e-3), atol=2e-3
+    )
     empty = np.zeros(601, np.int64)
     path = write(tmp_path / "b.mcap", {("gold", "measured_cp"): (arrival, empty, place(TIME_S))})
-    refused(path, "the stamps come in bursts: log times of /arm1/measured_cp", "operator.rate_hz = ")
+    refused(
+        path, "the stamps come in bursts: log times of /arm1/measured_cp", "operator.rate_hz = "
+    )
     assert play(path, rate_hz=200.0).summary.notes == (
         "log times are not used, operator.rate_hz spaces messages evenly",
     )
-    path = write(tmp_path / "c.mcap", {("gold", "measured_cp"): (nanoseconds(TIME_S), empty, place(TIME_S))})
+    path = write(
+        tmp_path / "c.mcap", {("gold", "measured_cp"): (nanoseconds(TIME_S), empty, place(TIME_S))}
+    )
     by_log = play(path)
     assert by_log.summary.clock == "log times of /arm1/measured_cp"
     np.testing.assert_allclose(by_log.motion.position_um, by_header.motion.position_um, atol=1e-6)
@@ -62,25 +73,36 @@ def test_each_arm_has_its_own_times(tmp_path):
         tmp_path / "both.mcap",
         {
             ("gold", "setpoint_cp"): (nanoseconds(TIME_S), nanoseconds(TIME_S), place(TIME_S)),
-            ("green", "setpoint_cp"): (nanoseconds(other), nanoseconds(other), place(other, "green")),
+            ("green", "setpoint_cp"): (
+                nanoseconds(other),
+                nanoseconds(other),
+                place(other, "green"),
+            ),
         },
     )
     motion = play(path, ("gold", "green")).motion
     mirrored = tip_mm(motion, "green") * [1, -1, 1]
     assert np.abs(tip_mm(motion, "gold") - mirrored).max() < 5e-3
-    refused(path, "messages; operator.rate_hz needs as many of each", arms=("gold", "green"), rate_hz=200.0)
+    refused(
+        path,
+        "messages; operator.rate_hz needs as many of each",
+        arms=("gold", "green"),
+        rate_hz=200.0,
+    )
 
 
 def test_stamps_that_stand_still_or_go_back_are_refused(tmp_path):
     still = TIME_S.copy()
     still[30] = still[29]
     path = write(
-        tmp_path / "a.mcap", {("gold", "setpoint_cp"): (nanoseconds(TIME_S), nanoseconds(still), place(TIME_S))}
+        tmp_path / "a.mcap",
+        {("gold", "setpoint_cp"): (nanoseconds(TIME_S), nanoseconds(still), place(TIME_S))},
     )
     refused(path, "row 30 has the time of row 29", "header stamps of /arm1/setpoint_cp")
     still[30] = 0.0
     path = write(
-        tmp_path / "a.mcap", {("gold", "setpoint_cp"): (nanoseconds(TIME_S), nanoseconds(still), place(TIME_S))}
+        tmp_path / "a.mcap",
+        {("gold", "setpoint_cp"): (nanoseconds(TIME_S), nanoseconds(still), place(TIME_S))},
     )
     refused(path, "row 30: time goes back by")
 

@@ -34,8 +34,12 @@ with rosbag.Bag(sys.argv[1], "w", compression=sys.argv[2]) as bag:
 
 @pytest.mark.parametrize("compression", ["none", "bz2"])
 def test_a_bag_of_debians_rosbag_is_a_motion(tmp_path, compression):
-    if subprocess.run([PYTHON, "-c", "import rosbag, geometry_msgs, sensor_msgs"], capture_output=True).returncode:
-        pytest.skip("Debian's python3-rosbag, python3-geometry-msgs and python3-sensor-msgs are absent")
+    if subprocess.run(
+        [PYTHON, "-c", "import rosbag, geometry_msgs, sensor_msgs"], capture_output=True
+    ).returncode:
+        pytest.skip(
+            "Debian's python3-rosbag, python3-geometry-msgs and python3-sensor-msgs are absent"
+        )
     path = tmp_path / "hands.bag"
     environment = {"PATH": "/usr/bin:/bin"}
     subprocess.run([PYTHON, "-c", WRITER, str(path), compression], check=True, env=environment)
@@ -44,7 +48,9 @@ def test_a_bag_of_debians_rosbag_is_a_motion(tmp_path, compression):
     samples, k = one.track.arms["gold"], np.arange(100)
     assert one.track.clock == "header stamps of /arm1/setpoint_cp"
     np.testing.assert_allclose(samples.time_s, 0.01 * k, atol=1e-8)
-    np.testing.assert_allclose(samples.position, np.stack([0.01 + 0 * k, -0.02 + 1e-4 * k, 0.03 + 0 * k], axis=1))
+    np.testing.assert_allclose(
+        samples.position, np.stack([0.01 + 0 * k, -0.02 + 1e-4 * k, 0.03 + 0 * k], axis=1)
+    )
     np.testing.assert_allclose(samples.quat[:, 2], np.sin(0.001 * k), atol=1e-12)
     np.testing.assert_allclose(samples.opening_mrad, 200.0 + k)
     assert len(one) == 991

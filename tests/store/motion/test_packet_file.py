@@ -27,8 +27,13 @@ def table(path, **changes):
     for name, values in changes.pop("fields", {}).items():
         fields[name] = values
     fields["checksum"] = fields["sequence"] + fields["surgeon_mode"] + fields["delx"].sum(axis=1)
-    columns = {"arrival_us": np.arange(50) * 1000, "packet": [one.tobytes() for one in fields]} | changes
-    pd.DataFrame({name: values for name, values in columns.items() if values is not None}).to_parquet(path)
+    columns = {
+        "arrival_us": np.arange(50) * 1000,
+        "packet": [one.tobytes() for one in fields],
+    } | changes
+    pd.DataFrame(
+        {name: values for name, values in columns.items() if values is not None}
+    ).to_parquet(path)
     return path
 
 
@@ -37,24 +42,36 @@ def test_tips_follow_the_recorded_console_in_direction_and_scale(shared_data):
     one = recording.load(path, ("gold", "green"), ReplayOptions(max_gap_s=0.2))
     raw = pd.read_parquet(path)
     sent = np.frombuffer(b"".join(raw["packet"]), U_STRUCT)
-    assert any("arrival_us is read as ns: 511.5 packets a second" in note for note in one.track.notes)
+    assert any(
+        "arrival_us is read as ns: 511.5 packets a second" in note for note in one.track.notes
+    )
     assert any("the robot would drop 0 of 20,754" in note for note in one.track.notes)
     for slot, arm in enumerate(("gold", "green")):
-        way = np.stack(TO_FRAME_0[arm](*(np.cumsum(sent[axis][:, slot]) for axis in ("delx", "dely", "delz"))), axis=1)
+        way = np.stack(
+            TO_FRAME_0[arm](*(np.cumsum(sent[axis][:, slot]) for axis in ("delx", "dely", "delz"))),
+            axis=1,
+        )
         samples = one.track.arms[arm]
-        np.testing.assert_allclose((samples.position - samples.position[0]) * 1e6, way - way[0], atol=1e-6)
         np.testing.assert_allclose(
-            samples.opening_mrad[0] - samples.opening_mrad, sent["grasp"][:, slot] - sent["grasp"][0, slot]
+            (samples.position - samples.position[0]) * 1e6, way - way[0], atol=1e-6
+        )
+        np.testing.assert_allclose(
+            samples.opening_mrad[0] - samples.opening_mrad,
+            sent["grasp"][:, slot] - sent["grasp"][0, slot],
         )
         angle = np.sqrt(sum(sent[axis][:, slot] ** 2 for axis in ("Qx", "Qy", "Qz"))) * 1e-3
         turns = Rotation.from_quat(samples.quat)
         np.testing.assert_allclose((turns[1:] * turns[:-1].inv()).magnitude(), angle[1:], atol=1e-9)
     np.testing.assert_array_equal(one.track.surgeon_mode, sent["surgeon_mode"])
-    np.testing.assert_allclose(one.track.arms["gold"].time_s, (raw["arrival_us"] - raw["arrival_us"][0]) * 1e-9)
+    np.testing.assert_allclose(
+        one.track.arms["gold"].time_s, (raw["arrival_us"] - raw["arrival_us"][0]) * 1e-9
+    )
 
 
 def test_under_another_profile_it_is_refused_and_the_right_one_named(shared_data):
-    with pytest.raises(UserError, match=r"do not fit console raven.*write operator\.console = 'dv_trainer'"):
+    with pytest.raises(
+        UserError, match=r"do not fit console raven.*write operator\.console = 'dv_trainer'"
+    ):
         recording.load(shared_data(FILE), ("gold",), ReplayOptions(console="raven"))
 
 
@@ -62,7 +79,9 @@ def test_packets_that_the_robot_would_drop_move_nothing(tmp_path):
     numbers = np.arange(1, 51)
     numbers[10] = 10  # again
     numbers[11:] += 5  # a gap: the packet after it is lost, too
-    read = packet_file.stream(table(tmp_path / "a.parquet", fields={"sequence": numbers}), ("gold",), "raven")
+    read = packet_file.stream(
+        table(tmp_path / "a.parquet", fields={"sequence": numbers}), ("gold",), "raven"
+    )
     assert np.flatnonzero(~read.counted).tolist() == [10, 11]
     assert read.delta_um[:, 0, 0].sum() == 48 * 10
 
@@ -76,7 +95,9 @@ def test_packets_that_the_robot_would_drop_move_nothing(tmp_path):
         (500, 2500, 24),
     ],
 )
-def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(tmp_path, first, silence_ms, counted):
+def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(
+    tmp_path, first, silence_ms, counted
+):
     numbers = np.concatenate([np.arange(first, first + 25), np.arange(1, 26)])
     arrival = np.arange(50) * 2.0
     arrival[25:] += silence_ms
@@ -106,6 +127,8 @@ def test_errors(tmp_path, changes, words):
 
 def test_tips_have_no_console(tmp_path):
     path = tmp_path / "tips.parquet"
-    pd.DataFrame({"time_s": [0.0, 0.1], "gold_x_um": 0.0, "gold_y_um": 0.0, "gold_z_um": 0.0}).to_parquet(path)
+    pd.DataFrame(
+        {"time_s": [0.0, 0.1], "gold_x_um": 0.0, "gold_y_um": 0.0, "gold_z_um": 0.0}
+    ).to_parquet(path)
     with pytest.raises(UserError, match="is of a stream of packets, this file holds tips"):
         recording.load(path, ("gold",), ReplayOptions(console="raven"))

@@ -14,7 +14,9 @@ from ravenjax.store.motion.reach import Bounds
 
 @pytest.fixture
 def leaving(parquet):
-    """A recording that leaves the workspace about 1.5 s, along the shaft through the remote centre."""
+    """A recording that leaves the workspace about 1.5 s, along the shaft through the remote
+    centre.
+    """
     frame = recording()
     away = np.clip(1.0 - np.abs(np.arange(ROWS) - 1500) / 150.0, 0.0, 1.0)
     away[:] = away * away * (3.0 - 2.0 * away)
@@ -26,13 +28,18 @@ def leaving(parquet):
 def test_what_cannot_be_reached_is_refused_with_how_much_where_and_why(leaving):
     """It used to take the longest stretch that can be reached, without a word."""
     message = refused(
-        leaving, "an arm cannot reach the pose inside its soft joint limits", "of the recording from 0.000"
+        leaving,
+        "an arm cannot reach the pose inside its soft joint limits",
+        "of the recording from 0.000",
     )
     assert re.search(
-        r"insertion of gold would be at 4\d\d\.\d\d mm|joint would step|no position of the joints", message
+        r"insertion of gold would be at 4\d\d\.\d\d mm|joint would step|no position of the joints",
+        message,
     )
     assert re.search(r"That is so for \d+\.\d %", message)
-    stretches = re.findall(r"\[(\d+\.\d+), (\d+\.\d+)\]", message.partition("Reachable stretches")[2])
+    stretches = re.findall(
+        r"\[(\d+\.\d+), (\d+\.\d+)\]", message.partition("Reachable stretches")[2]
+    )
     assert len(stretches) >= 2 and "1.4" in stretches[0][1]
     for begin, end in stretches[:2]:  # what it says can be written
         one = play(leaving, window_s=(float(begin), float(end)))
@@ -46,7 +53,9 @@ def test_only_what_a_campaign_replays_must_be_reached(leaving):
 
 
 def test_window_outside_the_recording(parquet):
-    refused(parquet(recording()), "outside the recording, expected in 0 .. 3.000 s", window_s=(1.0, 9.0))
+    refused(
+        parquet(recording()), "outside the recording, expected in 0 .. 3.000 s", window_s=(1.0, 9.0)
+    )
 
 
 def test_nowhere_reachable(parquet):
@@ -59,10 +68,16 @@ def test_limits_are_those_of_the_campaign(parquet):
     path = parquet(recording())
     usual = replay.usual_bounds()
     tight = Bounds((*usual.lower[:2], 0.397, *usual.lower[3:]), usual.upper)
-    refused(path, "insertion of gold would be at 39", "soft limits 397.0 to 560.0 mm less 2 mm", bounds=tight)
+    refused(
+        path,
+        "insertion of gold would be at 39",
+        "soft limits 397.0 to 560.0 mm less 2 mm",
+        bounds=tight,
+    )
 
 
-# --- scale ------------------------------------------------------------------------------------------------------------
+# --- scale ----------------------------------------------------------------------------------------
+# --------------------
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.1, 0.2, 1.0])
@@ -79,7 +94,9 @@ def test_the_tip_moves_as_recorded_at_any_scale(parquet, scale):
 def test_a_scale_that_is_varied_beyond_the_limits_is_refused_with_how_far_it_may_go(parquet):
     one = play(parquet(recording()))
     replay.require_scales(one, np.array([0.05, 0.1, 0.2]))
-    with pytest.raises(UserError, match=r"varied to 1 moves the tip 10 times as far as recorded: at \d") as error:
+    with pytest.raises(
+        UserError, match=r"varied to 1 moves the tip 10 times as far as recorded: at \d"
+    ) as error:
         replay.require_scales(one, np.array([0.1, 1.0]))
     largest = float(re.search(r"vary it up to (\d+\.\d+)", str(error.value)).group(1))
     assert 0.2 < largest < 0.6

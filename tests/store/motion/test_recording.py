@@ -1,4 +1,6 @@
-"""Recorded operator motions: kinds of files, units, what is replayed, and one clear error for each kind of damage."""
+"""Recorded operator motions: kinds of files, units, what is replayed, and one clear error for
+each kind of damage.
+"""
 
 import numpy as np
 import pytest
@@ -22,16 +24,22 @@ def test_units_and_kinds_agree(tmp_path, unit, kind):
     assert motion.name == "motion"
     assert np.abs(tip_mm(motion)[-1] - tip_mm(motion)[0]).max() < 0.03  # once round
     assert np.ptp(tip_mm(motion), axis=0) == pytest.approx([6.0, 20.0, 0.0], abs=1e-3)
-    assert motion.start_jpos[0][:3] == pytest.approx([np.radians(30), np.radians(90), 0.4], abs=2e-3)
+    assert motion.start_jpos[0][:3] == pytest.approx(
+        [np.radians(30), np.radians(90), 0.4], abs=2e-3
+    )
 
 
 def test_replays_the_recorded_path(parquet):
-    """After the run-up of half a second the tip is where it was recorded, a quarter of a second later than the rest."""
+    """After the run-up of half a second the tip is where it was recorded, a quarter of a second
+    later than the rest.
+    """
     frame = recording()
     motion = play(parquet(frame)).motion
     recorded = frame[["gold_x_um", "gold_y_um", "gold_z_um"]].to_numpy() * 1e-3 - HOME_MM
     late = 499 + 250  # rest, and what the run-up costs
-    np.testing.assert_allclose(tip_mm(motion)[1500:3000], recorded[1500 - late : 3000 - late], atol=1e-9)
+    np.testing.assert_allclose(
+        tip_mm(motion)[1500:3000], recorded[1500 - late : 3000 - late], atol=1e-9
+    )
 
 
 def test_begins_at_rest_with_the_pedal_up(parquet):
@@ -47,11 +55,16 @@ def test_slow_down(parquet):
     once, slow = play(path).motion, play(path, slow_down=2.0).motion
     assert len(slow) - 500 == pytest.approx(2 * (len(once) - 500), abs=600)
     assert np.ptp(tip_mm(slow), axis=0) == pytest.approx(np.ptp(tip_mm(once), axis=0), abs=1e-3)
-    assert np.abs(np.diff(tip_mm(slow), axis=0)).max() < 0.6 * np.abs(np.diff(tip_mm(once), axis=0)).max()
+    assert (
+        np.abs(np.diff(tip_mm(slow), axis=0)).max()
+        < 0.6 * np.abs(np.diff(tip_mm(once), axis=0)).max()
+    )
 
 
 def test_tremor_stays_unless_a_low_pass_is_asked_for(parquet):
-    """Half a millimetre at 9 Hz, which a low-pass of 5 Hz was once enough to remove without a word."""
+    """Half a millimetre at 9 Hz, which a low-pass of 5 Hz was once enough to remove without a
+    word.
+    """
     frame = recording()
     frame["gold_z_um"] += 500.0 * np.sin(2.0 * np.pi * 9.0 * frame["time_s"])
     path = parquet(frame)
@@ -60,7 +73,9 @@ def test_tremor_stays_unless_a_low_pass_is_asked_for(parquet):
     assert plain.summary.arms[0].removed_rms_mm is None
     assert np.ptp(tip_mm(smooth.motion)[800:-200, 2]) < 0.11
     removed = smooth.summary.arms[0]
-    assert removed.removed_rms_mm == pytest.approx(0.5 / np.sqrt(2.0) * 0.91, abs=0.01)  # second order, both ways
+    assert removed.removed_rms_mm == pytest.approx(
+        0.5 / np.sqrt(2.0) * 0.91, abs=0.01
+    )  # second order, both ways
     assert removed.removed_largest_mm == pytest.approx(0.458, abs=0.02)
 
 
@@ -71,7 +86,9 @@ def test_both_arms_pedal_and_grasp(parquet):
     one = play(parquet(frame), ("gold", "green"))
     motion = one.motion
     assert motion.surgeon_mode[1000] == 1.0 and motion.surgeon_mode[-1] == 0.0
-    assert motion.grasp_mrad[-1, 1] == pytest.approx(np.radians(30.0) * 1e3, abs=1e-6)  # closing is positive
+    assert motion.grasp_mrad[-1, 1] == pytest.approx(
+        np.radians(30.0) * 1e3, abs=1e-6
+    )  # closing is positive
     assert np.abs(motion.grasp_mrad[:, 0]).max() < 1e-9
     assert np.abs(tip_mm(motion, "gold") - tip_mm(motion, "green") * [1, -1, 1]).max() < 1e-6
     assert [one.jaws for one in one.summary.arms] == ["home", "recorded"]
@@ -88,7 +105,9 @@ def test_orientation_is_followed(parquet):
     frame = recording()
     home = recordings._home_quat("gold")
     angle = np.radians(20.0) * np.sin(np.pi * np.arange(ROWS) / ROWS) ** 2
-    turned = (Rotation.from_rotvec(angle[:, None] * [[0.0, 0.0, 1.0]]) * Rotation.from_quat(home)).as_quat()
+    turned = (
+        Rotation.from_rotvec(angle[:, None] * [[0.0, 0.0, 1.0]]) * Rotation.from_quat(home)
+    ).as_quat()
     turned[1::2] *= -1.0  # the same rotations
     for i, c in enumerate("xyzw"):
         frame[f"gold_q{c}"] = turned[:, i]
@@ -100,7 +119,8 @@ def test_orientation_is_followed(parquet):
     assert one.summary.arms[0].orientation == "recorded"
 
 
-# --- MCAP -------------------------------------------------------------------------------------------------------------
+# --- MCAP -----------------------------------------------------------------------------------------
+# --------------------
 
 
 def trace(path, place, ticks=ROWS, arms=("gold",)):
@@ -147,7 +167,8 @@ def test_a_recording_in_mcap_that_jumps_or_has_other_units_is_refused_alike(tmp_
     refused(path, "row 1500 (1.500 s, gold): 50 mm")
 
 
-# --- damage -----------------------------------------------------------------------------------------------------------
+# --- damage ---------------------------------------------------------------------------------------
+# --------------------
 
 
 def test_missing_empty_and_unknown(tmp_path):
@@ -186,7 +207,9 @@ def test_text_in_a_column(tmp_path):
 
 def test_wrong_columns_have_a_suggestion(parquet):
     frame = recording().rename(columns={"gold_y_um": "goldy_um"})
-    refused(parquet(frame), "no column gold_y_m or gold_y_mm or gold_y_um", "Did you mean 'goldy_um'")
+    refused(
+        parquet(frame), "no column gold_y_m or gold_y_mm or gold_y_um", "Did you mean 'goldy_um'"
+    )
     refused(parquet(recording()), "green_x_m", arms=("gold", "green"))
 
 
@@ -215,39 +238,73 @@ def test_a_pedal_is_up_or_down(parquet):
 def test_what_nobody_reads_is_not_read_but_named(parquet):
     frame = recording().assign(note=["x" * 1000] * ROWS)
     assert play(parquet(frame)).summary.ignored == ("note",)
-    refused(parquet(frame.rename(columns={"gold_x_um": "gld_x_um"})), "note", "Did you mean 'gld_x_um'")
+    refused(
+        parquet(frame.rename(columns={"gold_x_um": "gld_x_um"})), "note", "Did you mean 'gld_x_um'"
+    )
 
 
-# --- units ------------------------------------------------------------------------------------------------------------
+# --- units ----------------------------------------------------------------------------------------
+# --------------------
 
 
 @pytest.mark.parametrize(
     ("is_in", "called", "says"),
     [
-        ("m", "um", ("0.0762 um to 0.0847 um from the remote centre", "If the numbers are m", "gold_x_m, gold_y_m")),
-        ("mm", "um", ("76.2 um to 84.7 um from", "If the numbers are mm, name the columns gold_x_mm")),
-        ("um", "mm", ("76.2 m to 84.7 m from", "If the numbers are um, name the columns gold_x_um")),
-        ("mm", "m", ("expected 5 mm to 500 mm", "If the numbers are mm, name the columns gold_x_mm")),
+        (
+            "m",
+            "um",
+            (
+                "0.0762 um to 0.0847 um from the remote centre",
+                "If the numbers are m",
+                "gold_x_m, gold_y_m",
+            ),
+        ),
+        (
+            "mm",
+            "um",
+            ("76.2 um to 84.7 um from", "If the numbers are mm, name the columns gold_x_mm"),
+        ),
+        (
+            "um",
+            "mm",
+            ("76.2 m to 84.7 m from", "If the numbers are um, name the columns gold_x_um"),
+        ),
+        (
+            "mm",
+            "m",
+            ("expected 5 mm to 500 mm", "If the numbers are mm, name the columns gold_x_mm"),
+        ),
     ],
 )
 def test_implausible_units_are_refused_with_what_to_write(parquet, is_in, called, says):
-    frame = recording(is_in).rename(columns={f"gold_{a}_{is_in}": f"gold_{a}_{called}" for a in "xyz"})
+    frame = recording(is_in).rename(
+        columns={f"gold_{a}_{is_in}": f"gold_{a}_{called}" for a in "xyz"}
+    )
     refused(parquet(frame), *says)
 
 
 def test_jaws_that_open_too_wide(parquet):
     frame = recording().assign(gold_grasp_rad=90.0)
-    refused(parquet(frame), "row 0: the jaws of gold would open by 90 rad", "name the column gold_grasp_deg")
+    refused(
+        parquet(frame),
+        "row 0: the jaws of gold would open by 90 rad",
+        "name the column gold_grasp_deg",
+    )
 
 
-# --- nothing moves ----------------------------------------------------------------------------------------------------
+# --- nothing moves --------------------------------------------------------------------------------
+# --------------------
 
 
 def test_a_motion_that_never_moves_is_refused(parquet):
     time_s = np.arange(ROWS) * 1e-3
     frame = table(time_s, lambda t: np.zeros((len(t), 3))).assign(time_s=time_s)
     frame["gold_x_um"] += np.arange(ROWS) % 2  # a digit of noise
-    refused(parquet(frame), "nothing moves from 0.000 to 3.000 s: the tip stays within 1 um", 'motion = "still"')
+    refused(
+        parquet(frame),
+        "nothing moves from 0.000 to 3.000 s: the tip stays within 1 um",
+        'motion = "still"',
+    )
 
 
 def test_a_window_in_which_nothing_moves_is_refused_with_when_it_does(parquet):
@@ -265,20 +322,30 @@ def circle_from(time_s, begin):
 
 def test_a_pedal_that_is_never_down_is_refused_with_when_it_is(parquet):
     frame = recording().assign(surgeon_mode=(np.arange(ROWS) >= 2500).astype(int))
-    refused(parquet(frame), "the pedal is never down from 0.000 to 1.000 s", "it goes down at 2.500 s", window_s=(0, 1))
+    refused(
+        parquet(frame),
+        "the pedal is never down from 0.000 to 1.000 s",
+        "it goes down at 2.500 s",
+        window_s=(0, 1),
+    )
 
 
 def test_jaws_alone_are_a_motion(parquet):
     time_s = np.arange(ROWS) * 1e-3
-    frame = table(time_s, lambda t: np.zeros((len(t), 3))).assign(time_s=time_s, gold_grasp_deg=90.0 - 10.0 * time_s)
+    frame = table(time_s, lambda t: np.zeros((len(t), 3))).assign(
+        time_s=time_s, gold_grasp_deg=90.0 - 10.0 * time_s
+    )
     assert play(parquet(frame)).motion.grasp_mrad[-1, 0] > 500.0
 
 
-# --- the public recordings --------------------------------------------------------------------------------------------
+# --- the public recordings
+# --------------------------------------------------------------------------------------------
 
 
 def test_public_recording(shared_data):
-    """Its stamps are of arrival, forty rows at once; evenly spaced it is smooth enough to be followed."""
+    """Its stamps are of arrival, forty rows at once; evenly spaced it is smooth enough to be
+    followed.
+    """
     path = shared_data("operator_positions.parquet")
     refused(path, "the stamps come in bursts: column time_ns", "write operator.rate_hz = 999.956")
     one = play(path, rate_hz=1000.0, window_s=(18.2, 47.9), cutoff_hz=5.0)
@@ -293,11 +360,15 @@ def test_public_recording(shared_data):
     assert summary.ignored == ("time_ns", "green_x_um", "green_y_um", "green_z_um")
     assert summary.arms[0].inside == pytest.approx(0.927, abs=1e-3)
     assert summary.arms[0].removed_rms_mm == pytest.approx(0.066, abs=0.002)
-    refused(path, "shoulder of green", "Reachable stretches", arms=("gold", "green"), rate_hz=1000.0)
+    refused(
+        path, "shoulder of green", "Reachable stretches", arms=("gold", "green"), rate_hz=1000.0
+    )
 
 
 def test_hands_of_a_console_with_uneven_stamps(shared_data, parquet):
-    """Increments summed up; stamps 0.1 to 12 ms apart, in a column whose name says the wrong unit."""
+    """Increments summed up; stamps 0.1 to 12 ms apart, in a column whose name says the wrong
+    unit.
+    """
     import pandas as pd
 
     from ravenjax.robots.raven2.console.packet import U_STRUCT
@@ -310,13 +381,23 @@ def test_hands_of_a_console_with_uneven_stamps(shared_data, parquet):
     frame = pd.DataFrame({f"gold_{axis}_um": place[:, i] for i, axis in enumerate("xyz")})
     frame["arrival_us"] = packets["arrival_us"]  # so called; they are nanoseconds
     frame = frame.iloc[100:].reset_index(drop=True)  # the console waits at first
-    refused(parquet(frame), "column 'arrival_us' looks like time", "rename it time_ns (671.8 rows a second)")
+    refused(
+        parquet(frame),
+        "column 'arrival_us' looks like time",
+        "rename it time_ns (671.8 rows a second)",
+    )
     renamed = frame.rename(columns={"arrival_us": "time_us"})
-    refused(parquet(renamed), "0.5126 rows a second", "If its unit is another, rename it time_ns (512.6 rows a second)")
+    refused(
+        parquet(renamed),
+        "0.5126 rows a second",
+        "If its unit is another, rename it time_ns (512.6 rows a second)",
+    )
     renamed = frame.rename(columns={"arrival_us": "time_ns"})
     one = recordings.load(parquet(renamed), ("gold",), ReplayOptions())
     times = (frame["arrival_us"] - frame["arrival_us"].iloc[0]).to_numpy() * 1e-9
     assert len(one) == int(times[-1] * 1e3) + 1
     near = np.rint(times[1:-1] * 1e3).astype(int)
-    moved = np.linalg.norm(one.poses.position[near, 0] * 1e6 - frame.iloc[1:-1, :3].to_numpy(), axis=1)
+    moved = np.linalg.norm(
+        one.poses.position[near, 0] * 1e6 - frame.iloc[1:-1, :3].to_numpy(), axis=1
+    )
     assert np.median(moved) < 5.0 and moved.max() < 150.0  # um: half a millisecond of motion

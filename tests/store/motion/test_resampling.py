@@ -1,4 +1,6 @@
-"""Resampling by time: a smooth curve sampled anyhow comes back within the stated bound, and nothing is invented."""
+"""Resampling by time: a smooth curve sampled anyhow comes back within the stated bound, and
+nothing is invented.
+"""
 
 import itertools
 
@@ -16,7 +18,11 @@ from ravenjax.store.motion.options import ReplayOptions
 steps_ms = st.lists(st.floats(0.2, 60.0), min_size=4, max_size=120)
 """Between samples."""
 
-waves = st.lists(st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 4.0), st.floats(0.0, 6.3)), min_size=1, max_size=3)
+waves = st.lists(
+    st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 4.0), st.floats(0.0, 6.3)),
+    min_size=1,
+    max_size=3,
+)
 """mm, Hz and phase of the parts of a curve."""
 
 
@@ -34,7 +40,10 @@ def test_a_smooth_curve_comes_back_within_the_bound(steps, parts):
     at = np.arange(0.0, time_s[-1], 1e-3)
     wanted, _ = curve(parts, at)
     longest = max(steps) * 1e-3
-    assert np.abs(resampling.by_time(time_s, values, at) - wanted).max() <= bend * longest**2 / 2.0 + 1e-9
+    assert (
+        np.abs(resampling.by_time(time_s, values, at) - wanted).max()
+        <= bend * longest**2 / 2.0 + 1e-9
+    )
 
 
 @settings(max_examples=50)
@@ -42,16 +51,24 @@ def test_a_smooth_curve_comes_back_within_the_bound(steps, parts):
 def test_it_passes_through_every_sample_and_never_leaves_its_neighbours(steps, seed):
     time_s = np.cumsum([0.0, *steps]) * 1e-3
     values = np.random.default_rng(seed).normal(size=(len(time_s), 3))
-    np.testing.assert_allclose(resampling.by_time(time_s, values, time_s), values, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        resampling.by_time(time_s, values, time_s), values, rtol=0.0, atol=1e-12
+    )
     at = np.linspace(0.0, time_s[-1], 500)
     between = np.clip(np.searchsorted(time_s, at, side="right") - 1, 0, len(time_s) - 2)
-    low, high = np.minimum(values[between], values[between + 1]), np.maximum(values[between], values[between + 1])
+    low, high = (
+        np.minimum(values[between], values[between + 1]),
+        np.maximum(values[between], values[between + 1]),
+    )
     found = resampling.by_time(time_s, values, at)
     assert (found >= low - 1e-12).all() and (found <= high + 1e-12).all()
 
 
 @settings(max_examples=25)
-@given(st.lists(st.floats(0.5, 40.0), min_size=60, max_size=200), st.sampled_from(["time_s", "t_ms", "stamp_us"]))
+@given(
+    st.lists(st.floats(0.5, 40.0), min_size=60, max_size=200),
+    st.sampled_from(["time_s", "t_ms", "stamp_us"]),
+)
 def test_a_file_with_uneven_stamps_is_replayed_by_them(tmp_path_factory, steps, name):
     """Uneven stamps were spaced evenly, which bends the motion."""
     assume(np.median(steps) > np.mean(steps) / stamps.BURSTS)
@@ -63,7 +80,10 @@ def test_a_file_with_uneven_stamps_is_replayed_by_them(tmp_path_factory, steps, 
     at = np.arange(len(one)) * 1e-3
     longest, bend = max(steps) * 1e-3, 10.0 * (2 * np.pi) ** 2
     assert at[-1] == pytest.approx(time_s[-1], abs=1.001e-3)
-    assert np.abs(one.poses.position[:, 0] * 1e3 - HOME_MM - wave(at)).max() <= bend * longest**2 / 2.0 + 1e-6
+    assert (
+        np.abs(one.poses.position[:, 0] * 1e3 - HOME_MM - wave(at)).max()
+        <= bend * longest**2 / 2.0 + 1e-6
+    )
 
 
 def wave(time_s):
@@ -84,7 +104,9 @@ def test_speed_has_no_steps_between_slow_samples(tmp_path):
     time_s = np.arange(90) / 30.0
     table(time_s).assign(time_s=time_s).to_parquet(tmp_path / "hands.parquet")
     speed = np.linalg.norm(np.diff(tip_mm(play(tmp_path / "hands.parquet").motion), axis=0), axis=1)
-    assert np.abs(np.diff(speed)).max() < 2e-3  # mm per ms2; with straight lines 0.0014 times as much at each sample
+    assert (
+        np.abs(np.diff(speed)).max() < 2e-3
+    )  # mm per ms2; with straight lines 0.0014 times as much at each sample
     assert np.abs(np.diff(speed))[800:].max() < 2.5e-4
 
 

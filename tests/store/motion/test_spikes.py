@@ -1,4 +1,6 @@
-"""Jumps of a recorded tip: found by row, time and size, refused, or treated as the campaign says; never lost."""
+"""Jumps of a recorded tip: found by row, time and size, refused, or treated as the campaign
+says; never lost.
+"""
 
 import numpy as np
 import pytest
@@ -19,7 +21,12 @@ def spiked(row=1500, rows=1, size_mm=50.0):
 def test_a_spike_is_refused_with_row_time_and_what_to_write(parquet):
     """50 mm in one sample used to vanish in the low-pass."""
     path = parquet(spiked())
-    refused(path, "the tip jumps at row 1500 (1.500 s, gold): 50 mm.", 'operator.spikes = "remove"', "window_s")
+    refused(
+        path,
+        "the tip jumps at row 1500 (1.500 s, gold): 50 mm.",
+        'operator.spikes = "remove"',
+        "window_s",
+    )
     refused(path, "row 1500", cutoff_hz=5.0)
 
 
@@ -40,7 +47,9 @@ def test_a_spike_outside_what_is_replayed_is_named_and_no_harm(parquet):
     clean = play(parquet(recording()), window_s=(0.0, 1.4), cutoff_hz=5.0)
     one = play(parquet(spiked()), window_s=(0.0, 1.4), cutoff_hz=5.0)
     assert one.summary.spikes == ("row 1500 (1.500 s, gold): 50 mm",)
-    assert np.abs(tip_mm(one.motion) - tip_mm(clean.motion)).max() < 1.0  # the filter sees less beyond the window
+    assert (
+        np.abs(tip_mm(one.motion) - tip_mm(clean.motion)).max() < 1.0
+    )  # the filter sees less beyond the window
     refused(path, "row 1500", window_s=(0.0, 1.501))
 
 

@@ -28,7 +28,9 @@ SLOW = np.arange(90) / 30.0
     ],
 )
 def test_a_time_column_is_taken_in_its_unit(parquet, name, per_s):
-    """`t_ms` was ignored, each row taken as a millisecond: a file of 30 rows a second ran 33 times too fast."""
+    """`t_ms` was ignored, each row taken as a millisecond: a file of 30 rows a second ran 33
+    times too fast.
+    """
     frame = table(SLOW).assign(**{name: np.rint(SLOW * per_s * 1e3) / 1e3})
     one = play(parquet(frame))
     assert one.summary.clock == f"column {name}"
@@ -44,23 +46,33 @@ def test_nanoseconds_since_1970_lose_nothing(parquet, kind):
     exact = play(parquet(frame.assign(time_ns=time_ns.astype(kind))))
     assert exact.summary.rate_hz == pytest.approx(1000.0, rel=1e-6)
     plain = play(parquet(recording()))
-    assert np.abs(tip_mm(exact.motion) - tip_mm(plain.motion)).max() < (1e-9 if kind is not np.float64 else 1e-5)
+    assert np.abs(tip_mm(exact.motion) - tip_mm(plain.motion)).max() < (
+        1e-9 if kind is not np.float64 else 1e-5
+    )
 
 
 def test_dates_are_times_where_the_name_says_no_unit(parquet):
-    frame = table(SLOW).assign(timestamp=pd.to_datetime("2026-01-01") + pd.to_timedelta(SLOW, unit="s"))
+    frame = table(SLOW).assign(
+        timestamp=pd.to_datetime("2026-01-01") + pd.to_timedelta(SLOW, unit="s")
+    )
     assert play(parquet(frame)).summary.rate_hz == pytest.approx(30.0)
     wrong = frame.rename(columns={"timestamp": "timestamp_ms"})
-    refused(parquet(wrong), "column timestamp_ms holds dates or durations, expected numbers; call it timestamp")
+    refused(
+        parquet(wrong),
+        "column timestamp_ms holds dates or durations, expected numbers; call it timestamp",
+    )
 
 
-# --- no time ----------------------------------------------------------------------------------------------------------
+# --- no time --------------------------------------------------------------------------------------
+# --------------------
 
 
 def test_a_file_without_times_needs_a_rate(parquet):
     path = parquet(table(np.arange(ROWS) * 1e-3))
     refused(
-        path, f"nothing says when its {ROWS} rows were sampled", "write operator.rate_hz = 1000 if a row is a milli"
+        path,
+        f"nothing says when its {ROWS} rows were sampled",
+        "write operator.rate_hz = 1000 if a row is a milli",
     )
     one = play(path, rate_hz=1000.0)
     assert one.summary.clock == "operator.rate_hz = 1000"
@@ -78,24 +90,42 @@ def test_a_rate_makes_time_of_rows(parquet):
 )
 def test_a_time_without_a_unit_is_refused_with_what_to_write(parquet, name):
     frame = table(SLOW).assign(**{name: SLOW * 1e3})
-    refused(parquet(frame), f"column {name!r} looks like time", "rename it time_ms (30 rows a second)", "rate_hz")
+    refused(
+        parquet(frame),
+        f"column {name!r} looks like time",
+        "rename it time_ms (30 rows a second)",
+        "rate_hz",
+    )
     assert play(parquet(frame), rate_hz=30.0).summary.ignored == (name,)
 
 
 def test_a_column_that_rises_as_time_does_is_refused_whatever_its_name(parquet):
     frame = table(SLOW).assign(foo=5.0 + SLOW)
-    refused(parquet(frame), "column 'foo' rises from row to row as time does", "time_s (30 rows a second)")
+    refused(
+        parquet(frame),
+        "column 'foo' rises from row to row as time does",
+        "time_s (30 rows a second)",
+    )
 
 
 @pytest.mark.parametrize("name", ["frame", "Unnamed: 0", "seq"])
 def test_a_counter_of_rows_is_no_time(parquet, name):
-    refused(parquet(table(SLOW).assign(**{name: np.arange(90)})), "nothing says when its 90 rows were sampled")
+    refused(
+        parquet(table(SLOW).assign(**{name: np.arange(90)})),
+        "nothing says when its 90 rows were sampled",
+    )
 
 
 def test_text_that_is_called_time(tmp_path):
     path = tmp_path / "hands.csv"
-    table(SLOW).assign(time=pd.to_datetime("2026-01-01") + pd.to_timedelta(SLOW, unit="s")).to_csv(path, index=False)
-    refused(path, "column 'time' looks like time and does not hold numbers", "write seconds since the first row")
+    table(SLOW).assign(time=pd.to_datetime("2026-01-01") + pd.to_timedelta(SLOW, unit="s")).to_csv(
+        path, index=False
+    )
+    refused(
+        path,
+        "column 'time' looks like time and does not hold numbers",
+        "write seconds since the first row",
+    )
 
 
 def test_other_columns_beside_a_time_are_named_and_not_used(parquet):
@@ -108,14 +138,19 @@ def test_two_times(parquet):
     refused(parquet(frame), "columns time_s and t_ms say the same; keep one of them")
 
 
-# --- a rate beside stamps ---------------------------------------------------------------------------------------------
+# --- a rate beside stamps
+# ---------------------------------------------------------------------------------------------
 
 
 def test_a_rate_overrules_stamps_of_arrival_and_says_so(parquet):
     """Rows of 1 kHz that a network hands over forty at a time."""
     arrival = (np.arange(ROWS) // 40) * 0.04 + (np.arange(ROWS) % 40) * 3e-5
     path = parquet(table(np.arange(ROWS) * 1e-3).assign(time_s=arrival))
-    refused(path, "the stamps come in bursts: column time_s has half of the rows within 0.03 ms", "rate_hz = 1012.78")
+    refused(
+        path,
+        "the stamps come in bursts: column time_s has half of the rows within 0.03 ms",
+        "rate_hz = 1012.78",
+    )
     one = play(path, rate_hz=1000.0)
     assert one.summary.notes == (
         "column time_s is not used, operator.rate_hz spaces rows evenly; it says 2.961 s in all",
@@ -126,16 +161,27 @@ def test_a_rate_overrules_stamps_of_arrival_and_says_so(parquet):
 
 def test_a_rate_that_contradicts_the_stamps_is_refused(parquet):
     path = parquet(table(SLOW).assign(time_s=SLOW))
-    refused(path, "rate_hz = 1000 makes 0.089 s of 90 rows", "(30 rows a second)", "slow_down", rate_hz=1000.0)
+    refused(
+        path,
+        "rate_hz = 1000 makes 0.089 s of 90 rows",
+        "(30 rows a second)",
+        "slow_down",
+        rate_hz=1000.0,
+    )
 
 
-# --- what cannot be ---------------------------------------------------------------------------------------------------
+# --- what cannot be -------------------------------------------------------------------------------
+# --------------------
 
 
 def test_time_that_goes_back(parquet):
     frame = recording()
     frame.loc[40, "time_s"] = 0.0
-    refused(parquet(frame), "row 40: time goes back by 0.039 s (column time_s; 1 such row)", "Sort the rows")
+    refused(
+        parquet(frame),
+        "row 40: time goes back by 0.039 s (column time_s; 1 such row)",
+        "Sort the rows",
+    )
 
 
 def test_time_that_goes_back_in_unsigned_numbers(parquet):
@@ -148,12 +194,18 @@ def test_time_that_goes_back_in_unsigned_numbers(parquet):
 def test_time_that_stands_still(parquet):
     frame = recording()
     frame.loc[[7, 900], "time_s"] = [0.006, 0.899]
-    refused(parquet(frame), "row 7 has the time of row 6, 0.006 s (column time_s; 2 such rows)", "rate_hz = 1000")
+    refused(
+        parquet(frame),
+        "row 7 has the time of row 6, 0.006 s (column time_s; 2 such rows)",
+        "rate_hz = 1000",
+    )
 
 
 def test_all_rows_at_one_time(parquet):
     refused(
-        parquet(recording().assign(time_s=5.0)), "row 1 has the time of row 0", "Drop the column if it says nothing"
+        parquet(recording().assign(time_s=5.0)),
+        "row 1 has the time of row 0",
+        "Drop the column if it says nothing",
     )
 
 
@@ -161,7 +213,11 @@ def test_all_rows_at_one_time(parquet):
     ("name", "factor", "says"),
     [
         ("time_ms", 1.0, ("3e+04 rows a second", "rename it time_s (30 rows a second)")),
-        ("time_s", 1e3, ("0.03 rows a second", "2967 s in all", "rename it time_ms (30 rows a second)")),
+        (
+            "time_s",
+            1e3,
+            ("0.03 rows a second", "2967 s in all", "rename it time_ms (30 rows a second)"),
+        ),
         ("t_us", 1e9, ("rename it t_ns (30 rows a second)",)),
     ],
 )
@@ -175,14 +231,20 @@ def test_a_gap_says_where_how_long_and_what_to_write(parquet):
     time_s[1200:] += 0.75
     time_s[2000:] += 0.2
     path = parquet(table(time_s).assign(time_s=time_s))
-    message = refused(path, "gap of 0.751 s after row 1199 (t = 1.199 s); expected at most 0.1 s", "2 such gaps")
+    message = refused(
+        path, "gap of 0.751 s after row 1199 (t = 1.199 s); expected at most 0.1 s", "2 such gaps"
+    )
     assert "operator.window_s within [0.000, 1.200], [2.950, 3.950], [1.950, 2.750] s" in message
     assert "operator.max_gap_s = 0.76" in message
     part = play(path, window_s=(1.95, 2.75))
-    assert part.summary.gaps == 2 and part.summary.gap_row == 1199 and part.summary.outside_share > 0.2
+    assert (
+        part.summary.gaps == 2 and part.summary.gap_row == 1199 and part.summary.outside_share > 0.2
+    )
     bridged = play(path, max_gap_s=0.76)
     assert bridged.summary.gap_s == pytest.approx(0.751)
-    shown = tip_mm(bridged.motion)[749:]  # the circle goes on through the gap, to within what the gap hides
+    shown = tip_mm(bridged.motion)[
+        749:
+    ]  # the circle goes on through the gap, to within what the gap hides
     wanted = circle(np.arange(len(shown)) * 1e-3)
     assert np.abs(shown - wanted)[300:1100].max() < 1e-3
     assert 0.01 < np.abs(shown - wanted)[1200:1950].max() < 2.0
@@ -197,7 +259,9 @@ def test_a_gap_before_or_after_what_a_campaign_replays_is_no_harm(parquet):
 
 
 @settings(max_examples=30)
-@given(st.lists(st.integers(1, 60), min_size=3, max_size=200), st.sampled_from(["s", "ms", "us", "ns"]))
+@given(
+    st.lists(st.integers(1, 60), min_size=3, max_size=200), st.sampled_from(["s", "ms", "us", "ns"])
+)
 def test_stamps_that_only_rise_are_the_same_in_every_unit(steps, unit):
     """Whole milliseconds in any unit, any steps below a gap."""
     from pathlib import Path

@@ -18,7 +18,9 @@ cases = st.tuples(st.integers(2, 4000), st.integers(501, 12_000), st.floats(0.1,
 def test_a_recording_that_ends_before_the_campaign_is_refused_with_what_to_write(parquet):
     """It used to leave the rest of the campaign without motion."""
     path = parquet(recording())
-    message = refused(path, "ends after 3.749 s, 3.000 s of the recording", "the campaign lasts 8 s", ticks=8000)
+    message = refused(
+        path, "ends after 3.749 s, 3.000 s of the recording", "the campaign lasts 8 s", ticks=8000
+    )
     for way in ("campaign.duration_s = 3.749", '"hold"', '"reverse"', "operator.slow_down = 2.42"):
         assert way in message
     assert len(play(path, ticks=8000, slow_down=2.42).motion) == 8000
@@ -32,7 +34,9 @@ def test_hold_slows_down_and_rests(parquet):
     assert np.abs(np.diff(tip[3302:], axis=0)).max() == 0.0
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     assert np.abs(np.diff(speed)).max() < 1e-3  # comes to rest without a jolt, mm per ms
-    assert tip[-1] == pytest.approx(tip_mm(play(parquet(recording(rows=2300))).motion)[-1], abs=1e-6)
+    assert tip[-1] == pytest.approx(
+        tip_mm(play(parquet(recording(rows=2300))).motion)[-1], abs=1e-6
+    )
 
 
 def test_reverse_goes_back_and_forth(parquet):
@@ -40,14 +44,20 @@ def test_reverse_goes_back_and_forth(parquet):
     tip, there = tip_mm(one.motion), 2299 + 500
     assert one.summary.turns == 3
     assert tip[500 + 2 * there - 1] == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)  # back at the start
-    np.testing.assert_allclose(tip[500 : 500 + there], tip[500 + there : 500 + 2 * there][::-1], atol=1e-9)
+    np.testing.assert_allclose(
+        tip[500 : 500 + there], tip[500 + there : 500 + 2 * there][::-1], atol=1e-9
+    )
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     assert np.abs(np.diff(speed)).max() < 1e-3
     assert speed[-1000:].max() > 0.01  # it still moves
 
 
 def test_a_campaign_that_ends_before_hands_move_is_refused(parquet):
-    refused(parquet(recording()), "the campaign ends after 0.3 s, and hands rest for the first 0.5 s", ticks=300)
+    refused(
+        parquet(recording()),
+        "the campaign ends after 0.3 s, and hands rest for the first 0.5 s",
+        ticks=300,
+    )
 
 
 @given(cases, st.sampled_from(["hold", "reverse"]))
@@ -75,5 +85,10 @@ def test_what_a_refusal_says_is_accepted(case):
         words = str(error).replace(",", " ").split()
         shorter = round(float(words[words.index("campaign.duration_s") + 2]) * 1e3)
         slower = float(words[-1])
-        assert len(timeline.make(Path("m"), rows, shorter, ReplayOptions(slow_down=slow_down)).row) == shorter
-        assert len(timeline.make(Path("m"), rows, ticks, ReplayOptions(slow_down=slower)).row) == ticks
+        assert (
+            len(timeline.make(Path("m"), rows, shorter, ReplayOptions(slow_down=slow_down)).row)
+            == shorter
+        )
+        assert (
+            len(timeline.make(Path("m"), rows, ticks, ReplayOptions(slow_down=slower)).row) == ticks
+        )

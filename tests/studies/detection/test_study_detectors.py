@@ -1,4 +1,6 @@
-"""The study of detectors: choices, rates, areas and tables on made-up runs with known answers, and the whole."""
+"""The study of detectors: choices, rates, areas and tables on made-up runs with known answers,
+and the whole.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,16 @@ from ravenjax.studies.detection import areas, comparison, drawings, tables
 from ravenjax.studies.detection import points as detector_points
 from ravenjax.studies.detection import runs as detector_runs
 from ravenjax.studies.detection.points import CLIP, FORK, PUBLISHED, Chosen
-from ravenjax.studies.detection.runs import AS_MODELLED, CHECKS, CUE, OTHERS, STOPS, UNCERTAIN, FaultyScores, FreeScores
+from ravenjax.studies.detection.runs import (
+    AS_MODELLED,
+    CHECKS,
+    CUE,
+    OTHERS,
+    STOPS,
+    UNCERTAIN,
+    FaultyScores,
+    FreeScores,
+)
 from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import plain
 
@@ -34,9 +45,14 @@ DETECTORS = (
 
 
 def faulty(
-    first: list[list[int]], unintended_ms: list[int], cell: list[int] | None = None, **others: list[int]
+    first: list[list[int]],
+    unintended_ms: list[int],
+    cell: list[int] | None = None,
+    **others: list[int],
 ) -> FaultyScores:
-    """Runs with an alarm of each detector at `first` [runs][detectors], at every threshold; effects begin at 100 ms."""
+    """Runs with an alarm of each detector at `first` [runs][detectors], at every threshold;
+    effects begin at 100 ms.
+    """
     times, n = np.array(first), len(first)
     began = np.array(unintended_ms)
     return FaultyScores(
@@ -52,7 +68,9 @@ def faulty(
         np.zeros(n, bool),
         np.zeros(n, bool),
         np.where(times >= 0, 9.0, 0.1),
-        tuple(np.repeat(times[:, [d]], len(one.thresholds), axis=1) for d, one in enumerate(DETECTORS)),
+        tuple(
+            np.repeat(times[:, [d]], len(one.thresholds), axis=1) for d, one in enumerate(DETECTORS)
+        ),
         {name: np.array(others.get(name, [-1] * n)) for name in OTHERS},
         1000,
         Rules(),
@@ -85,7 +103,9 @@ def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> FaultyScores:
     skill = np.array([1.0, 0.3, 0.5, 3.0, 0.7])
     score = np.exp(rng.normal(size=(len(moved), 5)) + moved[:, None] * skill)
     first = tuple(
-        np.where(score[:, [d]] > np.array(one.thresholds), rng.integers(100, 400, (len(moved), 1)), -1)
+        np.where(
+            score[:, [d]] > np.array(one.thresholds), rng.integers(100, 400, (len(moved), 1)), -1
+        )
         for d, one in enumerate(DETECTORS)
     )
     return FaultyScores(
@@ -102,7 +122,11 @@ def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> FaultyScores:
         np.tile(moved_of & (rng.random(cells) < 0.5), motions),
         score,
         first,
-        {CHECKS: np.where(moved, 260, -1), STOPS: np.where(score[:, 0] > 3, 300, -1), CUE: np.where(moved, 240, -1)},
+        {
+            CHECKS: np.where(moved, 260, -1),
+            STOPS: np.where(score[:, 0] > 3, 300, -1),
+            CUE: np.where(moved, 240, -1),
+        },
         1000,
         Rules(),
     )
@@ -113,7 +137,8 @@ def test_the_catalogue_finds_it() -> None:
 
 
 def test_a_threshold_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:
-    # 2 h: 20, 0, 3 and 2 alarms at thresholds 0.5, 1, 2, 4: threshold 1 is quiet by chance, threshold 2 is not
+    # 2 h: 20, 0, 3 and 2 alarms at thresholds 0.5, 1, 2, 4: threshold 1 is quiet by chance,
+    # threshold 2 is not
     motion = free([[20, 0, 3, 2], [0, 0, 0, 0]])
     assert detector_points.threshold_for(motion, "steps/all/1") == 4.0
     assert detector_points.threshold_for(motion, "steps/all/1", per_hour=1.5) == 1.0
@@ -125,7 +150,12 @@ def test_a_threshold_is_the_lowest_from_which_on_alarms_are_rare_enough() -> Non
 
 def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> None:
     runs = faulty(
-        [[150, 110, -1, -1, -1], [300, 110, -1, -1, -1], [-1, 110, -1, -1, -1], [120, 110, -1, -1, -1]],
+        [
+            [150, 110, -1, -1, -1],
+            [300, 110, -1, -1, -1],
+            [-1, 110, -1, -1, -1],
+            [120, 110, -1, -1, -1],
+        ],
         unintended_ms=[200, 200, 200, -1],
     )
     found = detector_points.point(runs, free([[0, 0, 0, 0]] * 2), *PUBLISHED)
@@ -145,21 +175,35 @@ def test_a_rate_without_spread_has_the_interval_of_its_kinds() -> None:
     found = detector_points.share(hit, every, units.units(np.repeat(np.arange(8), 5)), "runs")
     assert (found.value, found.high, found.n) == (1.0, 1.0, 40)
     assert found.low == pytest.approx(0.6756, abs=1e-3)  # Wilson of 8 of 8, not of 40 of 40
-    assert detector_points.percent(detector_points.share(hit, ~every, units.units(np.arange(40)), "runs")) == "no runs"
+    assert (
+        detector_points.percent(
+            detector_points.share(hit, ~every, units.units(np.arange(40)), "runs")
+        )
+        == "no runs"
+    )
 
 
 def test_one_run_of_each_fault_is_taken_with_the_motions_in_turn() -> None:
-    runs = faulty([[-1] * 5] * 6, [-1] * 6, cell=[0, 1, 2, 0, 1, 3])._replace(motion=np.array([0, 0, 0, 1, 1, 1]))
+    runs = faulty([[-1] * 5] * 6, [-1] * 6, cell=[0, 1, 2, 0, 1, 3])._replace(
+        motion=np.array([0, 0, 0, 1, 1, 1])
+    )
     once = runs.once()
     assert sorted(once.cell.tolist()) == [0, 1, 2, 3]
-    assert dict(zip(once.cell.tolist(), once.motion.tolist(), strict=True)) == {0: 0, 1: 1, 2: 0, 3: 1}
+    assert dict(zip(once.cell.tolist(), once.motion.tolist(), strict=True)) == {
+        0: 0,
+        1: 1,
+        2: 0,
+        3: 1,
+    }
 
 
 def test_alarms_before_the_first_effect_do_not_count() -> None:
     made = synthetic_results.manifest(runs=400)
     frame = synthetic_results.frame(400)
     early = frame.copy()
-    early["detector0_threshold0_first_ms"] = np.where(frame["detector0_threshold0_first_ms"] >= 0, 0, -1)
+    early["detector0_threshold0_first_ms"] = np.where(
+        frame["detector0_threshold0_first_ms"] >= 0, 0, -1
+    )
     late, soon = detector_runs.pooled([frame], made), detector_runs.pooled([early], made)
     assert (late.spoke_ms("dsn16", 0.5) >= 0).sum() > 50
     assert (soon.spoke_ms("dsn16", 0.5) >= 0).sum() == 0
@@ -178,8 +222,12 @@ def test_a_check_that_only_limits_is_no_alarm() -> None:
 
 
 def test_a_check_that_trips_without_a_fault_is_a_false_alarm_whatever_the_response_says() -> None:
-    """A run without a fault is its own golden run, so its response is silent even where a check stopped it."""
-    frame = synthetic_results.frame(6).assign(group=f"free/{AS_MODELLED}", failed="", response="silent")
+    """A run without a fault is its own golden run, so its response is silent even where a check
+    stopped it.
+    """
+    frame = synthetic_results.frame(6).assign(
+        group=f"free/{AS_MODELLED}", failed="", response="silent"
+    )
     frame[detector_runs.SCALE] = 0.1
     frame[[name for name in frame if name.startswith("check_") and name.endswith("_count")]] = 0
     frame.loc[1, "check_overdrive_clip_count"] = 900  # a limit
@@ -193,7 +241,9 @@ def test_a_check_that_trips_without_a_fault_is_a_false_alarm_whatever_the_respon
 
 def test_areas_are_told_by_kind_of_hazard_against_runs_without_any() -> None:
     runs = faulty([[-1] * 5] * 8, [200, 200, -1, -1, -1, -1, -1, -1])
-    hazard = np.array(["unintended motion"] * 2 + ["loss of motion", "false report"] + ["none"] * 4, object)
+    hazard = np.array(
+        ["unintended motion"] * 2 + ["loss of motion", "false report"] + ["none"] * 4, object
+    )
     jumped, leapt = np.arange(8) >= 6, np.arange(8) == 7
     runs = runs._replace(hazard=hazard, jumped=jumped, leapt=leapt)
     shown = tables.hazard_table(runs, ["tip_error"])
@@ -214,7 +264,8 @@ def test_motions_of_other_faults_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("noise", "robots"), [(False, {AS_MODELLED, UNCERTAIN}), (True, {"noise", "more noise", f"{UNCERTAIN}, noise"})]
+    ("noise", "robots"),
+    [(False, {AS_MODELLED, UNCERTAIN}), (True, {"noise", "more noise", f"{UNCERTAIN}, noise"})],
 )
 def test_noise_makes_another_robot(noise: bool, robots: set[str]) -> None:
     groups = [f"free/{AS_MODELLED}", "free/more noise", f"free/{UNCERTAIN}", "library/C09"] * 5
@@ -231,7 +282,9 @@ def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None
 
     rng = np.random.default_rng(3)
     positive = rng.random(60) < 0.4
-    score = np.round(rng.normal(size=(60, 2)) + positive[:, None] * np.array([1.0, 0.5]), 1)  # with ties
+    score = np.round(
+        rng.normal(size=(60, 2)) + positive[:, None] * np.array([1.0, 0.5]), 1
+    )  # with ties
     found = areas.areas(score, positive, np.arange(60))
     assert found.value == pytest.approx([roc_auc_score(positive, score[:, d]) for d in range(2)])
     # DeLong 1988, in loops
@@ -273,7 +326,10 @@ def test_who_knows_first_shares_ties_and_counts_the_silent() -> None:
         unintended_ms=[200, 200, 200, 200],
     )
     shown = tables.first_table(runs, [Chosen(*PUBLISHED), Chosen("tip_error", 3.0)])
-    cells = {row[0]: [str(cell).split("%")[0].strip().replace("\u202f", "") for cell in row[1:]] for row in shown.rows}
+    cells = {
+        row[0]: [str(cell).split("%")[0].strip().replace("\u202f", "") for cell in row[1:]]
+        for row in shown.rows
+    }
     assert cells["steps/all/1, threshold 1"] == ["25.0", "0.0", "0.0"]
     assert cells["tip_error, threshold 3"] == ["75.0", "50.0", "25.0"]
     assert cells["someone, but not before the motion"][0] == "25.0"
@@ -285,11 +341,18 @@ def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) ->
     runs = random_runs()
     motion = [free([[9, 3, 1, 0]] * 6), free([[9, 9, 5, 1]] * 6, robot=UNCERTAIN)]
     both = motion[0]._replace(
-        **{name: np.concatenate([getattr(one, name) for one in motion]) for name in detector_runs._FREE_BY_RUN},
-        alarms=tuple(np.concatenate(counts) for counts in zip(*(one.alarms for one in motion), strict=True)),
+        **{
+            name: np.concatenate([getattr(one, name) for one in motion])
+            for name in detector_runs._FREE_BY_RUN
+        },
+        alarms=tuple(
+            np.concatenate(counts) for counts in zip(*(one.alarms for one in motion), strict=True)
+        ),
         others={name: np.zeros(12, int) for name in OTHERS},
     )
-    first, second = (comparison.findings(runs, runs.where(runs.motion == 0), both) for _ in range(2))
+    first, second = (
+        comparison.findings(runs, runs.where(runs.motion == 0), both) for _ in range(2)
+    )
     text = json.dumps(plain(first), allow_nan=False)
     assert text == json.dumps(plain(second), allow_nan=False)
     assert all(line.published is None for line in first.lines)
@@ -335,13 +398,19 @@ def test_the_groups_without_faults_come_first_and_fit_the_limits() -> None:
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(comparison, "MOTIONS", ("suture", "reach"))
-    monkeypatch.setattr(comparison, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "reach", "clutched")))
+    monkeypatch.setattr(
+        comparison, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "reach", "clutched"))
+    )
     monkeypatch.setattr(comparison, "NOISY", (("suture", 11),))
     monkeypatch.setattr(comparison, "FREE_S", 20)
-    found = running.run(dataclasses.replace(comparison.STUDY, variants=comparison._variants()), tmp_path)
+    found = running.run(
+        dataclasses.replace(comparison.STUDY, variants=comparison._variants()), tmp_path
+    )
     lines = {line.quantity: line.predicted for line in found.lines}
     areas = [one for name, one in lines.items() if name.startswith("AUC, ")]
-    assert len(areas) > 3 and all(one and 0.4 < one.low < one.value <= one.high <= 1.0 for one in areas)
+    assert len(areas) > 3 and all(
+        one and 0.4 < one.low < one.value <= one.high <= 1.0 for one in areas
+    )
     assert "AUC, tip_error" not in lines  # friction parts robot and model without a fault
     assert (tmp_path / "detectors" / "findings.md").read_text().count("\n| steps/all/1") > 3
 

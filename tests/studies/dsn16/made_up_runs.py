@@ -18,7 +18,9 @@ VALUES = (100, 1000, 10000, 40000)
 
 
 def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
-    """A result table of ten onsets a cell, of which so many jump, and a fault-free run; a jump is ten packets late."""
+    """A result table of ten onsets a cell, of which so many jump, and a fault-free run; a jump
+    is ten packets late.
+    """
     cells = [(v, d) for v in VALUES for d in DURATIONS]
     rows = [(v, d, t1, k < jumps.get((v, d), 0)) for v, d in cells for k, t1 in enumerate(ONSETS)]
     value, duration, start, jump = (np.array(column) for column in zip(*rows, strict=True))
@@ -38,7 +40,12 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
         }
     )
     free = faulty.iloc[:1].assign(
-        index=0, group="fault_free", response="silent", jump_code=False, jump_code_first_ms=-1, check_ik_reject_count=1
+        index=0,
+        group="fault_free",
+        response="silent",
+        jump_code=False,
+        jump_code_first_ms=-1,
+        check_ik_reject_count=1,
     )
     return pd.concat([free.assign(fault0_site="", fault0_value=np.nan), faulty.iloc[::-1]])
 
@@ -46,4 +53,6 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
 def runs_of(jumps: Mapping[tuple[float, int], int], name: str = "made_up") -> VariantRuns:
     """The runs of such a table."""
     config, frame = loading.load("dsn16_b.toml"), table(jumps)
-    return dsn16_runs.of(name, config, frame, packet_ticks.regular(len(frame), config.campaign.ticks))
+    return dsn16_runs.of(
+        name, config, frame, packet_ticks.regular(len(frame), config.campaign.ticks)
+    )

@@ -1,4 +1,6 @@
-"""The studies of the targeted attacks: their campaigns, published numbers, trajectories, and findings."""
+"""The studies of the targeted attacks: their campaigns, published numbers, trajectories, and
+findings.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ STUDIES = ("dsn16_a", "dsn16_b", "dsn16_thresholds")
 ONSETS_A = range(1000, 2000, 50)
 
 
-# --- campaigns and published numbers ----------------------------------------------------------------------------------
+# --- campaigns and published numbers
+# ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("campaign", "faulty"), [("dsn16_b.toml", 1360), ("dsn16_a.toml", 1920)])
@@ -54,7 +57,9 @@ def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
     for column in ("value", "start_ms", "duration_ms"):
         for slot in (1, 2):
             assert rows[f"fault{slot}_{column}"].tolist() == rows[f"fault0_{column}"].tolist()
-    assert set(rows["fault0_channel"]) | set(rows["fault1_channel"]) | set(rows["fault2_channel"]) == {
+    assert set(rows["fault0_channel"]) | set(rows["fault1_channel"]) | set(
+        rows["fault2_channel"]
+    ) == {
         "delx",
         "dely",
         "delz",
@@ -93,13 +98,25 @@ def test_bands_are_the_wilson_intervals_widened_by_ten_points() -> None:
 
 
 def test_published_file_holds_nothing_that_was_withheld() -> None:
-    known = {"b.jump", "b.estop", "b.runs", "thresholds", "step", "earlier", "largest", "integrator", "rms", "dac"}
+    known = {
+        "b.jump",
+        "b.estop",
+        "b.runs",
+        "thresholds",
+        "step",
+        "earlier",
+        "largest",
+        "integrator",
+        "rms",
+        "dac",
+    }
     known |= {"tip_error"}
     for key in literature.read("dsn16").numbers:
         assert any(key == k or key.startswith(f"{k}.") for k in known), key
 
 
-# --- trajectories -----------------------------------------------------------------------------------------------------
+# --- trajectories ---------------------------------------------------------------------------------
+# --------------------
 
 
 def test_levers_cover_80_to_180_mm() -> None:
@@ -113,13 +130,17 @@ def test_levers_cover_80_to_180_mm() -> None:
 
 
 def test_longer_levers_are_the_stitches_of_the_baseline_drawn_back() -> None:
-    """Their desired tip is the baseline's, shifted along the shaft by what the insertion was drawn back."""
+    """Their desired tip is the baseline's, shifted along the shaft by what the insertion was
+    drawn back.
+    """
     home = Vec(np.float64(q) for q in HOME_JPOS)
     plain = trajectory.desired_tip(loading.load("dsn16_b.toml"))
     for overrides, insertion in zip(trajectory.LEVERS.values(), (0.372, 0.336, 0.300), strict=True):
         config = loading.load("dsn16_b.toml", list(overrides))
         with jax.enable_x64(True):
-            back = kinematics.forward("gold", Vec((*home[:2], np.float64(insertion), *home[3:]))).position
+            back = kinematics.forward(
+                "gold", Vec((*home[:2], np.float64(insertion), *home[3:]))
+            ).position
             there = kinematics.forward("gold", home).position
         shift = [float(a) - float(b) for a, b in zip(back, there, strict=True)]
         np.testing.assert_allclose(trajectory.desired_tip(config), plain + shift, atol=1e-9)
@@ -131,7 +152,10 @@ def test_recording_is_used_only_where_it_is(tmp_path: Path) -> None:
     (tmp_path / "operator_positions.parquet").touch()
     found = trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)})
     assert list(found) == ["recorded_0s", "recorded_6s", "recorded_18s", "recorded_51s"]
-    assert all(f"operator.file={tmp_path / 'operator_positions.parquet'}" in overrides for overrides in found.values())
+    assert all(
+        f"operator.file={tmp_path / 'operator_positions.parquet'}" in overrides
+        for overrides in found.values()
+    )
 
 
 def test_lever_in_words() -> None:
@@ -144,7 +168,8 @@ def test_motion_of_the_baseline_is_generated() -> None:
     assert config.operator.motion in motions.MOTIONS
 
 
-# --- counting ---------------------------------------------------------------------------------------------------------
+# --- counting -------------------------------------------------------------------------------------
+# --------------------
 
 
 def test_runs_are_counted_from_a_table_in_any_order() -> None:
@@ -154,14 +179,28 @@ def test_runs_are_counted_from_a_table_in_any_order() -> None:
     assert runs.percent("stop").tolist() == [25.0] * 8
     assert runs.percent("missed").tolist() == [0, 0, 0, 0, 0, 0, 10.0, 0]
     assert runs.percent("ik").tolist() == [50.0] * 8  # more often than the fault-free run
-    assert runs.percent("inside").tolist() == [0, 0, 0, 0, 0, 0, 10.0, 0]  # ten packets are past t1 + 8 + 1
+    assert runs.percent("inside").tolist() == [
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        10.0,
+        0,
+    ]  # ten packets are past t1 + 8 + 1
     assert runs.share("jump").shares.shape == (len(VALUES), 8)
 
 
 @pytest.mark.parametrize(
     ("value", "wrapped", "saturated"),
     [(20000, 20000, 20000), (40000, -25536, 32767), (80000, 14464, 32767), (100000, -31072, 32767)]
-    + [(200000, 3392, 32767), (400000, 6784, 32767), (800000, 13568, 32767), (-40000, 25536, -32768)],
+    + [
+        (200000, 3392, 32767),
+        (400000, 6784, 32767),
+        (800000, 13568, 32767),
+        (-40000, 25536, -32768),
+    ],
 )
 def test_large_values_wrap_or_saturate(value: int, wrapped: int, saturated: int) -> None:
     assert stored(value) == wrapped
@@ -185,7 +224,10 @@ def test_sensitivity_table_compares_cell_by_cell() -> None:
     assert by_name["b"]["points from publication"] == "-3.1"
     assert by_name["b"]["above / below"] == "0 / 1"
     assert by_name["more"]["in band"] == "8 of 8"
-    assert [name for name, *_ in sensitivity.ranked([VariantCase(base, ""), VariantCase(more, "q")], base)] == [
+    assert [
+        name
+        for name, *_ in sensitivity.ranked([VariantCase(base, ""), VariantCase(more, "q")], base)
+    ] == [
         "more",
         "made_up",
     ]
@@ -235,7 +277,8 @@ def test_drawings_draw() -> None:
     assert sorted(written) == ["100", "40"]
 
 
-# --- end to end -------------------------------------------------------------------------------------------------------
+# --- end to end -----------------------------------------------------------------------------------
+# --------------------
 
 
 def smaller(study: Study, overrides: dict[str, tuple[str, ...]], out: Path) -> Findings:
@@ -287,10 +330,31 @@ def test_scenario_a_and_thresholds_end_to_end(tmp_path: Path) -> None:
     training = {"training_suture": few, "training_peg_transfer": few}
     found = smaller(a, {"baseline": (), "drift": (), **training}, tmp_path / "a")
     assert all(line.published is None or "stated" in line.published.of for line in found.lines)
-    grid = next(t for t in found.tables if t.title == "P(jump), %, by displacement and duration; baseline")
-    assert [row[0] for row in grid.rows] == [250, 350, 500, 700, 1000, 1500, 2000, 3000, 4000, 6000, 8000, 9000]
+    grid = next(
+        t for t in found.tables if t.title == "P(jump), %, by displacement and duration; baseline"
+    )
+    assert [row[0] for row in grid.rows] == [
+        250,
+        350,
+        500,
+        700,
+        1000,
+        1500,
+        2000,
+        3000,
+        4000,
+        6000,
+        8000,
+        9000,
+    ]
     few = ("group.fault_free.repeats=3",)
-    found = smaller(catalogue.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few}, tmp_path / "t")
+    found = smaller(
+        catalogue.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few}, tmp_path / "t"
+    )
     assert len(found.tables[0].rows) == 18
-    steps = [line for line in found.lines if line.quantity.startswith("standard deviation of a step, motor position")]
+    steps = [
+        line
+        for line in found.lines
+        if line.quantity.startswith("standard deviation of a step, motor position")
+    ]
     assert all(line.predicted is not None and line.predicted.value > 0 for line in steps)

@@ -16,7 +16,9 @@ ONES = np.ones((3, 3))
 
 def made_up(rows: int = 1200) -> Log:
     """A log in which nothing moves."""
-    return Log(np.arange(1, rows + 1), *(np.zeros((rows, 3)) for _ in range(4)), np.zeros((rows, 7)))
+    return Log(
+        np.arange(1, rows + 1), *(np.zeros((rows, 3)) for _ in range(4)), np.zeros((rows, 7))
+    )
 
 
 def test_log_has_a_row_a_packet_and_ends_with_the_packets() -> None:
@@ -26,11 +28,18 @@ def test_log_has_a_row_a_packet_and_ends_with_the_packets() -> None:
     series = {"last_seq": number, "gold/position": wide[:, :3] * 1e-6}
     found = log(series | {f"gold/{name}": wide for name in ("mpos", "mvel", "jpos")})
     assert found.packet.tolist() == [1, 2, 3]
-    assert found.mpos[:, 0].tolist() == found.tip[:, 1].tolist() == found.joints[:, 6].tolist() == [1.0, 3.0, 5.0]
+    assert (
+        found.mpos[:, 0].tolist()
+        == found.tip[:, 1].tolist()
+        == found.joints[:, 6].tolist()
+        == [1.0, 3.0, 5.0]
+    )
 
 
 def test_fused_alarm_needs_all_three_in_one_row() -> None:
-    """Row i of the steps leads from packet i + 1 to packet i + 2; velocities must be over in two rows."""
+    """Row i of the steps leads from packet i + 1 to packet i + 2; velocities must be over in two
+    rows.
+    """
     one = made_up()
     one.mpos[1001:, 0] += 2.0  # a step in the row of packet 1001
     one.jpos[1001:, 2] += 2.0
@@ -86,7 +95,9 @@ def test_joints_of_a_jump_are_those_of_the_packets_of_its_two_steps() -> None:
 
 
 def test_block_bootstrap_keeps_runs_together() -> None:
-    """Steps that are alike within a run and differ between runs: only the draw of runs moves the percentile."""
+    """Steps that are alike within a run and differ between runs: only the draw of runs moves the
+    percentile.
+    """
     rng = np.random.default_rng(1)
     level = rng.uniform(1.0, 2.0, 50)
     together = np.repeat(level[:, None], 200, axis=1)
@@ -107,7 +118,9 @@ def test_order_statistics_of_few_runs_have_no_upper_end() -> None:
 
 def test_score_of_known_counts() -> None:
     told = np.array([True] * 6 + [False] * 4)
-    jumped = np.array([True] * 4 + [False] * 2 + [True] * 1 + [False] * 3)  # 4 hits, 2 false, 1 lost, 3 quiet
+    jumped = np.array(
+        [True] * 4 + [False] * 2 + [True] * 1 + [False] * 3
+    )  # 4 hits, 2 false, 1 lost, 3 quiet
     found = score(told, jumped)
     assert found.tpr == pytest.approx(4 / 5)
     assert found.fpr == pytest.approx(2 / 5)

@@ -12,12 +12,16 @@ from ravenjax.studies.dsn16.recording import closed_loop, horizons, prediction_t
 from ravenjax.studies.framework.study import Context
 
 
-def test_without_the_recording_nothing_is_predicted_and_it_is_said_what_is_missing(monkeypatch, tmp_path):
+def test_without_the_recording_nothing_is_predicted_and_it_is_said_what_is_missing(
+    monkeypatch, tmp_path
+):
     monkeypatch.setenv(closed_loop.DATA, str(tmp_path))
     found = model.STUDY.compare(Context({}))
     assert [line.target for line in found.lines] == ["A3"] * 3
     assert all(line.predicted is None and line.passed is None for line in found.lines)
-    assert all(closed_loop.FILE in line.reason and closed_loop.DATA in line.reason for line in found.lines)
+    assert all(
+        closed_loop.FILE in line.reason and closed_loop.DATA in line.reason for line in found.lines
+    )
 
 
 def test_bands_are_those_of_the_target():
@@ -33,7 +37,9 @@ def test_the_asked_motor_angles_give_back_the_torque():
 
 
 def ahead(scale: float) -> list[horizons.HorizonError]:
-    """Errors as `horizons.compare` gives them; the bare rotors' are `scale` times the virtual robot's."""
+    """Errors as `horizons.compare` gives them; the bare rotors' are `scale` times the virtual
+    robot's.
+    """
     mean = np.array((0.1, 0.2, 0.3))
     models = [
         (horizons.CLOSED, "virtual robot, traj3", mean),
@@ -57,16 +63,22 @@ PART = horizons.RecordedStretch(np.zeros((1000, 3)), np.zeros((1000, 3)), 1.0, p
 )
 def test_the_null_models_are_told_as_the_table_has_them(scale, words, best):
     rows = ahead(scale)
-    largest, rotor = model._notes(model.literature.read("dsn16_model"), model.Error(*rows[0][3:]), rows)
+    largest, rotor = model._notes(
+        model.literature.read("dsn16_model"), model.Error(*rows[0][3:]), rows
+    )
     assert "0.300 deg (shoulder), 0.600 deg (elbow), 0.900 mm (insertion)" in largest
     assert words in rotor and f"{0.1 * scale:.3f} deg (shoulder)" in rotor
     (said,) = prediction_tables.sentences(PART, rows)
-    assert said.startswith("Virtual robot, traj3, closed loop: its mean error is smaller than that of a held velocity")
+    assert said.startswith(
+        "Virtual robot, traj3, closed loop: its mean error is smaller than that of a held velocity"
+    )
     for when in ("after 20 ms", "after 50 ms", "after 128 ms", "over the whole"):
         assert f"{when} at 1 of 3 joints (elbow)" in said
     assert f"every null model in {best} of 12 comparisons" in said
     table = prediction_tables.table("x", PART, rows)
-    assert len(table.rows) == 4 * (len(horizons.HORIZONS_MS) + 1) and all(len(row) == 6 for row in table.rows)
+    assert len(table.rows) == 4 * (len(horizons.HORIZONS_MS) + 1) and all(
+        len(row) == 6 for row in table.rows
+    )
     assert table.rows[0][3:] == ("0.100, 0.30", "0.200, 0.60", "0.300, 0.90")
 
 
@@ -75,11 +87,17 @@ def test_a_steady_motion_is_what_a_held_velocity_predicts():
     for period_ms in (1.0, 4.94):
         seconds = np.arange(600)[:, None] * period_ms * 1e-3
         speed = np.array((2.0, -1.0, 0.5))
-        part = horizons.RecordedStretch(seconds * speed, np.tile(speed, (600, 1)), period_ms, predictors.UNITS)
+        part = horizons.RecordedStretch(
+            seconds * speed, np.tile(speed, (600, 1)), period_ms, predictors.UNITS
+        )
         errors = {(one.model, one.horizon_ms): one for one in horizons.compare(part, [])}
         for horizon in (*horizons.HORIZONS_MS, None):
-            np.testing.assert_allclose(errors[horizons.HELD_VELOCITY, horizon].largest, 0.0, atol=1e-12)
-            way = np.abs(speed) * (seconds[-1] if horizon is None else part.rows(horizon) * period_ms * 1e-3)
+            np.testing.assert_allclose(
+                errors[horizons.HELD_VELOCITY, horizon].largest, 0.0, atol=1e-12
+            )
+            way = np.abs(speed) * (
+                seconds[-1] if horizon is None else part.rows(horizon) * period_ms * 1e-3
+            )
             np.testing.assert_allclose(errors[horizons.HELD_POSITION, horizon].largest, way)
             assert horizon is None or abs(part.rows(horizon) * period_ms - horizon) <= period_ms / 2
 
@@ -91,7 +109,9 @@ def test_no_prediction_reaches_beyond_its_stretch():
 
 @pytest.mark.slow
 def test_a_cut_cable_frees_the_rotor(shared_data):
-    """In open loop the rotor alone goes where its own torque and friction lead it, and the link does not matter."""
+    """In open loop the rotor alone goes where its own torque and friction lead it, and the link
+    does not matter.
+    """
     log = closed_loop.read(shared_data(closed_loop.FILE))
     with jax.enable_x64(True):
         angle, speed, dac = log.angle[500], log.speed[500], log.dac[500:520]

@@ -1,4 +1,6 @@
-"""Findings do not depend on who runs them: what needs a recording stands apart, all the rest is the same."""
+"""Findings do not depend on who runs them: what needs a recording stands apart, all the rest is
+the same.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,15 @@ from matplotlib.figure import Figure
 from ravenjax.bundled import resources
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.studies import catalogue
-from ravenjax.studies.dsn16 import detection, model, motor_commands, operator_packets, thresholds, timing, trajectory
+from ravenjax.studies.dsn16 import (
+    detection,
+    model,
+    motor_commands,
+    operator_packets,
+    thresholds,
+    timing,
+    trajectory,
+)
 from ravenjax.studies.dsn16 import runs as dsn16_runs
 from ravenjax.studies.dsn16.cells import DURATIONS
 from ravenjax.studies.dsn16.detection import Watched
@@ -49,25 +59,41 @@ def recording(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def made_up_series(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs and their series as they are wherever nothing is recorded, and far from it for recorded hands."""
+    """Runs and their series as they are wherever nothing is recorded, and far from it for
+    recorded hands.
+    """
 
     def read(name: str, folder: Path) -> VariantRuns:
         return dataclasses.replace(WILD if name.startswith("recorded") else PLAIN, name=name)
 
     def watch(folder: Path, runs: VariantRuns, levels: dict[str, np.ndarray]) -> Watched:
-        alarms = [RunAlarms((bool(jump),) * 4, (bool(jump),) * 4, 1 if jump else -1) for jump in runs.hits["jump"]]
+        alarms = [
+            RunAlarms((bool(jump),) * 4, (bool(jump),) * 4, 1 if jump else -1)
+            for jump in runs.hits["jump"]
+        ]
         joints = np.where(runs.hits["jump"][:, None, None], JUMP, np.nan)
-        return Watched(levels, dict.fromkeys(levels, alarms), np.ones(len(alarms)), np.zeros(len(alarms), bool), joints)
+        return Watched(
+            levels,
+            dict.fromkeys(levels, alarms),
+            np.ones(len(alarms)),
+            np.zeros(len(alarms), bool),
+            joints,
+        )
 
     def measure(folder: Path, measured: object) -> list[FaultFree]:
         rng = np.random.default_rng(len(folder.name))
         size = 1e3 if folder.name.startswith("recorded") else 1.0
         steps, tips = rng.random((3, 40, 3, 3)), rng.random((3, 40, 3))
-        return [FaultFree(size * s, size * t, s[0, 0], t[0], (0.1, 0.2)) for s, t in zip(steps, tips, strict=True)]
+        return [
+            FaultFree(size * s, size * t, s[0, 0], t[0], (0.1, 0.2))
+            for s, t in zip(steps, tips, strict=True)
+        ]
 
     monkeypatch.setattr(dsn16_runs, "read", read)
     monkeypatch.setattr(detection, "learn", lambda folders: None)
-    monkeypatch.setattr(detection, "thresholds", lambda learned: {detection.CHOSEN: np.ones((3, 3))})
+    monkeypatch.setattr(
+        detection, "thresholds", lambda learned: {detection.CHOSEN: np.ones((3, 3))}
+    )
     monkeypatch.setattr(detection, "watch", watch)
     monkeypatch.setattr(thresholds, "measure", measure)
 
@@ -78,7 +104,9 @@ def findings(name: str, data: Path | None, monkeypatch: pytest.MonkeyPatch) -> F
         monkeypatch.delenv(trajectory.DATA, raising=False)
     else:
         monkeypatch.setenv(trajectory.DATA, str(data))
-    return STUDIES[name].compare(Context({variant.name: Path(variant.name) for variant in STUDIES[name].variants()}))
+    return STUDIES[name].compare(
+        Context({variant.name: Path(variant.name) for variant in STUDIES[name].variants()})
+    )
 
 
 def rest(found: Findings) -> Findings:
@@ -98,7 +126,10 @@ def curves(found: Findings) -> list[tuple[str, object, list[list[float]]]]:
         figure = Figure()
         drawing.draw(figure)
         for axis in figure.axes:
-            result += [(drawing.name, line.get_label(), np.asarray(line.get_xydata()).tolist()) for line in axis.lines]
+            result += [
+                (drawing.name, line.get_label(), np.asarray(line.get_xydata()).tolist())
+                for line in axis.lines
+            ]
     return result
 
 
@@ -112,7 +143,9 @@ def test_recorded_hands_change_nothing_but_their_own_tables(name, recording, mon
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_recorded_hands_stand_in_tables_of_their_own_and_a_note_says_what_they_need(name, recording, monkeypatch):
+def test_recorded_hands_stand_in_tables_of_their_own_and_a_note_says_what_they_need(
+    name, recording, monkeypatch
+):
     without, beside = (findings(name, data, monkeypatch) for data in (None, recording))
     tables = [table for table in beside.tables if table.title.startswith(trajectory.HANDS)]
     windows = set(trajectory.recorded())
@@ -127,8 +160,13 @@ def test_recorded_hands_stand_in_tables_of_their_own_and_a_note_says_what_they_n
 @pytest.mark.parametrize("name", STUDIES)
 def test_recorded_hands_stand_apart_in_the_findings_that_are_kept(name):
     record = json.loads((REFERENCE / name / "findings.json").read_text(encoding="utf-8"))
-    others = [table for table in record["tables"] if not table["title"].startswith(trajectory.HANDS)]
-    assert not any("recorded_" in str(part) for part in (record["lines"], record["drawings"], record["notes"], others))
+    others = [
+        table for table in record["tables"] if not table["title"].startswith(trajectory.HANDS)
+    ]
+    assert not any(
+        "recorded_" in str(part)
+        for part in (record["lines"], record["drawings"], record["notes"], others)
+    )
 
 
 def test_a1_is_judged_by_the_baseline_alone(recording, monkeypatch):
@@ -136,17 +174,29 @@ def test_a1_is_judged_by_the_baseline_alone(recording, monkeypatch):
     judged = [line for line in found.lines if line.target == "A1"]
     assert found.lines[: len(judged)] == tuple(judged) and len(judged) == len(DURATIONS) + 1
     assert all(motor_commands.BASELINE in line.quantity for line in judged)
-    others = [line for line in found.lines if line.band and line not in judged and "suture" in line.quantity]
+    others = [
+        line
+        for line in found.lines
+        if line.band and line not in judged and "suture" in line.quantity
+    ]
     assert len(others) == len(trajectory.LEVERS) * (len(DURATIONS) + 1)
-    first = [line for line in found.lines if line.quantity.split("; ")[-1].startswith(timing.DECLARED)]
+    first = [
+        line for line in found.lines if line.quantity.split("; ")[-1].startswith(timing.DECLARED)
+    ]
     assert len(first) == len(DURATIONS) + 1 and not any(line.target for line in first)
 
 
-def test_without_its_recording_a_target_has_the_same_lines_and_is_not_judged(recording, monkeypatch):
+def test_without_its_recording_a_target_has_the_same_lines_and_is_not_judged(
+    recording, monkeypatch
+):
     """A3 compares with a recording and with nothing else: there is no prediction without it."""
     error = model.Error(np.full(3, 0.5), np.full(3, 0.6))
     models = (
-        *((loop, one) for loop in (horizons.CLOSED, horizons.OPEN) for one in ("virtual robot", horizons.ROTORS)),
+        *(
+            (loop, one)
+            for loop in (horizons.CLOSED, horizons.OPEN)
+            for one in ("virtual robot", horizons.ROTORS)
+        ),
     )
     nulls = ((horizons.NO_LOOP, one) for one in (horizons.HELD_POSITION, horizons.HELD_VELOCITY))
     ahead = [
@@ -165,19 +215,33 @@ def test_without_its_recording_a_target_has_the_same_lines_and_is_not_judged(rec
     assert [dataclasses.replace(line, predicted=None, reason="") for line in beside] == [
         dataclasses.replace(line, reason="") for line in without
     ]
-    assert [targets.sentence(state) for state in targets.states(plain(Findings(beside))["lines"])] == [
-        "A3 met: 3 of 3 lines inside their band"
-    ]
-    assert [targets.sentence(state) for state in targets.states(plain(Findings(without))["lines"])] == [
-        "A3 not judged: no line of it with a band has a prediction"
-    ]
+    assert [
+        targets.sentence(state) for state in targets.states(plain(Findings(beside))["lines"])
+    ] == ["A3 met: 3 of 3 lines inside their band"]
+    assert [
+        targets.sentence(state) for state in targets.states(plain(Findings(without))["lines"])
+    ] == ["A3 not judged: no line of it with a band has a prediction"]
 
 
 def test_every_study_that_asks_for_recordings_is_tested_here():
-    asks = {path for path in SOURCES.rglob("*.py") if trajectory.DATA in path.read_text(encoding="utf-8")}
+    asks = {
+        path
+        for path in SOURCES.rglob("*.py")
+        if trajectory.DATA in path.read_text(encoding="utf-8")
+    }
     assert asks == {Path(str(one.__file__)) for one in (trajectory, closed_loop, recordings)}
-    assert not mechanics.STUDY.targets  # without its recordings it has no line, which its own tests hold
-    uses = {path for path in SOURCES.rglob("*.py") if "trajectory.recorded(" in path.read_text(encoding="utf-8")}
+    assert (
+        not mechanics.STUDY.targets
+    )  # without its recordings it has no line, which its own tests hold
+    uses = {
+        path
+        for path in SOURCES.rglob("*.py")
+        if "trajectory.recorded(" in path.read_text(encoding="utf-8")
+    }
     assert uses == {Path(str(module.__file__)) for module in STUDIES.values()}
-    uses = {path for path in SOURCES.rglob("*.py") if "closed_loop.find(" in path.read_text(encoding="utf-8")}
+    uses = {
+        path
+        for path in SOURCES.rglob("*.py")
+        if "closed_loop.find(" in path.read_text(encoding="utf-8")
+    }
     assert uses == {Path(str(model.__file__))}

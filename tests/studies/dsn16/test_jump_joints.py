@@ -1,4 +1,6 @@
-"""Which joints make a jump: on joints that are made up, beside the Jacobian, and what is said of them."""
+"""Which joints make a jump: on joints that are made up, beside the Jacobian, and what is said of
+them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,13 @@ from ravenjax.studies.dsn16.jump_joints import JumpCase
 
 POSE = np.array(HOME_JPOS, float) + 0.8 * np.eye(7)[4]
 """With a bent wrist: with a straight one the roll leaves the tip where it is."""
-STEP = {"shoulder": (0, 0.01), "elbow": (1, 0.01), "insertion": (2, 0.001), "roll": (3, 0.05), "wrist": (4, 0.05)}
+STEP = {
+    "shoulder": (0, 0.01),
+    "elbow": (1, 0.01),
+    "insertion": (2, 0.001),
+    "roll": (3, 0.05),
+    "wrist": (4, 0.05),
+}
 
 
 def moving(**steps: float) -> np.ndarray:
@@ -29,7 +37,9 @@ def moving(**steps: float) -> np.ndarray:
     return POSE + np.arange(3)[:, None] * way
 
 
-@pytest.mark.parametrize(("name", "kind"), [("shoulder", 0), ("elbow", 0), ("insertion", 0), ("roll", 1), ("wrist", 1)])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("shoulder", 0), ("elbow", 0), ("insertion", 0), ("roll", 1), ("wrist", 1)]
+)
 def test_a_joint_that_moves_alone_makes_the_whole_jump(name, kind):
     result = jump_joints.attribute(moving(**{name: 1.0})[None], 0.1)
     expected = np.eye(5)[STEP[name][0]]
@@ -72,7 +82,9 @@ def case(name: str, told: bool, one_over: bool) -> JumpCase:
     alarm = RunAlarms((one_over, told, told, told), (told,) * 4, 1 if told else -1)
     joints = np.where(runs.hits["jump"][:, None, None], moving(**{name: 1.0}), np.nan)
     count = len(runs.index)
-    watched = Watched({}, {detection.CHOSEN: [alarm] * count}, np.zeros(count), np.zeros(count, bool), joints)
+    watched = Watched(
+        {}, {detection.CHOSEN: [alarm] * count}, np.zeros(count), np.zeros(count, bool), joints
+    )
     return jump_joints.case(runs, watched, 0.1)
 
 
@@ -101,13 +113,24 @@ def test_no_jump_is_told_by_nobody():
     count = len(runs.index)
     silent = RunAlarms((False,) * 4, (False,) * 4, -1)
     joints = np.full((count, 3, 7), np.nan)
-    nothing = Watched({}, {detection.CHOSEN: [silent] * count}, np.zeros(count), np.zeros(count, bool), joints)
+    nothing = Watched(
+        {}, {detection.CHOSEN: [silent] * count}, np.zeros(count), np.zeros(count, bool), joints
+    )
     one = jump_joints.case(runs, nothing, 0.1)
     assert not jump_joints.visible(one).passed and "no run jumps" in jump_joints.note([one])
 
 
 def test_the_verdict_counts_what_holds_and_names_what_does_not():
-    lines = [statements.holds(name, None, holds, "") for name, holds in (("a", True), ("b", False), ("c", False))]
+    lines = [
+        statements.holds(name, None, holds, "")
+        for name, holds in (("a", True), ("b", False), ("c", False))
+    ]
     words = statements.verdict("Scenario A", lines)
-    assert words.startswith("Scenario A is not reproduced: 1 of 3 statements hold") and "that b; that c." in words
-    assert statements.verdict("Scenario A", lines[:1]) == "Scenario A is as the text states it: 1 of 1 statements hold."
+    assert (
+        words.startswith("Scenario A is not reproduced: 1 of 3 statements hold")
+        and "that b; that c." in words
+    )
+    assert (
+        statements.verdict("Scenario A", lines[:1])
+        == "Scenario A is as the text states it: 1 of 1 statements hold."
+    )

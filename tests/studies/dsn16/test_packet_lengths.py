@@ -25,7 +25,9 @@ def test_rows_at_rest_are_no_packets():
 
 
 def test_lengths_are_recovered_from_the_dac():
-    """A PD law that is asked for positions which last as drawn; its torque is truncated to counts."""
+    """A PD law that is asked for positions which last as drawn; its torque is truncated to
+    counts.
+    """
     rng = np.random.default_rng(3)
     lengths = rng.choice([1, 2, 3, 4], 800, p=packets.SHARES[packets.MEASURED])
     row = np.repeat(np.cumsum(lengths) - lengths, lengths)
@@ -54,7 +56,9 @@ def test_the_measured_distribution_is_that_of_the_recorded_robot(shared_data):
 
 @pytest.mark.parametrize("phase", [0.0, 0.5])
 def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
-    ms = pd.read_parquet(shared_data("console_itp_packets.parquet"))["arrival_us"].to_numpy() * 1e-6  # they are ns
+    ms = (
+        pd.read_parquet(shared_data("console_itp_packets.parquet"))["arrival_us"].to_numpy() * 1e-6
+    )  # they are ns
     shares = arrivals.shares(arrivals.lengths(ms[ms > 200.0] - phase))
     stated = packets.SHARES[packets.BURSTS]
     np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-3)
@@ -64,15 +68,19 @@ def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
 def test_desired_positions_of_the_recorded_operator_do_not_repeat(shared_data):
     table = pd.read_parquet(shared_data("operator_positions.parquet"))
     for arm in ("gold", "green"):
-        lengths = packet_lengths.of_positions(table[[f"{arm}_{axis}_um" for axis in "xyz"]].to_numpy(float))
+        lengths = packet_lengths.of_positions(
+            table[[f"{arm}_{axis}_um" for axis in "xyz"]].to_numpy(float)
+        )
         assert len(lengths) > 20_000 and (lengths > 1).sum() <= 3
 
 
 def test_arrivals_of_a_campaign_have_the_quantiles_of_the_held_out_half(shared_data):
-    """Measured on the first half without its 169 ms gap, drawn as a campaign draws them, compared with the second.
+    """Measured on the first half without its 169 ms gap, drawn as a campaign draws them, compared
+    with the second.
 
-    Bounds are those of three samples of this size: the measured, the drawn and the held-out one. A mean may be off by
-    four standard errors; Kolmogorov's distance is exceeded once in a thousand times.
+    Bounds are those of three samples of this size: the measured, the drawn and the held-out one. A
+    mean may be off by four standard errors; Kolmogorov's distance is exceeded once in a thousand
+    times.
     """
     ms = pd.read_parquet(shared_data("console_itp_packets.parquet"))["arrival_us"].to_numpy() * 1e-6
     half = ms[len(ms) // 2]

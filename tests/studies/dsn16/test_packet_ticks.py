@@ -62,14 +62,20 @@ def test_regular_packets_are_rows_of_the_motion_however_long_they_last(cycles):
 
 
 def test_several_distributions_are_refused():
-    raw = {"campaign": {"name": "x", "duration_s": 0.1}, "cross": {"network.packets": [0, 1]}, "group": [{"name": "a"}]}
+    raw = {
+        "campaign": {"name": "x", "duration_s": 0.1},
+        "cross": {"network.packets": [0, 1]},
+        "group": [{"name": "a"}],
+    }
     with pytest.raises(ValueError, match="one distribution"):
         packet_ticks.of(plan.make(loading.from_dict(raw)))
 
 
 @pytest.mark.parametrize("campaign", ["dsn16_a.toml", "dsn16_b.toml"])
 def test_runs_are_long_enough_for_their_last_fault(campaign):
-    """Longest window of the latest onset, in every run's own packets, and the time that the first baseline left."""
+    """Longest window of the latest onset, in every run's own packets, and the time that the
+    first baseline left.
+    """
     for overrides in ((), *(over for over, _ in timing.LENGTHS.values())):
         ready = plan.make(loading.load(campaign, list(overrides)))
         table = ready.table[ready.table["fault0_site"] != ""]
@@ -85,19 +91,27 @@ def test_what_is_said_of_lengths_and_draws_follows_the_runs():
     cases = [base, runs_of(other, "bursts"), runs_of(other, "draws_2"), runs_of({}, "suture_110mm")]
     assert "baseline 3.1 %, bursts 9.4 %" in timing.lengths_note(base, cases)
     assert "no narrower than 3.1 to 9.4 %" in timing.lengths_note(base, cases)
-    assert timing.draws_note(base, cases).endswith("3.1 % of all runs jump, 9.4 % with other draws.")
+    assert timing.draws_note(base, cases).endswith(
+        "3.1 % of all runs jump, 9.4 % with other draws."
+    )
     assert timing.lengths_note(base, [base]) == timing.draws_note(base, [base]) == ""
     low, high = timing.spread(cases, "jump")
     assert low.tolist() == high.tolist() == cases[1].percent("jump").tolist()
 
 
 def test_the_hand_keeps_its_speed():
-    """Packet 1000 of two cycles is of the hand 1.9 s into its motion; with a packet each cycle it is at 1 s."""
+    """Packet 1000 of two cycles is of the hand 1.9 s into its motion; with a packet each cycle
+    it is at 1 s.
+    """
     config = loading.load("dsn16_b.toml")
     ready = plan.make(config)
     ticks = packet_ticks.of(ready)
     rows = ticks.motion_row(np.arange(ready.runs), np.full(ready.runs, 1000))
-    assert rows.mean() == pytest.approx(999 * packets.mean(packets.SHARES[packets.MEASURED]), rel=2e-3)
-    slow = packet_ticks.of(plan.make(loading.load("dsn16_b.toml", ["campaign.packets=every_cycle"])))
+    assert rows.mean() == pytest.approx(
+        999 * packets.mean(packets.SHARES[packets.MEASURED]), rel=2e-3
+    )
+    slow = packet_ticks.of(
+        plan.make(loading.load("dsn16_b.toml", ["campaign.packets=every_cycle"]))
+    )
     assert slow.motion_row(np.array([5]), np.array([1000])).tolist() == [999]
     assert trajectory.lever(config, rows).low > 0

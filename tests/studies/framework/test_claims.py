@@ -1,4 +1,6 @@
-"""What studies claim: each study has a claim, each pointer leads somewhere, each number comes from the findings."""
+"""What studies claim: each study has a claim, each pointer leads somewhere, each number comes
+from the findings.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ ROOT = resources.bundled("campaigns", "quick.toml")[0].parents[1]
 REFERENCE = ROOT / "results/reference"
 OF_MODEL = list(claims.of_model().values())
 CLAIMS = [(name, claim) for name in catalogue.NAMES for claim in claims.of_study(name)]
-EVIDENCE = [(one.study, one) for one in OF_MODEL] + [(name, one) for name, claim in CLAIMS for one in claim.evidence]
+EVIDENCE = [(one.study, one) for one in OF_MODEL] + [
+    (name, one) for name, claim in CLAIMS for one in claim.evidence
+]
 TEXTS = [pytest.param(one.study, one.text, one.numbers, id=one.name) for one in OF_MODEL] + [
     pytest.param(name, text, claim.numbers, id=f"{claim.title}: {k}")
     for name, claim in CLAIMS
@@ -29,20 +33,25 @@ FREE = re.compile(r"\b(19|20)\d\d\b|\bjoints 1-3\b|\b4 x 4\b|\b\d+ (mm|ms) (late
 @cache
 def record(study):
     path = REFERENCE / study / "findings.json"
-    assert path.is_file(), f"no findings of {study}: `ravenjax reproduce {study} --keep results/reference`"
+    assert path.is_file(), (
+        f"no findings of {study}: `ravenjax reproduce {study} --keep results/reference`"
+    )
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 def labels(numbers):
     """Words of the places that numbers are read from."""
     return " ".join(
-        " ".join((one.line, one.table, *one.row, one.column, one.target, one.inside)) for one in numbers.values()
+        " ".join((one.line, one.table, *one.row, one.column, one.target, one.inside))
+        for one in numbers.values()
     )
 
 
 @pytest.mark.parametrize("name", catalogue.NAMES)
 def test_every_study_claims_something(name):
-    assert claims.of_study(name), f"write ravenjax/studies/claims/{name}.toml, as its neighbours are"
+    assert claims.of_study(name), (
+        f"write ravenjax/studies/claims/{name}.toml, as its neighbours are"
+    )
 
 
 def test_every_file_is_of_a_study():
@@ -97,9 +106,13 @@ def test_numbers_are_in_the_findings(study, text, numbers):
 @pytest.mark.parametrize(("study", "text", "numbers"), TEXTS)
 def test_no_number_is_typed(study, text, numbers):
     """A number outside braces is part of a name: the line or cell that is quoted says it, too."""
-    typed = re.findall(r"(?<![\w.,])\d[\d.,]*\d|(?<![\w.,])\d", FREE.sub("", re.sub(r"\{.*?\}", "", text)))
+    typed = re.findall(
+        r"(?<![\w.,])\d[\d.,]*\d|(?<![\w.,])\d", FREE.sub("", re.sub(r"\{.*?\}", "", text))
+    )
     names = labels(numbers)
-    assert [number for number in typed if not re.search(rf"(?<!\d){re.escape(number)}(?!\d)", names)] == []
+    assert [
+        number for number in typed if not re.search(rf"(?<!\d){re.escape(number)}(?!\d)", names)
+    ] == []
 
 
 def test_the_page_of_the_documentation_is_that_of_the_kept_findings():
@@ -110,4 +123,6 @@ def test_the_page_of_the_documentation_is_that_of_the_kept_findings():
     assert page.read_text(encoding="utf-8") == text, f"write it anew: {command}"
     if kept.is_file():
         text = credibility.page(writing.records(REFERENCE, catalogue.NAMES))
-        assert kept.read_text(encoding="utf-8") == text, f"write it anew: {command.partition(' --out')[0]} --out {kept}"
+        assert kept.read_text(encoding="utf-8") == text, (
+            f"write it anew: {command.partition(' --out')[0]} --out {kept}"
+        )

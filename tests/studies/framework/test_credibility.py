@@ -1,4 +1,6 @@
-"""Claims as text: the guidance's order, numbers of the findings, and what is missing said to be missing."""
+"""Claims as text: the guidance's order, numbers of the findings, and what is missing said to be
+missing.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,7 @@ pages = ["docs/outcomes.md"]
 category = "model calibration"
 text = "Earlier."
 tables = ["Sett*"]
-"""
+"""  # noqa: E501
 RECORD = {"study": {"name": "fake", "title": "A fake", "source": "Nobody"}, **plain(FINDINGS)}
 
 
@@ -60,17 +62,29 @@ def steps(text):
 def test_a_claim_is_told_in_the_guidances_order_with_the_numbers_of_the_findings(fake_claims):
     text = credibility.page({"fake": RECORD})
     assert steps(text) == [
-        "Question of interest", "Context of use", "Model risk", "Evidence: code verification",
-        "Evidence: model calibration", "Evidence: model plausibility", "No evidence", "Credibility goal", "Adequacy",
+        "Question of interest",
+        "Context of use",
+        "Model risk",
+        "Evidence: code verification",
+        "Evidence: model calibration",
+        "Evidence: model plausibility",
+        "No evidence",
+        "Credibility goal",
+        "Adequacy",
         "What would change it",
-    ]  # fmt: skip
+    ]
     answer = "It is 0.506 mm over 12,345 runs; published 0.8 mm, band 0.7 to 2.5; "
     answer += "A6 not met: 1 of 2 lines inside their band; 1.25 mm."
     assert text.count(answer) == 2, "in short and in full"
     assert "| Model risk | Influence high, consequence low. Nothing rests on it. |" in text
     assert "| Evidence: code verification | Of the model: *engines*. |" in text
-    assert "Earlier. (table *Settings*)" in text and "Later in the order. (`docs/outcomes.md`)" in text
-    assert "| No evidence | Bench test validation, in vivo validation, population-based validation, " in text
+    assert (
+        "Earlier. (table *Settings*)" in text and "Later in the order. (`docs/outcomes.md`)" in text
+    )
+    assert (
+        "| No evidence | Bench test validation, in vivo validation, population-based validation, "
+        in text
+    )
     assert "| Credibility goal | 2 of 3 inside. |" in text
     assert "[A mean](#a-mean)" in text
 
@@ -81,8 +95,14 @@ def test_other_findings_give_other_numbers(fake_claims):
     line["predicted"] |= {"value": 1.5, "low": 1.25, "high": 2.0}
     line["passed"] = True
     answers = credibility.answers(other)
-    assert len(answers) == 1 and "It is 1.5 mm (1.25 to 2)" in answers[0] and "A6 met: 2 of 2 lines" in answers[0]
-    assert answers[0].startswith("A mean: ") and answers[0].endswith("Not adequate for anything else.")
+    assert (
+        len(answers) == 1
+        and "It is 1.5 mm (1.25 to 2)" in answers[0]
+        and "A6 met: 2 of 2 lines" in answers[0]
+    )
+    assert answers[0].startswith("A mean: ") and answers[0].endswith(
+        "Not adequate for anything else."
+    )
 
 
 def test_pages_of_the_documentation_become_links_on_one_of_them(fake_claims):
@@ -91,17 +111,23 @@ def test_pages_of_the_documentation_become_links_on_one_of_them(fake_claims):
 
 def test_a_study_without_claims_has_no_section():
     assert credibility.section(RECORD) == "" and credibility.answers(RECORD) == []
-    assert credibility.section({"study": {"name": "detectors"}, "lines": [], "tables": []}).startswith("## Credibility")
+    assert credibility.section(
+        {"study": {"name": "detectors"}, "lines": [], "tables": []}
+    ).startswith("## Credibility")
 
 
 def test_the_studys_own_page_has_its_claims(fake_claims, tmp_path):
     writing.write(STUDY, FINDINGS, MADE, tmp_path / "fake")
     page = (tmp_path / "fake/findings.md").read_text(encoding="utf-8")
-    assert page.index("## Settings") < page.index("## Credibility") < page.index("## How it was made")
+    assert (
+        page.index("## Settings") < page.index("## Credibility") < page.index("## How it was made")
+    )
     assert "It is 0.506 mm over 12,345 runs" in page
     assert "It is 0.506 mm" in (tmp_path / "fake/findings.html").read_text(encoding="utf-8")
     whole = writing.write_credibility(tmp_path, ["fake", "not_run"])
-    assert whole == tmp_path / "credibility.md" and "It is 0.506 mm" in whole.read_text(encoding="utf-8")
+    assert whole == tmp_path / "credibility.md" and "It is 0.506 mm" in whole.read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.parametrize(
@@ -133,7 +159,11 @@ def test_what_is_quoted_is_one_place_or_said_to_be_absent(place, words):
         ('"engines"', '"hearsay"', "rests on hearsay"),
         ('"model plausibility"', '"authority"', "claim.0.evidence.0.category"),
         ('pages = ["docs/outcomes.md"]\n', "", "give tests, pages or tables"),
-        ('{ line = "mean" }', '{ line = "mean", target = "A6" }', "give one of line, table, target, inside"),
+        (
+            '{ line = "mean" }',
+            '{ line = "mean", target = "A6" }',
+            "give one of line, table, target, inside",
+        ),
         (', row = ["a"]', "", "give table, row and column together"),
         ("{setting} mm", "1.25 mm", "no text has {setting}"),
         ("{setting}", "{settings}", "numbers has no settings"),
@@ -160,12 +190,17 @@ def test_the_command_tells_it_of_a_folder(tmp_path, capsys):
     assert "### Which detector tells an unintended motion" in page and quoting.ABSENT in page
 
 
-def test_reproducing_prints_answers_and_writes_the_page_over_all_studies(fake_claims, monkeypatch, tmp_path, capsys):
+def test_reproducing_prints_answers_and_writes_the_page_over_all_studies(
+    fake_claims, monkeypatch, tmp_path, capsys
+):
     monkeypatch.setattr(catalogue, "NAMES", {"fake": "fake"})
     monkeypatch.setattr(catalogue, "find", lambda name: STUDY)
     out, keep = tmp_path / "out", tmp_path / "keep"
     assert main(["reproduce", "all", "--out", str(out), "--keep", str(keep)]) == 0
     printed = capsys.readouterr().out
-    assert "- A mean: It is 0.506 mm" in printed and f"credibility: {keep / credibility.NAME}" in printed
+    assert (
+        "- A mean: It is 0.506 mm" in printed
+        and f"credibility: {keep / credibility.NAME}" in printed
+    )
     page = (keep / credibility.NAME).read_text(encoding="utf-8")
     assert page == (out / credibility.NAME).read_text(encoding="utf-8") and "### A mean" in page

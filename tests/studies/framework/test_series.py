@@ -1,4 +1,6 @@
-"""Series of many runs at once are those of a replay, bit for bit, with and without varied parameters."""
+"""Series of many runs at once are those of a replay, bit for bit, with and without varied
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,16 @@ VARIED = {**PLAIN, "parameters": {"operator.scale": [0.1, 0.2]}}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("raw", [pytest.param(PLAIN, id="alike"), pytest.param(VARIED, id="varied")])
+@pytest.mark.parametrize(
+    "raw", [pytest.param(PLAIN, id="alike"), pytest.param(VARIED, id="varied")]
+)
 def test_series_are_those_of_a_replay(tmp_path, raw):
     config = loading.from_dict(raw)
     runner.run_campaign(config, tmp_path, "simd")
     recorder = Recorder()
-    runs = recorder.measure(tmp_path, lambda row, series: (row["index"], row["fault0_value"], dict(series)))
+    runs = recorder.measure(
+        tmp_path, lambda row, series: (row["index"], row["fault0_value"], dict(series))
+    )
     assert [index for index, _, _ in runs] == list(range(len(runs))) and len(runs) in (3, 6)
     last, value, found = runs[-1]
     assert value == 9000.0 and set(found) == set(SIGNALS)

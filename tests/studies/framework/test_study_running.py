@@ -1,4 +1,6 @@
-"""Running a study: its campaigns into folders, its comparison, its files; what is there is not computed again."""
+"""Running a study: its campaigns into folders, its comparison, its files; what is there is not
+computed again.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,10 @@ TWO = dataclasses.replace(
 
 def test_a_study_without_campaigns_is_compared_and_written(tmp_path):
     assert running.run(STUDY, tmp_path) is FINDINGS
-    assert json.loads((tmp_path / "fake" / "findings.json").read_text())["provenance"]["campaigns"] == []
+    assert (
+        json.loads((tmp_path / "fake" / "findings.json").read_text())["provenance"]["campaigns"]
+        == []
+    )
 
 
 @pytest.mark.slow
@@ -49,8 +54,13 @@ def test_campaigns_run_once_and_their_findings_come_out_the_same(tmp_path):
     assert shares == sorted(shares)
     first = (tmp_path / "fake" / "findings.json").read_bytes()
     made = json.loads(first)["provenance"]
-    assert made["engine"] == "simd" and [c["variant"] for c in made["campaigns"]] == ["base", "faster"]
-    assert made["campaigns"][1]["question"] == "another motion" and made["campaigns"][1]["runs"] == 2
+    assert made["engine"] == "simd" and [c["variant"] for c in made["campaigns"]] == [
+        "base",
+        "faster",
+    ]
+    assert (
+        made["campaigns"][1]["question"] == "another motion" and made["campaigns"][1]["runs"] == 2
+    )
     assert len({c["config_hash"] for c in made["campaigns"]}) == 2
 
     parts = {path: path.stat().st_mtime_ns for path in runs.rglob("*.parquet")}
@@ -72,7 +82,9 @@ def test_an_unknown_study_is_named(tmp_path):
 
 
 def test_a_bad_override_is_told_before_anything_runs(tmp_path):
-    wrong = dataclasses.replace(TWO, variants=(Variant("base", "seed_fault_free.toml", ("campaign.sed=1",)),))
+    wrong = dataclasses.replace(
+        TWO, variants=(Variant("base", "seed_fault_free.toml", ("campaign.sed=1",)),)
+    )
     with pytest.raises(UserError, match=r"campaign\.sed"):
         running.run(wrong, tmp_path)
     assert not (tmp_path / "fake").exists()

@@ -25,7 +25,10 @@ def test_a_target_is_met_where_every_line_with_a_band_is_inside_it():
     }
     assert targets.sentence(states["A6"]) == "A6 not met: 1 of 2 lines inside their band"
     assert targets.sentence(states["A4"]) == "A4 met: 1 of 1 line inside its band"
-    assert targets.sentence(states["A5"]) == "A5 not judged: no line of it with a band has a prediction"
+    assert (
+        targets.sentence(states["A5"])
+        == "A5 not judged: no line of it with a band has a prediction"
+    )
     (bare,) = targets.states([{"target": "A7", "band": None, "passed": None}])
     assert targets.sentence(bare) == "A7 not judged: no line of it has a band"
 
@@ -35,11 +38,16 @@ def test_every_target_of_a_study_is_defined_and_names_the_study():
         for name in study.targets:
             assert study.name in targets.targets()[name].judged_by.split(", "), (study.name, name)
     assert list(targets.targets()) == [f"A{number}" for number in range(1, 8)]
-    assert targets.definition("A2").startswith("A2: time of one Euler step") and targets.definition("B1") == ""
+    assert (
+        targets.definition("A2").startswith("A2: time of one Euler step")
+        and targets.definition("B1") == ""
+    )
 
 
 @pytest.mark.parametrize(
-    "path", sorted(ROOT.glob("results/reference/*/findings.json")), ids=lambda path: path.parent.name
+    "path",
+    sorted(ROOT.glob("results/reference/*/findings.json")),
+    ids=lambda path: path.parent.name,
 )
 def test_the_findings_that_are_kept_say_it_in_these_words(path):
     record = json.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,6 @@
-"""Findings on disk: readable, valid, the same bytes each time, nothing of the machine or the hour."""
+"""Findings on disk: readable, valid, the same bytes each time, nothing of the machine or the
+hour.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +23,22 @@ def written(tmp_path):
 
 def test_all_files_are_there(written):
     assert sorted(path.name for path in written.iterdir()) == [
-        "findings.html", "findings.json", "findings.md", "first.pdf", "first.svg",
-    ]  # fmt: skip
+        "findings.html",
+        "findings.json",
+        "findings.md",
+        "first.pdf",
+        "first.svg",
+    ]
 
 
 def test_the_page_holds_text_tables_and_drawings_in_one_file(written):
     page = (written / "findings.html").read_text()
     assert "<h1>A fake</h1>" in page and ">Settings</caption>" in page and "first.svg" not in page
     assert 'aria-label="What it shows."' in page and ">predicted</text>" in page
-    assert "A6 not met: 1 of 2 lines inside their band" in page and "A4 met: 1 of 1 line inside its band" in page
+    assert (
+        "A6 not met: 1 of 2 lines inside their band" in page
+        and "A4 met: 1 of 1 line inside its band" in page
+    )
     assert "<td>0.506; 12,345 runs</td>" in page
 
 
@@ -45,7 +54,13 @@ def test_json_holds_every_number_and_no_nan(written):
     lines = {line["quantity"]: line for line in record["lines"]}
     assert lines["mean"]["passed"] is False and lines["slope"]["passed"] is True
     assert lines["not measured"]["passed"] is None and lines["not measured"]["predicted"] is None
-    assert lines["mean"]["predicted"] == {"value": 0.506, "low": None, "high": None, "n": 12345, "of": "runs"}
+    assert lines["mean"]["predicted"] == {
+        "value": 0.506,
+        "low": None,
+        "high": None,
+        "n": 12345,
+        "of": "runs",
+    }
     assert lines["stops"]["band"] == [1, None]
     assert record["tables"][0]["rows"] == [["a", 1.25], ["b", None], ["c", 3]]
     assert record["drawings"] == [{"name": "first", "caption": "What it shows."}]
@@ -57,16 +72,26 @@ def test_json_holds_every_number_and_no_nan(written):
 def test_page_says_what_a_reader_wants_to_know(written):
     page = (written / "findings.md").read_text()
     assert page.startswith("# A fake\n\nIs it so?")
-    assert "**A6 not met: 1 of 2 lines inside their band. A4 met: 1 of 1 line inside its band. A5 not judged: " in page
     assert (
-        "- A6: tip error without a fault at teleoperation scales of 0.05 to 0.2 (IROS 2016, Figure 3). Band: " in page
+        "**A6 not met: 1 of 2 lines inside their band. A4 met: 1 of 1 line inside its band. A5 not"
+        " judged: " in page
+    )
+    assert (
+        "- A6: tip error without a fault at teleoperation scales of 0.05 to 0.2 (IROS 2016, Figure"
+        " 3). Band: " in page
     )
     assert "| A6: mean, mm | 0.8 | 0.506; 12,345 runs | 0.7 to 2.5 | NO | it is colder |" in page
-    assert r"| peak \| first, mm | 2.1 (2 to 2.2); Figure 1 | 1.5 (1.25 to 1.75); 9 motions |  |  |  |" in page
+    assert (
+        r"| peak \| first, mm | 2.1 (2 to 2.2); Figure 1 | 1.5 (1.25 to 1.75); 9 motions |  |  |  |"
+        in page
+    )
     assert "| A4: stops | – | 3; 9 runs | at least 1 | yes |  |" in page
     assert "| A5: not measured, s | 0.2 | – | 0.1 to 0.3 |  |  |" in page
     assert "![What it shows.](first.svg)" in page and "## Settings" in page and "| b | – |" in page
-    assert "ravenjax reproduce fake" in page and "`ravenjax run quick.toml --set campaign.limit=2`" in page
+    assert (
+        "ravenjax reproduce fake" in page
+        and "`ravenjax run quick.toml --set campaign.limit=2`" in page
+    )
     assert "Engine simd on a CPU; code c0dec0dec0dec0de; python 3.11.7, numpy 2.4.6." in page
     body = [line for line in page.splitlines() if line.startswith("|")]
     assert all(line.replace(r"\|", "").count("|") in (3, 6, 7) for line in body)

@@ -1,4 +1,6 @@
-"""The study of the moved hand: pairs and effects of made-up runs, statics by hand, and its reaction times."""
+"""The study of the moved hand: pairs and effects of made-up runs, statics by hand, and its
+reaction times.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ SCALE = 0.1
 
 
 def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
-    """Each fault of twelve kinds under no force and under one that moves every second hand by 2 mm; rows mixed."""
+    """Each fault of twelve kinds under no force and under one that moves every second hand by 2
+    mm; rows mixed.
+    """
     rows = []
     for fault in range(FAULTS):
         for newtons in (0.0, 3.3):
@@ -59,9 +63,18 @@ def test_a_setting_that_was_not_run_is_refused() -> None:
 def test_an_effect_is_over_the_hands_that_moved() -> None:
     one = pairs.effect(pairs.paired(made_up(), 3.3, 0.5), SCALE)
     assert (one.pairs, one.pulled, one.kinds.count) == (22, 12, 6)
-    assert one.hand.value == 2.0 and one.golden.value == pytest.approx(-0.1) and one.model.value == 0.0
-    assert one.golden_share.value == pytest.approx(0.1 / (SCALE * 2.0)) and one.model_share.value == 0.0
-    assert one.pulses.value == 1.0 and one.cue_ms.value == 0.0 and one.path.value == pytest.approx(0.02)
+    assert (
+        one.hand.value == 2.0 and one.golden.value == pytest.approx(-0.1) and one.model.value == 0.0
+    )
+    assert (
+        one.golden_share.value == pytest.approx(0.1 / (SCALE * 2.0))
+        and one.model_share.value == 0.0
+    )
+    assert (
+        one.pulses.value == 1.0
+        and one.cue_ms.value == 0.0
+        and one.path.value == pytest.approx(0.02)
+    )
     assert one.unintended == (6, 5) and one.difference.value == pytest.approx(-1 / 22)
 
 
@@ -80,7 +93,9 @@ def test_statics_are_those_of_a_spring() -> None:
     relaxed = rows["the cap is 3.3 N", 0.0]
     assert float(relaxed[0]) == pytest.approx(3.3 / 135.0 * 1e3, rel=0.02)
     assert float(relaxed[2]) == pytest.approx(0.1 * 4.5 * 66.0 / 135.0, rel=0.02)
-    assert float(rows["one device unit is 3.3 N", 1.0][1]) == pytest.approx(0.1 * 0.165 / 675.0 * 1e3, rel=0.05)
+    assert float(rows["one device unit is 3.3 N", 1.0][1]) == pytest.approx(
+        0.1 * 0.165 / 675.0 * 1e3, rel=0.05
+    )
 
 
 def test_statics_have_the_numbers_of_campaign_and_hand() -> None:

@@ -1,4 +1,6 @@
-"""The study of the haptic cue: choices, rates and tables on made-up runs with known answers, and the whole."""
+"""The study of the haptic cue: choices, rates and tables on made-up runs with known answers, and
+the whole.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +83,9 @@ def test_the_catalogue_finds_it() -> None:
 def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
     missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
-    counts = choice.counts(missed, units.units(np.arange(4)), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"]))
+    counts = choice.counts(
+        missed, units.units(np.arange(4)), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"])
+    )
     found = choice.choose(counts, np.array([1.0, 10.0, 1000.0]))
     assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
     assert found.winner.tolist() == [2, 1, 0]
@@ -91,7 +95,9 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
 def test_a_sure_choice_always_wins_and_equals_go_to_the_higher_threshold() -> None:
     missed = np.zeros((50, 3), bool)
     missed[:, 2] = True
-    counts = choice.counts(missed, units.units(np.arange(50)), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4))
+    counts = choice.counts(
+        missed, units.units(np.arange(50)), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4)
+    )
     found = choice.choose(counts, np.array([100.0]))
     assert found.winner.tolist() == [1]
     assert found.wins[0].tolist() == [0.0, 1.0, 0.0]
@@ -101,7 +107,9 @@ def test_an_even_choice_is_told_as_one() -> None:
     # sets 0 and 1 each miss one of two alike halves of the hazards: a coin
     half = np.arange(400) < 200
     missed = np.stack([half, ~half], axis=1)
-    counts = choice.counts(missed, units.units(np.arange(400)), np.zeros((2, 2)), np.ones(2), np.arange(2))
+    counts = choice.counts(
+        missed, units.units(np.arange(400)), np.zeros((2, 2)), np.ones(2), np.arange(2)
+    )
     wins = choice.choose(counts, np.array([1.0])).wins[0]
     assert wins == pytest.approx([0.5, 0.5], abs=0.06)
     with pytest.raises(ValueError, match="needs hazards"):
@@ -114,7 +122,11 @@ def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> N
 
     def found(hours: float) -> choice.Winners:
         counts = choice.counts(
-            missed, units.units(np.arange(400)), np.zeros((9, 2)), np.full(9, hours / 9), np.arange(9)
+            missed,
+            units.units(np.arange(400)),
+            np.zeros((9, 2)),
+            np.full(9, hours / 9),
+            np.arange(9),
         )
         return choice.choose(counts, np.array([10.0]))
 
@@ -131,16 +143,23 @@ def test_faults_of_one_kind_are_drawn_together() -> None:
     counts = choice.counts(missed, units.units(kind), np.ones((1, 2)), np.ones(1), np.zeros(1))
     assert counts.hazards.tolist() == [100, 100, 100]
     wins = choice.choose(counts, np.array([1.0])).wins[0]
-    assert wins[0] == pytest.approx(1 / 9, abs=0.03)  # both of two draws are kind 2; one of them is even, to set 1
+    assert wins[0] == pytest.approx(
+        1 / 9, abs=0.03
+    )  # both of two draws are kind 2; one of them is even, to set 1
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
-    runs = faulty([[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]], unintended_ms=[200, 200, 200, -1])
+    runs = faulty(
+        [[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]],
+        unintended_ms=[200, 200, 200, -1],
+    )
     found = tables.felt(runs, PUBLISHED)
     assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
     assert found.others.value == 0.0
     assert found.delay_ms.value == 150  # of 50, 150 and never
-    assert found.before.of == found.lead_ms.of == "by definition"  # 3 mm of the tip, and a cue at 3 mm
+    assert (
+        found.before.of == found.lead_ms.of == "by definition"
+    )  # 3 mm of the tip, and a cue at 3 mm
     early = tables.felt(runs, 0)
     assert early.before.value == pytest.approx(2 / 3) and early.lead_ms.value == 80
     apart = tables.felt(runs._replace(rules=Rules(limit_mm=4.0)), PUBLISHED)
@@ -198,8 +217,8 @@ def test_the_front_names_sets_that_do_the_same_together() -> None:
 @pytest.mark.parametrize("limit_mm", [0.5, 1.0, 2.0, 3.0, 5.0, 9.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_every_number_of_a_line_stands_in_the_table(limit_mm: float, seed: int) -> None:
-    """Whatever the limit of the motion: what the lines say of a threshold is what its row says, and neither says what
-    the definitions decide."""
+    """Whatever the limit of the motion: what the lines say of a threshold is what its row says, and
+    neither says what the definitions decide."""
     rng = np.random.default_rng(seed)
     times = np.where(rng.random((60, 3)) < [0.95, 0.9, 0.6], rng.integers(110, 400, (60, 3)), -1)
     runs = faulty(times.tolist(), np.where(rng.random(60) < 0.5, 300, -1).tolist())
@@ -217,18 +236,26 @@ def test_every_number_of_a_line_stands_in_the_table(limit_mm: float, seed: int) 
                 assert line is None and cell == wording.DASH
                 continue
             assert line and str(cell).startswith(wording.percent(line.value / 100))
-            assert f"of {wording.count(line.n)}" in str(cell) and "runs with unintended motion" in line.of
+            assert (
+                f"of {wording.count(line.n)}" in str(cell)
+                and "runs with unintended motion" in line.of
+            )
     assert any("1 mm: unintended motion missed" in name for name in lines)
 
 
 def test_each_kind_has_its_own_denominator() -> None:
     runs = faulty([[110, -1, -1]] * 6 + [[-1, -1, -1]] * 2, unintended_ms=[200] * 8)
     runs = runs._replace(
-        group=np.array(["boundary/tau_d"] * 6 + ["library/B24"] * 2, object), kind=np.repeat([0, 1], [6, 2])
+        group=np.array(["boundary/tau_d"] * 6 + ["library/B24"] * 2, object),
+        kind=np.repeat([0, 1], [6, 2]),
     )
     rows = tables.kind_table(runs, [0], {"boundary/tau_d"}).rows
     assert [row[0] for row in rows] == ["boundary/tau_d", "B24"]
-    assert rows[0][2:4] == ("6 drawn", "6 of 6") and str(rows[0][4]).startswith("6 of 6") and "(" in str(rows[0][4])
+    assert (
+        rows[0][2:4] == ("6 drawn", "6 of 6")
+        and str(rows[0][4]).startswith("6 of 6")
+        and "(" in str(rows[0][4])
+    )
     assert rows[1][2:4] == ("2 cells of the design", "2 of 2") and "(" not in str(rows[1][4])
 
 
@@ -239,7 +266,10 @@ def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) ->
     runs = faulty(times.tolist(), np.where(rng.random(80) < 0.5, 300, -1).tolist())
     motion = [free([[50, 4, 0]] * 6), free([[60, 9, 2]] * 6, robot=UNCERTAIN)]
     both = motion[0]._replace(
-        **{name: np.concatenate([getattr(one, name) for one in motion]) for name in haptic_runs._FREE_BY_RUN}
+        **{
+            name: np.concatenate([getattr(one, name) for one in motion])
+            for name in haptic_runs._FREE_BY_RUN
+        }
     )
     first, second = (haptic_cue.findings(runs, both) for _ in range(2))
     text = json.dumps(plain(first), allow_nan=False)
@@ -275,9 +305,13 @@ def test_the_groups_without_faults_come_first_and_fit_the_limit() -> None:
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(haptic_cue, "MOTIONS", ("suture", "reach"))
-    monkeypatch.setattr(haptic_cue, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "peg_transfer")))
+    monkeypatch.setattr(
+        haptic_cue, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "peg_transfer"))
+    )
     monkeypatch.setattr(haptic_cue, "FREE_S", 20)
-    found = running.run(dataclasses.replace(haptic_cue.STUDY, variants=haptic_cue._variants()), tmp_path)
+    found = running.run(
+        dataclasses.replace(haptic_cue.STUDY, variants=haptic_cue._variants()), tmp_path
+    )
     shown = next(table for table in found.tables if table.title.startswith("Thresholds"))
     assert len(shown.rows) >= 12
     by_kind = next(table for table in found.tables if table.title.startswith("What the choice"))

@@ -19,7 +19,9 @@ LIMITED = {"response": "limited"}
 
 
 def outcome(name: str, *rows: dict[str, Any], **rules: float) -> agreement.HazardOutcome:
-    table = result_rows.frame(*({"group": f"list/{name}", **row} for row in rows), {"group": "fault_free"})
+    table = result_rows.frame(
+        *({"group": f"list/{name}", **row} for row in rows), {"group": "fault_free"}
+    )
     (found,) = agreement.outcomes(table, (library.find(name),), **rules)
     return found
 
@@ -60,7 +62,13 @@ def test_a_class_of_fewer_than_one_run_in_ten_is_not_shown() -> None:
 
 def test_only_activated_runs_with_an_outcome_count() -> None:
     found = outcome("K01", STOP, {"activated": False}, {"failed": "nan", **JUMP})
-    assert (found.runs, found.activated, found.failed, found.valid, found.fitting) == (3, 2, 1, 1, 1)
+    assert (found.runs, found.activated, found.failed, found.valid, found.fitting) == (
+        3,
+        2,
+        1,
+        1,
+        1,
+    )
     assert found.verdict == agreement.AGREE
     assert found.said == "stop 1"
 

@@ -28,7 +28,9 @@ def table() -> pd.DataFrame:
     """One quiet run a case of each hazard, with a documented value in each slot."""
     rows: list[dict[str, object]] = [{"group": "fault_free"}]
     for group in expansion.expand({"name": "library", "hazards": "all"}):
-        values = {f"fault{k}_value": first(fault.get("value")) for k, fault in enumerate(group["fault"])}
+        values = {
+            f"fault{k}_value": first(fault.get("value")) for k, fault in enumerate(group["fault"])
+        }
         rows.append({"group": group["name"], **values})
     frame = result_rows.frame(*rows)
     slots = [name for name in frame if name.endswith("_value")]
@@ -37,7 +39,9 @@ def table() -> pd.DataFrame:
 
 def findings(monkeypatch: pytest.MonkeyPatch, frame: pd.DataFrame) -> Findings:
     monkeypatch.setattr(hazard_library.folder, "read_all", lambda path: frame)
-    return hazard_library.compare(hazard_library.Context({"library": Path("a"), "sudden_jump": Path("b")}))
+    return hazard_library.compare(
+        hazard_library.Context({"library": Path("a"), "sudden_jump": Path("b")})
+    )
 
 
 def titled(found: Findings, begins: str) -> Table:
@@ -59,7 +63,11 @@ def test_every_row_is_run_or_documented(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_values_are_counted_against_the_documented_ones() -> None:
     frame = table()
-    assert all((k, n) == (n, len(row.case)) for row in RUNNABLE for k, n in [hazard_library.documented(frame, row)])
+    assert all(
+        (k, n) == (n, len(row.case))
+        for row in RUNNABLE
+        for k, n in [hazard_library.documented(frame, row)]
+    )
     frame.loc[frame["group"] == "library/B24", "fault0_value"] = 300.0  # not one of the 17
     frame.loc[frame["group"] == "library/C01-below", "fault0_value"] = -100.0  # inside, not below
     assert hazard_library.documented(frame, library.find("B24")) == (0, 1)
@@ -97,7 +105,9 @@ def test_the_study_runs(tmp_path: Path) -> None:
     found = running.run(hazard_library.STUDY, tmp_path)
     run = titled(found, "Every hazard")
     assert len(run.rows) == len(RUNNABLE)
-    runs, activated, values = (run.columns.index(name) for name in ("runs", "activated", "values as documented"))
+    runs, activated, values = (
+        run.columns.index(name) for name in ("runs", "activated", "values as documented")
+    )
     for row in run.rows:
         assert row[runs] and row[activated], f"{row[0]}: never activated"
         k, _, n = str(row[values]).partition(" of ")

@@ -1,4 +1,6 @@
-"""The study of the 45 injections: its rows, its arithmetic on made-up runs, and the whole on the simulator."""
+"""The study of the 45 injections: its rows, its arithmetic on made-up runs, and the whole on the
+simulator.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ NOT_SIMULATED = {4, 13, 14, 32, 44, 45}
 
 
 def table() -> pd.DataFrame:
-    """Each simulated row stops once by the PLC, but K01 by the overdrive check and B11 with a jump."""
+    """Each simulated row stops once by the PLC, but K01 by the overdrive check and B11 with a
+    jump.
+    """
     rows = []
     for number, row in safecomp45.injections().items():
         if number in NOT_SIMULATED:
@@ -65,10 +69,14 @@ def test_rows_that_are_not_simulated_never_agree(monkeypatch: pytest.MonkeyPatch
     assert {row[0] for row in rows.rows if row[place] == agreement.NOT_SIMULATED} == NOT_SIMULATED
 
 
-def test_agreement_is_counted_over_simulated_rows_without_an_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_agreement_is_counted_over_simulated_rows_without_an_interval(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     found = findings(monkeypatch)
     line = found.lines[0]
-    stops = sum(row.expected_class == ("stop",) for row in safecomp45.injections().values() if row.runnable)
+    stops = sum(
+        row.expected_class == ("stop",) for row in safecomp45.injections().values() if row.runnable
+    )
     assert line.predicted is not None and line.target == "A7"
     assert line.predicted.n == 39
     assert line.predicted.value == pytest.approx(100 * (stops + 1) / 39)  # B11: stop and jump
@@ -114,7 +122,9 @@ def test_values_against_normal() -> None:
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
-    """A pedal that flickers between two packets (C05) is seen by nobody; all other faults change a number."""
+    """A pedal that flickers between two packets (C05) is seen by nobody; all other faults change
+    a number.
+    """
     found = running.run(safecomp45.STUDY, tmp_path)
     rows = found.tables[0]
     activated = rows.columns.index("activated, of")

@@ -51,4 +51,6 @@ def test_its_campaigns_draw_robots_and_run_each_without_its_errors_too() -> None
         config = rj.load_campaign(variant.campaign, variant.overrides)
         assert config.campaign.kinematic_errors == "measured"
         assert config.cross[headlines.SCALE].values == headlines.SCALES
-        assert tuple(cue.threshold_m * 1e3 for cue in config.haptics.cues()) == headlines.THRESHOLDS_MM
+        assert (
+            tuple(cue.threshold_m * 1e3 for cue in config.haptics.cues()) == headlines.THRESHOLDS_MM
+        )

@@ -66,5 +66,7 @@ def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data)
         (joints,) = LoggedRobot(part, setup, "gold", position_loop.RAVEN2).replayed(part, [params])
         rows = ~np.isnan(part.measured[:, 5])
         desired = part.desired[part.cycles][rows, 5]
-        correlation.append(np.corrcoef(joints[rows, 5] - desired, part.measured[rows, 5] - desired)[0, 1])
+        correlation.append(
+            np.corrcoef(joints[rows, 5] - desired, part.measured[rows, 5] - desired)[0, 1]
+        )
     assert correlation[0] > 0.9 and abs(correlation[1]) < 0.3

@@ -1,4 +1,6 @@
-"""The share of the links' load that a motor carries, found in virtual robots that have one law or the other."""
+"""The share of the links' load that a motor carries, found in virtual robots that have one law
+or the other.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def _motors(joints: np.ndarray) -> np.ndarray:
 
 
 def test_a_load_that_is_there_is_predicted_by_the_model_that_has_it(monkeypatch) -> None:
-    """Torque made with 12.25 times the load: exact by statics and where it is fitted, and by no other model."""
+    """Torque made with 12.25 times the load: exact by statics and where it is fitted, and by no
+    other model.
+    """
     rng = np.random.default_rng(3)
     columns = rng.normal(size=(400, 5))
     columns[:, 3], columns[:, 4] = np.sign(columns[:, 2]), 1.0
@@ -59,4 +63,6 @@ def test_the_second_half_is_fitted_to_by_nothing(monkeypatch) -> None:
     one = reaction._Joint(columns, torque, place)
     other = one._replace(torque=np.where(place < 0.5, torque, 9.0))
     for fitted, load in reaction.MODELS.values():
-        np.testing.assert_array_equal(reaction._predicted(one, fitted, load), reaction._predicted(other, fitted, load))
+        np.testing.assert_array_equal(
+            reaction._predicted(one, fitted, load), reaction._predicted(other, fitted, load)
+        )

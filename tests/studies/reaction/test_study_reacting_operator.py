@@ -1,4 +1,6 @@
-"""The study of the reacting operator: pairs, times and prices of made-up runs with known answers, and the whole."""
+"""The study of the reacting operator: pairs, times and prices of made-up runs with known
+answers, and the whole.
+"""
 
 from __future__ import annotations
 
@@ -61,13 +63,19 @@ FACTS: dict[str, Any] = {
 
 
 def runs(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
-    """Runs by hand: what differs from a quiet one in the table, and in its facts; each its own fault."""
+    """Runs by hand: what differs from a quiet one in the table, and in its facts; each its own
+    fault.
+    """
     frame = pd.DataFrame([{**QUIET, "pair": k, **row} for k, (row, _) in enumerate(rows)])
     facts = pd.DataFrame([{**FACTS, "distinct": k, **fact} for k, (_, fact) in enumerate(rows)])
-    return ReactionRuns(frame, facts.assign(group=frame["group"], action=frame[ACTION].astype(int)), 3000, 10.0)
+    return ReactionRuns(
+        frame, facts.assign(group=frame["group"], action=frame[ACTION].astype(int)), 3000, 10.0
+    )
 
 
-def paired_runs(*pairs: tuple[dict[str, Any], dict[str, Any]], action: int = RELEASE) -> ReactionRuns:
+def paired_runs(
+    *pairs: tuple[dict[str, Any], dict[str, Any]], action: int = RELEASE
+) -> ReactionRuns:
     """Each pair as (what nobody's run shows, what the reacting run shows)."""
     rows = []
     for k, (without, with_) in enumerate(pairs):
@@ -100,16 +108,25 @@ def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
 def test_a_contrast_counts_kinds_of_faults() -> None:
     """Ten kinds of four faults: in five kinds all are avoided, in five none."""
     rows = [
-        ({**MOVED, "group": f"sampled/{kind}"}, {**ACTED, **({} if kind < 5 else MOVED), "group": f"sampled/{kind}"})
+        (
+            {**MOVED, "group": f"sampled/{kind}"},
+            {**ACTED, **({} if kind < 5 else MOVED), "group": f"sampled/{kind}"},
+        )
         for kind in range(10)
         for _ in range(4)
     ]
-    found = reacting_pairs.contrast(reacting_pairs.paired(paired_runs(*rows), RELEASE), measures.excursion(10.0))
+    found = reacting_pairs.contrast(
+        reacting_pairs.paired(paired_runs(*rows), RELEASE), measures.excursion(10.0)
+    )
     assert (found.kinds.count, found.affected.count, found.avoided.value) == (10, 10, 0.5)
-    assert found.avoided.high - found.avoided.low > 1.6 * (wilson(20, 40).high - wilson(20, 40).low)  # near sqrt(4)
+    assert found.avoided.high - found.avoided.low > 1.6 * (
+        wilson(20, 40).high - wilson(20, 40).low
+    )  # near sqrt(4)
     assert found.p == pytest.approx(2 / 2**5)  # five kinds that all changed one way
     assert found.needed == pytest.approx((2, 1 / found.avoided.high, 1 / found.avoided.low))
-    assert "20 of 40, 50.0\u202f%" in tables.avoided(found) and tables.avoided(found).endswith("10 kinds, few")
+    assert "20 of 40, 50.0\u202f%" in tables.avoided(found) and tables.avoided(found).endswith(
+        "10 kinds, few"
+    )
 
 
 def test_needed_is_the_reciprocal_of_the_difference() -> None:
@@ -127,7 +144,10 @@ def test_only_faults_that_changed_a_bit_are_paired() -> None:
 def test_each_measure_sees_its_own_motion() -> None:
     table = runs(
         ({"peak_live_deviation_mm": 6.0}, {}),
-        ({"peak_live_deviation_mm": 6.0, "golden_peak_live_deviation_mm": 6.0}, {}),  # the motion's, not the fault's
+        (
+            {"peak_live_deviation_mm": 6.0, "golden_peak_live_deviation_mm": 6.0},
+            {},
+        ),  # the motion's, not the fault's
         ({EXCURSION: 6.0, "unintended_off_mm": 6.0}, {}),
         ({"jump_tip": True}, {}),
         ({"tissue_depth_mm": 3.0, "golden_tissue_depth_mm": 2.5}, {}),
@@ -150,13 +170,17 @@ def test_each_measure_sees_its_own_motion() -> None:
 
 def test_no_table_holds_a_measure_that_is_not_fair() -> None:
     parts = {
-        action: reacting_pairs.paired(paired_runs((MOVED, ACTED), ({}, ACTED), action=action), action)
+        action: reacting_pairs.paired(
+            paired_runs((MOVED, ACTED), ({}, ACTED), action=action), action
+        )
         for action in (RELEASE, SLOW, CORRECT)
     }
     shown = {(row[0], row[1]) for row in tables.reactions(parts).rows}
     slow, correct = tables.words(SLOW), tables.words(CORRECT)
     assert not any(who == slow and str(measure).startswith("unintended") for who, measure in shown)
-    assert not any(who == correct and str(measure).startswith("off the model") for who, measure in shown)
+    assert not any(
+        who == correct and str(measure).startswith("off the model") for who, measure in shown
+    )
     told = {str(row[0]): row[1:] for row in tables.fairness().rows}
     assert str(told["unintended motion of more than 5 mm, live or not"][1]).startswith("no")
     assert told["unintended motion of more than 3 mm, the hazard of the report"][2] == "fair"
@@ -183,17 +207,26 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
     np.testing.assert_array_equal(lead, [300, -100, -np.inf, -np.inf, np.nan])
     found = times.advance(table, 0, 3.0)
     assert (found.size_mm, found.lead.n, found.before.k, found.half_ms.value) == (10.0, 4, 1, -100)
-    assert [rate.k for rate in found.late.values()] == [3, 3, 4]  # 150, 250, 400 ms: 300 ms are enough for two
+    assert [rate.k for rate in found.late.values()] == [
+        3,
+        3,
+        4,
+    ]  # 150, 250, 400 ms: 300 ms are enough for two
 
 
 def test_no_table_says_what_is_true_by_definition() -> None:
     rows = [({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)]
-    listed = [times.advance(timed(*rows), 0, threshold) for threshold in (1.0, 3.0, 10.0, 12.0)]  # motion of 10 mm
+    listed = [
+        times.advance(timed(*rows), 0, threshold) for threshold in (1.0, 3.0, 10.0, 12.0)
+    ]  # motion of 10 mm
     assert [row[0] for row in tables.advances(listed).rows] == [1.0, 3.0]
 
 
 def test_a_share_of_drawn_faults_has_an_interval_and_one_of_fixed_cells_has_none() -> None:
-    rows = [({**MOVED, "group": group}, {**ACTED, "group": group}) for group in ("sampled/a", "library/B24") * 3]
+    rows = [
+        ({**MOVED, "group": group}, {**ACTED, "group": group})
+        for group in ("sampled/a", "library/B24") * 3
+    ]
     pairs = reacting_pairs.paired(paired_runs(*rows), RELEASE)
     table = tables.sites(pairs, measures.excursion(10.0), {"sampled/a"})
     cells = {str(row[0]): (str(row[2]), str(row[4])) for row in table.rows}
@@ -202,7 +235,9 @@ def test_a_share_of_drawn_faults_has_an_interval_and_one_of_fixed_cells_has_none
 
 
 def test_a_jump_has_its_own_time() -> None:
-    table = timed(({"jump_tip": True, "jump_tip_first_ms": 1050, "cue0_first_ms": 1040}, {}), ({}, BEGAN))
+    table = timed(
+        ({"jump_tip": True, "jump_tip_first_ms": 1050, "cue0_first_ms": 1040}, {}), ({}, BEGAN)
+    )
     np.testing.assert_array_equal(times.leads_ms(table, 0, jump=True), [10, np.nan])
     assert times.advance(table, 0, 3.0, jump=True).size_mm is None
 
@@ -260,7 +295,10 @@ def test_a_reaction_is_idle_where_no_hazard_was_coming() -> None:
 
 
 def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
-    rows = [{"pedal_down_ms": 2000, "cue0_first_ms": 1500, "cue0_count": 3}, {"pedal_down_ms": 2000, "cue0_count": 0}]
+    rows = [
+        {"pedal_down_ms": 2000, "cue0_first_ms": 1500, "cue0_count": 3},
+        {"pedal_down_ms": 2000, "cue0_count": 0},
+    ]
     table = runs(*[({**row, fault_free.SCALE: 0.1, "operator": "suture"}, {}) for row in rows])
     (found,) = fault_free.free(table, (3.0,))
     assert (found.motions.k, found.motions.n) == (1, 2)
@@ -271,8 +309,14 @@ def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
 
 def test_the_drawings_draw() -> None:
     table = paired_runs((MOVED, ACTED), ({}, ACTED), (MOVED, {**MOVED, **ACTED}))
-    contrast = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), measures.excursion(10.0))
-    rows = [drawings.ContrastRow(block, name, "lift", contrast) for block in ("a", "b") for name in ("x", "y")]
+    contrast = reacting_pairs.contrast(
+        reacting_pairs.paired(table, RELEASE), measures.excursion(10.0)
+    )
+    rows = [
+        drawings.ContrastRow(block, name, "lift", contrast)
+        for block in ("a", "b")
+        for name in ("x", "y")
+    ]
     advance = times.advance(timed(({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)), 0, 3.0)
     for draw, panels in (
         (drawings.leads([advance]), 1),
@@ -293,19 +337,26 @@ def test_every_variant_loads(variant: operator.Variant) -> None:
 
 
 def test_each_size_is_timed_by_the_campaign_that_has_it_as_its_limit() -> None:
-    limits = {v.name: loading.load(v.campaign, v.overrides).rules.limit_mm for v in operator.STUDY.variants}
+    limits = {
+        v.name: loading.load(v.campaign, v.overrides).rules.limit_mm
+        for v in operator.STUDY.variants
+    }
     sized = {f"timed_{size:g}": size for size in measures.SIZES_MM[1:]}
     assert {name: limit for name, limit in limits.items() if name in sized} == sized
     assert {limit for name, limit in limits.items() if name not in sized} == {measures.SIZES_MM[0]}
 
 
-def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     made, frame = synthetic_results.manifest(runs=200, limit_mm=5.0), synthetic_results.frame(200)
     monkeypatch.setattr(reacting_pairs.folder, "read_all", lambda path: frame)
     monkeypatch.setattr(reacting_pairs.manifest, "read", lambda path: made)
     found = reacting_pairs.read(Path("anywhere"))
     assert (found.limit_mm, found.end_ms) == (5.0, 3000)
-    farther = [max(pair) for pair in zip(frame["unintended_mm"], frame["unintended_off_mm"], strict=True)]
+    farther = [
+        max(pair) for pair in zip(frame["unintended_mm"], frame["unintended_off_mm"], strict=True)
+    ]
     assert found.frame[EXCURSION].tolist() == farther
 
 
@@ -325,7 +376,14 @@ def test_the_haptic_sets_are_those_of_the_tables() -> None:
 @pytest.mark.slow
 def test_variants_of_the_operator_have_the_same_faults() -> None:
     few = ("cross.reaction.action=[0, 1]", "campaign.limit=400")
-    inputs = ["group", "fault0_channel", "fault0_effect", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]
+    inputs = [
+        "group",
+        "fault0_channel",
+        "fault0_effect",
+        "fault0_value",
+        "fault0_start_ms",
+        "fault0_duration_ms",
+    ]
     known = design.expand(loading.load(operator.CAMPAIGN, few))[inputs]
     for variants in operator.BLOCKS.values():
         for words, overrides in variants.values():
@@ -338,15 +396,25 @@ def test_the_study_runs(tmp_path: Path) -> None:
     found = running.run(operator.STUDY, tmp_path)
     value = {line.quantity: line.predicted.value for line in found.lines if line.predicted}
     late = [
-        value[f"unintended motion of {size:g} mm: came too soon for any reaction of 250 ms, cue at 1 mm"]
+        value[
+            f"unintended motion of {size:g} mm: came too soon for any reaction of 250 ms, cue at"
+            " 1 mm"
+        ]
         for size in measures.SIZES_MM
     ]
     assert late == sorted(late, reverse=True)
     assert late[0] > 85.0
-    assert value["lifting the pedal avoids, of unintended motion of more than 20 mm, live or not"] > 10
-    assert not any("3 mm: came too soon" in name and "cue at 3 mm" in name for name in value)  # true by definition
+    assert (
+        value["lifting the pedal avoids, of unintended motion of more than 20 mm, live or not"] > 10
+    )
+    assert not any(
+        "3 mm: came too soon" in name and "cue at 3 mm" in name for name in value
+    )  # true by definition
     assert all(line.published is None for line in found.lines)
     spared = next(one for one in found.tables if one.title.startswith("Who was spared"))
-    assert [row[1] == row[2] for row in spared.rows][:2] == [True, True]  # who had no time was not spared
+    assert [row[1] == row[2] for row in spared.rows][:2] == [
+        True,
+        True,
+    ]  # who had no time was not spared
     assert all(float(row[2]) <= float(row[1]) for row in spared.rows)
     assert (tmp_path / "reacting_operator" / "leads.svg").is_file()

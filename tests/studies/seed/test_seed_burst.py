@@ -1,4 +1,6 @@
-"""The burst study: its campaign is the published burst, its findings follow from its runs, no constant is chosen."""
+"""The burst study: its campaign is the published burst, its findings follow from its runs, no
+constant is chosen.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,15 @@ from ravenjax.studies import catalogue, running
 from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import Context
 from ravenjax.studies.seed.burst import constants as burst
-from ravenjax.studies.seed.burst.constants import BURST, CONSTANTS, FREE, MODELLED, PACKETS, SETTINGS, STUDY
+from ravenjax.studies.seed.burst.constants import (
+    BURST,
+    CONSTANTS,
+    FREE,
+    MODELLED,
+    PACKETS,
+    SETTINGS,
+    STUDY,
+)
 from ravenjax.studies.seed.burst.events import DRAWN_TICKS, BurstEvent, BurstRun, EventCurves
 from ravenjax.studies.seed.burst.tables import ranges, span
 from ravenjax.studies.seed.motions import MOTIONS
@@ -45,7 +55,9 @@ def test_the_campaign_is_the_published_burst(ready):
     table = ready.table
     assert table["group"].tolist() == [FREE] + [BURST] * CONSTANTS + [PACKETS] * 11
     bursts = table[table["group"] == BURST]
-    assert (bursts["fault0_site"] == "usb_out").all() and (bursts["fault0_channel"] == "shoulder").all()
+    assert (bursts["fault0_site"] == "usb_out").all() and (
+        bursts["fault0_channel"] == "shoulder"
+    ).all()
     assert (bursts["fault0_duration_ms"] == 300).all() and (bursts["fault0_every_ms"] == 8000).all()
     assert (bursts["fault0_trigger"] == "pedal").all()
     values = bursts["fault0_value"].to_numpy()
@@ -55,7 +67,9 @@ def test_the_campaign_is_the_published_burst(ready):
 
 
 def test_the_setting_with_stiffer_model_has_four_times_its_gains(ready):
-    changed = dict(text.removeprefix("parameters.").split("=") for text in SETTINGS["model gains x 4"][1])
+    changed = dict(
+        text.removeprefix("parameters.").split("=") for text in SETTINGS["model gains x 4"][1]
+    )
     for path, value in changed.items():
         factor = 4.0 if ".kp." in path else 2.0
         assert float(value) == pytest.approx(factor * own(ready, path), rel=1e-4)
@@ -63,7 +77,12 @@ def test_the_setting_with_stiffer_model_has_four_times_its_gains(ready):
 
 @pytest.mark.parametrize(
     ("values", "words"),
-    [([], ""), ([-100.0, -50.0, 0.0], "-100 to +0"), ([-50.0, 100.0, 150.0], "-50, +100 to +150"), ([2000.0], "+2000")],
+    [
+        ([], ""),
+        ([-100.0, -50.0, 0.0], "-100 to +0"),
+        ([-50.0, 100.0, 150.0], "-50, +100 to +150"),
+        ([2000.0], "+2000"),
+    ],
 )
 def test_neighbours_are_joined(values, words):
     assert ranges(values) == words
@@ -76,13 +95,25 @@ def test_a_span_leaves_out_what_is_not_there():
 
 TIME = np.array(DRAWN_TICKS) / 1e3
 GOOD = BurstEvent(
-    0, 5.0, False, 5.0, 150.0, 0.2, 0.024, False, EventCurves(TIME, 0 * TIME, 0 * TIME + 5.0, 0 * TIME + 0.02)
+    0,
+    5.0,
+    False,
+    5.0,
+    150.0,
+    0.2,
+    0.024,
+    False,
+    EventCurves(TIME, 0 * TIME, 0 * TIME + 5.0, 0 * TIME + 0.02),
 )
-LAST = dataclasses.replace(GOOD, peak_mm=6.6, cut=True, rebound_deg=math.nan, rebound_ms=math.nan, force=0.05)
+LAST = dataclasses.replace(
+    GOOD, peak_mm=6.6, cut=True, rebound_deg=math.nan, rebound_ms=math.nan, force=0.05
+)
 
 
 def runs(whole_at=()):
-    """Three constants; those of `whole_at` as published, the others hold through four bursts of 8 mm."""
+    """Three constants; those of `whole_at` as published, the others hold through four bursts of
+    8 mm.
+    """
     large = dataclasses.replace(GOOD, peak_mm=8.0)
     found = [
         BurstRun(
@@ -98,7 +129,9 @@ def runs(whole_at=()):
     ]
     for value in (700.0, 750.0, 800.0):
         if value in whole_at:
-            found.append(BurstRun(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True))
+            found.append(
+                BurstRun(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True)
+            )
         else:
             found.append(BurstRun(BURST, value, (large,) * 4, "", -1, 0, True))
     return found
@@ -118,11 +151,17 @@ def test_a_run_as_published_meets_a4_and_a5(monkeypatch):
     findings = compared(monkeypatch, (750.0, 800.0))
     lines = {line.quantity: line for line in findings.lines}
     together = lines["runs in which all of A4 holds at once"]
-    assert together.predicted.value == 2 and together.predicted.n == 3 * len(MOTIONS) and together.passed
+    assert (
+        together.predicted.value == 2
+        and together.predicted.n == 3 * len(MOTIONS)
+        and together.passed
+    )
     assert together.reason.startswith("2 constants: +750 to +800")
     assert all(line.passed for line in findings.lines if line.target)
     rebound = lines["rebound of the shoulder, events with a peak of 3 to 7 mm"]
-    assert rebound.predicted.value == pytest.approx(5.0) and rebound.published.value == pytest.approx(5.2)
+    assert rebound.predicted.value == pytest.approx(
+        5.0
+    ) and rebound.published.value == pytest.approx(5.2)
     force = lines["peak force over tip error peak, events with a peak of 3 to 7 mm"]
     assert force.published.value == pytest.approx((0.0166 / 3.65 + 0.0133 / 3.3 + 0.0296 / 5.0) / 3)
     assert lines["cue pulses without fault at scale 0.1"].predicted.value == len(MOTIONS)
@@ -135,7 +174,9 @@ def test_without_one_it_does_not(monkeypatch):
     assert by_value["+750"][-1] == 1 and by_value["+700"][-1] == 0
     assert by_value["+750"][2] == "0 0 0 1" and by_value["+700"][2] == "none"
     by_name = {row[0]: row for row in settings.rows}
-    assert by_name["stop above 13000 counts"][8] == len(MOTIONS) and by_name["hard regulation"][1] == 3
+    assert (
+        by_name["stop above 13000 counts"][8] == len(MOTIONS) and by_name["hard regulation"][1] == 3
+    )
     assert [row[0] for row in packets.rows] == ["+20"]
 
 
@@ -147,7 +188,10 @@ def test_nothing_as_published_fails_a4_and_says_where_stops_come(monkeypatch):
     monkeypatch.setattr(burst, "_measured", lambda context: whole)
     monkeypatch.setattr(burst, "_events", lambda bursts, published: ())
     line = burst.compare(Context({})).lines[0]
-    assert line.passed is False and "6.6 mm (stop above 13000 counts); the paper's has 6.65 mm" in line.reason
+    assert (
+        line.passed is False
+        and "6.6 mm (stop above 13000 counts); the paper's has 6.65 mm" in line.reason
+    )
 
 
 @pytest.mark.slow
@@ -157,7 +201,9 @@ def test_the_drawings_are_drawn_the_same_each_time(monkeypatch, tmp_path):
         drawing.save(one, tmp_path)
         drawing.save(one, tmp_path / "again")
         text = (tmp_path / f"{one.name}.svg").read_text()
-        assert "DAC constant" in text and text == (tmp_path / "again" / f"{one.name}.svg").read_text()
+        assert (
+            "DAC constant" in text and text == (tmp_path / "again" / f"{one.name}.svg").read_text()
+        )
 
 
 @pytest.mark.slow
@@ -165,6 +211,6 @@ def test_the_whole_study(tmp_path):
     findings = running.reproduce("seed_burst", tmp_path)
     assert {line.target for line in findings.lines} == {"", "A4", "A5"}
     record = json.loads((tmp_path / "seed_burst" / "findings.json").read_text())
-    assert len(record["tables"][0]["rows"]) == CONSTANTS and len(record["provenance"]["campaigns"]) == len(
-        STUDY.variants
-    )
+    assert len(record["tables"][0]["rows"]) == CONSTANTS and len(
+        record["provenance"]["campaigns"]
+    ) == len(STUDY.variants)

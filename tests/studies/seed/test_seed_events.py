@@ -10,14 +10,23 @@ import pytest
 
 from ravenjax.studies.framework import literature
 from ravenjax.studies.seed.burst import events
-from ravenjax.studies.seed.burst.events import EVENT_TICKS, BurstEvent, BurstRun, criteria, jump_ticks, rebound
+from ravenjax.studies.seed.burst.events import (
+    EVENT_TICKS,
+    BurstEvent,
+    BurstRun,
+    criteria,
+    jump_ticks,
+    rebound,
+)
 
 TICKS = 20_000
 ONSETS = (2000, 10_000)
 
 
 def made(peak_mm=5.0, reach_deg=-2.0, back_deg=6.0, after_ms=150, cue_ms=200):
-    """Two bursts: the shoulder goes to `reach_deg` in 300 ms and back by `back_deg` within `after_ms`."""
+    """Two bursts: the shoulder goes to `reach_deg` in 300 ms and back by `back_deg` within
+    `after_ms`.
+    """
     time = np.arange(TICKS)
     shoulder, error, force = np.full(TICKS, 30.0), np.full(TICKS, 0.5), np.zeros(TICKS)
     active = np.zeros(TICKS, bool)
@@ -35,7 +44,13 @@ def made(peak_mm=5.0, reach_deg=-2.0, back_deg=6.0, after_ms=150, cue_ms=200):
     jpos = np.zeros((TICKS, 7))
     jpos[:, 0] = np.radians(shoulder)
     still = np.zeros((TICKS, 3))
-    return {"fault_active": active, "jpos": jpos, "tip_error_mm": error, "cue_force": force, "position": still}
+    return {
+        "fault_active": active,
+        "jpos": jpos,
+        "tip_error_mm": error,
+        "cue_force": force,
+        "position": still,
+    }
 
 
 def row(**changed):
@@ -71,7 +86,9 @@ def test_both_bursts_are_measured():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_rebound_goes_back_from_the_farthest_point_either_way(sign):
-    shoulder = np.concatenate([np.linspace(0, 4, 301), np.linspace(4, -1, 101)[1:], np.full(199, -1.0)])
+    shoulder = np.concatenate(
+        [np.linspace(0, 4, 301), np.linspace(4, -1, 101)[1:], np.full(199, -1.0)]
+    )
     degrees, ms = rebound(30.0 + sign * shoulder)
     assert degrees == pytest.approx(5.0) and ms == 100
 
@@ -86,7 +103,9 @@ def test_a_stop_ends_its_burst_and_those_after_it():
     run = measured(made(), **stopped)
     assert len(run.events) == 1 and run.cause == "overdrive" and run.stop_ms == ONSETS[0] + 305
     event = run.events[0]
-    assert event.cut and math.isnan(event.rebound_deg) and event.peak_mm == 0.5  # the peak would come at 310
+    assert (
+        event.cut and math.isnan(event.rebound_deg) and event.peak_mm == 0.5
+    )  # the peak would come at 310
 
 
 def test_a_cue_outside_the_bursts_is_false_one_inside_is_not():
@@ -101,7 +120,9 @@ def test_a_burst_without_cue_has_no_onset():
     series = made()
     series["cue_force"][:] = 0.0
     run = measured(series, cue0_first_ms=-1)
-    assert all(math.isnan(event.cue_s) and event.force == 0.0 for event in run.events) and run.same_cue
+    assert (
+        all(math.isnan(event.cue_s) and event.force == 0.0 for event in run.events) and run.same_cue
+    )
 
 
 def test_a_jump_is_two_long_steps_in_a_row_that_the_golden_run_does_not_make():
@@ -121,8 +142,12 @@ def test_a_jump_is_two_long_steps_in_a_row_that_the_golden_run_does_not_make():
 def test_series_for_a_figure_end_with_the_stop():
     run = events.run(row(), made(), np.zeros((TICKS, 3)), drawn=True)
     drawn = run.events[0].curves
-    assert drawn is not None and drawn.time_s[0] == -0.1 and drawn.time_s[-1] == pytest.approx(0.795)
-    assert drawn.shoulder_deg[20] == pytest.approx(0.0) and drawn.shoulder_deg.min() == pytest.approx(-2.0, abs=0.1)
+    assert (
+        drawn is not None and drawn.time_s[0] == -0.1 and drawn.time_s[-1] == pytest.approx(0.795)
+    )
+    assert drawn.shoulder_deg[20] == pytest.approx(
+        0.0
+    ) and drawn.shoulder_deg.min() == pytest.approx(-2.0, abs=0.1)
     stopped = {"response": "stopped", "response_cause": "overdrive", "response_ms": ONSETS[0] + 250}
     short = events.run(row(**stopped), made(), np.zeros((TICKS, 3)), drawn=True).events[0].curves
     assert short is not None and short.time_s[-1] < 0.25
@@ -150,7 +175,9 @@ def test_the_published_run_meets_every_band():
     ],
 )
 def test_one_burst_outside_a_band_loses_that_band(changed, lost):
-    run = dataclasses.replace(WHOLE, events=(dataclasses.replace(GOOD, **changed), GOOD, GOOD, LAST))
+    run = dataclasses.replace(
+        WHOLE, events=(dataclasses.replace(GOOD, **changed), GOOD, GOOD, LAST)
+    )
     assert set(RULES.tests) - set(met(run)) == lost
 
 

@@ -1,4 +1,6 @@
-"""The fault-free study: its campaigns say what their names say, its findings follow from its segments."""
+"""The fault-free study: its campaigns say what their names say, its findings follow from its
+segments.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ from ravenjax.studies import catalogue, running
 from ravenjax.studies.framework import drawing
 from ravenjax.studies.framework.study import Context
 from ravenjax.studies.seed.fault_free import scales
-from ravenjax.studies.seed.fault_free.scales import MODELLED, MOTIONS, SCALES, SETTINGS, STUDY, Setting
+from ravenjax.studies.seed.fault_free.scales import (
+    MODELLED,
+    MOTIONS,
+    SCALES,
+    SETTINGS,
+    STUDY,
+    Setting,
+)
 from ravenjax.studies.seed.fault_free.segments import RunSegment
 
 
@@ -31,7 +40,11 @@ def ready():
 
 def test_the_catalogue_finds_it():
     assert catalogue.find("seed_fault_free") is STUDY
-    assert len({variant.name for variant in STUDY.variants}) == len(STUDY.variants) == len(MOTIONS) + len(SETTINGS)
+    assert (
+        len({variant.name for variant in STUDY.variants})
+        == len(STUDY.variants)
+        == len(MOTIONS) + len(SETTINGS)
+    )
 
 
 def test_every_variant_is_a_valid_campaign():
@@ -42,7 +55,9 @@ def test_every_variant_is_a_valid_campaign():
 
 def test_the_first_four_runs_are_as_modelled(ready):
     first = ready.table.iloc[: len(SCALES)]
-    assert (first["group"] == MODELLED).all() and first["param:operator.scale"].tolist() == list(SCALES)
+    assert (first["group"] == MODELLED).all() and first["param:operator.scale"].tolist() == list(
+        SCALES
+    )
     noises = ("plant.gold.encoder_noise", "plant.gold.torque_noise")
     for path, values in ready.varied.items():
         if path not in ("operator.scale", NOISE_KEY, PACKET_KEY, *noises):
@@ -58,7 +73,8 @@ def test_noise_has_the_robots_own_sizes(ready):
 
 
 @pytest.mark.parametrize(
-    ("group", "gain"), [("model gains x 1/4", 0.25), ("model gains x 4", 4.0), ("model gains x 100", 100.0)]
+    ("group", "gain"),
+    [("model gains x 1/4", 0.25), ("model gains x 4", 4.0), ("model gains x 100", 100.0)],
 )
 def test_changed_gains_are_so_many_times_the_models_own(ready, group, gain):
     row = ready.table.index[ready.table["group"] == group][0]
@@ -71,7 +87,10 @@ def test_changed_gains_are_so_many_times_the_models_own(ready, group, gain):
 
 def test_friction_is_taken_from_the_model_where_the_name_says_so(ready):
     joints = ("shoulder", "elbow", "insertion", "tool_roll", "wrist")
-    for group, none in (("model without dry friction", ("kc",)), ("model without friction", ("kc", "kv"))):
+    for group, none in (
+        ("model without dry friction", ("kc",)),
+        ("model without friction", ("kc", "kv")),
+    ):
         row = ready.table.index[ready.table["group"] == group][0]
         for name in ("kc", "kv"):
             for joint in joints:
@@ -84,14 +103,19 @@ def made(mean_of, peak_of=lambda motion, scale: 15.0 * scale, pulses=0):
     def one(motion, scale):
         mean = mean_of(motion, scale)
         drawn = np.full(500, mean, np.float32)
-        return RunSegment("", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1, drawn)
+        return RunSegment(
+            "", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1, drawn
+        )
 
     return {motion: {scale: one(motion, scale) for scale in SCALES} for motion in MOTIONS}
 
 
 @pytest.fixture
 def settings():
-    found = {MODELLED: made(lambda motion, scale: 8.0 * scale), "noise": made(lambda m, s: 8.0 * s, pulses=1)}
+    found = {
+        MODELLED: made(lambda motion, scale: 8.0 * scale),
+        "noise": made(lambda m, s: 8.0 * s, pulses=1),
+    }
     found |= {"robot slow": made(lambda m, s: 9.0 * s), "set B": made(lambda m, s: 0.1)}
     return {name: Setting(name, segments) for name, segments in found.items()}
 
@@ -108,9 +132,13 @@ def test_findings_follow_from_the_segments(monkeypatch, settings):
     assert mean.predicted.value == pytest.approx(1.0) and mean.passed and mean.target == "A6"
     assert mean.published.value == pytest.approx(0.8) and "robot slow 1.12 mm" in mean.reason
     slope = lines["mean tip error, slope over the scale"]
-    assert slope.predicted.value == pytest.approx(8.0) and slope.published.value == pytest.approx(7.2)
+    assert slope.predicted.value == pytest.approx(8.0) and slope.published.value == pytest.approx(
+        7.2
+    )
     straight = lines["variance of the means that a straight line over the scale explains"]
-    assert straight.predicted.value == pytest.approx(1.0) and straight.published.value == pytest.approx(0.982, abs=1e-3)
+    assert straight.predicted.value == pytest.approx(
+        1.0
+    ) and straight.published.value == pytest.approx(0.982, abs=1e-3)
     cues = lines["fault-free segments with noise in which the cue fires"]
     assert cues.predicted.value == 4 * len(MOTIONS) and cues.passed and cues.target == "A5"
     assert lines["peak tip error, scale 0.2"].predicted.value == pytest.approx(3.0)
@@ -122,7 +150,10 @@ def test_findings_follow_from_the_segments(monkeypatch, settings):
 def test_a_small_error_fails_a6(monkeypatch, settings):
     settings[MODELLED] = Setting(MODELLED, made(lambda motion, scale: 0.4 + scale))
     findings = compared(monkeypatch, settings)
-    assert findings.lines[0].predicted.value == pytest.approx(0.525) and findings.lines[0].passed is False
+    assert (
+        findings.lines[0].predicted.value == pytest.approx(0.525)
+        and findings.lines[0].passed is False
+    )
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""Fault-free segments measured on made series, straight lines and means over motions with known answers."""
+"""Fault-free segments measured on made series, straight lines and means over motions with known
+answers.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ TICKS = 2500
 
 
 def made():
-    """At rest 0.3 mm apart, then 1 mm apart, with a peak of 4 mm; the true tip is always 0.5 mm away."""
+    """At rest 0.3 mm apart, then 1 mm apart, with a peak of 4 mm; the true tip is always 0.5 mm
+    away.
+    """
     model = np.zeros((TICKS, 3))
     tip, position = model.copy(), model.copy()
     tip[:, 1] = 0.5e-3
@@ -21,7 +25,13 @@ def made():
     position[1000, 0] = 4.0e-3
     error = np.linalg.norm(position, axis=1) * 1e3
     force = np.where(error > 3.0, 0.018, 0.0)
-    return {"tip": tip, "position": position, "model_position": model, "tip_error_mm": error, "cue_force": force}
+    return {
+        "tip": tip,
+        "position": position,
+        "model_position": model,
+        "tip_error_mm": error,
+        "cue_force": force,
+    }
 
 
 ROW = {"group": "as modelled", "param:operator.scale": 0.1, "check_estop_first_ms": -1}
@@ -55,7 +65,11 @@ def test_a_line_explains_nothing_of_a_tent():
 
 def test_kinds_of_motion_are_the_independent_units():
     found = over_kinds({("a", 1): 1.0, ("a", 2): 3.0, ("b", 1): 4.0, ("c", 1): 6.0})
-    assert found.value == pytest.approx(4.0) and found.n == 3 and found.of == "kinds of motion (4 motions)"
+    assert (
+        found.value == pytest.approx(4.0)
+        and found.n == 3
+        and found.of == "kinds of motion (4 motions)"
+    )
     half = 4.302653 * 2.0 / np.sqrt(3.0)  # t of 2 degrees of freedom, standard deviation of 2, 4, 6
     assert found.high - found.value == pytest.approx(half, rel=1e-5)
     assert found.value - found.low == pytest.approx(half, rel=1e-5)

@@ -1,4 +1,6 @@
-"""The study of the uncertain robot: rates and dependences of made-up runs with known answers, and the whole."""
+"""The study of the uncertain robot: rates and dependences of made-up runs with known answers,
+and the whole.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ FRICTION = PARAMETERS[0]
 
 
 def table(faults: int, **hits: list[int]) -> pd.DataFrame:
-    """Events of so many faults, each of its own kind: the numbers of those that have each, none for the others."""
+    """Events of so many faults, each of its own kind: the numbers of those that have each, none
+    for the others.
+    """
     columns = {event: np.isin(np.arange(faults), hits.get(event, [])) for event in EVENTS}
     layers = np.where(np.arange(faults) % 2, "packets", "USB in")
     return pd.DataFrame({**columns, "layer": layers, "kind": np.arange(faults)})
@@ -50,7 +54,9 @@ def test_a_parameter_that_is_left_alone_has_its_known_value() -> None:
 
 def test_ends_are_compared_on_the_same_faults() -> None:
     """Fault 2 changed a bit at the high end alone: it is left out."""
-    frame = pd.DataFrame({uncertain_rates.FAULT: [0, 1, 0, 1, 2], FRICTION.column: [0.5, 0.5, 2.0, 2.0, 2.0]})
+    frame = pd.DataFrame(
+        {uncertain_rates.FAULT: [0, 1, 0, 1, 2], FRICTION.column: [0.5, 0.5, 2.0, 2.0, 2.0]}
+    )
     found = table(5, unintended=[0, 1, 2, 4])
     low, high = uncertain_rates.robots(frame, found, FRICTION)
     assert low.events.index.tolist() == high.events.index.tolist() == [0, 1]
@@ -63,7 +69,11 @@ def test_events_are_those_of_the_result_table() -> None:
     found = uncertain_rates.events(frame[chosen], run_facts.of(frame, made)[chosen])
     assert set(found) == {*EVENTS, "layer", "kind"}
     mine = frame[chosen]
-    moved, began, cue = mine["unintended_mm"] > 3.0, mine["unintended_first_ms"], mine["cue0_first_ms"]
+    moved, began, cue = (
+        mine["unintended_mm"] > 3.0,
+        mine["unintended_first_ms"],
+        mine["cue0_first_ms"],
+    )
     nobody = mine["response"].isin(["silent", "limited"])
     expected = {
         "evaded": moved & nobody,
@@ -84,17 +94,34 @@ def test_events_are_those_of_the_result_table() -> None:
 def test_a_fault_has_the_same_number_in_every_variant() -> None:
     """Two groups of two faults, once and at two ends each, as a campaign's column `pair` tells."""
     assert uncertain_rates.numbered(np.array([0, 1, 2, 3])).tolist() == [0, 1, 2, 3]
-    assert uncertain_rates.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [0, 1, 0, 1, 2, 3, 2, 3]
+    assert uncertain_rates.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [
+        0,
+        1,
+        0,
+        1,
+        2,
+        3,
+        2,
+        3,
+    ]
 
 
-def ends(faults: int, low: list[int], high: list[int]) -> dict[Uncertain, tuple[RobotRates, RobotRates]]:
+def ends(
+    faults: int, low: list[int], high: list[int]
+) -> dict[Uncertain, tuple[RobotRates, RobotRates]]:
     return {
-        FRICTION: (RobotRates("low", table(faults, unintended=low)), RobotRates("high", table(faults, unintended=high)))
+        FRICTION: (
+            RobotRates("low", table(faults, unintended=low)),
+            RobotRates("high", table(faults, unintended=high)),
+        )
     }
 
 
 def test_an_effect_is_a_paired_difference() -> None:
-    found = {one.event: one for one in uncertain_rates.effects(ends(100, list(range(20)), list(range(10))))}
+    found = {
+        one.event: one
+        for one in uncertain_rates.effects(ends(100, list(range(20)), list(range(10))))
+    }
     moved = found["unintended"]
     assert moved.difference.value == pytest.approx(-0.1)
     assert moved.p == pytest.approx(2 * 0.5**10)
@@ -107,7 +134,9 @@ def test_faults_of_one_kind_are_one_witness() -> None:
     pairs = ends(100, list(range(20)), list(range(10)))
     low, high = pairs[FRICTION]
     kind = np.r_[np.arange(10), np.full(10, 10), np.arange(11, 91)]
-    pooled = {FRICTION: tuple(one._replace(events=one.events.assign(kind=kind)) for one in (low, high))}
+    pooled = {
+        FRICTION: tuple(one._replace(events=one.events.assign(kind=kind)) for one in (low, high))
+    }
     (alike,) = [one for one in uncertain_rates.effects(pooled) if one.event == "unintended"]  # pyright: ignore
     assert alike.difference.value == pytest.approx(-0.1)
     assert alike.p == 1
@@ -120,7 +149,10 @@ def test_thirds_find_the_parameter_that_decides() -> None:
     values = rng.uniform(0.5, 2.0, (600, 2))
     frame = pd.DataFrame({first.column: values[:, 0], second.column: values[:, 1]})
     found = table(600, unintended=np.flatnonzero(values[:, 0] > 1.5).tolist())
-    told = {(event, one.name): one for event, one in uncertain_rates.thirds(frame, found, (first, second))}
+    told = {
+        (event, one.name): one
+        for event, one in uncertain_rates.thirds(frame, found, (first, second))
+    }
     assert told["unintended", first.path].depends
     assert not told["unintended", second.path].depends
     assert told["unintended", first.path].levels[-1].rate.value == 1.0
@@ -165,7 +197,10 @@ def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
 
 
 def test_layers_have_places() -> None:
-    robots = [RobotRates("a", table(10, unintended=[1, 3])), RobotRates("b", table(10, unintended=[0, 2, 4, 1]))]
+    robots = [
+        RobotRates("a", table(10, unintended=[1, 3])),
+        RobotRates("b", table(10, unintended=[0, 2, 4, 1])),
+    ]
     rows = {str(row[0]): row for row in tables.by_layer(robots, "unintended").rows}
     assert rows["packets"][4:] == (1, "1 to 2")
     assert rows["USB in"][4:] == (2, "1 to 2")
@@ -178,7 +213,9 @@ def record(paths: list[str], **indices: dict[str, list[float]]) -> dict[str, Any
 
 def test_indices_of_both_searches_are_joined_by_parameter() -> None:
     a, b = PARAMETERS[0].path, PARAMETERS[1].path
-    morris = record([b, a], mu_star={"value": [1, 2], "low": [0, 1], "high": [2, 3]}, sigma={"value": [5, 6]})
+    morris = record(
+        [b, a], mu_star={"value": [1, 2], "low": [0, 1], "high": [2, 3]}, sigma={"value": [5, 6]}
+    )
     shares = {"value": [0.1, 0.7], "low": [0.0, 0.6], "high": [0.2, 0.8]}
     found = search.indices({"morris": morris, "sobol": record([a, b], ST=shares, S1=shares)})
     assert [(one.parameter.path, one.total[0], one.effect[0], one.spread) for one in found] == [
@@ -191,7 +228,9 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
 def test_the_drawings_draw() -> None:
     known = RobotRates("known", table(10, unintended=[1]))
     pair = (known, known)
-    index = search.Index("elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9)
+    index = search.Index(
+        "elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9
+    )
     rates = {"packets": [Rate(1, 10, 0.1, 0.01, 0.4), Rate(2, 10, 0.2, 0.05, 0.5)]}
     cases = (
         (drawings.ranges(known, {"friction": pair}, [known]), len(drawings.SHOWN)),
@@ -211,11 +250,21 @@ def test_every_variant_loads(variant: robot.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
     varied = {*config.parameters, *config.cross}
     assert varied <= {one.path for one in PARAMETERS}
-    assert len(varied) == {"known": 0, "set": 0, "alone": 1, "drawn": len(PARAMETERS)}[variant.name.split("_")[0]]
+    assert (
+        len(varied)
+        == {"known": 0, "set": 0, "alone": 1, "drawn": len(PARAMETERS)}[variant.name.split("_")[0]]
+    )
 
 
 def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
-    inputs = ["group", "fault0_channel", "fault0_effect", "fault0_value", "fault0_start_ms", "fault0_duration_ms"]
+    inputs = [
+        "group",
+        "fault0_channel",
+        "fault0_effect",
+        "fault0_value",
+        "fault0_start_ms",
+        "fault0_duration_ms",
+    ]
     known = design.expand(loading.load(robot.CAMPAIGN))
     crossed = design.expand(loading.load(robot.CAMPAIGN, (FRICTION.crossed,)))
     for value in (FRICTION.low, FRICTION.high):
@@ -227,7 +276,9 @@ def test_the_faults_are_those_of_the_quick_campaign() -> None:
     ours, quick = (loading.load(name) for name in (robot.CAMPAIGN, "quick.toml"))
     theirs = {group.name: group for group in quick.group}
     missing = {*theirs} - {group.name for group in ours.group}
-    assert missing == {"fault_free"}, "uncertain_robot.toml has every family of quick.toml, with fewer runs"
+    assert missing == {"fault_free"}, (
+        "uncertain_robot.toml has every family of quick.toml, with fewer runs"
+    )
     for group in ours.group:
         assert group.fault == theirs[group.name].fault, group.name
 

@@ -1,4 +1,6 @@
-"""The replay of a session: its places are the world's, blinding holds, and the slider moves the picture."""
+"""The replay of a session: its places are the world's, blinding holds, and the slider moves the
+picture.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,22 @@ from ravenjax.trainer.protocol.world import to_world
 from ravenjax.trainer.recording import reader
 
 ARMS = ("gold", "green")
-BASES = {arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True)) for arm in ARMS}
-TASK = {"targets": [{"number": 0, "arm": "gold", "at": [0.0, 0.0, 0.19], "radius_m": 0.002, "colour": "#d9a441"}]}
+BASES = {
+    arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True)) for arm in ARMS
+}
+TASK = {
+    "targets": [
+        {"number": 0, "arm": "gold", "at": [0.0, 0.0, 0.19], "radius_m": 0.002, "colour": "#d9a441"}
+    ]
+}
 MET = synthetic.hazard(0)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return synthetic.write(tmp_path_factory.mktemp("replay") / "s", [MET], seconds=5.0, bases=BASES, task=TASK)
+    return synthetic.write(
+        tmp_path_factory.mktemp("replay") / "s", [MET], seconds=5.0, bases=BASES, task=TASK
+    )
 
 
 def test_places_are_those_of_the_world_and_every_hazard_is_a_mark(folder):
@@ -38,10 +48,17 @@ def test_places_are_those_of_the_world_and_every_hazard_is_a_mark(folder):
     assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= replay.EVERY_HAZARD_MS
     for arm in ARMS:
         row = int(np.searchsorted(ms, 2400))
-        axis, joints = (recording[f"{arm}/{name}"][ms[row]].tolist() for name in ("tip", "link_jpos"))
+        axis, joints = (
+            recording[f"{arm}/{name}"][ms[row]].tolist() for name in ("tip", "link_jpos")
+        )
         expected = to_world(arm, closing_point(arm, axis, joints))
-        assert np.allclose(np.array(told["arms"][arm]["tip"][row]) / replay.PER_M, expected, atol=1e-4)
-    assert [(one["ms"], one["kind"]) for one in told["marks"]] == [(2000.0, "strike"), (2430.0, "response")]
+        assert np.allclose(
+            np.array(told["arms"][arm]["tip"][row]) / replay.PER_M, expected, atol=1e-4
+        )
+    assert [(one["ms"], one["kind"]) for one in told["marks"]] == [
+        (2000.0, "strike"),
+        (2430.0, "response"),
+    ]
     assert told["task"]["targets"] == [{"number": 0, "at": [0.0, 0.0, 0.19]}]
 
 
@@ -55,12 +72,18 @@ def test_a_blinded_session_shows_no_model_and_one_without_bases_no_replay(folder
 @pytest.mark.slow
 def test_the_slider_and_the_marks_move_the_picture(folder):
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    chromium = (
+        shutil.which("chromium")
+        or shutil.which("chromium-browser")
+        or shutil.which("google-chrome")
+    )
     if chromium is None:
         pytest.skip("no chromium on the path (apt-get install chromium)")
     told = []
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+        browser = playwright.chromium.launch(
+            executable_path=chromium, args=["--no-sandbox", "--disable-gpu"]
+        )
         page = browser.new_page(viewport={"width": 1280, "height": 900})
         page.set_default_timeout(waiting.DEADLINE_MS)
         page.on("pageerror", lambda error: told.append(str(error)))
@@ -68,7 +91,8 @@ def test_the_slider_and_the_marks_move_the_picture(folder):
         picture = "document.querySelector('canvas.replay').toDataURL()"
         pictures = [page.evaluate(picture)]
         page.evaluate(
-            "Object.assign(document.querySelector('.player input'), {value: 1500}).dispatchEvent(new Event('input'))"
+            "Object.assign(document.querySelector('.player input'), {value:"
+            " 1500}).dispatchEvent(new Event('input'))"
         )
         assert page.inner_text(".player output") == "1.50 s of 5.0 s"
         pictures.append(page.evaluate(picture))
@@ -77,8 +101,12 @@ def test_the_slider_and_the_marks_move_the_picture(folder):
         page.evaluate("document.querySelector('[data-view=side]').click()")
         pictures.append(page.evaluate(picture))
         page.evaluate("document.querySelector('.player .play').click()")
-        page.wait_for_function("document.querySelector('.player output').textContent.startsWith('5.00')", polling=50)
+        page.wait_for_function(
+            "document.querySelector('.player output').textContent.startsWith('5.00')", polling=50
+        )
         # 4.996 s reads 5.00 too: the button is Play again a frame later
-        page.wait_for_function("document.querySelector('.player .play').textContent === 'Play'", polling=50)
+        page.wait_for_function(
+            "document.querySelector('.player .play').textContent === 'Play'", polling=50
+        )
         browser.close()
     assert len(set(pictures)) == 3 and told == []

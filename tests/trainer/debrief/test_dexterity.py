@@ -1,4 +1,6 @@
-"""Measures of motion against closed forms: lines and circles, the minimum-jerk profile, a Gaussian's spectrum."""
+"""Measures of motion against closed forms: lines and circles, the minimum-jerk profile, a
+Gaussian's spectrum.
+"""
 
 import math
 from types import SimpleNamespace
@@ -19,10 +21,19 @@ def session(gold, green, pedal=None, target=None):
     """A course whose tips go along these points [T, 3], m, one a millisecond."""
     rows = np.zeros((len(gold), LAYOUT.size), np.float32)
     ms = np.arange(len(gold))
-    for name, values in (("session_tick", ms), ("phase", 1), ("gold/tip", gold), ("green/tip", green)):
-        rows[:, LAYOUT.places[name]] = values[:, None] if getattr(values, "ndim", 0) == 1 else values
+    for name, values in (
+        ("session_tick", ms),
+        ("phase", 1),
+        ("gold/tip", gold),
+        ("green/tip", green),
+    ):
+        rows[:, LAYOUT.places[name]] = (
+            values[:, None] if getattr(values, "ndim", 0) == 1 else values
+        )
     rows[:, LAYOUT.places["pedal"]] = (np.ones(len(gold)) if pedal is None else pedal)[:, None]
-    rows[:, LAYOUT.places["target"]] = (np.full(len(gold), -1) if target is None else target)[:, None]
+    rows[:, LAYOUT.places["target"]] = (np.full(len(gold), -1) if target is None else target)[
+        :, None
+    ]
 
     class Made(SimpleNamespace):
         def __getitem__(self, name):
@@ -44,7 +55,9 @@ def test_a_circle_and_a_line_have_their_lengths_and_economies():
     half = circle[:10_001]
     assert dexterity.economy([half]) == pytest.approx(2 / np.pi, rel=1e-6)
     assert math.isnan(dexterity.economy([half[:1].repeat(3, axis=0)]))
-    assert dexterity.economy([np.linspace(half[0], half[-1], 50), half]) == pytest.approx(4 / (2 + np.pi), rel=1e-6)
+    assert dexterity.economy([np.linspace(half[0], half[-1], 50), half]) == pytest.approx(
+        4 / (2 + np.pi), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(("seconds", "distance"), [(0.8, 0.05), (3.0, 0.2)])
@@ -53,7 +66,9 @@ def test_a_minimum_jerk_movement_has_its_jerk_whatever_its_size(seconds, distanc
     t = np.linspace(0, 1, round(seconds * rate) + 1)
     profile = distance / seconds * 30 * (t**2 - 2 * t**3 + t**4)
     # the integral of the jerk squared is 720 D^2/T^5, the peak 15/8 D/T
-    assert dexterity.log_dimensionless_jerk(profile, rate) == pytest.approx(-math.log(720 / (15 / 8) ** 2), abs=0.01)
+    assert dexterity.log_dimensionless_jerk(profile, rate) == pytest.approx(
+        -math.log(720 / (15 / 8) ** 2), abs=0.01
+    )
 
 
 def test_a_gaussian_speed_has_the_arc_length_of_its_spectrum():
@@ -80,7 +95,10 @@ def test_a_session_of_known_motion_has_its_measures():
     assert told.driven_s == pytest.approx(4.002)
     assert told.arms["gold"].path_mm == pytest.approx(100, rel=0.01)
     assert told.arms["green"].path_mm == pytest.approx(50, rel=0.01)
-    assert told.arms["gold"].economy == pytest.approx(1.0, abs=0.01) and told.arms["gold"].movements == 2
+    assert (
+        told.arms["gold"].economy == pytest.approx(1.0, abs=0.01)
+        and told.arms["gold"].movements == 2
+    )
     assert told.idle == pytest.approx(0.5, abs=0.05) and told.both == pytest.approx(0.25, abs=0.03)
     assert told.plain()["arms"]["gold"]["path_mm"] == told.arms["gold"].path_mm
 
@@ -89,7 +107,9 @@ def test_what_is_done_with_the_pedal_up_counts_for_nothing():
     way = np.linspace([0, 0, 0], [0.1, 0, 0], 4000)
     pedal = (np.arange(4000) < 1000).astype(float)
     told = dexterity.measure(session(way, way, pedal))
-    assert told.driven_s == pytest.approx(1.0) and told.arms["gold"].path_mm == pytest.approx(25, rel=0.02)
+    assert told.driven_s == pytest.approx(1.0) and told.arms["gold"].path_mm == pytest.approx(
+        25, rel=0.02
+    )
     none = dexterity.measure(session(way, way, 0 * pedal)).plain()
     assert none["driven_s"] == 0 and none["idle"] is None and none["arms"]["gold"]["sparc"] is None
 
@@ -109,5 +129,7 @@ def test_a_recorded_session_is_measured(tmp_path):
     told = dexterity.measure(Course(reader.read(folder)))
     assert told.driven_s == pytest.approx(3.6) and told.both > 0.9
     phase = np.arange(400, 4000) / 700
-    way = np.stack([0.02 * np.sin(phase), 0.015 * np.cos(phase), -0.1 + 0.004 * np.sin(2.3 * phase)], axis=1)
+    way = np.stack(
+        [0.02 * np.sin(phase), 0.015 * np.cos(phase), -0.1 + 0.004 * np.sin(2.3 * phase)], axis=1
+    )
     assert told.arms["gold"].path_mm == pytest.approx(1e3 * dexterity.path_length(way), rel=0.02)

@@ -11,9 +11,14 @@ from ravenjax.trainer.debrief import page as debrief
 
 
 def session(base, name, day, **header):
-    folder = synthetic.write(base / name, [], recorded=False, started=f"2026-01-{day:02}T00:00:00.000+00:00", **header)
+    folder = synthetic.write(
+        base / name, [], recorded=False, started=f"2026-01-{day:02}T00:00:00.000+00:00", **header
+    )
     arms = {arm: {"path_mm": 10.0 * day, "sparc": -5.0 + day} for arm in ("gold", "green")}
-    told = {"dexterity": {"idle": 0.5, "arms": arms}, "hazards": {"score": 5 * day, "median_reaction_ms": None}}
+    told = {
+        "dexterity": {"idle": 0.5, "arms": arms},
+        "hazards": {"score": 5 * day, "median_reaction_ms": None},
+    }
     description.update(folder, {"summary": told})
     return folder
 
@@ -26,9 +31,17 @@ def test_a_curve_holds_the_persons_sessions_of_the_scenario_so_far_in_order(tmp_
     session(tmp_path, "e", 4)
     told = learning.attempts(third)
     assert [one.name for one in told] == ["b", "a"]
-    assert told[1].score == 15 and told[1].path_mm == pytest.approx(60.0) and told[1].sparc == pytest.approx(-2.0)
+    assert (
+        told[1].score == 15
+        and told[1].path_mm == pytest.approx(60.0)
+        and told[1].sparc == pytest.approx(-2.0)
+    )
     drawn = json.loads(learning.figure(told).json)
-    assert [trace["y"] for trace in drawn["data"]] == [[5, 15], [20.0, 60.0], [-4.0, -2.0]]  # no reaction was timed
+    assert [trace["y"] for trace in drawn["data"]] == [
+        [5, 15],
+        [20.0, 60.0],
+        [-4.0, -2.0],
+    ]  # no reaction was timed
     assert learning.figure(told[:1]) is None
 
 

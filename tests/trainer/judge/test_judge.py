@@ -1,4 +1,6 @@
-"""The judge: times, responses, outcome and score of hazards in sessions that are made up tick by tick."""
+"""The judge: times, responses, outcome and score of hazards in sessions that are made up tick by
+tick.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +12,22 @@ from made_frames import kinds, made, running
 from ravenjax.trainer.judge import COLUMNS, Judge
 from ravenjax.trainer.judge.pace import SLOW_FOR_MS
 
-FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}]
+FAULT = [
+    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
+]
 
 
 class Play:
     """A session of frames: `run(ticks, channel=value, ...)` keeps what it is given."""
 
-    def __init__(self, arms=("gold",), cue_on=True, scale=0.1, blinded=False, limit_mm=10.0, **entry):
+    def __init__(
+        self, arms=("gold",), cue_on=True, scale=0.1, blinded=False, limit_mm=10.0, **entry
+    ):
         keys = {"name": "h", "fault": FAULT, "right_response": ["release"], "within_s": 1.0} | entry
         harm = {"excursion_mm": limit_mm}
-        chosen, hazards = made(arms=list(arms), hazard=[keys], scale=scale, cue={"blinded": blinded}, harm=harm)
+        chosen, hazards = made(
+            arms=list(arms), hazard=[keys], scale=scale, cue={"blinded": blinded}, harm=harm
+        )
         self.judge = Judge(chosen, hazards, cue_on)
         self.frame, self.tick = running(arms), 0
         self.frame["cue_on"] = cue_on
@@ -29,7 +37,9 @@ class Play:
         self.off_mm = dict.fromkeys(arms, 0.0)
 
     def run(self, ticks=1, **channels):
-        """ARM__off_mm: unintended motion of the tip, in the channel of a live robot or in that of one that is not."""
+        """ARM__off_mm: unintended motion of the tip, in the channel of a live robot or in that
+        of one that is not.
+        """
         for name, value in channels.items():
             if name.endswith("__off_mm"):
                 self.off_mm[name.partition("__")[0]] = value
@@ -68,7 +78,13 @@ def test_a_hazard_that_is_felt_and_answered():
     play = Play()
     play.run(1000).strike().run(19)
     play.run(80, gold__known_mm=0.01, gold__off_mm=2.0, gold__error_mm=2.1)
-    play.run(200, gold__force=(0.0, 0.013, 0.0), gold__off_mm=4.0, gold__error_mm=4.5, gold__depth_mm=-3.0)
+    play.run(
+        200,
+        gold__force=(0.0, 0.013, 0.0),
+        gold__off_mm=4.0,
+        gold__error_mm=4.5,
+        gold__depth_mm=-3.0,
+    )
     play.run(600, pedal=0, runlevel=2, gold__off_mm=3.9, gold__force=(0.0, 0.0, 0.0))
     row = play.over()
     assert list(row) == list(COLUMNS)
@@ -115,17 +131,37 @@ def test_a_hazard_that_is_felt_and_answered():
         "response_ok": True,
         "halted": False,
         "outcome": "avoided",
-        "score": round(50 * (1 - 0.5 * 30 / 750) + 50, 1),  # 4 mm were gone before anyone could have acted
+        "score": round(
+            50 * (1 - 0.5 * 30 / 750) + 50, 1
+        ),  # 4 mm were gone before anyone could have acted
     }
-    assert kinds(play.events) == ["hazard_armed", "hazard_struck", "knowable", "cue", "response", "hazard_over"]
+    assert kinds(play.events) == [
+        "hazard_armed",
+        "hazard_struck",
+        "knowable",
+        "cue",
+        "response",
+        "hazard_over",
+    ]
     assert play.of("response")[0] == {
-        "tick": 1300, "kind": "response", "number": 0, "what": "release", "ok": True, "ms": 280,
-    }  # fmt: skip
+        "tick": 1300,
+        "kind": "response",
+        "number": 0,
+        "what": "release",
+        "ok": True,
+        "ms": 280,
+    }
     assert play.of("cue")[0]["number"] == 0
     assert play.of("hazard_over")[0] | {"score": 0} == {
-        "tick": 1900, "kind": "hazard_over", "number": 0, "check_response": "silent", "motion_hazard": "none",
-        "halted": False, "outcome": "avoided", "score": 0,
-    }  # fmt: skip
+        "tick": 1900,
+        "kind": "hazard_over",
+        "number": 0,
+        "check_response": "silent",
+        "motion_hazard": "none",
+        "halted": False,
+        "outcome": "avoided",
+        "score": 0,
+    }
 
 
 @pytest.mark.parametrize("channel", ["gold__known_mm", "gold__off_mm", "gold__loss_mm"])
@@ -139,7 +175,9 @@ def test_a_person_knows_of_a_millimetre_and_not_of_what_a_computer_could_tell(ch
 
 def test_a_burst_that_peaks_before_anyone_could_act_is_nobodys_failure():
     play = Play()
-    play.run(1000).strike(gold__off_mm=0.5).run(20).run(100, gold__off_mm=12.0)  # 12 mm within 120 ms
+    play.run(1000).strike(gold__off_mm=0.5).run(20).run(
+        100, gold__off_mm=12.0
+    )  # 12 mm within 120 ms
     row = play.run(160).run(10, pedal=0, runlevel=2).over()
     assert (row["response"], row["response_ok"], row["outcome"]) == ("release", True, "unavoidable")
     assert row["score"] > 98.0 and row["unintended_mm"] == 12.0
@@ -147,7 +185,9 @@ def test_a_burst_that_peaks_before_anyone_could_act_is_nobodys_failure():
 
 def test_what_comes_after_a_person_could_have_acted_counts_on_what_was_left():
     play = Play()
-    play.run(1000).strike(gold__off_mm=4.0).run(149).run(10, gold__off_mm=7.0)  # half of the 6 mm that were left
+    play.run(1000).strike(gold__off_mm=4.0).run(149).run(
+        10, gold__off_mm=7.0
+    )  # half of the 6 mm that were left
     row = play.run(10, pedal=0, runlevel=2).over()
     assert (row["outcome"], row["score"]) == ("avoided", 75.0)
 
@@ -164,8 +204,13 @@ def test_without_the_cue_nothing_is_felt_and_the_reaction_has_the_same_origin():
         play = Play(cue_on=cue_on)
         play.run(10).strike(gold__known_mm=1.0).run(100, gold__force=(0.1, 0, 0), gold__off_mm=5.0)
         rows.append(play.run(100, pedal=0, runlevel=2).over())
-        assert bool(play.of("cue")) is cue_on  # a cue that nobody feels is not told either: it would tell of the group
-    assert [row["cue"] for row in rows] == ["on", "off"] and [row["cue_ms"] for row in rows] == [11, None]
+        assert (
+            bool(play.of("cue")) is cue_on
+        )  # a cue that nobody feels is not told either: it would tell of the group
+    assert [row["cue"] for row in rows] == ["on", "off"] and [row["cue_ms"] for row in rows] == [
+        11,
+        None,
+    ]
     assert rows[0]["reaction_ms"] == rows[1]["reaction_ms"] == 101
 
 
@@ -175,7 +220,10 @@ def test_a_dead_console_is_no_response_and_feels_nothing():
     play.run(10, console_alive=0, pedal=0, runlevel=2, gold__force=(0.1, 0, 0))
     row = play.over()
     assert row["response"] is None and row["cue_ms"] is None
-    assert (row["outcome"], row["score"]) == ("interrupted", None)  # it is not the operator's that a console dies
+    assert (row["outcome"], row["score"]) == (
+        "interrupted",
+        None,
+    )  # it is not the operator's that a console dies
     assert [(event["number"], event["by"]) for event in play.of("interrupted")] == [(0, "console")]
 
 
@@ -189,7 +237,13 @@ def test_a_pedal_that_others_lift_is_no_response_and_the_hazard_is_not_scored():
 
 
 def test_what_was_answered_before_it_was_cut_off_counts():
-    play = Play().run(1000).strike().run(20, gold__known_mm=2.0, gold__off_mm=2.0).run(300, pedal=0, runlevel=2)
+    play = (
+        Play()
+        .run(1000)
+        .strike()
+        .run(20, gold__known_mm=2.0, gold__off_mm=2.0)
+        .run(300, pedal=0, runlevel=2)
+    )
     play.events += play.judge.interrupted(play.tick, "instructor")
     row = play.over()
     assert (row["response"], row["outcome"]) == ("release", "avoided") and row["score"] > 80
@@ -226,8 +280,12 @@ def test_the_limit_of_each_hazard_is_the_scenarios(limit_mm, channel, word, even
     assert play.judge.rows()[0]["motion_hazard"] == "none" and not play.of(event)
     row = play.run(50, **{channel: limit_mm + 0.25}).over()
     assert (row["motion_hazard"], row["limit_mm"]) == (word, limit_mm)
-    assert play.of(event) == [{"tick": 211, "kind": event, "number": 0, "arm": "gold", "mm": limit_mm + 0.25}]
-    assert (row["outcome"] == "harm") is (word == "unintended motion")  # neither of the others moved the instrument
+    assert play.of(event) == [
+        {"tick": 211, "kind": event, "number": 0, "arm": "gold", "mm": limit_mm + 0.25}
+    ]
+    assert (row["outcome"] == "harm") is (
+        word == "unintended motion"
+    )  # neither of the others moved the instrument
     times = [row[f"{name}_first_ms"] for name in ("unintended", "loss", "false_report")]
     assert times.count(211) == 1 and times.count(None) == 2
 
@@ -244,8 +302,16 @@ def test_a_report_that_cannot_be_judged_has_no_distance():
         ({"gold__off_mm": 10.01}, "harm", 50.0),  # the right response cannot mend it
         ({"gold__off_mm": 10.0}, "avoided", 50.0),  # the limit itself is not over the limit
         ({"gold__off_mm": 6.0, "gold__depth_mm": 7.01}, "harm", 50.0),
-        ({"gold__off_mm": 4.0, "gold__depth_mm": 7.0}, "avoided", 60.0),  # driven 4 of 5 mm: no deeper than it moved
-        ({"gold__off_mm": 4.0, "gold__depth_mm": 3.0}, "avoided", 80.0),  # 1 mm deeper than before; 4 of 10 moved
+        (
+            {"gold__off_mm": 4.0, "gold__depth_mm": 7.0},
+            "avoided",
+            60.0,
+        ),  # driven 4 of 5 mm: no deeper than it moved
+        (
+            {"gold__off_mm": 4.0, "gold__depth_mm": 3.0},
+            "avoided",
+            80.0,
+        ),  # 1 mm deeper than before; 4 of 10 moved
     ],
 )
 def test_harm_is_what_the_fault_did(channels, outcome, score):
@@ -298,9 +364,17 @@ def test_a_robot_out_of_pedal_down_without_a_check_has_lost_its_motion_after_a_w
     play = Play(right_response=["restart"])
     play.run(10).strike().run(5, runlevel=2)
     halted = [play.run(1, halted_ms=ms, golden_halted_ms=20).judge.rows()[0] for ms in (220, 221)]
-    assert [row["motion_hazard"] for row in halted] == ["none", "loss of motion"] and halted[0]["halted"]
-    assert play.of("loss_of_motion") == [{"tick": 17, "kind": "loss_of_motion", "number": 0, "halted_ms": 201}]
-    assert (halted[1]["halted_ms"], halted[1]["golden_halted_ms"], halted[1]["loss_first_ms"]) == (221, 20, None)
+    assert [row["motion_hazard"] for row in halted] == ["none", "loss of motion"] and halted[0][
+        "halted"
+    ]
+    assert play.of("loss_of_motion") == [
+        {"tick": 17, "kind": "loss_of_motion", "number": 0, "halted_ms": 201}
+    ]
+    assert (halted[1]["halted_ms"], halted[1]["golden_halted_ms"], halted[1]["loss_first_ms"]) == (
+        221,
+        20,
+        None,
+    )
 
 
 def test_a_robot_that_a_check_stopped_has_not_lost_its_motion():
@@ -314,7 +388,9 @@ def test_a_robot_that_a_check_stopped_has_not_lost_its_motion():
 
 def test_the_time_after_the_operators_e_stop_is_no_loss_of_motion():
     play = Play(right_response=["stop", "convert"])
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(100).say(do="estop").run(500, runlevel=0)
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(100).say(do="estop").run(
+        500, runlevel=0
+    )
     row = play.run(1, halted_ms=499).over()
     assert (row["response"], row["response_ms"], row["response_ok"]) == ("stop", 111, True)
     assert not row["halted"] and row["outcome"] == "avoided" and row["motion_hazard"] == "none"
@@ -322,7 +398,9 @@ def test_the_time_after_the_operators_e_stop_is_no_loss_of_motion():
 
 def test_a_note_that_says_convert_is_a_conversion():
     play = Play(right_response=["convert"])
-    play.run(10).strike(gold__known_mm=1.0).say(do="note", text="odd").run(10).say(do="note", text="Converted now")
+    play.run(10).strike(gold__known_mm=1.0).say(do="note", text="odd").run(10).say(
+        do="note", text="Converted now"
+    )
     assert play.over()["response"] == "convert"
 
 
@@ -376,7 +454,11 @@ def test_hands_that_stood_when_it_struck_have_not_slowed_down():
 
 def test_alarms_are_those_that_tripped_since_and_the_first_trip_is_exact():
     play = Play()
-    play.outcomes = {"check_ik_reject_count": 3, "check_ik_reject_first_ms": 4000, "check_estop_count": 0}
+    play.outcomes = {
+        "check_ik_reject_count": 3,
+        "check_ik_reject_first_ms": 4000,
+        "check_estop_count": 0,
+    }
     play.outcomes["check_estop_first_ms"] = -1
     play.run(100).strike().run(20)
     assert [event["check"] for event in play.of("alarm")] == ["ik_reject"]  # before the hazard
@@ -384,7 +466,9 @@ def test_alarms_are_those_that_tripped_since_and_the_first_trip_is_exact():
     row = play.run(20).over()
     assert (row["alarm"], row["alarm_ms"], row["check_response"]) == ("estop", 123, "stopped")
     assert (row["knowable_by"], row["knowable_ms"]) == ("estop", 123)
-    assert play.of("stopped") == [{"tick": 130, "kind": "stopped", "number": 0, "check": "estop", "ms": 123}]
+    assert play.of("stopped") == [
+        {"tick": 130, "kind": "stopped", "number": 0, "check": "estop", "ms": 123}
+    ]
 
 
 def test_a_limit_is_told_to_nobody_and_kept_as_such():
@@ -394,11 +478,17 @@ def test_a_limit_is_told_to_nobody_and_kept_as_such():
     play.outcomes = {"check_overdrive_clip_count": 7, "check_overdrive_clip_first_ms": 5000 + 105}
     play.run(20).run(200, pedal=0, runlevel=2)
     row = play.over()
-    assert (row["limited"], row["limited_ms"], row["check_response"]) == ("overdrive_clip", 105, "limited")
+    assert (row["limited"], row["limited_ms"], row["check_response"]) == (
+        "overdrive_clip",
+        105,
+        "limited",
+    )
     assert row["alarm"] is None and row["alarm_ms"] is None and row["knowable_ms"] is None
     assert row["response"] is None  # nobody could know: a foot that came up then is no response
     assert play.of("alarm") == [] and play.of("knowable") == []
-    assert play.of("limited") == [{"tick": 110, "kind": "limited", "number": 0, "check": "overdrive_clip", "ms": 105}]
+    assert play.of("limited") == [
+        {"tick": 110, "kind": "limited", "number": 0, "check": "overdrive_clip", "ms": 105}
+    ]
 
 
 def test_what_the_golden_run_trips_too_is_no_response():
@@ -427,12 +517,19 @@ def test_a_trip_just_before_the_hazard_is_taken_back_counts():
 
 def test_the_strongest_response_names_its_own_check():
     play = Play()
-    columns = {f"check_{name}_{kind}": 0 for name in ("ik_reject", "plc_watchdog") for kind in ("count", "first_ms")}
+    columns = {
+        f"check_{name}_{kind}": 0
+        for name in ("ik_reject", "plc_watchdog")
+        for kind in ("count", "first_ms")
+    }
     play.outcomes = columns
     play.run(100).strike()
     play.outcomes = columns | {"check_ik_reject_count": 1, "check_ik_reject_first_ms": 5110}
     play.run(20)
-    play.outcomes = play.outcomes | {"check_plc_watchdog_count": 1, "check_plc_watchdog_first_ms": 5125}
+    play.outcomes = play.outcomes | {
+        "check_plc_watchdog_count": 1,
+        "check_plc_watchdog_first_ms": 5125,
+    }
     row = play.run(20).over()
     assert (row["check_response"], row["check_cause"]) == ("stopped", "plc_watchdog")
     assert (row["alarm"], row["alarm_ms"]) == ("ik_reject", 110)
@@ -469,13 +566,20 @@ def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
     play.events += play.judge.close(play.tick)
     alarms, counts = play.of("alarm"), [event["count"] for event in play.of("alarm_count")]
     assert [alarm["check"] for alarm in alarms] == ["joint_limit"]
-    assert counts[-1] == count > 13_000 and counts == sorted(counts) and len(counts) <= 1 + play.tick / 1000
+    assert (
+        counts[-1] == count > 13_000
+        and counts == sorted(counts)
+        and len(counts) <= 1 + play.tick / 1000
+    )
 
 
 def test_a_count_goes_on_where_the_robot_begins_anew():
     play = Play().run(10)
     for _ in range(2):
-        play.outcomes = {"check_joint_limit_count": 4, "check_joint_limit_first_ms": play.tick + 5000}
+        play.outcomes = {
+            "check_joint_limit_count": 4,
+            "check_joint_limit_first_ms": play.tick + 5000,
+        }
         play.run(2000)
         play.events += play.judge.restarted(play.tick)
     assert [alarm["count"] for alarm in play.of("alarm")] == [4, 8]
@@ -492,7 +596,11 @@ def test_a_hazard_that_never_struck_has_a_row():
     play.events += play.judge.armed(0, 0)
     row = play.run(10).over()
     assert row["armed_ms"] == 0 and row["struck_ms"] is None and row["unintended_mm"] is None
-    assert row["outcome"] == "unaffected" and row["deepest_mm"] is None and row["motion_hazard"] is None
+    assert (
+        row["outcome"] == "unaffected"
+        and row["deepest_mm"] is None
+        and row["motion_hazard"] is None
+    )
 
 
 def test_the_arm_of_a_fault_on_no_arm_is_the_one_that_moves():
@@ -504,16 +612,23 @@ def test_the_arm_of_a_fault_on_no_arm_is_the_one_that_moves():
 
 def test_the_summary_counts_what_became_of_all():
     play = Play()
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=4.0).run(99).run(10, pedal=0, runlevel=2).over()
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=4.0).run(99).run(
+        10, pedal=0, runlevel=2
+    ).over()
     play.run(100, pedal=1, runlevel=3, fault_active=0, gold__known_mm=0.0, gold__off_mm=0.0)
     play.strike(gold__known_mm=1.0, gold__off_mm=20.0).run(10)
     play.events += play.judge.close(play.tick)
     summary = play.judge.result()
     assert summary == {
-        "hazards": 2, "struck": 2, "outcomes": {"avoided": 1, "interrupted": 1}, "check_responses": {"silent": 2},
-        "motion_hazards": {"unintended motion": 1, "none": 1}, "right_responses": 1, "median_reaction_ms": 100,
+        "hazards": 2,
+        "struck": 2,
+        "outcomes": {"avoided": 1, "interrupted": 1},
+        "check_responses": {"silent": 2},
+        "motion_hazards": {"unintended motion": 1, "none": 1},
+        "right_responses": 1,
+        "median_reaction_ms": 100,
         "score": 100.0,
-    }  # fmt: skip
+    }
 
 
 def test_the_judge_says_nothing_of_a_session_in_which_nothing_happens():

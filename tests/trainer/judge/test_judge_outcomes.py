@@ -1,4 +1,6 @@
-"""What a session says of a hazard, against the definitions of outcomes recomputed over whole made-up courses."""
+"""What a session says of a hazard, against the definitions of outcomes recomputed over whole
+made-up courses.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,17 @@ from ravenjax.trainer.judge.row import HazardRow
 from ravenjax.trainer.recording.hazards import events as hazard_events
 
 TICKS, STRIKE, LOOK = 500, 40, 10
-FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}]
+FAULT = [
+    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
+]
 DISTANCES = ("unintended_mm", "loss_mm", "false_report_mm")
 ACTIONS = {"stop": "stopped", "flag": "flagged", "limit": "limited"}
 
 
 def course(seed: int, limit_mm: float) -> dict[str, np.ndarray]:
-    """Channels of one arm, constant over 20 ms each, and counts of checks, [TICKS]; the pedal is always down."""
+    """Channels of one arm, constant over 20 ms each, and counts of checks, [TICKS]; the pedal is
+    always down.
+    """
     rng = np.random.default_rng(seed)
 
     def blocks(values):
@@ -35,7 +41,9 @@ def course(seed: int, limit_mm: float) -> dict[str, np.ndarray]:
     for name in DISTANCES:
         size = rng.choice([0.3, 0.9, 1.5])
         data[name] = (blocks(rng.uniform(0.0, size * limit_mm, 25)) * live).astype(np.float32)
-    data["unintended_off_mm"] = (blocks(rng.uniform(0.0, 1.3 * limit_mm, 25)) * ~live).astype(np.float32)
+    data["unintended_off_mm"] = (blocks(rng.uniform(0.0, 1.3 * limit_mm, 25)) * ~live).astype(
+        np.float32
+    )
     data["halted_ms"] = np.cumsum(~live)
     data["golden_halted_ms"] = np.cumsum(rng.random(TICKS) < rng.choice([0.0, 0.4]))
     for name in rng.choice(list(CHECKS), 4, replace=False):
@@ -66,7 +74,10 @@ def judged(data, limit_mm):
         outcomes = golden = None
         if tick % LOOK == 0:
             outcomes = {f"check_{name}_count": data[f"check_{name}"][tick] for name in names}
-            outcomes |= {f"check_{name}_first_ms": first(data[f"check_{name}"][: tick + 1] > 0) for name in names}
+            outcomes |= {
+                f"check_{name}_first_ms": first(data[f"check_{name}"][: tick + 1] > 0)
+                for name in names
+            }
             golden = {f"check_{name}_count": data[f"golden_{name}"][tick] for name in names}
         events += judge.step(tick, frame, outcomes, golden)
         rows.append(frame.row.copy())
@@ -80,7 +91,10 @@ def first(happens) -> int:
 
 def expected(data, limit_mm):
     """The same by the definitions, whole columns at a time."""
-    after = {name: np.where(np.arange(TICKS) >= STRIKE, data[name], 0.0) for name in (*DISTANCES, "unintended_off_mm")}
+    after = {
+        name: np.where(np.arange(TICKS) >= STRIKE, data[name], 0.0)
+        for name in (*DISTANCES, "unintended_off_mm")
+    }
     response, times = "silent", {}
     for name in (name.removeprefix("check_") for name in data if name.startswith("check_")):
         own, golden = data[f"check_{name}"], data[f"golden_{name}"]
@@ -94,7 +108,9 @@ def expected(data, limit_mm):
             response = word
             break
     over = {name: first(values > limit_mm) for name, values in after.items()}
-    halted = [int(data[name][-1] - data[name][STRIKE - 1]) for name in ("halted_ms", "golden_halted_ms")]
+    halted = [
+        int(data[name][-1] - data[name][STRIKE - 1]) for name in ("halted_ms", "golden_halted_ms")
+    ]
     if over["unintended_mm"] >= 0:
         word = "unintended motion"
     elif over["loss_mm"] >= 0 or (halted[0] - halted[1] > 200 and response != "stopped"):
@@ -103,7 +119,10 @@ def expected(data, limit_mm):
         word = "false report" if over["false_report_mm"] >= 0 else "none"
     farthest = max(after["unintended_mm"].max(), after["unintended_off_mm"].max())
     halts = bool(data["live"][STRIKE - 1] and not data["live"][STRIKE:].all())
-    seen = np.max([after[name] for name in ("unintended_mm", "unintended_off_mm", "loss_mm")], axis=0) >= 1.0
+    seen = (
+        np.max([after[name] for name in ("unintended_mm", "unintended_off_mm", "loss_mm")], axis=0)
+        >= 1.0
+    )
     left = halts & (np.arange(TICKS) >= STRIKE) & ~data["live"]
     signs = [first(seen), first(left), *(times.get(word, -1) for word in ("stopped", "flagged"))]
     acts = min((ms for ms in signs if ms >= 0), default=TICKS) + 150  # nobody acts sooner
@@ -129,7 +148,10 @@ def expected(data, limit_mm):
         "limit_mm": limit_mm,
         "outcome": outcome,
         **{name: pytest.approx(values.max(), abs=1e-4) for name, values in after.items()},
-        **{name.replace("_mm", "_first_ms"): None if over[name] < 0 else over[name] for name in DISTANCES},
+        **{
+            name.replace("_mm", "_first_ms"): None if over[name] < 0 else over[name]
+            for name in DISTANCES
+        },
     }
 
 
@@ -159,13 +181,23 @@ def test_a_recording_that_broke_off_says_the_same(seed, limit_mm):
             values = rows[:, layout.places[name]]
             return values[:, 0] if values.shape[1] == 1 else values
 
-    header = {"name": "s", "cue": True, "scenario": {"name": "made", "harm": {"excursion_mm": limit_mm}}}
+    header = {
+        "name": "s",
+        "cue": True,
+        "scenario": {"name": "made", "harm": {"excursion_mm": limit_mm}},
+    }
     (again,) = hazard_events.from_recording(Cut(layout=layout, events=events), header)
     assert isinstance(again, HazardRow)
     for name in (
         *("check_response", "check_cause", "motion_hazard", "limit_mm", "halted"),
         *("alarm_ms", "alarm", "limited_ms", "limited"),
-        *("unintended_first_ms", "loss_first_ms", "false_report_first_ms", "halted_ms", "golden_halted_ms"),
+        *(
+            "unintended_first_ms",
+            "loss_first_ms",
+            "false_report_first_ms",
+            "halted_ms",
+            "golden_halted_ms",
+        ),
         *("knowable_ms", "struck_ms", "armed_ms"),
     ):
         assert (getattr(again, name) or None) == (row[name] or None), name

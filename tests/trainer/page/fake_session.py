@@ -1,6 +1,8 @@
-"""A session that fills the rings as the realtime process does, without its physics: joints that follow the keys.
+"""A session that fills the rings as the realtime process does, without its physics: joints that
+follow the keys.
 
-It answers commands the way a session would (pedal, E-stop, hazards, phases), so that the page can be tested alone.
+It answers commands the way a session would (pedal, E-stop, hazards, phases), so that the page can
+be tested alone.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ HEADER = {
     "name": "reach-20260101-120000",
     "scenario": {
         "title": "Three targets",
-        "description": "Reach each target and hold it. When the instrument moves by itself, lift the pedal at once.",
+        "description": (
+            "Reach each target and hold it. When the instrument moves by itself, lift the pedal at"
+            " once."
+        ),
     },
     "seed": 7,
     "participant": "p01",
@@ -34,20 +39,50 @@ HEADER = {
     "robot": "virtual",
     "cue_threshold_mm": 3.0,
     "hazards": [
-        {"number": 0, "hazard": "C09", "title": "Encoder of the shoulder jumps", "group": "encoder",
-         "right_response": ["release"], "within_s": 1.0},
-        {"number": 1, "hazard": "L7", "title": "Elbow command overwritten after the checks", "group": "usb",
-         "right_response": ["release", "estop"], "within_s": 2.0},
+        {
+            "number": 0,
+            "hazard": "C09",
+            "title": "Encoder of the shoulder jumps",
+            "group": "encoder",
+            "right_response": ["release"],
+            "within_s": 1.0,
+        },
+        {
+            "number": 1,
+            "hazard": "L7",
+            "title": "Elbow command overwritten after the checks",
+            "group": "usb",
+            "right_response": ["release", "estop"],
+            "within_s": 2.0,
+        },
     ],
     "task": {
         "kind": "reach",
         "targets": [
-            {"number": 0, "arm": "gold", "at": [-0.03, -0.02, 0.19], "radius_m": 0.003, "colour": "#d9a441"},
-            {"number": 1, "arm": "green", "at": [0.01, 0.02, 0.195], "radius_m": 0.003, "colour": "#4fae6a"},
-            {"number": 2, "arm": "gold", "at": [-0.01, -0.01, 0.19], "radius_m": 0.003, "colour": "#d9a441"},
+            {
+                "number": 0,
+                "arm": "gold",
+                "at": [-0.03, -0.02, 0.19],
+                "radius_m": 0.003,
+                "colour": "#d9a441",
+            },
+            {
+                "number": 1,
+                "arm": "green",
+                "at": [0.01, 0.02, 0.195],
+                "radius_m": 0.003,
+                "colour": "#4fae6a",
+            },
+            {
+                "number": 2,
+                "arm": "gold",
+                "at": [-0.01, -0.01, 0.19],
+                "radius_m": 0.003,
+                "colour": "#d9a441",
+            },
         ],
     },
-}  # fmt: skip
+}
 INSTRUCTOR = "the-instructor's"
 """What makes an instructor of a visitor."""
 AS_INSTRUCTOR = f"role=instructor&instructor_token={INSTRUCTOR}"
@@ -62,7 +97,10 @@ class FakeSession:
     def __init__(self, header=HEADER, arms=("gold", "green"), folder=None, **options):
         options = {"instructor_token": INSTRUCTOR} | options
         self.layout = FrameLayout.of(arms)
-        self.frames, self.events = Ring.create(4096, 4 * self.layout.size), Ring.create(1024, EVENT_BYTES)
+        self.frames, self.events = (
+            Ring.create(4096, 4 * self.layout.size),
+            Ring.create(1024, EVENT_BYTES),
+        )
         self._said, self._next = Ring.create(256, COMMAND_BYTES), 0
         self._port_told, port_taken = multiprocessing.Pipe(duplex=False)
         self.frame = Frame(self.layout)
@@ -103,7 +141,14 @@ class FakeSession:
 
         def found():
             commands = list(self.commands)
-            return next((one for one in commands if all(one.get(name) == value for name, value in parts.items())), None)
+            return next(
+                (
+                    one
+                    for one in commands
+                    if all(one.get(name) == value for name, value in parts.items())
+                ),
+                None,
+            )
 
         return waiting.until(found, f"no command with {parts}")
 
@@ -162,7 +207,9 @@ class FakeSession:
                 self.frame["cue_on"] = told["on"]
             elif told["do"] == "end":
                 if self.folder:
-                    (self.folder / "debrief.html").write_text("<!doctype html><h1>Debrief of the fake session</h1>")
+                    (self.folder / "debrief.html").write_text(
+                        "<!doctype html><h1>Debrief of the fake session</h1>"
+                    )
                 self._set("phase", OVER)
                 self.event("end", reason="instructor")
 
@@ -196,7 +243,11 @@ class FakeSession:
         for arm in robot.arms:
             if pedal and arm in self._moves:
                 robot.move(arm, self._moves[arm])
-            offset = min(0.00004 * (self.tick - self._struck), 0.006) if struck and arm == robot.arms[0] else 0.0
+            offset = (
+                min(0.00004 * (self.tick - self._struck), 0.006)
+                if struck and arm == robot.arms[0]
+                else 0.0
+            )
             robot.write(frame, arm, offset)
         frame["tick"] = frame["session_tick"] = self.tick
         frame["live"] = frame.number("runlevel") == 3
@@ -230,7 +281,9 @@ class _Robot:
         wrong = jpos + np.array([15 * offset, 0, 0, 0, 0, 0, 0])
         tips = []
         for one in (wrong, jpos):
-            self._data.qpos[[int(self._model.joint(name).qposadr[0]) for name in arm_model.joint_names(arm)]] = one
+            self._data.qpos[
+                [int(self._model.joint(name).qposadr[0]) for name in arm_model.joint_names(arm)]
+            ] = one
             mujoco.mj_kinematics(self._model, self._data)
             base = self._model.body(arm_model.base(arm)).id
             turn = self._data.xmat[base].reshape(3, 3)
@@ -242,6 +295,8 @@ class _Robot:
         frame[f"{arm}/model_tip"] = tips[1]
         apart = tips[1] - tips[0]
         error = float(np.linalg.norm(apart))
-        frame[f"{arm}/error_mm"] = frame[f"{arm}/unintended_mm"] = frame[f"{arm}/known_mm"] = 1e3 * error
+        frame[f"{arm}/error_mm"] = frame[f"{arm}/unintended_mm"] = frame[f"{arm}/known_mm"] = (
+            1e3 * error
+        )
         frame[f"{arm}/force"] = min(0.05, 4.5 * error) * apart / error if error > 0.003 else 0.0
         frame[f"{arm}/depth_mm"] = -8.0

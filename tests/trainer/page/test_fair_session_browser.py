@@ -1,4 +1,6 @@
-"""Whole sessions with a real browser, and a console that was written from the protocol alone: who drives, and when."""
+"""Whole sessions with a real browser, and a console that was written from the protocol alone:
+who drives, and when.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,16 @@ from live_session import HeldConsole, LiveSession
 
 from ravenjax.trainer.recording import reader
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
+    ),
     pytest.mark.slow,  # sessions against the clock
 ]
 SCENARIO = """
@@ -42,7 +50,9 @@ duration_ms = 40
 @pytest.fixture(scope="module")
 def browser():
     with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        launched = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
         yield launched
         launched.close()
 
@@ -68,7 +78,9 @@ def visit(browser, address):
     page = context.new_page()
     page.set_default_timeout(waiting.DEADLINE_MS)
     page.goto(f"{address}&scene=off")
-    page.wait_for_function("window.ravenjax.state && window.ravenjax.state().frames > 3", polling=50)
+    page.wait_for_function(
+        "window.ravenjax.state && window.ravenjax.state().frames > 3", polling=50
+    )
     try:
         yield page
     finally:
@@ -112,7 +124,9 @@ def test_an_open_page_does_not_fight_a_console(browser, begin):
         waiting.until(lambda: held.sent > 50)
         held.pedal = 1
         became(page, "pedal", 1)
-        until(page, "document.getElementById('banner').innerText.includes('The ITP console drives')")
+        until(
+            page, "document.getElementById('banner').innerText.includes('The ITP console drives')"
+        )
         assert page.inner_text("#owner") == "the ITP console"
         assert page.is_disabled("#take")  # while the other's pedal is down
         assert held.told()["jointflags"] & 0b10_0100 == 0b10_0100  # it drives, and its pedal counts
@@ -123,7 +137,9 @@ def test_an_open_page_does_not_fight_a_console(browser, begin):
     rows = recording["pedal"][events(session, "started")[0]["tick"] : -250]
     assert rows.min() == 1, "a heartbeat lifts no pedal"
     (row,) = hazards(session)
-    assert row["struck_ms"] and not row["response"] and row["outcome"] != "avoided", "nobody has reacted"
+    assert row["struck_ms"] and not row["response"] and row["outcome"] != "avoided", (
+        "nobody has reacted"
+    )
     assert [(one["console"], one["by"]) for one in events(session, "owner")] == [("itp", "pedal")]
     assert session.header()["consoles"] == ["page", "itp"]
 
@@ -163,7 +179,9 @@ def test_handing_over_is_an_act_that_is_seen_and_recorded(browser, begin):
 
 
 @pytest.mark.parametrize("who", ["page", "itp"])
-def test_a_foot_that_never_came_up_drives_nothing_after_a_stop_a_pause_or_a_silence(browser, begin, who):
+def test_a_foot_that_never_came_up_drives_nothing_after_a_stop_a_pause_or_a_silence(
+    browser, begin, who
+):
     session = begin(seconds=120)
     with (
         visit(browser, session.operator) as page,
@@ -184,7 +202,9 @@ def test_a_foot_that_never_came_up_drives_nothing_after_a_stop_a_pause_or_a_sile
             return page.evaluate("Array.from(window.ravenjax.state().latest.get('gold/tip'))")
 
         def drives():
-            """Lifts the foot and steps on the pedal; again where a busy machine's silence has let go of it."""
+            """Lifts the foot and steps on the pedal; again where a busy machine's silence has
+            let go of it.
+            """
 
             def tried():
                 foot(False)
@@ -246,10 +266,15 @@ def test_the_trainees_address_makes_no_instructor(browser, begin):
     ):
         assert "instructor_token" not in page.url and "instructor_token" not in instructor.url
         until(climber, "document.getElementById('banner').innerText.includes('Not an instructor')")
-        assert climber.locator("#hazards li").count() == 0 and not climber.is_visible("#hazard-card")
+        assert climber.locator("#hazards li").count() == 0 and not climber.is_visible(
+            "#hazard-card"
+        )
         assert climber.evaluate("window.ravenjax.state().role") == "watcher"
         assert instructor.locator("#hazards li").count() == 1
-        until(second, "document.getElementById('banner').innerText.includes('Another instructor is at work')")
+        until(
+            second,
+            "document.getElementById('banner').innerText.includes('Another instructor is at work')",
+        )
         second.click("#banner button")
         until(second, "window.ravenjax.state().role === 'instructor'")
         instructor.reload()

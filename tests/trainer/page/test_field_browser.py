@@ -1,4 +1,6 @@
-"""What is told in the field itself, in a real browser: cue, alarms, first steps, the drill; on every size of screen."""
+"""What is told in the field itself, in a real browser: cue, alarms, first steps, the drill; on
+every size of screen.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,13 @@ from test_page_browser import CHROMIUM, FLAT, Visit, click, until
 
 from ravenjax.robots.raven2 import ROBOT
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"),
+    pytest.mark.skipif(
+        CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"
+    ),
     pytest.mark.slow,  # a process and a browser
 ]
 SHOWN = "!document.querySelector({!r}).hidden"
@@ -35,34 +41,48 @@ def session(tmp_path_factory):
     made.close()
 
 
-def test_who_is_new_practises_before_the_time_runs_and_meets_a_cue_that_cannot_be_missed(browser, session):
+def test_who_is_new_practises_before_the_time_runs_and_meets_a_cue_that_cannot_be_missed(
+    browser, session
+):
     with Visit(browser, session, "role=operator") as page:  # this browser has no graphics card
         assert "scene=off" in page.url and page.evaluate("document.getElementById('root')") is None
         until(page, SHOWN.format("#coach"))
-        assert "Space" in page.inner_text("#coach") and "lift the pedal" in page.inner_text("#coach")
+        assert "Space" in page.inner_text("#coach") and "lift the pedal" in page.inner_text(
+            "#coach"
+        )
         click(page, "#practise")
         page.keyboard.down("Space")
-        until(page, f"{PEDAL_DOWN} && document.getElementById('pedal-state').textContent === 'practice'")
+        until(
+            page,
+            f"{PEDAL_DOWN} && document.getElementById('pedal-state').textContent === 'practice'",
+        )
         page.keyboard.down("KeyD")
         until(page, "document.querySelector('#drill h2 span').textContent === '2 of 5'")
-        assert not any(one.get("pedal") for one in session.commands)  # nothing of it reaches the robot
+        assert not any(
+            one.get("pedal") for one in session.commands
+        )  # nothing of it reaches the robot
         assert page.inner_text("#phase") == "ready"
         page.keyboard.up("KeyD")
         page.keyboard.up("Space")
         click(page, "[data-drill=close]")
         page.keyboard.down("Space")
         until(page, "document.getElementById('phase').textContent === 'running'")
-        until(page, "/L: \\d+ mm .*[ADWSRF]/.test(document.querySelector('#coach > p').textContent)")
+        until(
+            page, "/L: \\d+ mm .*[ADWSRF]/.test(document.querySelector('#coach > p').textContent)"
+        )
         with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off", 1366) as instructor:
             page.bring_to_front()
             page.keyboard.down("Space")
             click(instructor, "#hazards li:nth-child(1) button")
             until(page, SHOWN.format("#cue-sign"))
-            assert page.inner_text("#cue-sign b") == "L off course" and page.inner_text("#cue-sign span").startswith(
-                "pull: "
-            )
+            assert page.inner_text("#cue-sign b") == "L off course" and page.inner_text(
+                "#cue-sign span"
+            ).startswith("pull: ")
             until(page, "ravenjax.state().loudness > 0")  # on by itself after the first key
-            assert instructor.locator("#late-box").is_visible() and not page.locator("#late-box").is_visible()
+            assert (
+                instructor.locator("#late-box").is_visible()
+                and not page.locator("#late-box").is_visible()
+            )
             page.keyboard.up("Space")
             until(page, "document.getElementById('cue-sign').hidden")
 
@@ -87,8 +107,14 @@ def test_a_level_says_what_it_asks_and_how_the_round_went(browser):
         assert not page.is_visible("#level-words")
         session.event("level", **asks, in_a_row=0, took_ms=18_240, within=False)
         until(page, f"document.querySelector('#level-words').textContent.startsWith('{line}')")
-        assert page.inner_text("#level-words") == f"{line} · last round 18.2 s, too slow · 0 of 2 in a row"
-        assert page.is_visible("#level-words") and page.get_attribute("#level-words", "role") == "status"
+        assert (
+            page.inner_text("#level-words")
+            == f"{line} · last round 18.2 s, too slow · 0 of 2 in a row"
+        )
+        assert (
+            page.is_visible("#level-words")
+            and page.get_attribute("#level-words", "role") == "status"
+        )
     session.close()
 
 
@@ -100,7 +126,9 @@ def test_on_a_phone_the_words_of_an_alarm_leave_the_restart_to_the_finger(browse
         until(page, SHOWN.format("#banner"))
         session.event("alarm", check="overdrive_instant", count=1)
         until(page, SHOWN.format("#alarm-words"))
-        restart, words = (page.locator(name).bounding_box() for name in ("#banner button", "#alarm-words"))
+        restart, words = (
+            page.locator(name).bounding_box() for name in ("#banner button", "#alarm-words")
+        )
         assert restart is not None and words is not None and not _overlap(restart, words)
     session.close()
 
@@ -113,7 +141,12 @@ def test_on_a_phone_what_to_do_stands_below_the_picture(browser):
         until(page, SHOWN.format("#coach"))
         page.wait_for_timeout(100)
         picture, words = (page.locator(name).bounding_box() for name in ("#scope", "#coach"))
-        assert picture is not None and words is not None and not _overlap(picture, words) and picture["height"] > 200
+        assert (
+            picture is not None
+            and words is not None
+            and not _overlap(picture, words)
+            and picture["height"] > 200
+        )
         page.set_viewport_size({"width": 390, "height": 560})
         page.wait_for_timeout(100)
         low = page.locator("#scope").bounding_box()
@@ -136,14 +169,19 @@ def test_keys_reach_switches_and_help(browser, session):
         assert page.locator("#help").is_visible()
         page.keyboard.press("Slash")
         names = page.evaluate(
-            "[...document.querySelectorAll('#rj button, #rj canvas')].filter((one) => one.offsetParent && "
-            "!(one.textContent.trim() || one.ariaLabel)).map((one) => one.outerHTML)"
+            "[...document.querySelectorAll('#rj button, #rj canvas')].filter((one) =>"
+            " one.offsetParent && !(one.textContent.trim() || one.ariaLabel)).map((one) =>"
+            " one.outerHTML)"
         )
         assert names == []
-        assert page.evaluate("[...document.querySelectorAll('#rj button')].every((one) => one.tabIndex === 0)")
+        assert page.evaluate(
+            "[...document.querySelectorAll('#rj button')].every((one) => one.tabIndex === 0)"
+        )
 
 
-@pytest.mark.parametrize(("query", "field"), [(AS_INSTRUCTOR, "#note"), ("role=operator", "#volume")])
+@pytest.mark.parametrize(
+    ("query", "field"), [(AS_INSTRUCTOR, "#note"), ("role=operator", "#volume")]
+)
 def test_escape_stops_the_robot_also_from_a_field(browser, query, field):
     session = FakeSession()
     session.wait()
@@ -163,24 +201,40 @@ def test_whatever_sounds_is_also_written_where_a_screen_reader_finds_it(browser)
         page.keyboard.down("Space")
         until(page, "document.getElementById('phase').textContent === 'running'")
         session.frame["gold/contact"] = (0.0, 0.0, 2.0)
-        until(page, "ravenjax.state().loudness > 0 && document.querySelector('#pressing').innerText.includes('2.0 N')")
-        assert page.locator("#pressing").is_visible() and page.get_attribute("#pressing", "role") == "status"
+        until(
+            page,
+            "ravenjax.state().loudness > 0 &&"
+            " document.querySelector('#pressing').innerText.includes('2.0 N')",
+        )
+        assert (
+            page.locator("#pressing").is_visible()
+            and page.get_attribute("#pressing", "role") == "status"
+        )
         session.frame["gold/contact"] = (0.0, 0.0, 0.0)
         until(page, "ravenjax.state().loudness === 0 && document.getElementById('pressing').hidden")
         for strength in ("0.2", "1"):
             if not page.locator("#cue-check").is_visible():
                 click(page, "#coach .cue-test")
             click(page, f"[data-cue='{strength}']")
-            until(page, "ravenjax.state().loudness > 0 && !document.getElementById('cue-sign').hidden")
-            assert page.get_attribute("#cue-sign", "role") == "status" and "pull: " in page.inner_text("#cue-sign")
+            until(
+                page, "ravenjax.state().loudness > 0 && !document.getElementById('cue-sign').hidden"
+            )
+            assert page.get_attribute(
+                "#cue-sign", "role"
+            ) == "status" and "pull: " in page.inner_text("#cue-sign")
     session.close()
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 740), (820, 1180), (740, 360), (1366, 768), (1920, 1080)])
+@pytest.mark.parametrize(
+    ("width", "height"), [(360, 740), (820, 1180), (740, 360), (1366, 768), (1920, 1080)]
+)
 def test_on_every_screen_field_pads_and_stop_are_there_and_apart(browser, session, width, height):
     touch = min(width, height) < 900 and width < 1000
     context = browser.new_context(
-        viewport={"width": width, "height": height}, has_touch=touch, is_mobile=touch, device_scale_factor=1
+        viewport={"width": width, "height": height},
+        has_touch=touch,
+        is_mobile=touch,
+        device_scale_factor=1,
     )
     page = context.new_page()
     page.goto(f"http://127.0.0.1:{session.port}/?role=operator")
@@ -200,25 +254,32 @@ def test_on_every_screen_field_pads_and_stop_are_there_and_apart(browser, sessio
             assert not _overlap(boxes[one], boxes[other]), (one, other)
     if touch:
         sizes = page.evaluate(
-            "[...document.querySelectorAll('#pedal, #estop, .lift, .grasp button')].filter((one) => one.offsetParent)"
-            ".map((one) => Math.min(one.offsetWidth, one.offsetHeight))"
+            "[...document.querySelectorAll('#pedal, #estop, .lift, .grasp button')].filter((one) =>"
+            " one.offsetParent).map((one) => Math.min(one.offsetWidth, one.offsetHeight))"
         )
         assert min(sizes) >= 24  # WCAG 2.2, success criterion 2.5.8
     context.close()
 
 
 def _overlap(a, b):
-    return all(a[x] < b[x] + b[size] - 1 and b[x] < a[x] + a[size] - 1 for x, size in (("x", "width"), ("y", "height")))
+    return all(
+        a[x] < b[x] + b[size] - 1 and b[x] < a[x] + a[size] - 1
+        for x, size in (("x", "width"), ("y", "height"))
+    )
 
 
 def test_the_arms_differ_for_a_protanope_and_text_has_contrast(browser, session):
     with Visit(browser, session, "role=operator&scene=off") as page:
         colours = page.evaluate("import('/static/plots.js').then((own) => own.COLOURS)")
         gold, green = (_luminance(colours[arm]) for arm in ("gold", "green"))
-        assert (gold + 0.05) / (green + 0.05) > 1.7  # apart in lightness, which red-blindness leaves
+        assert (gold + 0.05) / (
+            green + 0.05
+        ) > 1.7  # apart in lightness, which red-blindness leaves
         ground = _luminance("#161d25")
         for colour in (*colours.values(), "#a3b1c0"):
-            assert (_luminance(colour) + 0.05) / (ground + 0.05) >= 4.5  # WCAG 2.2, success criterion 1.4.3
+            assert (_luminance(colour) + 0.05) / (
+                ground + 0.05
+            ) >= 4.5  # WCAG 2.2, success criterion 1.4.3
         assert page.locator(".pad[data-arm=gold] b").inner_text() == "L gold"
         assert page.locator(".pad[data-arm=green] b").inner_text() == "R green"
 
@@ -244,5 +305,5 @@ def test_the_goal_is_drawn_from_two_sides(browser, session):
               for (let k = 0; k < d.length; k += 4) pink += d[k] > 200 && d[k + 1] < 140 && d[k + 2] > 180;
               return pink;
             });
-        })()""")
+        })()""")  # noqa: E501
         assert min(halves) > 30

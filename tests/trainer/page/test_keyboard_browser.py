@@ -1,4 +1,6 @@
-"""Every control of the training page by the keyboard alone, in a browser: reached, outlined, named, pressed."""
+"""Every control of the training page by the keyboard alone, in a browser: reached, outlined,
+named, pressed.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,13 @@ import pytest
 from fake_session import AS_INSTRUCTOR, FakeSession
 from test_page_browser import CHROMIUM, FLAT, Visit, until
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"),
+    pytest.mark.skipif(
+        CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"
+    ),
     pytest.mark.slow,  # a process and a browser
 ]
 CONTROLS = """
@@ -25,7 +31,7 @@ document.addEventListener("click", (event) => {
 }, { capture: true });
 window.words = (one) => (one.ariaLabel ?? one.labels?.[0]?.textContent ?? one.textContent).trim();
 controls.map((one) => one.outerHTML);
-"""
+"""  # noqa: E501
 FOCUSED = """(() => {
   const one = document.activeElement;
   return { number: controls.indexOf(one), outlined: getComputedStyle(one).outlineStyle !== "none",
@@ -60,11 +66,13 @@ def test_every_control_is_reached_by_tab_outlined_named_and_pressed_by_enter(bro
                 page.keyboard.press("Enter")
         assert [one for number, one in enumerate(controls) if number not in reached] == []
         assert [one for number, one in enumerate(controls) if number not in outlined] == []
-        assert page.evaluate("controls.filter((one) => !words(one)).map((one) => one.outerHTML)") == []
+        assert (
+            page.evaluate("controls.filter((one) => !words(one)).map((one) => one.outerHTML)") == []
+        )
         assert (
             page.evaluate(
-                "controls.filter((one) => one.matches('button, input[type=checkbox]') && !pressed.has(one))"
-                ".map((one) => one.outerHTML)"
+                "controls.filter((one) => one.matches('button, input[type=checkbox]') &&"
+                " !pressed.has(one)).map((one) => one.outerHTML)"
             )
             == []
         )

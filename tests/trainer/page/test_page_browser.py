@@ -1,4 +1,6 @@
-"""The page in a real browser: offline, without an error, driven by keys, pads and a gamepad, in both roles."""
+"""The page in a real browser: offline, without an error, driven by keys, pads and a gamepad, in
+both roles.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +15,32 @@ from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.logs.session import description
 from ravenjax.trainer.protocol.frame import PHASES
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"),
-    pytest.mark.slow,  # two processes and a browser; `test_page_server` speaks to the same page without one
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
+    ),
+    # two processes and a browser; `test_page_server` speaks to the same page without one
+    pytest.mark.slow,
 ]
 
 DRAWN = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-FLAT = ["--no-sandbox", "--disable-gpu"]  # without the scene: sixty frames a second, with a GPU or not
+FLAT = [
+    "--no-sandbox",
+    "--disable-gpu",
+]  # without the scene: sixty frames a second, with a GPU or not
 HERE = ("http://127.0.0.1", "ws://127.0.0.1", "data:", "blob:")
 GAMEPAD = """
 window.pad = null;
 navigator.getGamepads = () => [window.pad];
 window.squeeze = (buttons, axes) => { window.pad = { connected: true, mapping: "standard", axes,
   buttons: Array.from({ length: 17 }, (_, i) => ({ pressed: (buttons[i] ?? 0) > 0.5, value: buttons[i] ?? 0 })) }; };
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +75,10 @@ class Visit:
         self.page.set_default_timeout(waiting.DEADLINE_MS)
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("websocket", lambda socket: self.asked.append(socket.url))
-        self.page.on("console", lambda message: self.told.append(message.text) if message.type == "error" else None)
+        self.page.on(
+            "console",
+            lambda message: self.told.append(message.text) if message.type == "error" else None,
+        )
         self.page.on("pageerror", lambda error: self.told.append(str(error)))
         self.page.goto(f"http://127.0.0.1:{session.port}/?{query}")
         until(self.page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
@@ -74,21 +89,29 @@ class Visit:
     def __exit__(self, kind, *_):
         self.context.close()
         if kind is None:
-            assert len(self.asked) > 3 and [url for url in self.asked if not url.startswith(HERE)] == []
+            assert (
+                len(self.asked) > 3
+                and [url for url in self.asked if not url.startswith(HERE)] == []
+            )
             assert self.told == []
 
 
 def pressed(session, since, wanted):
     """The first input after command number `since` for which `wanted` holds."""
     return waiting.until(
-        lambda: next((one for one in session.commands[since:] if one["type"] == "input" and wanted(one)), None),
+        lambda: next(
+            (one for one in session.commands[since:] if one["type"] == "input" and wanted(one)),
+            None,
+        ),
         "no such input",
     )
 
 
 def more(session, since, count=8):
     """So many commands after number `since`: heartbeats come as long as a page is open."""
-    return waiting.until(lambda: len(session.commands) >= since + count and session.commands[since:])
+    return waiting.until(
+        lambda: len(session.commands) >= since + count and session.commands[since:]
+    )
 
 
 def until(page, expression):
@@ -97,7 +120,9 @@ def until(page, expression):
 
 
 def click(page, selector):
-    """Without playwright's wait for a steady picture, which a software renderer takes long to give."""
+    """Without playwright's wait for a steady picture, which a software renderer takes long to
+    give.
+    """
     until(page, f"document.querySelector({selector!r})?.disabled === false")
     page.evaluate(f"document.querySelector({selector!r}).click()")
 
@@ -115,7 +140,9 @@ def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, se
         click(page, "[data-layer=ghost]")
         shown = page.evaluate("ravenjax.state().frames")
         until(page, f"ravenjax.state().frames > {shown + 10}")
-        assert page.evaluate("getComputedStyle(document.getElementById('rj')).pointerEvents") == "none"
+        assert (
+            page.evaluate("getComputedStyle(document.getElementById('rj')).pointerEvents") == "none"
+        )
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     browser.close()
 
@@ -126,17 +153,27 @@ def test_keys_drive_both_arms_and_blur_lets_go(browser, session):
         page.keyboard.down("Space")
         page.keyboard.down("KeyD")
         page.keyboard.down("ArrowUp")
-        told = pressed(session, at, lambda one: one["arms"].get("green", {}).get("move") == [0.0, 0.0, -1.0])
+        told = pressed(
+            session, at, lambda one: one["arms"].get("green", {}).get("move") == [0.0, 0.0, -1.0]
+        )
         assert (
-            told["pedal"] is True and told["source"] == "keyboard" and told["arms"]["gold"]["move"] == [1.0, 0.0, 0.0]
+            told["pedal"] is True
+            and told["source"] == "keyboard"
+            and told["arms"]["gold"]["move"] == [1.0, 0.0, 0.0]
         )
         until(page, "document.querySelector('#runlevel .on').dataset.level === '3'")
-        lamps = page.evaluate("[...document.querySelectorAll('#runlevel li')].map((lamp) => lamp.textContent)")
+        lamps = page.evaluate(
+            "[...document.querySelectorAll('#runlevel li')].map((lamp) => lamp.textContent)"
+        )
         assert lamps == list(ROBOT.run_levels)
-        assert page.evaluate("document.getElementById('pedal-state').textContent") == "down, driving"
+        assert (
+            page.evaluate("document.getElementById('pedal-state').textContent") == "down, driving"
+        )
         until(page, "window.ravenjax.latency().count > 0")
         sample = page.evaluate("window.ravenjax.latency().samples[0]")
-        assert 0 < sample["mark"] <= sample["mark_drawn"] and 0 < sample["tip"] <= sample["tip_drawn"]
+        assert (
+            0 < sample["mark"] <= sample["mark_drawn"] and 0 < sample["tip"] <= sample["tip_drawn"]
+        )
         at = len(session.commands)
         page.evaluate("window.dispatchEvent(new Event('blur'))")  # the keys are still held down
         told = pressed(session, at, lambda one: not one["pedal"])
@@ -151,7 +188,11 @@ def test_shift_is_slow_and_jaws_have_keys(browser, session):
         for key in ("ShiftLeft", "KeyR", "KeyG", "KeyP"):
             page.keyboard.down(key)
         told = pressed(session, at, lambda one: one["arms"].get("green", {}).get("grasp") == -1.0)
-        assert told["arms"]["gold"]["grasp"] == 1.0 and 0 < told["arms"]["gold"]["move"][1] < 0.5 and not told["pedal"]
+        assert (
+            told["arms"]["gold"]["grasp"] == 1.0
+            and 0 < told["arms"]["gold"]["move"][1] < 0.5
+            and not told["pedal"]
+        )
 
 
 def test_a_pad_is_dragged_and_holds_the_pedal(browser, session):
@@ -162,8 +203,14 @@ def test_a_pad_is_dragged_and_holds_the_pedal(browser, session):
         page.mouse.move(x, y)
         page.mouse.down()
         page.mouse.move(x + 21, y)
-        told = pressed(session, at, lambda one: one["arms"].get("green", {}).get("move", [0])[0] > 0.4)
-        assert told["source"] == "mouse" and told["pedal"] is True and told["arms"]["green"]["move"][0] == 0.5
+        told = pressed(
+            session, at, lambda one: one["arms"].get("green", {}).get("move", [0])[0] > 0.4
+        )
+        assert (
+            told["source"] == "mouse"
+            and told["pedal"] is True
+            and told["arms"]["green"]["move"][0] == 0.5
+        )
         at = len(session.commands)
         page.mouse.up()
         pressed(session, at, lambda one: not one["pedal"] and one["arms"]["green"]["move"][0] == 0)
@@ -175,7 +222,11 @@ def test_a_gamepad_drives(browser, session):
         page.evaluate("squeeze({ 5: 1, 6: 0.75 }, [-1, 0.05, 0.5, 0])")
         told = pressed(session, at, lambda one: one["source"] == "gamepad")
         assert told["pedal"] is True and told["arms"]["gold"]["move"] == [-1.0, 0.0, 0.0]
-        assert told["arms"]["gold"]["grasp"] == 0.75 and told["arms"]["green"]["move"] == [0.5, 0.0, 0.0]
+        assert told["arms"]["gold"]["grasp"] == 0.75 and told["arms"]["green"]["move"] == [
+            0.5,
+            0.0,
+            0.0,
+        ]
         at = len(session.commands)
         page.evaluate("window.pad = null")
         pressed(session, at, lambda one: not one["pedal"])
@@ -189,7 +240,9 @@ def test_a_second_operator_looks_on(browser, session):
         until(second, "document.getElementById('banner').innerText.includes('View only')")
         at = len(session.commands)
         second.keyboard.down("Space")
-        assert not any(one.get("pedal") for one in more(session, at))  # the first window's heartbeats go on
+        assert not any(
+            one.get("pedal") for one in more(session, at)
+        )  # the first window's heartbeats go on
         assert first.evaluate("ravenjax.state().role") == "operator"
 
 
@@ -198,11 +251,18 @@ def many(count):
     layers = ("the console", "the control software", "USB boards and motors")
     return HEADER | {
         "hazards": [
-            {"number": k, "hazard": f"B{k:02}", "title": "torque stuck" if k % 2 else "packet lost",
-             "group": f"all/B{k}", "layer": layers[k % 3], "right_response": ["stop"], "within_s": 2.0}
+            {
+                "number": k,
+                "hazard": f"B{k:02}",
+                "title": "torque stuck" if k % 2 else "packet lost",
+                "group": f"all/B{k}",
+                "layer": layers[k % 3],
+                "right_response": ["stop"],
+                "within_s": 2.0,
+            }
             for k in range(count)
         ]
-    }  # fmt: skip
+    }
 
 
 def test_an_instructor_finds_keeps_and_plans_hazards(browser, tmp_path):
@@ -211,7 +271,9 @@ def test_an_instructor_finds_keeps_and_plans_hazards(browser, tmp_path):
     try:
         with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off", 1366) as page:
             items = "document.querySelectorAll('#hazards li[data-number]').length"
-            assert page.locator("#hazards li.group").count() == 3 and page.evaluate(items) == 0  # folded
+            assert (
+                page.locator("#hazards li.group").count() == 3 and page.evaluate(items) == 0
+            )  # folded
             click(page, "#hazards li.group button")
             until(page, f"{items} === 20")
             page.fill("#hazard-search", "b07 torque")
@@ -227,10 +289,14 @@ def test_an_instructor_finds_keeps_and_plans_hazards(browser, tmp_path):
             until(page, "document.querySelectorAll('.hazard-plan li').length === 0")
             page.select_option("#hazard-preset", "first lesson")
             until(page, "document.querySelectorAll('.hazard-plan li').length === 1")
-            assert page.evaluate("document.querySelector('#log').getBoundingClientRect().bottom < innerHeight")
+            assert page.evaluate(
+                "document.querySelector('#log').getBoundingClientRect().bottom < innerHeight"
+            )
             assert "hand" in page.inner_text("#trainee") and "mm/s" in page.inner_text("#trainee")
             page.fill(".hazard-plan input", "0")
-            page.evaluate("document.querySelector('.hazard-plan input').dispatchEvent(new Event('change'))")
+            page.evaluate(
+                "document.querySelector('.hazard-plan input').dispatchEvent(new Event('change'))"
+            )
             page.evaluate("document.querySelector('[data-instructor=start]').click()")
             session.event("started", by="instructor")
             session.frame["phase"] = PHASES.index("running")
@@ -253,11 +319,19 @@ def test_the_next_session_is_asked_for_and_a_refusal_says_why(browser, session):
         page.evaluate(form)
         waiting.until(lambda: any(one.get("do") == "next" for one in session.commands))
         (wish,) = [one for one in session.commands if one.get("do") == "next"]
-        assert [wish[name] for name in ("participant", "scenario", "seed")] == ["p02", "dac_burst", 5]
+        assert [wish[name] for name in ("participant", "scenario", "seed")] == [
+            "p02",
+            "dac_burst",
+            5,
+        ]
 
 
 def test_the_list_of_sessions_starts_the_next_through_the_instructors_panel(browser, session):
-    header = {"scenario": {"name": "creep"}, "participant": "P07", "started": "2026-01-02T03:04:05+00:00"}
+    header = {
+        "scenario": {"name": "creep"},
+        "participant": "P07",
+        "started": "2026-01-02T03:04:05+00:00",
+    }
     description.write(Path(session.folder).parent / "earlier", header)
     with Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as panel:
         listed = panel.context.new_page()
@@ -266,13 +340,21 @@ def test_the_list_of_sessions_starts_the_next_through_the_instructors_panel(brow
         listed.click("[data-participant=P07]")
         listed.click("form button")
         until(
-            listed, "document.querySelector('[role=status]').textContent.startsWith('The present session is not over')"
+            listed,
+            "document.querySelector('[role=status]').textContent.startsWith('The present session is"
+            " not over')",
         )
-        over = "{ get: () => false, set: () => {} }"  # the form is there, as once the session is over
+        over = (  # the form is there, as once the session is over
+            "{ get: () => false, set: () => {} }"
+        )
         panel.evaluate(f"Object.defineProperty(document.getElementById('next'), 'hidden', {over})")
         listed.click("form button")
         session.heard(do="next", participant="P07", scenario="creep")
-        until(listed, "document.querySelector('[role=status]').textContent.startsWith('It is being prepared')")
+        until(
+            listed,
+            "document.querySelector('[role=status]').textContent.startsWith('It is being"
+            " prepared')",
+        )
 
 
 def test_a_hazard_is_armed_felt_and_met(browser, session):
@@ -280,7 +362,10 @@ def test_a_hazard_is_armed_felt_and_met(browser, session):
         Visit(browser, session, "role=operator&scene=off") as operator,
         Visit(browser, session, f"{AS_INSTRUCTOR}&scene=off") as instructor,
     ):
-        assert instructor.locator("#hazards li").count() == 2 and operator.locator("#hazards li").count() == 0
+        assert (
+            instructor.locator("#hazards li").count() == 2
+            and operator.locator("#hazards li").count() == 0
+        )
         operator.bring_to_front()
         operator.keyboard.down("Space")
         until(operator, "document.querySelector('#pedal').classList.contains('down')")

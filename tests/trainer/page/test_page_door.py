@@ -14,7 +14,9 @@ TOKEN = "s3cret-token"
 
 
 def request(path="/", **headers):
-    return Request(path, Headers({name.replace("_", "-"): value for name, value in headers.items()}))
+    return Request(
+        path, Headers({name.replace("_", "-"): value for name, value in headers.items()})
+    )
 
 
 def door(token=None, host="127.0.0.1", port=8000):
@@ -23,7 +25,9 @@ def door(token=None, host="127.0.0.1", port=8000):
     return made
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1:8000", "localhost:8000", "LOCALHOST:8000", "[::1]:8000"])
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1:8000", "localhost:8000", "LOCALHOST:8000", "[::1]:8000"]
+)
 def test_the_servers_own_names_come_in(host):
     assert door().refusal(request(Host=host)) is None
 
@@ -59,7 +63,10 @@ def test_a_websocket_comes_from_the_own_page(origin, welcome):
 
 def test_another_sites_link_to_a_file_is_refused_and_counted():
     asked = door()
-    assert asked.refusal(request("/debrief.html", Host="127.0.0.1:8000", Sec_Fetch_Site="cross-site")) is not None
+    assert (
+        asked.refusal(request("/debrief.html", Host="127.0.0.1:8000", Sec_Fetch_Site="cross-site"))
+        is not None
+    )
     assert asked.refused == 1
 
 
@@ -70,27 +77,51 @@ def test_with_a_token_each_request_carries_it():
     assert asked.refusal(request("/?token=wrong", Host=at)) is not None
     assert asked.refusal(request(f"/?token={TOKEN}x", Host=at)) is not None
     assert asked.refusal(request(f"/?role=operator&token={TOKEN}", Host=at)) is None
-    assert asked.refusal(request("/static/page.js", Host=at, Cookie=f"ravenjax_8000={TOKEN}")) is None
-    assert asked.refusal(request("/static/page.js", Host=at, Cookie=f"ravenjax_8001={TOKEN}")) is not None
-    assert asked.refusal(request("/?token=%C3%A9%ff", Host=at, Cookie="ravenjax_8000=; =;;")) is not None
-    evil = request(f"/session?token={TOKEN}", Host=at, Origin="http://evil.example", Upgrade="websocket")
+    assert (
+        asked.refusal(request("/static/page.js", Host=at, Cookie=f"ravenjax_8000={TOKEN}")) is None
+    )
+    assert (
+        asked.refusal(request("/static/page.js", Host=at, Cookie=f"ravenjax_8001={TOKEN}"))
+        is not None
+    )
+    assert (
+        asked.refusal(request("/?token=%C3%A9%ff", Host=at, Cookie="ravenjax_8000=; =;;"))
+        is not None
+    )
+    evil = request(
+        f"/session?token={TOKEN}", Host=at, Origin="http://evil.example", Upgrade="websocket"
+    )
     assert asked.refusal(evil) is not None
 
 
 def test_a_token_in_the_address_becomes_a_cookie_that_scripts_cannot_read():
     asked = door(TOKEN, "0.0.0.0")
     cookie = asked.cookie(request(f"/?token={TOKEN}", Host="a:8000")) or ""
-    assert cookie.startswith(f"ravenjax_8000={TOKEN};") and "HttpOnly" in cookie and "SameSite=Strict" in cookie
+    assert (
+        cookie.startswith(f"ravenjax_8000={TOKEN};")
+        and "HttpOnly" in cookie
+        and "SameSite=Strict" in cookie
+    )
     assert asked.cookie(request("/", Host="a:8000")) is None
     assert door().cookie(request("/?token=x", Host="a:8000")) is None
 
 
 def test_query_takes_the_last_of_each():
-    assert query("/session?role=operator&role=instructor&window=a%20b") == {"role": "instructor", "window": "a b"}
+    assert query("/session?role=operator&role=instructor&window=a%20b") == {
+        "role": "instructor",
+        "window": "a b",
+    }
 
 
 @pytest.mark.parametrize(
-    ("host", "own"), [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("x.example", False)]
+    ("host", "own"),
+    [
+        ("127.0.0.1", True),
+        ("::1", True),
+        ("localhost", True),
+        ("0.0.0.0", False),
+        ("x.example", False),
+    ],
 )
 def test_only_a_loopback_address_goes_without_a_token(host, own):
     assert loopback(host) == own

@@ -54,7 +54,8 @@ def test_input_out_of_bounds_is_refused(change):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "null", "[]", "{", '"x"', "NaN", '{"type": "input"}', "[" * 900, b"\xff\xfe", b"\x00"]
+    "text",
+    ["", "null", "[]", "{", '"x"', "NaN", '{"type": "input"}', "[" * 900, b"\xff\xfe", b"\x00"],
 )
 def test_what_is_no_message_is_refused(text):
     with pytest.raises(RefusedMessage):
@@ -88,7 +89,9 @@ def test_who_may_do_what_operators_do(do):
 
 @pytest.mark.parametrize("do", messages.INSTRUCTOR)
 def test_only_instructors_do_what_instructors_do(do):
-    message = {"type": "instructor", "do": do} | {"arm": {"hazard": 2}, "cue": {"on": False}}.get(do, {})
+    message = {"type": "instructor", "do": do} | {"arm": {"hazard": 2}, "cue": {"on": False}}.get(
+        do, {}
+    )
     assert {role for role in ROLES if not _refused(message, role)} == {"instructor"}
 
 
@@ -105,7 +108,9 @@ def test_hazards_and_cue_are_checked():
     assert _refused({"type": "instructor", "do": "pause", "on": True}, "instructor")
     assert _refused({"type": "instructor", "do": "cue"}, "instructor")
     with pytest.raises(RefusedMessage, match="blinded"):
-        Inbox(("gold",), 1, True).read('{"type": "instructor", "do": "cue", "on": true}', "instructor")
+        Inbox(("gold",), 1, True).read(
+            '{"type": "instructor", "do": "cue", "on": true}', "instructor"
+        )
 
 
 def test_a_note_fits_in_an_event():
@@ -116,12 +121,30 @@ def test_a_note_fits_in_an_event():
 
 
 JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.sampled_from(["gold", "input"]),
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=8)
+    | st.sampled_from(["gold", "input"]),
     lambda inner: (
         st.lists(inner, max_size=4)
         | st.dictionaries(
             st.sampled_from(
-                ["type", "do", "arms", "gold", "move", "turn", "grasp", "pedal", "source", "on", "hazard", "x"]
+                [
+                    "type",
+                    "do",
+                    "arms",
+                    "gold",
+                    "move",
+                    "turn",
+                    "grasp",
+                    "pedal",
+                    "source",
+                    "on",
+                    "hazard",
+                    "x",
+                ]
             ),
             inner,
             max_size=5,
@@ -133,7 +156,11 @@ JSON = st.recursive(
 
 @pytest.mark.slow
 @settings(max_examples=300)
-@given(st.binary(max_size=60) | JSON.map(json.dumps) | JSON.map(lambda part: json.dumps(INPUT | {"arms": part})))
+@given(
+    st.binary(max_size=60)
+    | JSON.map(json.dumps)
+    | JSON.map(lambda part: json.dumps(INPUT | {"arms": part}))
+)
 def test_nothing_gets_through_that_is_not_described(text):
     for role in ROLES:
         try:
@@ -142,7 +169,11 @@ def test_nothing_gets_through_that_is_not_described(text):
             continue
         assert told["type"] in ("input", "operator", "instructor", "page")
         if told["type"] == "input":
-            assert role == "operator" and isinstance(told["pedal"], bool) and set(told["arms"]) <= {"gold", "green"}
+            assert (
+                role == "operator"
+                and isinstance(told["pedal"], bool)
+                and set(told["arms"]) <= {"gold", "green"}
+            )
             for hand in told["arms"].values():
                 assert all(-1 <= x <= 1 for x in (*hand["move"], *hand["turn"], hand["grasp"]))
 
@@ -157,13 +188,24 @@ def _refused(message, role):
 
 def test_only_an_instructor_asks_for_the_next_session_and_names_no_path():
     inbox = Inbox(("gold", "green"), 0, blinded=False)
-    wish = {"type": "instructor", "do": "next", "participant": "P1", "scenario": "dac_burst", "seed": 3}
+    wish = {
+        "type": "instructor",
+        "do": "next",
+        "participant": "P1",
+        "scenario": "dac_burst",
+        "seed": 3,
+    }
     with pytest.raises(RefusedMessage, match=r"no scenario dac_bust; there are .*dac_burst"):
         Inbox(("gold",), 1, False).read(json.dumps(wish | {"scenario": "dac_bust"}), "instructor")
     assert inbox.read(json.dumps(wish), "instructor") == wish
     for role in ("operator", "watcher"):
         with pytest.raises(RefusedMessage):
             inbox.read(json.dumps(wish), role)
-    for change in ({"scenario": "../secret"}, {"seed": -1}, {"participant": "x" * 41}, {"do": "start"}):
+    for change in (
+        {"scenario": "../secret"},
+        {"seed": -1},
+        {"participant": "x" * 41},
+        {"do": "start"},
+    ):
         with pytest.raises(RefusedMessage):
             inbox.read(json.dumps(wish | change), "instructor")

@@ -15,7 +15,12 @@ from websockets.sync.client import connect
 
 from ravenjax.robots.raven2 import ROBOT
 
-PRESSED = {"type": "input", "source": "keyboard", "pedal": True, "arms": {"gold": {"move": [1, 0, 0]}}}
+PRESSED = {
+    "type": "input",
+    "source": "keyboard",
+    "pedal": True,
+    "arms": {"gold": {"move": [1, 0, 0]}},
+}
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +50,9 @@ class Window:
             message = self.socket.recv(timeout=timeout)
             if isinstance(message, str):
                 told = json.loads(message)
-                if what in (None, told["type"]) and all(told.get(name) == value for name, value in parts.items()):
+                if what in (None, told["type"]) and all(
+                    told.get(name) == value for name, value in parts.items()
+                ):
                     return told
         raise AssertionError(f"nothing of {what} with {parts}")
 
@@ -82,7 +89,9 @@ class Window:
 
 def get(session, path, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", session.port, timeout=waiting.DEADLINE_S)
-    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    connection.request(
+        "GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()}
+    )
     answer = connection.getresponse()
     body = answer.read()
     connection.close()
@@ -98,12 +107,28 @@ def refused(session, path="", **headers):
 
 def test_pages_and_files(session):
     answer, body = get(session, "/")
-    assert answer.status == 200 and answer.getheader("Content-Encoding") == "gzip" and len(body) > 100_000
+    assert (
+        answer.status == 200
+        and answer.getheader("Content-Encoding") == "gzip"
+        and len(body) > 100_000
+    )
     policy = answer.getheader("Content-Security-Policy") or ""
-    assert f"connect-src 'self' ws://127.0.0.1:{session.port} " in policy and "frame-ancestors 'self'" in policy
+    assert (
+        f"connect-src 'self' ws://127.0.0.1:{session.port} " in policy
+        and "frame-ancestors 'self'" in policy
+    )
     assert len(get(session, "/?scene=off")[1]) < 20_000
-    assert get(session, "/static/page.js")[0].getheader("Content-Type") == "text/javascript; charset=utf-8"
-    for path in ("/static/../door.py", "/static/%2e%2e/door.py", "/etc/passwd", "/index.html", "/debrief.html"):
+    assert (
+        get(session, "/static/page.js")[0].getheader("Content-Type")
+        == "text/javascript; charset=utf-8"
+    )
+    for path in (
+        "/static/../door.py",
+        "/static/%2e%2e/door.py",
+        "/etc/passwd",
+        "/index.html",
+        "/debrief.html",
+    ):
         assert get(session, path)[0].status == 404
     assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False}
 
@@ -114,7 +139,9 @@ def test_strangers_stay_outside(session):
     for path in ("", "/scene/x", "/session"):  # viser's own socket is behind the door too
         with pytest.raises(InvalidStatus):
             connect(
-                f"ws://127.0.0.1:{session.port}{path}", origin="http://evil.example", open_timeout=waiting.DEADLINE_S
+                f"ws://127.0.0.1:{session.port}{path}",
+                origin="http://evil.example",
+                open_timeout=waiting.DEADLINE_S,
             )
 
 
@@ -123,7 +150,10 @@ def test_an_operator_drives_and_letting_go_releases(session):
         assert window.welcome["role"] == "operator" and "hazards" not in window.welcome["header"]
         assert window.welcome["run_levels"] == list(ROBOT.run_levels)
         start = window.frame()
-        tip = slice(window.first + window.layout["gold/tip"][0], window.first + window.layout["gold/tip"][0] + 3)
+        tip = slice(
+            window.first + window.layout["gold/tip"][0],
+            window.first + window.layout["gold/tip"][0] + 3,
+        )
         window.say(PRESSED)
         window.until("runlevel", lambda level: level == 3)
         for _ in range(100):
@@ -157,7 +187,12 @@ def test_one_drives_and_the_next_looks_on_until_the_seat_is_free(session):
 def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session):
     with Window(session) as window:
         before = len(session.commands)
-        for bad in ("{", b"\x00" * 50, json.dumps(PRESSED | {"arms": {"gold": {"move": [9, 0, 0]}}}), "x" * 5000):
+        for bad in (
+            "{",
+            b"\x00" * 50,
+            json.dumps(PRESSED | {"arms": {"gold": {"move": [9, 0, 0]}}}),
+            "x" * 5000,
+        ):
             window.say(bad)
             window.text("refused")
         for _ in range(2000):
@@ -165,9 +200,14 @@ def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session)
         pong = waiting.until(window.pong, "the window is not heard again")
         assert pong["dropped"] > 4
         # an earlier window may still be letting go of what it held
-        assert [one for one in session.commands[before:] if one.get("pedal") or one.get("arms")] == []
+        assert [
+            one for one in session.commands[before:] if one.get("pedal") or one.get("arms")
+        ] == []
         window.say(PRESSED)
-        session.heard(**PRESSED | {"arms": {"gold": {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}}})
+        session.heard(
+            **PRESSED
+            | {"arms": {"gold": {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}}}
+        )
 
 
 def test_a_flood_of_bytes_closes_its_own_window_only(session):
@@ -187,7 +227,9 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         assert instructor.text("event", kind="hazard_armed")["number"] == 1
         instructor.text("event", kind="hazard_struck")
         numbers = instructor.until("hazard", lambda number: number == 1)
-        assert instructor.until("gold/error_mm", lambda error: error > 3)[1] > 0  # and the force that goes with it
+        assert (
+            instructor.until("gold/error_mm", lambda error: error > 3)[1] > 0
+        )  # and the force that goes with it
         seen = [operator.frame() for _ in range(20)]
         at = operator.first + operator.layout["hazard"][0]
         assert {float(one[at]) for one in seen} == {-1.0} and len(numbers) == len(seen[0])
@@ -197,10 +239,16 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         instructor.text("event", kind="hazard_over", outcome="avoided")
     with Window(session) as late:
         kinds = {event["kind"] for event in late.welcome["events"]}
-        assert {"alarm", "cue", "response"} <= kinds and not kinds & {"hazard_armed", "hazard_struck", "hazard_over"}
+        assert {"alarm", "cue", "response"} <= kinds and not kinds & {
+            "hazard_armed",
+            "hazard_struck",
+            "hazard_over",
+        }
 
 
-@pytest.mark.parametrize("token", ["", "&instructor_token=guess", "&token=x", "&instructor_token=%C3%A9"])
+@pytest.mark.parametrize(
+    "token", ["", "&instructor_token=guess", "&token=x", "&instructor_token=%C3%A9"]
+)
 def test_nobody_instructs_without_the_instructors_own_token(session, token):
     before = len(session.commands)
     with Window(session, f"instructor&window=w{token}") as stranger:

@@ -1,4 +1,6 @@
-"""What each role sees: no hazard for the operator, nothing of the cue for anyone where the session is blinded."""
+"""What each role sees: no hazard for the operator, nothing of the cue for anyone where the
+session is blinded.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +41,21 @@ def test_an_operator_sees_no_hazard(role, blinded):
     assert frame.number("hazard") == -1 and frame.number("fault_active") == 0
     assert frame.number("trips") == frame.number("golden_cue") == frame.number("halted_ms") == 0
     for arm in ("gold", "green"):
-        for name in ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm"):
+        for name in (
+            "unintended_mm",
+            "unintended_off_mm",
+            "loss_mm",
+            "false_report_mm",
+            "known_mm",
+        ):
             assert frame.number(f"{arm}/{name}") == 0, name
 
 
 def test_an_operator_feels_nothing_with_the_cue_off():
     peaks, frame, _ = seen("operator", False, cue_on=0)
-    assert not frame["gold/force"].any() and not frame["green/force"].any() and not peaks[:, 1].any()
+    assert (
+        not frame["gold/force"].any() and not frame["green/force"].any() and not peaks[:, 1].any()
+    )
     assert peaks[:, 0].tolist() == [4.0, 1.0]
     peaks, frame, whole = seen("operator", False, cue_on=1)
     np.testing.assert_array_equal(frame["gold/force"], whole["gold/force"])
@@ -57,7 +67,9 @@ def test_a_blinded_operator_sees_the_field_alone():
     np.testing.assert_array_equal(frame["gold/model_tip"], whole["gold/tip"])
     np.testing.assert_array_equal(frame["green/model_jpos"], whole["green/link_jpos"])
     assert frame.number("gold/error_mm") == 0 and not peaks[:, 0].any()
-    np.testing.assert_array_equal(peaks[0, 2:], whole["gold/tip"])  # not where the software wants it
+    np.testing.assert_array_equal(
+        peaks[0, 2:], whole["gold/tip"]
+    )  # not where the software wants it
     np.testing.assert_array_equal(frame["gold/tip"], whole["gold/tip"])
     on, off = (seen("operator", True, cue)[1].number("cue_on") for cue in (1, 0))
     assert on == off
@@ -96,7 +108,9 @@ def test_events_by_role():
     }
     assert told["operator", False] == {"alarm", "pedal", "cue", "response", "end"}
     assert told["operator", True] == {"alarm", "pedal", "end"}
-    assert {"hazard_armed", "cue", "limited", "stopped", "unintended_motion"} <= told["instructor", False]
+    assert {"hazard_armed", "cue", "limited", "stopped", "unintended_motion"} <= told[
+        "instructor", False
+    ]
     assert told["instructor", True] == told["instructor", False] - {"cue"}
 
 

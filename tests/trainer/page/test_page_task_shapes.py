@@ -1,4 +1,6 @@
-"""What of a task is drawn: the goal, the next and the last reached, and a ring as wide as the tip is far."""
+"""What of a task is drawn: the goal, the next and the last reached, and a ring as wide as the
+tip is far.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,15 @@ class Scene:
 def drawn():
     scene = Scene()
     targets = [
-        {"number": k, "arm": ("gold", "green")[k % 2], "at": [0.001 * k, 0.0, 0.2], "radius_m": 0.002,
-         "colour": "#d9a441"}
+        {
+            "number": k,
+            "arm": ("gold", "green")[k % 2],
+            "at": [0.001 * k, 0.0, 0.2],
+            "radius_m": 0.002,
+            "colour": "#d9a441",
+        }
         for k in range(300)
-    ]  # fmt: skip
+    ]
     return scene.nodes, TaskShapes(SimpleNamespace(scene=scene), {"targets": targets})
 
 
@@ -50,7 +57,11 @@ def test_the_ring_shrinks_as_the_arm_whose_turn_it_is_comes_nearer(drawn):
     goal, ring = np.array([0.010, 0.0, 0.2]), nodes["/task/ring"]
     for away in (0.020, 0.010, 0.005):
         shapes.show(10, {"gold": goal + (0.0, away, 0.0), "green": goal})
-        assert ring.visible and ring.scale == pytest.approx(away) and ring.position == pytest.approx(tuple(goal))
+        assert (
+            ring.visible
+            and ring.scale == pytest.approx(away)
+            and ring.position == pytest.approx(tuple(goal))
+        )
     shapes.show(10, {"gold": goal, "green": goal})
     assert ring.scale == RING_M[0]
     shapes.show(-1, {"gold": goal, "green": goal})

@@ -1,4 +1,6 @@
-"""The scene's second pictures in a real browser that draws in software: theatre, second scope, stereo side by side."""
+"""The scene's second pictures in a real browser that draws in software: theatre, second scope,
+stereo side by side.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,13 @@ import waiting
 from fake_session import FakeSession
 from test_page_browser import CHROMIUM, DRAWN, Visit, until
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install playwright)")
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"),
+    pytest.mark.skipif(
+        CHROMIUM is None or shutil.which("chromium") is None, reason="no chromium on the path"
+    ),
     pytest.mark.slow,  # two scenes, drawn in software
 ]
 WIDTH = 1366
@@ -47,10 +53,18 @@ def apart(a, b):
 @pytest.mark.parametrize(("key", "name"), [("5", "theatre"), ("6", "second"), ("7", "stereo")])
 def test_a_key_adds_a_second_picture_and_takes_it_away(page, key, name):
     page.keyboard.press(key)
-    until(page, f"document.body.dataset.inset === {name!r} && !document.getElementById('inset').hidden")
-    pressed = "[...document.querySelectorAll('[data-inset][aria-pressed=true]')].map((one) => one.dataset.inset).join()"
+    until(
+        page,
+        f"document.body.dataset.inset === {name!r} && !document.getElementById('inset').hidden",
+    )
+    pressed = (
+        "[...document.querySelectorAll('[data-inset][aria-pressed=true]')].map((one) =>"
+        " one.dataset.inset).join()"
+    )
     assert page.evaluate(pressed) == name
-    assert page.evaluate("document.getElementById('inset').src").endswith(f"/?inset={CAMERAS[name]}")
+    assert page.evaluate("document.getElementById('inset').src").endswith(
+        f"/?inset={CAMERAS[name]}"
+    )
     until(page, f"{INSET} && {DRAWS.format(INSET)}")
     inset, field = box(page, "#inset"), box(page, "#root")
     for other in ("#hands", "#side-left", ".side.right", ".bar", "#goal-chip"):
@@ -58,7 +72,9 @@ def test_a_key_adds_a_second_picture_and_takes_it_away(page, key, name):
             assert apart(inset, box(page, other)), other
     if name == "stereo":
         assert apart(inset, field) and inset["width"] == pytest.approx(field["width"], abs=2)
-        assert (inset["top"], inset["height"]) == pytest.approx((field["top"], field["height"]), abs=2)
+        assert (inset["top"], inset["height"]) == pytest.approx(
+            (field["top"], field["height"]), abs=2
+        )
         assert page.evaluate("document.getElementById('rj').dataset.camera") == "endoscope_left"
     page.keyboard.press(key)
     until(page, "document.getElementById('inset').hidden")

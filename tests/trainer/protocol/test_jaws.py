@@ -18,7 +18,9 @@ from ravenjax.trainer.protocol import jaws
 @pytest.mark.parametrize("arm", ["gold", "green"])
 def test_closed_jaws_point_where_the_kinematics_has_them(arm):
     for jpos in np.random.default_rng(1).uniform(-2.0, 2.0, (50, 7)):
-        np.testing.assert_allclose(jaws.along(arm, jpos.tolist()), jaw_rotation(arm, jpos)[:, 0], atol=1e-12)
+        np.testing.assert_allclose(
+            jaws.along(arm, jpos.tolist()), jaw_rotation(arm, jpos)[:, 0], atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("arm", ["gold", "green"])
@@ -31,10 +33,15 @@ def test_the_drawn_jaws_end_there(arm):
     base = model.body(arm_model.base(arm)).id
     turn = data.xmat[base].reshape(3, 3)
     for jaw in ("grasp1", "grasp2"):
-        geom = next(g for g in range(model.ngeom) if model.geom_bodyid[g] == model.body(f"{arm}_{jaw}").id)
+        geom = next(
+            g for g in range(model.ngeom) if model.geom_bodyid[g] == model.body(f"{arm}_{jaw}").id
+        )
         mesh = model.geom_dataid[geom]
         first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        points = data.geom_xpos[geom] + model.mesh_vert[first : first + count] @ data.geom_xmat[geom].reshape(3, 3).T
+        points = (
+            data.geom_xpos[geom]
+            + model.mesh_vert[first : first + count] @ data.geom_xmat[geom].reshape(3, 3).T
+        )
         axis = turn.T @ (data.site(f"{arm}_tip").xpos - data.xpos[base])
         end = jaws.closing_point(arm, axis.tolist(), jpos.tolist())
         away = np.linalg.norm((points - data.xpos[base]) @ turn - end, axis=1)

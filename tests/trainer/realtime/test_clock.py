@@ -1,4 +1,6 @@
-"""The clock: ticks are a period apart by the monotonic clock, however long they take; what is late is counted."""
+"""The clock: ticks are a period apart by the monotonic clock, however long they take; what is
+late is counted.
+"""
 
 import itertools
 import subprocess
@@ -74,7 +76,12 @@ def test_quantiles_of_a_histogram():
     timing = LoopTiming()
     assert timing.percentile("compute", 0.5) != timing.percentile("compute", 0.5)  # NaN
     timing.compute[[10, 20, 30]] = 98, 1, 1
-    assert [timing.percentile("compute", share) for share in (0.5, 0.98, 0.99, 1.0)] == [10, 10, 20, 30]
+    assert [timing.percentile("compute", share) for share in (0.5, 0.98, 0.99, 1.0)] == [
+        10,
+        10,
+        20,
+        30,
+    ]
 
 
 GIVEN_BACK = """
@@ -95,6 +102,8 @@ assert now() == before
 @pytest.mark.skipif(sys.platform != "linux", reason="schedulers and affinities are Linux's")
 def test_what_is_asked_of_the_system_is_given_back():
     """In a process of its own: locking all memory of this one takes seconds."""
-    done = subprocess.run([sys.executable, "-c", GIVEN_BACK], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", GIVEN_BACK], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert any(word in done.stdout for word in ("always awake", "SCHED_FIFO", "normal priority"))

@@ -1,4 +1,6 @@
-"""The realtime loop: commands from a ring, frames and events into rings, and an understudy that changes nothing."""
+"""The realtime loop: commands from a ring, frames and events into rings, and an understudy that
+changes nothing.
+"""
 
 import numpy as np
 import pytest
@@ -8,7 +10,9 @@ from ravenjax.trainer.realtime import loop
 from ravenjax.trainer.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 from ravenjax.trainer.session.advance import Session
 
-CHOSEN = scenario.from_dict({"name": "tiny", "duration_s": 1.5, "task": {"kind": "reach", "targets": 50}})
+CHOSEN = scenario.from_dict(
+    {"name": "tiny", "duration_s": 1.5, "task": {"kind": "reach", "targets": 50}}
+)
 TIMING = ("compute_us", "lateness_us", "late_ticks")
 
 
@@ -36,7 +40,11 @@ def blueprint():
 
 @pytest.fixture
 def rings():
-    made = [Ring.create(4096, 4 * 256), Ring.create(1024, EVENT_BYTES), Ring.create(8, COMMAND_BYTES)]
+    made = [
+        Ring.create(4096, 4 * 256),
+        Ring.create(1024, EVENT_BYTES),
+        Ring.create(8, COMMAND_BYTES),
+    ]
     yield made
     for ring in made:
         ring.close()
@@ -65,12 +73,16 @@ def test_the_page_has_its_stamp_and_where_a_script_drives_no_hand_of_it_gets_thr
         for one in (hand, {"type": "seat", "do": "take"}, {"type": "operator", "do": "estop"}):
             put_json(rings[2], one)
         expected = [("input", "page"), ("seat", "page"), ("operator", None)]
-        assert [(one["type"], one.get("console")) for one in inbox.poll()] == expected[0 if drives else 2 :]
+        assert [(one["type"], one.get("console")) for one in inbox.poll()] == expected[
+            0 if drives else 2 :
+        ]
 
 
 @pytest.mark.slow
 def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
-    """The understudy runs the same code on the same tables' shapes in between: not a bit of the session is its."""
+    """The understudy runs the same code on the same tables' shapes in between: not a bit of the
+    session is its.
+    """
     alone = Session(CHOSEN, 5, ready=blueprint)
     driver, rows, told = Mover(alone), [], []
     while not alone.over:

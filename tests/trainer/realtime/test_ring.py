@@ -1,4 +1,6 @@
-"""Rings: what was written is read in order, by another process too; what was overwritten is told."""
+"""Rings: what was written is read in order, by another process too; what was overwritten is
+told.
+"""
 
 import multiprocessing
 
@@ -32,7 +34,9 @@ def test_rows_come_in_order_and_only_once_written(ring):
         put(ring, number)
     first, rows = ring.read(2, limit=2)
     assert first == 2 and numbers(rows) == [2, 3]
-    ring._rows[ring.written % ring.capacity].view(np.float32)[:] = 99  # being written, not published
+    ring._rows[ring.written % ring.capacity].view(np.float32)[:] = (
+        99  # being written, not published
+    )
     assert numbers(ring.read(0)[1]) == [0, 1, 2, 3, 4]
 
 

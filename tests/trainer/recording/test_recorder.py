@@ -26,7 +26,12 @@ from ravenjax.trainer.recording import reader, recorder
 pytestmark = pytest.mark.slow
 
 LAYOUT = FrameLayout.of(("gold", "green"))
-HEADER = {"arms": ["gold", "green"], "name": "synthetic", "seed": 7, "started": "2026-01-02T03:04:05.678+00:00"}
+HEADER = {
+    "arms": ["gold", "green"],
+    "name": "synthetic",
+    "seed": 7,
+    "started": "2026-01-02T03:04:05.678+00:00",
+}
 
 
 def row_of(number):
@@ -43,7 +48,9 @@ class Session:
         self.folder = folder
         self.frames = Ring.create(capacity, 4 * LAYOUT.size)
         self.events = Ring.create(256, EVENT_BYTES)
-        options = recorder.RecorderOptions(self.frames.name, self.events.name, tuple(LAYOUT.names()), folder, HEADER)
+        options = recorder.RecorderOptions(
+            self.frames.name, self.events.name, tuple(LAYOUT.names()), folder, HEADER
+        )
         context = multiprocessing.get_context("spawn")
         self.process = context.Process(target=recorder.run, args=(options,), daemon=True)
 
@@ -90,7 +97,9 @@ def test_a_session_is_recorded_to_the_last_row(session):
     assert found.complete and found.lost_bytes == 0 and found.header["name"] == "synthetic"
     np.testing.assert_array_equal(found.numbers, np.arange(500))
     np.testing.assert_array_equal(found.rows, np.stack([row_of(i) for i in range(500)]))
-    np.testing.assert_array_equal(found["gold/tip"][:, 1], found.rows[:, LAYOUT.places["gold/tip"].start + 1])
+    np.testing.assert_array_equal(
+        found["gold/tip"][:, 1], found.rows[:, LAYOUT.places["gold/tip"].start + 1]
+    )
     assert [one.get("target") for one in found.events] == [*range(10), None]
     told = description.read(session.folder)
     assert told["ended"] > told["started"]
@@ -144,7 +153,9 @@ def holds_a_message(log):
 
 
 def waited_s(process):
-    """How long a process has stood ready without a processor, s; 0 where the system does not tell."""
+    """How long a process has stood ready without a processor, s; 0 where the system does not
+    tell.
+    """
     try:
         return int(Path(f"/proc/{process.pid}/schedstat").read_text().split()[1]) * 1e-9
     except OSError:
@@ -167,7 +178,9 @@ class Metronome(threading.Thread):
             time.sleep(0.0005)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))]
+)
 def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
     random = np.random.default_rng(seed)
     for attempt in range(4):
@@ -181,7 +194,9 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
             waited = waited_s(session.process)
             metronome.start()
             moment = 300 + 500 * random.random()  # ms, as the rows count them
-            waiting.until(lambda at=moment, frames=session.frames: frames.written > at, every_s=0.001)
+            waiting.until(
+                lambda at=moment, frames=session.frames: frames.written > at, every_s=0.001
+            )
             waited = waited_s(session.process) - waited
             os.kill(session.process.pid, signal.SIGKILL)
             there = session.frames.written
@@ -193,16 +208,21 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
             found = reader.read(session.folder)
             assert found.complete and not session_log.read(log).complete
             np.testing.assert_array_equal(found.numbers, np.arange(len(found.rows)))
-            np.testing.assert_array_equal(found.rows, np.stack([row_of(i) for i in range(len(found.rows))]))
+            np.testing.assert_array_equal(
+                found.rows, np.stack([row_of(i) for i in range(len(found.rows))])
+            )
             assert told.seconds == pytest.approx((len(found.rows) - 1) * 1e-3, abs=1e-9)
             with open(told.path, "rb") as file:
                 seeking = make_reader(file)
                 counts = seeking.get_summary().statistics.channel_message_counts
-                topics = {one.topic: counts.get(number, 0) for number, one in seeking.get_summary().channels.items()}
+                topics = {
+                    one.topic: counts.get(number, 0)
+                    for number, one in seeking.get_summary().channels.items()
+                }
                 metadata = {one.name: one.metadata for one in seeking.iter_metadata()}
-            assert topics["/ravenjax/signals"] == len(found.rows) and topics["/arm1/measured_js"] == -(
-                -len(found.rows) // 10
-            )
+            assert topics["/ravenjax/signals"] == len(found.rows) and topics[
+                "/arm1/measured_js"
+            ] == -(-len(found.rows) // 10)
             assert json.loads(metadata["ravenjax"]["header"])["seed"] == 7
             assert description.read(session.folder)["ended"] is None
         finally:
@@ -212,4 +232,6 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
         ):  # else the machine had no time for either: not the recorder's loss
             assert there - len(found.rows) <= 50
             return
-    pytest.skip("this machine is too busy to keep a millisecond's time: nothing can be said of 50 ms on it")
+    pytest.skip(
+        "this machine is too busy to keep a millisecond's time: nothing can be said of 50 ms on it"
+    )

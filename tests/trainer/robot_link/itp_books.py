@@ -8,7 +8,9 @@ from itp_client import IDENTITY, datagram
 from ravenjax.trainer.robot_link.packet_filter import CAUSES
 
 BOOKED = set(CAUSES) - {"restart", "buttons", "undecided"}
-"""What can become of a packet of `Books`: it never starts anew, sends each jaw once, and is read by one profile."""
+"""What can become of a packet of `Books`: it never starts anew, sends each jaw once, and is read
+by one profile.
+"""
 
 
 def turned(angle):
@@ -16,7 +18,8 @@ def turned(angle):
 
 
 class Books:
-    """The oracle: where the tips must stand, kept by who knows which packets are the console's own and in order.
+    """The oracle: where the tips must stand, kept by who knows which packets are the console's own
+    and in order.
 
     Bad packets are bad on the gold side, so that they are for a robot with that arm alone too.
     """
@@ -34,7 +37,12 @@ class Books:
         """The console's next packet; the oracle moves with it, unless a gap comes before it."""
         self.sequence += 1
         step = [self.random.randint(-self.step, self.step) for _ in range(6)]
-        packet = datagram(self.sequence, gold=step[:3], green=step[3:], surgeon_mode=self.random.choice(self.pedal))
+        packet = datagram(
+            self.sequence,
+            gold=step[:3],
+            green=step[3:],
+            surgeon_mode=self.random.choice(self.pedal),
+        )
         if not self.lost:
             self.um = [a + b for a, b in zip(self.um, step, strict=True)]
         self.lost = False
@@ -54,13 +62,19 @@ class Books:
         if kind == 1:
             return [self.next()[: self.random.randrange(124)]], False
         if kind == 2:
-            return [self.next(quats=((nan, 0.0, 0.0, 1.0), IDENTITY)), self.next(quats=((0.0,) * 4, IDENTITY))], False
+            return [
+                self.next(quats=((nan, 0.0, 0.0, 1.0), IDENTITY)),
+                self.next(quats=((0.0,) * 4, IDENTITY)),
+            ], False
         if kind == 3:
             return [self.next(gold=(pick((-1001, 2**31 - 1, -(2**31))), 0, 0))], False
         if kind == 4:
             return [self.next(surgeon_mode=pick((-1, 2, 2**31 - 1)))], False
         if kind == 5:
-            return [self.next(grasp=(pick((201, -(2**31))), 0)), self.next(quats=(turned(3.0), IDENTITY))], False
+            return [
+                self.next(grasp=(pick((201, -(2**31))), 0)),
+                self.next(quats=(turned(3.0), IDENTITY)),
+            ], False
         if kind == 6:
             return self.random.choices(self.history or [b""], k=20), False  # replayed
         if kind == 7:
@@ -68,16 +82,35 @@ class Books:
         if kind == 8:
             return [self.next()] * 50, True  # a flood from elsewhere
         if kind == 9:
-            return [datagram(0, gold=(900, 0, 0)), datagram(self.sequence + 5000, gold=(900, 0, 0))], False
+            return [
+                datagram(0, gold=(900, 0, 0)),
+                datagram(self.sequence + 5000, gold=(900, 0, 0)),
+            ], False
         if kind == 10:
-            return [datagram(1, gold=(900, 0, 0)), datagram(2, gold=(900, 0, 0))] if self.sequence > 9 else [], False
-        if kind == 11:  # two packets change places: the later one is lost for the gap, the earlier one for its lateness
+            return (
+                [
+                    datagram(1, gold=(900, 0, 0)),
+                    datagram(2, gold=(900, 0, 0)),
+                ]
+                if self.sequence > 9
+                else []
+            ), False
+        if (
+            kind == 11
+            # two packets change places: the later one is lost for the gap, the earlier one for its
+            # lateness
+        ):
             self.sequence += 2
-            return [datagram(self.sequence, gold=(7, 7, 7)), datagram(self.sequence - 1, gold=(9, 9, 9))], False
+            return [
+                datagram(self.sequence, gold=(7, 7, 7)),
+                datagram(self.sequence - 1, gold=(9, 9, 9)),
+            ], False
         if kind == 12:  # a bit of the checksum, or of what it covers
             packet = bytearray(self.next())
             packet[pick((12, 20, 28, 100, 120, 123))] ^= 1 << self.random.randrange(8)
             return [bytes(packet)], False
-        self.sequence += self.random.randrange(1, 9)  # packets lost on the way, and with them the next
+        self.sequence += self.random.randrange(
+            1, 9
+        )  # packets lost on the way, and with them the next
         self.lost = True
         return [], False

@@ -1,4 +1,6 @@
-"""A robot elsewhere, driven by packets and compared with the model here, goes as the one in this process does."""
+"""A robot elsewhere, driven by packets and compared with the model here, goes as the one in this
+process does.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,11 @@ class Wire:
     def __init__(self, robot):
         self.robot, self.orders, self.stale = robot, [], False
         self.report, self.texts = None, []
-        self._reporter, self._decoder, self._tick = Reporter(FrameLayout.of(robot.arms)), Decoder(), 0
+        self._reporter, self._decoder, self._tick = (
+            Reporter(FrameLayout.of(robot.arms)),
+            Decoder(),
+            0,
+        )
 
     def exchange(self, datagram):
         assert len(datagram) == 124
@@ -50,10 +56,22 @@ def driven():
         {
             "campaign": {"name": "far", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
             "operator": {"motion": "suture", "scale": 0.1},
-            "group": [{"name": "estop", "fault": [{"site": "buttons", "channel": "estop", "effect": "overwrite",
-                                                   "value": 1, "start_ms": 0}]}],
+            "group": [
+                {
+                    "name": "estop",
+                    "fault": [
+                        {
+                            "site": "buttons",
+                            "channel": "estop",
+                            "effect": "overwrite",
+                            "value": 1,
+                            "start_ms": 0,
+                        }
+                    ],
+                }
+            ],
         }
-    )  # fmt: skip
+    )
     made = blueprint.make(config)
     far = DistantRobot(made, Wire(PacketRobot(config)))
     rows = []
@@ -69,7 +87,9 @@ def test_packets_on_the_wire_move_it_as_the_motion_does(driven):
     assert here[-1, places["runlevel"]] == 3 and there[-1, places["runlevel"]] == 3
     for arm in ("gold", "green"):
         for name in ("jpos", "jpos_d", "mpos", "dac"):
-            np.testing.assert_allclose(there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6)
+            np.testing.assert_allclose(
+                there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6
+            )
     assert far.outcomes() == {}
 
 
@@ -77,21 +97,28 @@ def test_the_model_here_is_the_model_of_the_tick_and_the_error_that_of_a_tick_ag
     places, here, there, _ = driven
     for arm in ("gold", "green"):
         for name in ("model_jpos", "model_tip"):
-            np.testing.assert_allclose(there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6)
+            np.testing.assert_allclose(
+                there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6
+            )
         error = places[f"{arm}/error_mm"]
-        # the robot's report of this tick comes after the packet of this tick: one tick of motion, at most 60 mm/s
+        # the robot's report of this tick comes after the packet of this tick: one tick of motion,
+        # at most 60 mm/s
         assert np.abs(there[1:, error] - here[1:, error]).max() < 0.06
         np.testing.assert_array_equal(there[:, places[f"{arm}/known_mm"]], there[:, error])
 
 
 def test_what_cannot_be_seen_from_here_is_not_made_up(driven):
-    """Without a golden run the model stands for it; whether the report is true nobody here can say."""
+    """Without a golden run the model stands for it; whether the report is true nobody here can
+    say.
+    """
     places, here, there, _ = driven
     live = there[1:, places["live"]].ravel() != 0
     np.testing.assert_array_equal(live, here[1:, places["live"]].ravel() != 0)
     was_live = np.concatenate([[False], live[:-1]])  # the distances are of the report before
     for arm in ("gold", "green"):
-        error, off = (there[1:, places[f"{arm}/{name}"]].ravel() for name in ("error_mm", "unintended_mm"))
+        error, off = (
+            there[1:, places[f"{arm}/{name}"]].ravel() for name in ("error_mm", "unintended_mm")
+        )
         assert (off <= error + 1e-4).all() and not off[~was_live].any() and off[was_live].any()
         loss = there[1:, places[f"{arm}/loss_mm"]].ravel()
         assert not loss[~was_live].any() and (loss <= error + 1e-4).all()
@@ -137,12 +164,20 @@ def test_what_the_robots_process_tells_of_its_checks_is_shown(driven):
     places, *_, far = driven
     far.remote.stale = False
     trips = far.row[places["trips"]].item()
-    told = {"joint_limit": [13308, 40], "no_such_check": [1, 1], "ik_reject": "many", "watchdog": [True, 0]}
+    told = {
+        "joint_limit": [13308, 40],
+        "no_such_check": [1, 1],
+        "ik_reject": "many",
+        "watchdog": [True, 0],
+    }
     far.remote.texts = [{"checks": told}, {"answer": "arm", "ok": True}]
     far.motion[:, far.now] = far.motion[:, far.now - 1]
     far.step()
     outcomes = far.outcomes()
-    assert (outcomes["check_joint_limit_count"], outcomes["check_joint_limit_first_ms"]) == (13308, far.now - 41)
+    assert (outcomes["check_joint_limit_count"], outcomes["check_joint_limit_first_ms"]) == (
+        13308,
+        far.now - 41,
+    )
     assert far.row[places["trips"]] == trips + 13308
     names = {trip.check.name for trip in Trips().look(far.now, far.now, outcomes)}
     assert "joint_limit" in names and not {"no_such_check", "ik_reject", "watchdog"} & names
@@ -170,7 +205,11 @@ def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
     wires[0].stale = True
     assert drive(500) == "lost" and session.frame.number("link") == 0
     assert not session.frame["gold/force"].any()
-    assert {event["kind"] for event in events} == {"phase", "pedal", "rearm"}  # no alarm, no run level
+    assert {event["kind"] for event in events} == {
+        "phase",
+        "pedal",
+        "rearm",
+    }  # no alarm, no run level
     wires[0].stale = False
     assert drive(500) == "ready" and session.frame.number("pedal") == 0  # the foot never came up
     drive(100, pedal=False)
@@ -194,4 +233,6 @@ def test_a_robot_that_nothing_is_heard_of_is_waited_for_as_long_as_it_takes(monk
         session.tick([hand] if k % 20 == 0 else [])
         latest = max(latest, session.robot.now if session.started is None else 0)
     assert latest <= 300 and PHASES[int(session.frame.number("phase"))] == "running"
-    assert session.frame["gold/error_mm"] < 1.0 and not session.frame["gold/force"].any()  # the model came along
+    assert (
+        session.frame["gold/error_mm"] < 1.0 and not session.frame["gold/force"].any()
+    )  # the model came along

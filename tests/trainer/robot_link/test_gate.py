@@ -1,4 +1,6 @@
-"""The gate: every rule by itself, and any mixture of good and bad datagrams against a bookkeeping oracle."""
+"""The gate: every rule by itself, and any mixture of good and bad datagrams against a
+bookkeeping oracle.
+"""
 
 import math
 import struct
@@ -34,7 +36,9 @@ def sent(gate, *numbers, source=CONSOLE, now_ms=0.0, **fields):
 
 def test_everything_in_a_packet_comes_through():
     quats = (0.0, 0.0, math.sin(0.02), math.cos(0.02)), (math.sin(-0.01), 0.0, 0.0, math.cos(0.01))
-    got = Gate(BOTH).admit(datagram(1, gold=(1, -2, 3), green=(-40, 50, -60), quats=quats, grasp=(9, -8)), CONSOLE, 0)
+    got = Gate(BOTH).admit(
+        datagram(1, gold=(1, -2, 3), green=(-40, 50, -60), quats=quats, grasp=(9, -8)), CONSOLE, 0
+    )
     assert got is not None
     assert got.delta_um == ((1, -2, 3), (-40, 50, -60))
     assert got.quat == quats
@@ -57,7 +61,10 @@ def test_longer_is_cut_and_shorter_dropped():
         ({"green": (-(2**31), 0, 0)}, "step"),
         ({"quats": (turned(0.0999), IDENTITY)}, TAKEN),
         ({"quats": (turned(0.1001), IDENTITY)}, "turn"),
-        ({"quats": (IDENTITY, tuple(-x for x in turned(-0.0999)))}, TAKEN),  # the other sign is the same turn
+        (
+            {"quats": (IDENTITY, tuple(-x for x in turned(-0.0999)))},
+            TAKEN,
+        ),  # the other sign is the same turn
         ({"quats": ((0.0, 0.0, 0.0, 0.0), IDENTITY)}, "quaternion"),
         ({"quats": (IDENTITY, (0.0, 0.0, 0.0, 1.02))}, "quaternion"),
         ({"quats": (IDENTITY, (math.nan, 0.0, 0.0, 1.0))}, "quaternion"),
@@ -73,13 +80,21 @@ def test_longer_is_cut_and_shorter_dropped():
 def test_content(fields, cause):
     gate = Gate(BOTH)
     assert sent(gate, 1, **fields) == cause
-    assert sent(gate, 1) == ("duplicate" if cause == TAKEN else TAKEN), "what is refused was never there"
+    assert sent(gate, 1) == ("duplicate" if cause == TAKEN else TAKEN), (
+        "what is refused was never there"
+    )
 
 
 def test_an_arm_that_is_not_there_may_have_any_content():
     nothing = (0.0, 0.0, 0.0, 0.0)
-    assert sent(Gate(("gold",)), 1, green=(10**6, 0, 0), quats=(IDENTITY, nothing), grasp=(0, 9999)) == TAKEN
-    assert sent(Gate(("green",)), 1, gold=(10**6, 0, 0), quats=(nothing, IDENTITY), grasp=(9999, 0)) == TAKEN
+    assert (
+        sent(Gate(("gold",)), 1, green=(10**6, 0, 0), quats=(IDENTITY, nothing), grasp=(0, 9999))
+        == TAKEN
+    )
+    assert (
+        sent(Gate(("green",)), 1, gold=(10**6, 0, 0), quats=(nothing, IDENTITY), grasp=(9999, 0))
+        == TAKEN
+    )
 
 
 def test_numbers():
@@ -147,10 +162,14 @@ def test_only_the_named_console():
 @settings(max_examples=40)
 @given(st.lists(st.integers(0, 2200), min_size=1, max_size=6), st.integers(1, 1100))
 def test_takes_nothing_that_the_robot_would_drop(numbers, first):
-    """The rules of `stages.network`, run beside, on streams without pauses: the gate is only ever stricter."""
+    """The rules of `stages.network`, run beside, on streams without pauses: the gate is only
+    ever stricter.
+    """
     setup, gate = RavenSetup(arms=BOTH, tools=("r_grasper",) * 2), Gate(BOTH)
     state = network.init(setup)
-    zero = Packet(1, np.int32(124), np.int32(0), (Vec.full(3, 0),) * 2, (Vec.full(4, 0.0),) * 2, (0, 0), 1)
+    zero = Packet(
+        1, np.int32(124), np.int32(0), (Vec.full(3, 0),) * 2, (Vec.full(4, 0.0),) * 2, (0, 0), 1
+    )
     for number in (first, first + 1, *(first + n - 1100 for n in numbers)):
         cause = sent(gate, max(number, 0))
         if cause in (TAKEN, "skip"):  # what does not count for the gate does not reach the robot
@@ -164,7 +183,9 @@ def test_takes_nothing_that_the_robot_would_drop(numbers, first):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_hundred_thousand_packets_move_nothing_wrongly(seed):
-    """Good packets among malformed, replayed, reordered, oversized and flooding ones; the rules live through all."""
+    """Good packets among malformed, replayed, reordered, oversized and flooding ones; the rules
+    live through all.
+    """
     books, gate = Books(seed), Gate(BOTH)
     um, count, good, now_ms = [0] * 6, 0, 0, 0.0
     while count < 50_000:
@@ -178,14 +199,21 @@ def test_a_hundred_thousand_packets_move_nothing_wrongly(seed):
             count += 1
             moved = gate.admit(packet, source, now_ms)
             if moved is not None:
-                um = [a + b for a, b in zip(um, [x for arm in moved.delta_um for x in arm], strict=True)]
+                um = [
+                    a + b
+                    for a, b in zip(um, [x for arm in moved.delta_um for x in arm], strict=True)
+                ]
         assert um == books.um, (count, gate.counts)
     assert gate.received == count
     assert all(gate.counts[cause] for cause in BOOKED), gate.counts
     assert good * 0.8 < gate.counts[TAKEN] <= good
 
 
-@given(st.lists(st.tuples(st.binary(max_size=260), st.integers(0, 2), st.floats(-1e6, 1e6)), max_size=20))
+@given(
+    st.lists(
+        st.tuples(st.binary(max_size=260), st.integers(0, 2), st.floats(-1e6, 1e6)), max_size=20
+    )
+)
 def test_any_bytes_move_nothing(datagrams):
     gate = Gate(BOTH)
     for content, source, now_ms in datagrams:
@@ -195,9 +223,16 @@ def test_any_bytes_move_nothing(datagrams):
 
 @given(st.binary(min_size=124, max_size=130), st.integers(0, 1))
 def test_what_is_taken_is_within_limits(content, mode):
-    """Any bits for numbers, but with a valid number and pedal, so that many reach the last rules."""
+    """Any bits for numbers, but with a valid number and pedal, so that many reach the last
+    rules.
+    """
     content = struct.pack("<I", 1) + content[4:116] + struct.pack("<i", mode) + content[120:]
-    checksum = sum(struct.unpack_from("<6i", content, 12)) + sum(struct.unpack_from("<2i", content, 100)) + mode + 1
+    checksum = (
+        sum(struct.unpack_from("<6i", content, 12))
+        + sum(struct.unpack_from("<2i", content, 100))
+        + mode
+        + 1
+    )
     content = content[:120] + struct.pack("<I", checksum & 0xFFFFFFFF) + content[124:]
     gate = Gate(BOTH)
     got = gate.admit(content, CONSOLE, 0.0)
@@ -211,13 +246,17 @@ def test_what_is_taken_is_within_limits(content, mode):
 
 
 def test_under_a_wrong_profile_a_message_names_the_right_one_once(shared_data):
-    packets = pd.read_parquet(shared_data("console_itp_packets.parquet"))["packet"].iloc[10_000:11_000]
+    packets = pd.read_parquet(shared_data("console_itp_packets.parquet"))["packet"].iloc[
+        10_000:11_000
+    ]
     gate, told = Gate(BOTH), []
     for packet in packets:
         gate.admit(packet, CONSOLE, 0.0)
         told += gate.news()
     (line,) = told
-    assert "do not fit profile raven" in line and line.endswith("start again with --console dv_trainer")
+    assert "do not fit profile raven" in line and line.endswith(
+        "start again with --console dv_trainer"
+    )
 
 
 def test_a_choice_is_said_and_outlives_its_console():
@@ -231,12 +270,14 @@ def test_a_choice_is_said_and_outlives_its_console():
     assert gate.profile == consoles.load("raven")
     assert gate.news() == [f"console: profile raven, {gate.profile.title}. {WHY}"]
     assert gate.peer(9999.0) is None
-    assert sent(gate, 1, quats=((0.0, 1.0, 0.0, 1.0), IDENTITY), now_ms=9999.0) == "quaternion", "it never switches"
+    assert sent(gate, 1, quats=((0.0, 1.0, 0.0, 1.0), IDENTITY), now_ms=9999.0) == "quaternion", (
+        "it never switches"
+    )
 
 
 WHY = (
-    "It is not dv_trainer: 4 of the first 5 packets have quaternion of gold: got "
-    f"[0.0, {math.sin(0.02)}, 0.0, {math.cos(0.02)}], expected a rotation vector in mrad, with Qw = 1"
+    "It is not dv_trainer: 4 of the first 5 packets have quaternion of gold: got [0.0,"
+    f" {math.sin(0.02)}, 0.0, {math.cos(0.02)}], expected a rotation vector in mrad, with Qw = 1"
 )
 
 
@@ -246,6 +287,7 @@ def test_many_packets_that_fit_nothing_are_told_of():
         sent(gate, number, surgeon_mode=9)
         told += gate.news()
     assert told == [
-        "console: 32 of 32 packets do not fit profile raven, the last for mode: got 9, expected surgeon_mode 0 or 1. "
-        "No bundled profile fits them: write one, and start again with --console FILE.toml"
+        "console: 32 of 32 packets do not fit profile raven, the last for mode: got 9, expected"
+        " surgeon_mode 0 or 1. No bundled profile fits them: write one, and start again with"
+        " --console FILE.toml"
     ]

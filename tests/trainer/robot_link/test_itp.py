@@ -79,13 +79,18 @@ def test_message_of_one_packet(server, console):
 
 
 def test_packets_of_a_tick_add_up_in_their_order(server, console):
-    about_x, about_y = (math.sin(0.02), 0.0, 0.0, math.cos(0.02)), (0.0, math.sin(0.03), 0.0, math.cos(0.03))
+    about_x, about_y = (
+        (math.sin(0.02), 0.0, 0.0, math.cos(0.02)),
+        (0.0, math.sin(0.03), 0.0, math.cos(0.03)),
+    )
     console.send(gold=(1, 2, 3), grasp=(5, 0), quats=(about_x, IDENTITY), surgeon_mode=1)
     console.send(gold=(10, 20, 30), grasp=(-7, 0), quats=(about_y, IDENTITY), surgeon_mode=0)
     (message,) = server.poll()
     gold = message["arms"]["gold"]
     assert (gold["delta_um"], gold["grasp_mrad"], message["pedal"]) == ([11, 22, 33], -2, False)
-    robot = mapping.matrix_from_quat(Vec(gold["quat"]))  # the robot multiplies later turns from the left
+    robot = mapping.matrix_from_quat(
+        Vec(gold["quat"])
+    )  # the robot multiplies later turns from the left
     steps = [np.array(mapping.matrix_from_quat(Vec(q))) for q in (about_x, about_y)]
     np.testing.assert_allclose(np.array(robot), steps[1] @ steps[0], atol=1e-12)
 
@@ -124,9 +129,14 @@ def test_force_in_the_axes_of_the_console(server, console, clock):
     gold, green = (0.01, -0.02, 0.03), (0.0, 0.0, 0.05)
     assert server.send_force({"gold": np.float32(gold), "green": green}, runlevel=3)
     got = console.force()
-    for arm, felt in (("gold", gold), ("green", green)):  # spec 5.2: frame 0 of gold is (-z, -x, y) of the console
+    for arm, felt in (
+        ("gold", gold),
+        ("green", green),
+    ):  # spec 5.2: frame 0 of gold is (-z, -x, y) of the console
         x, y, z = got[arm]
-        assert {"gold": (-z, -x, y), "green": (-z, x, -y)}[arm] == tuple(round(1000 * f) for f in felt)
+        assert {"gold": (-z, -x, y), "green": (-z, x, -y)}[arm] == tuple(
+            round(1000 * f) for f in felt
+        )
     assert (got["sequence"], got["last_sequence"], got["runlevel"]) == (1, 1, 3)
     assert got["jointflags"] == 0b11_0010_1111
     assert got["checksum"] == sum(got["gold"]) + sum(got["green"]) + 3 + 1
@@ -151,7 +161,11 @@ def test_a_force_beyond_32_bits_is_the_greatest(server, console):
     console.send()
     server.poll()
     server.send_force({"gold": (math.inf, 0, -1e30)})
-    assert console.force()["gold"] == (0, -(2**31 - 1), -(2**31 - 1)), "along -z and y of the console"
+    assert console.force()["gold"] == (
+        0,
+        -(2**31 - 1),
+        -(2**31 - 1),
+    ), "along -z and y of the console"
 
 
 def test_a_dead_console_gets_no_force_and_its_pedal_counts_as_up(server, console, clock):

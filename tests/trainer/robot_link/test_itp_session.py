@@ -1,4 +1,6 @@
-"""A console that knows the protocol's description alone drives a session: good packets move it, others nothing."""
+"""A console that knows the protocol's description alone drives a session: good packets move it,
+others nothing.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,9 @@ class Driven:
 
     def __init__(self, arms):
         self.arms = arms
-        self.session = Session(scenario.from_dict({"name": "itp", "arms": list(arms), "duration_s": 200}), 0)
+        self.session = Session(
+            scenario.from_dict({"name": "itp", "arms": list(arms), "duration_s": 200}), 0
+        )
         self.server = ItpServer(arms, port=0, clock=lambda: self.session.ticks * 1_000_000)
         self.console, self.stranger = Console(self.server.address), Console(self.server.address)
         self.count = 0
@@ -26,7 +30,9 @@ class Driven:
     def tick(self, count=1):
         for _ in range(count):
             self.session.tick(self.server.poll())
-            self.server.send_force({arm: self.session.frame[f"{arm}/force"] for arm in self.arms}, runlevel=3)
+            self.server.send_force(
+                {arm: self.session.frame[f"{arm}/force"] for arm in self.arms}, runlevel=3
+            )
         return self.session.frame
 
     def send(self, packets, stranger=False):
@@ -53,7 +59,9 @@ class Driven:
         """Tips that the control software wants, um, frame 0."""
         tips = {}
         for arm in self.arms:
-            pose = kinematics.forward(arm, Vec(self.session.frame[f"{arm}/jpos_d"].astype(float).tolist()))
+            pose = kinematics.forward(
+                arm, Vec(self.session.frame[f"{arm}/jpos_d"].astype(float).tolist())
+            )
             tips[arm] = np.array([float(x) * 1e6 for x in pose.position])
         return tips
 
@@ -82,7 +90,9 @@ def test_no_bad_packet_of_a_hundred_thousand_moves_both_arms():
 
 
 def moved_by_good_packets_only(driven, datagrams):
-    """Good packets among bad ones, on a real socket: the tips that the robot wants are where the books have them."""
+    """Good packets among bad ones, on a real socket: the tips that the robot wants are where the
+    books have them.
+    """
     books = Books(datagrams, pedal=(1,), step=10)
     driven.tick(2001)  # an earlier console is forgotten
     driven.pedal_down(books)
@@ -98,7 +108,9 @@ def moved_by_good_packets_only(driven, datagrams):
     assert frame.number("runlevel") == 3
     for i, arm in enumerate(driven.arms):
         asked = mapping.position_from_itp(arm, Vec(books.um[3 * i : 3 * i + 3]))
-        np.testing.assert_allclose(driven.desired()[arm] - start[arm], asked, atol=2.0)  # float32 joints, whole um
+        np.testing.assert_allclose(
+            driven.desired()[arm] - start[arm], asked, atol=2.0
+        )  # float32 joints, whole um
     assert all(driven.server.gate.counts[cause] > counts[cause] for cause in BOOKED)
     assert max(abs(x) for x in books.um) > 100, "it has been somewhere"
 
@@ -121,7 +133,9 @@ def test_a_console_that_dies_lets_go_of_the_pedal(driven):
 
 @pytest.mark.slow
 def test_the_same_motion_by_itp_turns_and_grasps(driven):
-    """A turn of the console turns the instrument about the mapped axis, and a grasp closes the jaws."""
+    """A turn of the console turns the instrument about the mapped axis, and a grasp closes the
+    jaws.
+    """
     books = Books(0)
     driven.tick(2001)
     driven.pedal_down(books)
@@ -134,7 +148,8 @@ def test_the_same_motion_by_itp_turns_and_grasps(driven):
     driven.tick(3)
     after = driven.session.frame["gold/jpos_d"]
     rotations = [
-        np.array(kinematics.forward("gold", Vec(j.astype(float).tolist())).rotation, float) for j in (before, after)
+        np.array(kinematics.forward("gold", Vec(j.astype(float).tolist())).rotation, float)
+        for j in (before, after)
     ]
     turned = rotations[1] @ rotations[0].T
     axis = np.array(mapping.position_from_itp("gold", Vec((1.0, 0.0, 0.0))), float)

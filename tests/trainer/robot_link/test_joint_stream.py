@@ -1,4 +1,6 @@
-"""Joint records and their stream: the layout, finding records in damaged bytes, slow listeners, orders."""
+"""Joint records and their stream: the layout, finding records in damaged bytes, slow listeners,
+orders.
+"""
 
 import json
 import random
@@ -16,7 +18,12 @@ from ravenjax.errors import UserError
 from ravenjax.trainer.protocol.frame import Frame, FrameLayout
 from ravenjax.trainer.robot_link.joints.decoder import Decoder
 from ravenjax.trainer.robot_link.joints.record import RECORD, JointReport, Reporter, encode_text
-from ravenjax.trainer.robot_link.joints.stream import BUFFER_BYTES, LONGEST_LINE, MOST_CLIENTS, JointServer
+from ravenjax.trainer.robot_link.joints.stream import (
+    BUFFER_BYTES,
+    LONGEST_LINE,
+    MOST_CLIENTS,
+    JointServer,
+)
 
 BOTH = ("gold", "green")
 GREETING = {"robot": "ravenjax"}
@@ -35,7 +42,10 @@ def example(arms=BOTH, seed=0):
 
 def records(count, arms=BOTH):
     reporter = Reporter(FrameLayout.of(arms))
-    return [reporter.encode(example(arms, seed), tick=seed, last_seq=seed + 111) for seed in range(count)]
+    return [
+        reporter.encode(example(arms, seed), tick=seed, last_seq=seed + 111)
+        for seed in range(count)
+    ]
 
 
 def test_layout_as_documented():
@@ -62,7 +72,14 @@ def test_one_arm_and_back_into_a_frame():
     assert not report["gold"]["jpos"].any()
     got = Frame(FrameLayout.of(BOTH))
     report.fill(got)
-    for name in ("runlevel", "surgeon_mode", "plc_runlevel", "soft_estopped", "brakes", "fault_active"):
+    for name in (
+        "runlevel",
+        "surgeon_mode",
+        "plc_runlevel",
+        "soft_estopped",
+        "brakes",
+        "fault_active",
+    ):
         assert got.number(name) == sent.number(name)
     for name in ("jpos", "jpos_d", "mpos", "mvel", "dac"):
         np.testing.assert_array_equal(got[f"green/{name}"], sent[f"green/{name}"])
@@ -83,10 +100,15 @@ def test_any_pieces_make_the_same_records(sizes):
 
 
 @given(
-    st.lists(st.one_of(st.binary(max_size=40), st.sampled_from([b"RVNJ", b"RVNA", b"RVN", b"RV", b"R"])), max_size=4)
+    st.lists(
+        st.one_of(st.binary(max_size=40), st.sampled_from([b"RVNJ", b"RVNA", b"RVN", b"RV", b"R"])),
+        max_size=4,
+    )
 )
 def test_finds_records_between_any_bytes(noise):
-    """Noise, magics without records among it, before and between records; all records after it are found."""
+    """Noise, magics without records among it, before and between records; all records after it
+    are found.
+    """
     sent = records(4)
     between = [b"".join(noise), b"RVNJ\x01\x00", *noise, b""]
     dirty = b"".join(a + b for a, b in zip(between, sent, strict=False))

@@ -39,7 +39,10 @@ def ear():
 def test_ahead_goes_what_moves_nothing_with_the_pedal_up(first):
     packets = recorded(first, 3)
     gate = Gate(BOTH)
-    asked = [gate.admit(one, ("h", 1), float(n)) for n, one in enumerate([*player.lead(packets[0]), *packets])]
+    asked = [
+        gate.admit(one, ("h", 1), float(n))
+        for n, one in enumerate([*player.lead(packets[0]), *packets])
+    ]
     assert gate.counts[TAKEN] == len(asked) - 1, "only the first of all is lost, as of any stream"
     ahead, own = asked[1:-3], asked[-3:]
     assert all(one.pedal == 0 and one.delta_um == ((0, 0, 0),) * 2 for one in ahead)
@@ -58,8 +61,14 @@ def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypa
 
 @pytest.mark.parametrize("arms", [BOTH, ("gold",)])
 def test_a_second_play_waits_until_the_first_is_let_go(arms, monkeypatch):
-    """Where nobody follows the first packets, the pedal would never be seen up: the recording has it down."""
-    server, stop, counted = ItpServer(arms, port=0, limits=PacketLimits(release_ms=400.0)), threading.Event(), []
+    """Where nobody follows the first packets, the pedal would never be seen up: the recording
+    has it down.
+    """
+    server, stop, counted = (
+        ItpServer(arms, port=0, limits=PacketLimits(release_ms=400.0)),
+        threading.Event(),
+        [],
+    )
 
     def robot():
         while not stop.wait(1e-3):
@@ -77,7 +86,9 @@ def test_a_second_play_waits_until_the_first_is_let_go(arms, monkeypatch):
     ups = [i for i, pedal in enumerate(counted) if not pedal]
     assert server.gate.counts["stranger"] > 0, "the second came while the first was followed"
     assert server.gate.counts[TAKEN] > 470 and ups[0] < downs[0]
-    assert [i for i in ups if i > downs[0]], "the pedal of the second was seen up before it was down"
+    assert [i for i in ups if i > downs[0]], (
+        "the pedal of the second was seen up before it was down"
+    )
     server.close()
 
 
@@ -95,7 +106,10 @@ def test_a_file_is_played_by_command(ear, tmp_path, capsys, monkeypatch):
     frame = pd.DataFrame({"packet": recorded(), "arrival_ms": np.arange(40) * 1.0})
     frame.to_parquet(tmp_path / "packets.parquet")
     address = "{}:{}".format(*ear.getsockname())
-    assert main(["play", str(tmp_path / "packets.parquet"), "--to", address, "--console", "raven"]) == 0
+    assert (
+        main(["play", str(tmp_path / "packets.parquet"), "--to", address, "--console", "raven"])
+        == 0
+    )
     assert "40 of 40 packets sent" in capsys.readouterr().out
     assert main(["play", str(tmp_path / "packets.parquet"), "--to", "nowhere"]) == USER_ERROR
 

@@ -1,4 +1,6 @@
-"""A robot elsewhere: against a stand-in in this process, then against `ravenjax robot` in a process of its own."""
+"""A robot elsewhere: against a stand-in in this process, then against `ravenjax robot` in a
+process of its own.
+"""
 
 import json
 import re
@@ -44,7 +46,9 @@ class StandIn:
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.udp.bind(("127.0.0.1", 0))
         self.udp.settimeout(waiting.DEADLINE_S)
-        self.joints = JointServer(greeting or {"robot": "ravenjax", "arms": ["gold"]}, "127.0.0.1", 0, token)
+        self.joints = JointServer(
+            greeting or {"robot": "ravenjax", "arms": ["gold"]}, "127.0.0.1", 0, token
+        )
         self.reporter, self.frame = Reporter(FrameLayout.of(GOLD)), Frame(FrameLayout.of(GOLD))
         self.orders, self.tick = [], 0
         self._over = threading.Event()
@@ -226,7 +230,10 @@ robot_process.run(scenario.from_dict(json.loads(sys.argv[1])), itp_port=0, joint
 def process():
     """`robot_process.run` in a process of its own, and its ports; the last test ends it."""
     started = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, json.dumps(SCENARIO)], stdout=subprocess.PIPE, text=True, bufsize=1
+        [sys.executable, "-c", PROGRAM, json.dumps(SCENARIO)],
+        stdout=subprocess.PIPE,
+        text=True,
+        bufsize=1,
     )
     watchdog = threading.Timer(300.0, started.kill)
     watchdog.start()
@@ -245,7 +252,9 @@ def process():
 
 
 class Driver:
-    """A console that pulls the gold tip along one axis, a packet a ms, and notes where the robot says it is."""
+    """A console that pulls the gold tip along one axis, a packet a ms, and notes where the robot
+    says it is.
+    """
 
     def __init__(self, session):
         self.session, self.sequence = session, 0
@@ -257,14 +266,21 @@ class Driver:
             self.sequence += 1
             if count == arm_at:
                 self.session.order({"order": "arm", "number": 0})
-            moving = (5, 0, 0) if count > 200 else (0, 0, 0)  # at rest until the pedal has taken effect
+            moving = (
+                (5, 0, 0) if count > 200 else (0, 0, 0)
+            )  # at rest until the pedal has taken effect
             down = int(count > 50)  # the pedal is seen up first
             report = self.session.exchange(datagram(self.sequence, gold=moving, surgeon_mode=down))
-            while report is not None and first < report.last_seq < self.sequence - 50:  # fewer than the kernel holds
+            while (
+                report is not None and first < report.last_seq < self.sequence - 50
+            ):  # fewer than the kernel holds
                 time.sleep(0.001)
                 report = self.session.exchange(b"")
             if report is not None and first < report.last_seq <= self.sequence:
-                seen[report.last_seq - first] = (report.runlevel, report["gold"]["position_um"].tolist())
+                seen[report.last_seq - first] = (
+                    report.runlevel,
+                    report["gold"]["position_um"].tolist(),
+                )
             time.sleep(0.001)
         return seen
 
@@ -273,12 +289,17 @@ class Driver:
         self.session.order({"order": "reset"})
         answers = []
         told = {"answer": "reset", "ok": True}
-        until(lambda: told in answers, lambda: (self.session.exchange(b""), answers.extend(self.session.answers())))
+        until(
+            lambda: told in answers,
+            lambda: (self.session.exchange(b""), answers.extend(self.session.answers())),
+        )
 
 
 @pytest.mark.slow
 def test_a_hazard_strikes_in_the_robots_process_while_the_console_is_clean(process):
-    """The same input three times: twice without a fault, once with; only then do the reported joints part."""
+    """The same input three times: twice without a fault, once with; only then do the reported
+    joints part.
+    """
     _, ports = process
     session = RemoteRobot("127.0.0.1", *ports, arms=GOLD)
     assert session.greeting["scenario"] == "loop"
@@ -290,31 +311,45 @@ def test_a_hazard_strikes_in_the_robots_process_while_the_console_is_clean(proce
     assert {level for level, _ in free.values()} >= {2, 3}
     assert parted(free, again, 0, 700) < 2000, "um: the same but for the pace of two processes"
     assert parted(free, struck, 0, 380) < 2000
-    assert parted(free, struck, 400, 700) > 3000, "the hazard takes it across the 3 mm line, and its joints say so"
+    assert parted(free, struck, 400, 700) > 3000, (
+        "the hazard takes it across the 3 mm line, and its joints say so"
+    )
     assert session._decoder.skipped == 0
     session.close()
 
 
 @pytest.mark.slow
 def test_a_session_with_its_robot_elsewhere(process):
-    """The instructor arms a hazard here and it strikes there: reported joints leave the model here, the cue pulls."""
+    """The instructor arms a hazard here and it strikes there: reported joints leave the model
+    here, the cue pulls.
+    """
     _, ports = process
     chosen = scenario.from_dict(SCENARIO)
-    session = Session(chosen, 0, robot=lambda made: DistantRobot(made, RemoteRobot("127.0.0.1", *ports, arms=GOLD)))
+    session = Session(
+        chosen,
+        0,
+        robot=lambda made: DistantRobot(made, RemoteRobot("127.0.0.1", *ports, arms=GOLD)),
+    )
     link = session.robot.remote
-    assert link.greeting["hazards"] == robot_process.digest(session.hazards), "numbers mean the same on both sides"
+    assert link.greeting["hazards"] == robot_process.digest(session.hazards), (
+        "numbers mean the same on both sides"
+    )
     frame, events, peak = session.frame, [], {"error": 0.0, "force": 0.0}
 
     def ticks(count, delta=(0, 0, 0), pedal=True, **more):
         for i in range(count):
             moved = {"delta_um": list(delta), "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
-            commands = [{"type": "increments", "source": "itp", "pedal": pedal, "arms": {"gold": moved}}]
+            commands = [
+                {"type": "increments", "source": "itp", "pedal": pedal, "arms": {"gold": moved}}
+            ]
             events.extend(session.tick(commands + ([more] if more and i == 0 else [])))
             peak["error"] = max(peak["error"], float(frame["gold/error_mm"][0]))
             peak["force"] = max(peak["force"], float(np.linalg.norm(frame["gold/force"])))
             time.sleep(0.001)
 
-    ticks(2500, pedal=False)  # the console before this one counts as there for two seconds; the pedal is seen up first
+    ticks(
+        2500, pedal=False
+    )  # the console before this one counts as there for two seconds; the pedal is seen up first
     until(lambda: frame.number("runlevel") == 2, lambda: ticks(50, pedal=False))
     until(lambda: frame.number("runlevel") == 3, lambda: ticks(50))
     peak.update(error=0.0, force=0.0)

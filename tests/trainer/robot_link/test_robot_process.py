@@ -1,4 +1,6 @@
-"""The robot as a process: what reaches it, what it reports, what it obeys; the control software among bad packets."""
+"""The robot as a process: what reaches it, what it reports, what it obeys; the control software
+among bad packets.
+"""
 
 import json
 import socket
@@ -61,8 +63,12 @@ class Integrator:
         self.orders.append(("press", row))
 
     def outcomes(self):
-        return {"check_joint_limit_count": 13308, "check_joint_limit_first_ms": 2, "check_estop_count": 0,
-                "check_estop_first_ms": -1}  # fmt: skip
+        return {
+            "check_joint_limit_count": 13308,
+            "check_joint_limit_first_ms": 2,
+            "check_estop_count": 0,
+            "check_estop_first_ms": -1,
+        }
 
     def reset(self):
         self.orders.append(("reset",))
@@ -106,7 +112,9 @@ class Rig:
     def report(self):
         """The record of the newest tick."""
         tick = self.station.ticks - 1
-        return self.heard(lambda said: said and isinstance(said[-1], JointReport) and said[-1].tick == tick)[-1]
+        return self.heard(
+            lambda said: said and isinstance(said[-1], JointReport) and said[-1].tick == tick
+        )[-1]
 
     def ask(self, **order):
         """Send an order; the answer."""
@@ -137,7 +145,9 @@ def test_what_the_checks_did_is_told_now_and_then(rig):
     rig.machine.frame["tick"], rig.machine.frame["trips"] = 42, 13308
     rig.tick(150)
     heard = rig.heard(lambda said: any("checks" in one for one in said if isinstance(one, dict)))
-    assert [one for one in heard if isinstance(one, dict)][1:] == [{"checks": {"joint_limit": [13308, 40]}}]
+    assert [one for one in heard if isinstance(one, dict)][1:] == [
+        {"checks": {"joint_limit": [13308, 40]}}
+    ]
 
 
 @pytest.mark.parametrize("why", ["beginning", "silence", "estop", "reset"])
@@ -262,7 +272,12 @@ def test_hazards_by_schedule(rig):
     strikes = [Strike(1, 5), Strike(0, 2), Strike(2, 20)]
     orders = process.due(strikes, {0: 30, 1: 10, 2: 100})
     timing = process.serve(rig.station, orders, seconds=0.04)
-    assert seen == [(2, "arm", 0), (5, "arm", 1), (15, "disarm"), (20, "arm", 2)], "hazard 0 gave way to hazard 1"
+    assert seen == [
+        (2, "arm", 0),
+        (5, "arm", 1),
+        (15, "disarm"),
+        (20, "arm", 2),
+    ], "hazard 0 gave way to hazard 1"
     assert timing.ticks == rig.station.ticks == 40
 
 
@@ -279,7 +294,9 @@ def test_strikes_as_words():
 
 
 def test_who_listens_to_the_world_is_told():
-    assert process.exposed("127.0.0.1", None, None) == process.exposed("localhost", None, None) == []
+    assert (
+        process.exposed("127.0.0.1", None, None) == process.exposed("localhost", None, None) == []
+    )
     assert len(process.exposed("0.0.0.0", None, None)) == 2
     assert process.exposed("0.0.0.0", "secret", "10.0.0.7") == []
 
@@ -291,7 +308,8 @@ def test_counters_in_words():
 
 @pytest.mark.slow
 def test_the_control_software_goes_where_the_good_packets_say():
-    """Twenty thousand datagrams on a real socket, most of them bad, into the virtual robot with both arms.
+    """Twenty thousand datagrams on a real socket, most of them bad, into the virtual robot with
+    both arms.
 
     The desired tip of the control software must be where the oracle's books have it.
     """
@@ -335,5 +353,8 @@ def test_the_control_software_goes_where_the_good_packets_say():
 
 def desired(frame):
     """Of each arm, m, frame 0."""
-    poses = {arm: kinematics.forward(arm, Vec(frame[f"{arm}/jpos_d"].astype(float).tolist())) for arm in BOTH}
+    poses = {
+        arm: kinematics.forward(arm, Vec(frame[f"{arm}/jpos_d"].astype(float).tolist()))
+        for arm in BOTH
+    }
     return {arm: np.array([float(x) for x in pose.position]) for arm, pose in poses.items()}

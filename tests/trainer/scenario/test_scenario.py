@@ -1,4 +1,6 @@
-"""Scenario files: what they may say, what is told of those that say something else, and the campaigns they make."""
+"""Scenario files: what they may say, what is told of those that say something else, and the
+campaigns they make.
+"""
 
 from __future__ import annotations
 
@@ -65,11 +67,19 @@ def table_of(chosen, seed=0):
 
 
 def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_path):
-    chosen = scenario.load(written(tmp_path), ["task.targets=6", "cue.on=false", "hazard.own.within_s=3"])
+    chosen = scenario.load(
+        written(tmp_path), ["task.targets=6", "cue.on=false", "hazard.own.within_s=3"]
+    )
     assert chosen.task.kind == "reach" and chosen.task.targets == 6 and not chosen.cue.on
     config = scenario.campaign(chosen, 4)
-    assert config.campaign.seed == 4 and config.campaign.duration_s == 40 and config.operator.scale == 0.1
-    assert config.operator.motion == "still" and config.haptics.cues()[0].threshold_m == pytest.approx(3e-3)
+    assert (
+        config.campaign.seed == 4
+        and config.campaign.duration_s == 40
+        and config.operator.scale == 0.1
+    )
+    assert config.operator.motion == "still" and config.haptics.cues()[
+        0
+    ].threshold_m == pytest.approx(3e-3)
     table = table_of(chosen, 4)
     assert table["group"].tolist() == ["burst/B27#1", "burst/B27#2", "own/fault", "buttons/estop"]
     assert table["fault0_site"].tolist() == ["usb_out", "usb_out", "usb_out", "buttons"]
@@ -116,7 +126,9 @@ def test_the_list_of_hazards_says_what_each_asks(tmp_path):
     assert (first.number, first.row, first.hazard, first.arm) == (0, 0, "B27", "green")
     assert second.number == second.row == 1 and second.title == library.find("B27").title
     assert first.when_ms == (5000.0, 20000.0) and first.right_response == ("release",)
-    assert first.duration_ms is None and first.lasts_ms == 5000  # bursts again and again have no end
+    assert (
+        first.duration_ms is None and first.lasts_ms == 5000
+    )  # bursts again and again have no end
     assert own.title == "pushed" and own.hazard == "fault" and own.when_ms is None
     assert own.right_response == ("release", "slow", "stop")
     assert own.duration_ms == 900 and own.lasts_ms == 3500  # the response's time and half a second
@@ -159,7 +171,12 @@ def test_a_row_that_is_taken_is_one_of_the_librarys_but_for_its_time():
         row, meant = table.iloc[one.row], every[every["group"] == one.group]
         for s in range(2):
             same = np.all(
-                [meant[f"fault{s}_{key}"].eq(row[f"fault{s}_{key}"]) for key in keys if row["fault0_site"]], axis=0
+                [
+                    meant[f"fault{s}_{key}"].eq(row[f"fault{s}_{key}"])
+                    for key in keys
+                    if row["fault0_site"]
+                ],
+                axis=0,
             )
             drawn = one.hazard in (
                 "C01",
@@ -167,11 +184,16 @@ def test_a_row_that_is_taken_is_one_of_the_librarys_but_for_its_time():
             )  # from a distribution that the seed draws alike only for the same group
             assert same.any() or drawn or not row[f"fault{s}_site"]
     button_held = table[table["group"] == "x/B32-never"].iloc[0]
-    assert (button_held["fault0_start_ms"], button_held["fault1_start_ms"]) == (0, 500)  # distances stay
+    assert (button_held["fault0_start_ms"], button_held["fault1_start_ms"]) == (
+        0,
+        500,
+    )  # distances stay
 
 
 def test_what_waits_for_the_pedal_counts_time_in_a_session():
-    assert "pedal" in {fault.trigger for row in library.rows() for case in row.case for fault in case.fault}
+    assert "pedal" in {
+        fault.trigger for row in library.rows() for case in row.case for fault in case.fault
+    }
     chosen, _ = made(hazard=[{"name": "x", "hazards": "all"}])
     table = table_of(chosen)
     assert set(table["fault0_trigger"]) == {"time", "packet"}
@@ -186,7 +208,11 @@ def test_parameters_are_drawn_once_for_all_hazards():
     }
     chosen, _ = made(**keys)
     drawn = [table_of(chosen, seed)["param:plant.friction_scale"] for seed in (1, 1, 2)]
-    assert drawn[0].nunique() == 1 and 0.5 <= drawn[0][0] <= 2 and drawn[0][0] == drawn[1][0] != drawn[2][0]
+    assert (
+        drawn[0].nunique() == 1
+        and 0.5 <= drawn[0][0] <= 2
+        and drawn[0][0] == drawn[1][0] != drawn[2][0]
+    )
 
 
 def test_the_right_response_follows_from_what_the_hazard_does():
@@ -202,7 +228,12 @@ def test_the_right_response_follows_from_what_the_hazard_does():
 
 
 WRONG = [
-    ('name = "written"', 'nam = "written"', "nam: unknown key, expected one of name,", "name: missing: short name"),
+    (
+        'name = "written"',
+        'nam = "written"',
+        "nam: unknown key, expected one of name,",
+        "name: missing: short name",
+    ),
     (
         'kind = "reach"',
         'kind = "rech"',
@@ -216,8 +247,17 @@ WRONG = [
     ('"B27"', '"B72"', ":12: hazard[0].hazards: unknown hazard 'B72'", "Did you mean"),
     ('arm = "green"', 'arm = "gren"', "hazard[0].arm: got 'gren'", "Did you mean 'green'?"),
     ("when = [5, 20]", "when = [20, 5]", "hazard[0].when: got [20, 5]"),
-    ("when = [5, 20]", "when = [50, 60]", "hazard[0].when: got 50, but the session ends after 40 s"),
-    ('["release"]', '["relase"]', "hazard[0].right_response[0]: got 'relase'", "Did you mean 'release'?"),
+    (
+        "when = [5, 20]",
+        "when = [50, 60]",
+        "hazard[0].when: got 50, but the session ends after 40 s",
+    ),
+    (
+        '["release"]',
+        '["relase"]',
+        "hazard[0].right_response[0]: got 'relase'",
+        "Did you mean 'release'?",
+    ),
     ('["release"]', '["release", "continue"]', '"continue" stands alone'),
     ('name = "own"', 'name = "burst"', "hazard[1].name: got 'burst' twice"),
     (
@@ -243,13 +283,19 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path, old, new, told):
 
 def test_an_arm_that_the_session_lacks_is_told(tmp_path):
     path = written(tmp_path, 'arms = ["gold", "green"]', 'arms = ["gold"]')
-    assert "hazard[0].arm: got 'green', expected one of the session's arms ['gold']" in refused(path)
-    assert "task.arms: arm 'green'" in refused(written(tmp_path), "task.arms=['green']", "arms=['gold']", "hazard=[]")
+    assert "hazard[0].arm: got 'green', expected one of the session's arms ['gold']" in refused(
+        path
+    )
+    assert "task.arms: arm 'green'" in refused(
+        written(tmp_path), "task.arms=['green']", "arms=['gold']", "hazard=[]"
+    )
     assert "--set: arms" in refused(written(tmp_path), "arms=['green', 'gold']")
 
 
 def test_an_unknown_name_suggests_a_bundled_one():
-    with pytest.raises(UserError, match=r"no such scenario file; bundled are .*Did you mean 'dac_burst'"):
+    with pytest.raises(
+        UserError, match=r"no such scenario file; bundled are .*Did you mean 'dac_burst'"
+    ):
         scenario.load("dac_bursts")
     with pytest.raises(UserError, match="is a folder"):
         scenario.load(".")

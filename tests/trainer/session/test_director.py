@@ -8,7 +8,9 @@ from made_frames import made, running
 from ravenjax.trainer.protocol.frame import PHASES, VIEWS
 from ravenjax.trainer.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director, Order
 
-FAULT = [{"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 100}]
+FAULT = [
+    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 100}
+]
 
 
 def hazard(name, **keys):
@@ -31,7 +33,9 @@ def test_a_hazard_strikes_when_due_and_is_taken_back_after_its_time():
     assert run(one, frame, 0, 2000) == []
     (armed,) = run(one, frame, 2000, 2001)
     assert armed == (2000, Order("arm", 0)) and one.at_work == 0
-    assert run(one, frame, 2001, 10_000) == [(3500, Order("disarm", 0))]  # the response's time and half a second
+    assert run(one, frame, 2001, 10_000) == [
+        (3500, Order("disarm", 0))
+    ]  # the response's time and half a second
     assert one.at_work == -1
 
 
@@ -67,7 +71,9 @@ def test_nothing_strikes_while_it_could_teach_nothing(channel, value):
 def test_one_at_a_time_with_a_gap_between():
     one = director(hazard("a", when=1), hazard("b", when=1.01), hazard("c", when=1.02))
     orders = run(one, running(), 0, 20_000)
-    assert [order for _, order in orders] == [Order(kind, n) for n in range(3) for kind in ("arm", "disarm")]
+    assert [order for _, order in orders] == [
+        Order(kind, n) for n in range(3) for kind in ("arm", "disarm")
+    ]
     armed, taken = [tick for tick, _ in orders[::2]], [tick for tick, _ in orders[1::2]]
     assert [a - t for a, t in zip(armed[1:], taken, strict=False)] == [GAP_MS, GAP_MS]
 
@@ -79,7 +85,9 @@ def test_lifting_the_pedal_mends_what_it_is_right_for():
     run(one, running(), 0, 1100)
     assert run(one, lifted, 1100, 1100 + CLEARED_MS) == [(1099 + CLEARED_MS, Order("disarm", 0))]
     assert run(one, running(), 2000, 5000)[0][1] == Order("arm", 1)
-    assert run(one, lifted, 5000, 6000) == []  # lifting the pedal is not right for this one: it stays
+    assert (
+        run(one, lifted, 5000, 6000) == []
+    )  # lifting the pedal is not right for this one: it stays
     assert run(one, lifted, 6000, 9000)[0][1] == Order("disarm", 1)
 
 

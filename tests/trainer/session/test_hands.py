@@ -1,4 +1,6 @@
-"""The operator's hands: messages become rows of motion, which the console of the tick turns into packets."""
+"""The operator's hands: messages become rows of motion, which the console of the tick turns into
+packets.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def incremented(pedal=True, **arms):
 
 
 def packets(rows, scale):
-    """What the console of the tick sends for rows [T, columns]: deltas [T-1, A, 3], quats [T-1, A, 4], grasps."""
+    """What the console of the tick sends for rows [T, columns]: deltas [T-1, A, 3], quats [T-1,
+    A, 4], grasps.
+    """
     table = [jnp.asarray(column, jnp.float32) for column in np.asarray(rows).T]
 
     def picked(part):
@@ -46,8 +50,14 @@ def packets(rows, scale):
             surgeon_mode=table[-1][part].astype(jnp.int32),
         )
 
-    packet = operator.packet(SETUP, operator.params(SETUP, HOME, scale), picked(slice(1, None)), picked(slice(-1)), 1)
-    return np.moveaxis(np.array(packet.delta), 2, 0), np.moveaxis(np.array(packet.quat), 2, 0), np.array(packet.grasp).T
+    packet = operator.packet(
+        SETUP, operator.params(SETUP, HOME, scale), picked(slice(1, None)), picked(slice(-1)), 1
+    )
+    return (
+        np.moveaxis(np.array(packet.delta), 2, 0),
+        np.moveaxis(np.array(packet.quat), 2, 0),
+        np.array(packet.grasp).T,
+    )
 
 
 def advanced(who, ticks, first=0):
@@ -67,14 +77,20 @@ def tip_way(arm, rows, scale=0.1):
 def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
     rng = np.random.default_rng(1)
     deltas = rng.integers(-900, 900, (400, 2, 3))
-    deltas[:40] = rng.integers(-1, 2, (40, 2, 3))  # about zero, where truncation changes its direction
+    deltas[:40] = rng.integers(
+        -1, 2, (40, 2, 3)
+    )  # about zero, where truncation changes its direction
     deltas[200:260] += 9_000  # far out, where single precision is coarse
     grasps = rng.integers(-30, 30, (400, 2))
     who = hands(scale=scale)
     rows = [who.advance(0).columns.copy()]
     for k in range(400):
         each = {
-            arm: {"delta_um": deltas[k, i].tolist(), "quat": [0, 0, 0, 1], "grasp_mrad": int(grasps[k, i])}
+            arm: {
+                "delta_um": deltas[k, i].tolist(),
+                "quat": [0, 0, 0, 1],
+                "grasp_mrad": int(grasps[k, i]),
+            }
             for i, arm in enumerate(ARMS)
         }
         assert who.take(incremented(**each), k + 1)
@@ -101,7 +117,12 @@ def test_several_increments_of_one_tick_add_up_and_turns_follow_each_other():
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(
     ("move", "world"),
-    [((1, 0, 0), (1, 0, 0)), ((0, 1, 0), (0, 0, 1)), ((0, 0, 1), (0, -1, 0)), ((3, 4, 0), (0.6, 0, 0.8))],
+    [
+        ((1, 0, 0), (1, 0, 0)),
+        ((0, 1, 0), (0, 0, 1)),
+        ((0, 0, 1), (0, -1, 0)),
+        ((3, 4, 0), (0.6, 0, 0.8)),
+    ],
 )
 def test_moving_in_the_view_moves_the_tip_so_in_the_world_at_the_asked_speed(arm, move, world):
     who = hands(move_mm_s=20.0)
@@ -126,7 +147,9 @@ def test_turning_about_the_views_up_turns_the_tip_about_the_worlds_z(arm):
     turned = np.array(scene.frame0(arm)[1]) @ np.array([float(c) for c in axis])
     angle = 2 * np.arctan2(np.linalg.norm(turned), w)
     np.testing.assert_allclose(turned / np.linalg.norm(turned), [0, 0, 1], atol=1e-6)
-    assert angle == pytest.approx(0.5 * (1.0 - 2e-3 / RATE), rel=0.01)  # a second, less the time of taking it up
+    assert angle == pytest.approx(
+        0.5 * (1.0 - 2e-3 / RATE), rel=0.01
+    )  # a second, less the time of taking it up
 
 
 def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
@@ -136,10 +159,14 @@ def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
     speed = np.diff(rows[:, 1]) * 0.1  # mm/s of the tip: itp y is the world's x
     assert np.all(np.diff(speed) > -0.05) and speed.max() < 30.1  # no overshoot
     assert speed[int(SMOOTHING_MS) - 2] == pytest.approx(27.0, abs=0.4)  # 90 %
-    assert np.abs(np.diff(speed)).max() < 1.05 * 30.0 * RATE / np.e  # no jump: the steepest of a critically damped step
+    assert (
+        np.abs(np.diff(speed)).max() < 1.05 * 30.0 * RATE / np.e
+    )  # no jump: the steepest of a critically damped step
     who.take(said(), 200)
     rest = advanced(who, 200, 200)
-    assert rest[0, 1] > rows[-1, 1] and 0 <= rest[-1, 1] - rest[-50, 1] < 5.0  # um before scaling in 49 ms
+    assert (
+        rest[0, 1] > rows[-1, 1] and 0 <= rest[-1, 1] - rest[-50, 1] < 5.0
+    )  # um before scaling in 49 ms
 
 
 def test_jaws_close_with_positive_grasp_and_not_without_end():
@@ -195,7 +222,9 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("message", "reason"), BAD, ids=[reason + str(i) for i, (_, reason) in enumerate(BAD)])
+@pytest.mark.parametrize(
+    ("message", "reason"), BAD, ids=[reason + str(i) for i, (_, reason) in enumerate(BAD)]
+)
 def test_a_malformed_message_is_refused_counted_and_without_effect(message, reason):
     who = hands()
     who.take(said(), 0)
@@ -207,7 +236,9 @@ def test_a_malformed_message_is_refused_counted_and_without_effect(message, reas
 
 def test_one_bad_arm_refuses_the_whole_message():
     who = hands()
-    assert not who.take(incremented(gold={"delta_um": [5, 5, 5]}, green={"delta_um": [FARTHEST_UM * 2, 0, 0]}), 0)
+    assert not who.take(
+        incremented(gold={"delta_um": [5, 5, 5]}, green={"delta_um": [FARTHEST_UM * 2, 0, 0]}), 0
+    )
     assert not who.advance(0).columns.any(where=np.arange(17) % 8 != 6)
 
 
@@ -219,7 +250,9 @@ def test_an_arm_that_the_session_does_not_have_is_no_error():
 
 _JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4)
+    ),
     max_leaves=12,
 )
 _KEYED = st.fixed_dictionaries(
@@ -227,7 +260,9 @@ _KEYED = st.fixed_dictionaries(
     optional={
         "arms": st.dictionaries(
             st.sampled_from(["gold", "green", "x"]),
-            st.dictionaries(st.sampled_from(["move", "turn", "grasp", "delta_um", "quat", "grasp_mrad"]), _JSON),
+            st.dictionaries(
+                st.sampled_from(["move", "turn", "grasp", "delta_um", "quat", "grasp_mrad"]), _JSON
+            ),
         )
     },
 )

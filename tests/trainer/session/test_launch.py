@@ -1,4 +1,6 @@
-"""Whole sessions: the folder that one leaves, headless and against the clock, and what is asked before one starts."""
+"""Whole sessions: the folder that one leaves, headless and against the clock, and what is asked
+before one starts.
+"""
 
 import csv
 import dataclasses
@@ -29,15 +31,37 @@ CHOSEN = scenario.from_dict(
         "name": "tiny",
         "duration_s": 4,
         "task": {"kind": "reach", "targets": 50},
-        "hazard": [{"when": [1.5, 1.5], "within_s": 1.0, "right_response": ["release"],
-                    "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 6000,
-                               "start_ms": 0, "duration_ms": 40}]}],
+        "hazard": [
+            {
+                "when": [1.5, 1.5],
+                "within_s": 1.0,
+                "right_response": ["release"],
+                "fault": [
+                    {
+                        "site": "usb_out",
+                        "channel": "shoulder",
+                        "effect": "overwrite",
+                        "value": 6000,
+                        "start_ms": 0,
+                        "duration_ms": 40,
+                    }
+                ],
+            }
+        ],
     }
-)  # fmt: skip
+)
 
 
 def options(folder, **more):
-    return SessionOptions(scenario=CHOSEN, folder=folder, seed=3, participant="P7", group="A", script="release", **more)
+    return SessionOptions(
+        scenario=CHOSEN,
+        folder=folder,
+        seed=3,
+        participant="P7",
+        group="A",
+        script="release",
+        **more,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -48,15 +72,23 @@ def headless(tmp_path_factory):
 @pytest.mark.slow
 def test_a_session_leaves_a_folder_that_says_everything(headless):
     header = json.loads((headless.folder / "session.json").read_text())
-    assert header["participant"] == "P7" and header["scenario"]["name"] == "tiny" and header["ended"]
+    assert (
+        header["participant"] == "P7" and header["scenario"]["name"] == "tiny" and header["ended"]
+    )
     assert header["summary"]["ended"] == "time" and header["summary"]["hazards"]["struck"] == 1
     with open(headless.folder / "hazards.csv", newline="") as file:
         (row,) = csv.DictReader(file)
     assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
     read = reader.read(headless.folder)
     (started,) = [event for event in read.events if event["kind"] == "started"]
-    assert started["by"] == "pedal" and 200 < started["tick"] < 220  # its four seconds begin as somebody drives
-    assert read.complete and len(read.rows) == started["tick"] + 4000 and read["tick"][-1] == len(read.rows) - 1
+    assert (
+        started["by"] == "pedal" and 200 < started["tick"] < 220
+    )  # its four seconds begin as somebody drives
+    assert (
+        read.complete
+        and len(read.rows) == started["tick"] + 4000
+        and read["tick"][-1] == len(read.rows) - 1
+    )
     assert read["left_ms"][0] == 4000 and read["left_ms"][-2] == 2
     assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}
     assert "<html" in (headless.folder / "debrief.html").read_text()
@@ -70,7 +102,10 @@ def test_its_recording_is_a_log_for_other_tools(headless):
         len(frames) == -(-len(reader.read(headless.folder).rows) // 10)
         and frames[0].value.transforms[0].header.frame_id == "world"
     )
-    assert {one.child_frame_id for one in frames[0].value.transforms} >= {"arm1_base", "arm1_tip_true"}
+    assert {one.child_frame_id for one in frames[0].value.transforms} >= {
+        "arm1_base",
+        "arm1_tip_true",
+    }
     words = [message.value.msg for message in log.topics["/ravenjax/log"]]
     assert "hazard 0 strikes" in words and "session ends: time" in words
     header = json.loads((headless.folder / "session.json").read_text())
@@ -86,7 +121,9 @@ def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
         said = dataclasses.replace(said, script=str(headless.folder / "commands.jsonl"))
     again = launch.headless(said)
     np.testing.assert_array_equal(reader.read(again.folder).rows, reader.read(headless.folder).rows)
-    assert (again.folder / "hazards.csv").read_bytes() == (headless.folder / "hazards.csv").read_bytes()
+    assert (again.folder / "hazards.csv").read_bytes() == (
+        headless.folder / "hazards.csv"
+    ).read_bytes()
 
 
 @pytest.mark.slow
@@ -95,10 +132,14 @@ def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, t
     assert found.hazards == headless.hazards and found.ended == "time"
     real, plain = reader.read(found.folder), reader.read(headless.folder)
     assert real.complete and len(real.rows) >= len(plain.rows)
-    timing = [plain.layout.places[name].start for name in ("compute_us", "lateness_us", "late_ticks")]
+    timing = [
+        plain.layout.places[name].start for name in ("compute_us", "lateness_us", "late_ticks")
+    ]
     untimed = np.delete(np.arange(plain.layout.size), timing)
     np.testing.assert_array_equal(real.rows[: len(plain.rows), untimed], plain.rows[:, untimed])
-    assert json.loads((found.folder / "session.json").read_text())["summary"]["timing"]["ticks"] > 4000
+    assert (
+        json.loads((found.folder / "session.json").read_text())["summary"]["timing"]["ticks"] > 4000
+    )
 
 
 def test_somebody_must_drive_a_headless_session(tmp_path):
@@ -107,7 +148,9 @@ def test_somebody_must_drive_a_headless_session(tmp_path):
     assert not (tmp_path / "x").exists()
 
 
-@pytest.mark.parametrize("how", [launch.headless, lambda one: launch.realtime(one, with_page=False)])
+@pytest.mark.parametrize(
+    "how", [launch.headless, lambda one: launch.realtime(one, with_page=False)]
+)
 def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
     script = tmp_path / "commands.jsonl"
     script.write_text("release\n")
@@ -121,7 +164,10 @@ def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
     [
         (
             {"host": "203.0.113.1"},
-            r"host is '203\.0\.113\.1', where the page cannot listen \(.*\); give an address of this",
+            (
+                r"host is '203\.0\.113\.1', where the page cannot listen \(.*\); give an address of"
+                r" this"
+            ),
         ),
         ({"host": "no.such.host.invalid"}, "where the page cannot listen"),
         ({"port": 65536}, "port is 65536, expected 0"),
@@ -148,7 +194,11 @@ def test_a_page_that_ends_at_its_start_is_told_of_at_once(tmp_path, monkeypatch)
 
 @pytest.mark.parametrize(
     ("text", "meant"),
-    [("host", ("host", (36000, 36002))), ("h:1", ("h", (1, 36002))), ("127.0.0.1:1:2", ("127.0.0.1", (1, 2)))],
+    [
+        ("host", ("host", (36000, 36002))),
+        ("h:1", ("h", (1, 36002))),
+        ("127.0.0.1:1:2", ("127.0.0.1", (1, 2))),
+    ],
 )
 def test_addresses_of_robots(text, meant):
     assert launch.address(text) == meant
@@ -171,7 +221,9 @@ def test_a_session_begins_without_jax_trimesh_and_pandas(tmp_path):
         launch.headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="release"))
         print([name for name in ("jax", "trimesh", "pandas") if name in sys.modules])
     """
-    ran = subprocess.run([sys.executable, "-c", code, tmp_path / "x"], capture_output=True, text=True, check=True)
+    ran = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "x"], capture_output=True, text=True, check=True
+    )
     assert ran.stdout.strip() == "[]"
 
 
@@ -188,15 +240,31 @@ def test_a_session_that_never_began_leaves_nothing(tmp_path):
 @pytest.mark.slow
 def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
     ran = subprocess.Popen(
-        [sys.executable, "-m", "ravenjax.cli", "train", "first_steps", "--out", tmp_path / "x", "--port", "0"],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "ravenjax.cli",
+            "train",
+            "first_steps",
+            "--out",
+            tmp_path / "x",
+            "--port",
+            "0",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
     said = ""
     for line in ran.stdout:
         said += line
         if "robot: ready" in line:
             ran.terminate()
-    assert ran.wait(60) == 128 + signal.SIGTERM and "of a session that had begun the recording is kept" in said
+    assert (
+        ran.wait(60) == 128 + signal.SIGTERM
+        and "of a session that had begun the recording is kept" in said
+    )
     assert "Traceback" not in said and not (tmp_path / "x" / launch.CLAIM).exists()
 
 
@@ -208,11 +276,16 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
         command = ["train", "first_steps", "--out", tmp_path / "x", "--port", port]
         ran = subprocess.Popen(
             [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )  # fmt: skip
+        )
         said = ""
-        late = threading.Timer(waiting.DEADLINE_S, ran.kill)  # an interruption that is lost ends nothing
+        late = threading.Timer(
+            waiting.DEADLINE_S, ran.kill
+        )  # an interruption that is lost ends nothing
         late.start()
         for line in ran.stdout:
             said += line
@@ -220,7 +293,11 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
                 time.sleep(0.3)
                 os.killpg(ran.pid, signal.SIGINT)  # as a terminal does: every process of the group
         late.cancel()
-        ended = (0, 130, -signal.SIGINT)  # by the signal: Python does so where it came while a dataclass was being made
+        ended = (
+            0,
+            130,
+            -signal.SIGINT,
+        )  # by the signal: Python does so where it came while a dataclass was being made
         assert ran.wait(60) in ended and "Traceback" not in said
     if when != "the session is being prepared":
         assert f"port {port} is taken: the page is at port" in said
@@ -232,12 +309,24 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
 @pytest.mark.slow
 def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
     """The second takes the first's port and tokens; strangers get neither it nor the list."""
-    command = ["train", "first_steps", "--out", tmp_path / "one", "--port", 0, "--instructor-token", "chair"]
+    command = [
+        "train",
+        "first_steps",
+        "--out",
+        tmp_path / "one",
+        "--port",
+        0,
+        "--instructor-token",
+        "chair",
+    ]
     ran = subprocess.Popen(
         [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
+    )
     said, ports = "", []
     try:
         for line in ran.stdout:
@@ -249,10 +338,17 @@ def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
             if "the page stays" in line and len(ports) == 1:
                 with pytest.raises(urllib.error.HTTPError, match="403"):
                     urllib.request.urlopen(f"http://127.0.0.1:{ports[0]}/sessions")
-                asked = urllib.request.urlopen(f"http://127.0.0.1:{ports[0]}/sessions?instructor_token=chair")
+                asked = urllib.request.urlopen(
+                    f"http://127.0.0.1:{ports[0]}/sessions?instructor_token=chair"
+                )
                 text = asked.read().decode()
-                assert "first_steps" in text and "/sessions/one/debrief.html?instructor_token=chair" in text
-                debrief = f"http://127.0.0.1:{ports[0]}/sessions/one/debrief.html?instructor_token=chair"
+                assert (
+                    "first_steps" in text
+                    and "/sessions/one/debrief.html?instructor_token=chair" in text
+                )
+                debrief = (
+                    f"http://127.0.0.1:{ports[0]}/sessions/one/debrief.html?instructor_token=chair"
+                )
                 assert b"ravenjax training session" in urllib.request.urlopen(debrief).read()
                 say(ports[0], {"type": "instructor", "do": "next", "participant": "P9", "seed": 4})
             if line.startswith("realtime: ") and len(ports) == 2:
@@ -262,7 +358,16 @@ def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
         assert ran.wait(60) == 0 and ports[0] == ports[1], said
     finally:
         ran.kill()
-    assert len([one for one in tmp_path.iterdir() if (one / "debrief.html").exists() and "P9" in one.name]) == 1
+    assert (
+        len(
+            [
+                one
+                for one in tmp_path.iterdir()
+                if (one / "debrief.html").exists() and "P9" in one.name
+            ]
+        )
+        == 1
+    )
 
 
 def say(port, command):

@@ -1,4 +1,6 @@
-"""Why a pedal that is held down over the network does not count: told once, in words, at each change."""
+"""Why a pedal that is held down over the network does not count: told once, in words, at each
+change.
+"""
 
 import pytest
 
@@ -25,7 +27,9 @@ class Told:
         self._words = PedalWords(self.session, self.lines.append)
 
     def run(self, down, ms, *commands, console="itp"):
-        """Hold the pedal so for a while; None: nothing comes. The reasons that were told meanwhile."""
+        """Hold the pedal so for a while; None: nothing comes. The reasons that were told
+        meanwhile.
+        """
         before = len(self.whys)
         for tick in range(ms):
             hands = {"type": "input", "console": console, "pedal": down, "arms": {}}
@@ -59,7 +63,9 @@ def test_each_change_of_the_reason_is_told_once(told):
     told.run(False, 100)
     assert told.run(True, 100) == []
     assert told.run(True, 100, instructor("pause")) == [f"itp: {pedal.PAUSED}"]
-    assert told.run(True, 100, instructor("resume")) == [f"itp: {pedal.LIFT} (the session was paused)"]
+    assert told.run(True, 100, instructor("resume")) == [
+        f"itp: {pedal.LIFT} (the session was paused)"
+    ]
     told.run(False, 100)
     assert told.run(True, 100) == []
     assert told.run(True, 200, {"type": "operator", "do": "estop"}) == [f"itp: {pedal.STOPPED}"]

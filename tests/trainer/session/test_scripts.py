@@ -26,13 +26,17 @@ def follower(**keys):
 
 
 def said(operator, frame, first, last):
-    return [(tick, message) for tick in range(first, last) for message in operator.messages(tick, frame)]
+    return [
+        (tick, message) for tick in range(first, last) for message in operator.messages(tick, frame)
+    ]
 
 
 def pedals(messages):
     """(tick, pedal) of each change."""
     found = [(tick, message["pedal"]) for tick, message in messages if message["type"] == "input"]
-    return [now for before, now in zip([(0, None), *found], found, strict=False) if now[1] != before[1]]
+    return [
+        now for before, now in zip([(0, None), *found], found, strict=False) if now[1] != before[1]
+    ]
 
 
 def test_it_goes_for_the_target_and_steps_on_the_pedal():
@@ -44,7 +48,11 @@ def test_it_goes_for_the_target_and_steps_on_the_pedal():
     assert [tick for tick, _ in messages] == list(range(0, 200, INPUT_EVERY_MS))
     assert pedals(messages) == [(0, False), (112, True)]
     right, up, toward = messages[-1][1]["arms"]["gold"]["move"]
-    assert right > 0 and up == pytest.approx(-right / 2, rel=1e-3) and toward == pytest.approx(0, abs=1e-6)
+    assert (
+        right > 0
+        and up == pytest.approx(-right / 2, rel=1e-3)
+        and toward == pytest.approx(0, abs=1e-6)
+    )
     assert all(Hands(("gold",), 0.1, scenario.Speeds()).take(message, 0) for _, message in messages)
 
 
@@ -59,7 +67,11 @@ def test_it_reacts_to_the_onset_of_what_it_feels_after_its_delay(cue_on, alive, 
     if expected is None:
         assert changes == []
     else:  # the pull that stays is no news
-        assert changes[0] == (expected, False) and changes[1][1] and 0 <= changes[1][0] - 1800 < INPUT_EVERY_MS
+        assert (
+            changes[0] == (expected, False)
+            and changes[1][1]
+            and 0 <= changes[1][0] - 1800 < INPUT_EVERY_MS
+        )
         assert len(changes) == 2
 
 
@@ -87,7 +99,9 @@ def test_it_may_do_nothing_slow_down_or_press_the_button():
     assert after == pytest.approx(before / 10) and len(pedals(spoken["slow"])) == 1
     assert (750, {"type": "operator", "do": "estop"}) in spoken["stop"]
     assert pedals(spoken["stop"])[-1] == (750, False)
-    with pytest.raises(UserError, match="reaction is 'jump', expected one of none, release, slow, stop"):
+    with pytest.raises(
+        UserError, match="reaction is 'jump', expected one of none, release, slow, stop"
+    ):
         follower(reaction="jump")
 
 
@@ -112,7 +126,9 @@ def test_it_restarts_a_robot_that_does_not_follow_its_pedal():
     lifted["pedal"] = 0
     assert [m for _, m in said(operator, frame, 500, 1000 + 800) if m["type"] == "operator"] == []
     spoken = said(operator, lifted, 1800, 3000)
-    assert [tick for tick, message in spoken if message["type"] == "operator"] == [500 + 1000 + 1000]
+    assert [tick for tick, message in spoken if message["type"] == "operator"] == [
+        500 + 1000 + 1000
+    ]
 
 
 def test_what_was_said_can_be_kept_and_said_again(tmp_path):
@@ -129,10 +145,14 @@ def test_what_was_said_can_be_kept_and_said_again(tmp_path):
 def test_a_recorded_operator_says_what_was_missed_at_once_and_in_order():
     operator = Recorded([(5, {"do": "b"}), (1, {"do": "a"}), (9, {"do": "c"})])
     assert [m["do"] for m in operator.messages(6, running())] == ["a", "b"]
-    assert operator.messages(7, running()) == [] and operator.messages(9, running()) == [{"do": "c"}]
+    assert operator.messages(7, running()) == [] and operator.messages(9, running()) == [
+        {"do": "c"}
+    ]
 
 
-@pytest.mark.parametrize("line", ["{", "[]", '{"tick": -1, "message": {}}', '{"tick": 1}', '{"tick": 1, "message": 3}'])
+@pytest.mark.parametrize(
+    "line", ["{", "[]", '{"tick": -1, "message": {}}', '{"tick": 1}', '{"tick": 1, "message": 3}']
+)
 def test_a_line_that_is_no_message_is_told_with_its_number(tmp_path, line):
     path = tmp_path / "said.jsonl"
     path.write_text('{"tick": 0, "message": {}}\n\n' + line + "\n")
@@ -154,7 +174,15 @@ CREEPING = {
             "name": "creep",
             "when": 2,
             "within_s": 3,
-            "fault": [{"site": "jpos_d", "channel": "shoulder", "effect": "drift", "value": 4e-5, "duration_ms": 4000}],
+            "fault": [
+                {
+                    "site": "jpos_d",
+                    "channel": "shoulder",
+                    "effect": "drift",
+                    "value": 4e-5,
+                    "duration_ms": 4000,
+                }
+            ],
         }
     ],
 }
@@ -179,8 +207,14 @@ def test_a_session_runs_without_a_person_and_is_the_same_again():
     (row,) = session.judge.rows()
     assert row["struck_ms"] == 2212 and row["knowable_by"] == "tip"
     assert 100 < row["knowable_ms"] - 2212 < row["cue_ms"] - 2212  # a drift: 1 mm off before 3 mm
-    assert row["response"] == "release" and row["response_ms"] == row["cue_ms"] + 251  # felt a tick later
-    assert row["outcome"] == "avoided" and 3.0 < row["unintended_mm"] < 10.0 and math.isfinite(row["deepest_mm"])
+    assert (
+        row["response"] == "release" and row["response_ms"] == row["cue_ms"] + 251
+    )  # felt a tick later
+    assert (
+        row["outcome"] == "avoided"
+        and 3.0 < row["unintended_mm"] < 10.0
+        and math.isfinite(row["deepest_mm"])
+    )
     assert session.task.result()["reached"] >= 5
     again = Session(chosen, 1, ready=session.blueprint)
     assert played(again, Recorded(kept.said)) == (frames, events)

@@ -22,7 +22,9 @@ class Play:
         self.tick += ms
         before = len(self.reached)
         take = lambda message: (self.reached.append(message), good)[1]  # noqa: E731
-        self.seat.hear({"type": "input", "console": console, "pedal": pedal, "arms": {}}, take, self.tick)
+        self.seat.hear(
+            {"type": "input", "console": console, "pedal": pedal, "arms": {}}, take, self.tick
+        )
         self.seat.step(self.tick)
         self.events += self.seat.events()
         return self.reached[-1]["pedal"] if len(self.reached) > before else None
@@ -122,7 +124,9 @@ ACTS = st.one_of(
 @given(st.lists(ACTS, max_size=60))
 def test_no_foot_that_never_moved_drives_and_every_change_is_told(acts):
     play, told = Play(), "nobody"
-    up_since = dict.fromkeys(CONSOLES, False)  # each console's pedal since it last had to be seen up
+    up_since = dict.fromkeys(
+        CONSOLES, False
+    )  # each console's pedal since it last had to be seen up
     for what, *rest in acts:
         before = play.seat.owner
         if what == "say":

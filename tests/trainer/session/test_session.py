@@ -1,4 +1,6 @@
-"""A session is a function of scenario, seed and commands: who drives, who rests, who is stopped; without a clock."""
+"""A session is a function of scenario, seed and commands: who drives, who rests, who is stopped;
+without a clock.
+"""
 
 import numpy as np
 import pytest
@@ -16,15 +18,39 @@ CHOSEN = scenario.from_dict(
         "scale": 0.1,
         "task": {"kind": "reach", "targets": 100, "tolerance_mm": 2.5, "dwell_ms": 100},
         "hazard": [
-            {"name": "burst", "when": [3, 3], "within_s": 1.5, "right_response": ["release"],
-             "fault": [{"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 6000,
-                        "start_ms": 0, "duration_ms": 40}]},
-            {"name": "other", "when": "instructor",
-             "fault": [{"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": -6000,
-                        "start_ms": 0, "duration_ms": 20}]},
+            {
+                "name": "burst",
+                "when": [3, 3],
+                "within_s": 1.5,
+                "right_response": ["release"],
+                "fault": [
+                    {
+                        "site": "usb_out",
+                        "channel": "shoulder",
+                        "effect": "overwrite",
+                        "value": 6000,
+                        "start_ms": 0,
+                        "duration_ms": 40,
+                    }
+                ],
+            },
+            {
+                "name": "other",
+                "when": "instructor",
+                "fault": [
+                    {
+                        "site": "usb_out",
+                        "channel": "elbow",
+                        "effect": "overwrite",
+                        "value": -6000,
+                        "start_ms": 0,
+                        "duration_ms": 20,
+                    }
+                ],
+            },
         ],
     }
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +64,12 @@ def session(made):
 
 
 def hand(pedal=True, move=(0.0, 0.0, 0.0)):
-    return {"type": "input", "source": "test", "pedal": pedal, "arms": {"gold": {"move": list(move)}}}
+    return {
+        "type": "input",
+        "source": "test",
+        "pedal": pedal,
+        "arms": {"gold": {"move": list(move)}},
+    }
 
 
 def drive(session, ticks, *, pedal=True, move=(0.0, 0.0, 0.0), also=()):
@@ -98,14 +129,23 @@ def test_a_session_comes_again_to_the_bit_from_its_script_and_from_what_was_said
     assert kinds[-1] == "end" and len(rows) == first.started + 12_000
     (row,) = hazards
     assert row["response"] == "release" and row["response_ok"]
-    assert row["armed_ms"] <= row["struck_ms"] <= row["knowable_ms"] <= row["cue_ms"] < row["response_ms"]
+    assert (
+        row["armed_ms"]
+        <= row["struck_ms"]
+        <= row["knowable_ms"]
+        <= row["cue_ms"]
+        < row["response_ms"]
+    )
 
 
 def test_without_a_living_console_the_pedal_is_up_and_nothing_moves(session):
     started(session)
     rows, _ = drive(session, 50, move=(0.5, 0.0, 0.0))
     silent = np.array([(session.tick([]), session.frame.row.copy())[1] for _ in range(1500)])
-    assert channel(session, silent, "console_alive")[-1] == 0 and channel(session, silent, "pedal")[-1] == 0
+    assert (
+        channel(session, silent, "console_alive")[-1] == 0
+        and channel(session, silent, "pedal")[-1] == 0
+    )
     assert channel(session, silent, "runlevel")[-1] == 2  # pedal up, as the robot sees it
     tips = channel(session, silent, "gold/tip")
     assert np.linalg.norm(tips[-1] - tips[-300]) < 1e-4
@@ -141,9 +181,13 @@ def test_a_pause_stops_time_and_releases_what_was_held(session):
 def test_after_an_estop_there_is_no_force_and_the_model_stands_where_the_robot_was_stopped(session):
     started(session)
     drive(session, 300, move=(1.0, 0.0, 0.0))
-    rows, events = drive(session, 6000, move=(1.0, 0.0, 0.0), also=[{"type": "operator", "do": "estop"}])
+    rows, events = drive(
+        session, 6000, move=(1.0, 0.0, 0.0), also=[{"type": "operator", "do": "estop"}]
+    )
     after = channel(session, rows, "runlevel").ravel() == 0
-    assert after.sum() > 5900 and channel(session, rows, "pedal").all()  # the foot stays where it is
+    assert (
+        after.sum() > 5900 and channel(session, rows, "pedal").all()
+    )  # the foot stays where it is
     assert not channel(session, rows, "gold/force")[after].any()
     assert np.ptp(channel(session, rows, "gold/model_tip")[after], axis=0).max() == 0.0
     assert channel(session, rows, "gold/error_mm")[after].max() < 3.0
@@ -152,7 +196,9 @@ def test_after_an_estop_there_is_no_force_and_the_model_stands_where_the_robot_w
     drive(session, 200, pedal=False)
     began = session.frame["gold/model_tip"].copy()
     drive(session, 1500, move=(0.3, 0.0, 0.0))
-    assert np.linalg.norm(session.frame["gold/model_tip"] - began) > 5e-3  # it goes with the robot again
+    assert (
+        np.linalg.norm(session.frame["gold/model_tip"] - began) > 5e-3
+    )  # it goes with the robot again
 
 
 def moved_mm(session, ticks, **how):
@@ -186,7 +232,9 @@ def test_a_pedal_that_is_still_down_drives_nothing_until_it_was_seen_up(session,
 
 
 def test_the_time_of_a_session_begins_with_the_first_pedal_down(session):
-    rows, events = drive(session, 40_000, pedal=False)  # longer than the session, and than a robot waits
+    rows, events = drive(
+        session, 40_000, pedal=False
+    )  # longer than the session, and than a robot waits
     assert not session.over and not [event for event in events if event["kind"] == "hazard_armed"]
     assert set(channel(session, rows, "left_ms").ravel()) == {12_000.0}
     rows, events = drive(session, 12_100)
@@ -236,7 +284,9 @@ def test_what_is_not_the_trainees_never_scores(session, act):
     assert (row["response"], row["outcome"], row["score"]) == (None, "interrupted", None)
 
 
-@pytest.mark.parametrize("act", [{"do": "left"}, {"do": "give", "to": "nobody"}, {"do": "give", "to": "itp"}], ids=str)
+@pytest.mark.parametrize(
+    "act", [{"do": "left"}, {"do": "give", "to": "nobody"}, {"do": "give", "to": "itp"}], ids=str
+)
 @pytest.mark.parametrize("pedal", [True, False])
 def test_who_walks_away_has_lifted_the_pedal_and_voids_nothing(session, act, pedal):
     struck(session)
@@ -288,7 +338,9 @@ def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
     np.testing.assert_allclose(end, virtual[-1], atol=1.5e-3)
     before = session.frame["gold/tip"].copy()
     drive(session, 50)
-    assert np.linalg.norm(session.frame["gold/tip"] - before) < 2e-4  # the hand goes on from there without a jump
+    assert (
+        np.linalg.norm(session.frame["gold/tip"] - before) < 2e-4
+    )  # the hand goes on from there without a jump
 
 
 def test_what_is_tried_can_be_left_alone(session):
@@ -321,7 +373,9 @@ def test_the_instructor_arms_switches_the_cue_and_ends(session):
 
 
 class Tripping(SimulatedRobot):
-    """A robot one of whose checks trips in its tick `at`, without the fault it would not; until it is disarmed."""
+    """A robot one of whose checks trips in its tick `at`, without the fault it would not; until
+    it is disarmed.
+    """
 
     at = 10**9
 
@@ -331,7 +385,10 @@ class Tripping(SimulatedRobot):
 
     def outcomes(self):
         tripped = self.now > self.at
-        return super().outcomes() | {"check_ik_reject_count": int(tripped), "check_ik_reject_first_ms": self.at}
+        return super().outcomes() | {
+            "check_ik_reject_count": int(tripped),
+            "check_ik_reject_first_ms": self.at,
+        }
 
     def golden_outcomes(self):
         return self.outcomes() | ({"check_ik_reject_count": 0} if self._apart else {})
@@ -342,7 +399,9 @@ def test_a_check_that_trips_in_the_last_tick_of_a_hazard_is_of_that_hazard(made,
     session = started(Session(CHOSEN, 5, ready=made, robot=Tripping))
     drive(session, 205, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
     session.robot.at, at_ms = session.robot.now, session.ticks
-    session._looked = session.ticks  # the checks were looked at just now, and not again for some ticks
+    session._looked = (
+        session.ticks
+    )  # the checks were looked at just now, and not again for some ticks
     drive(session, 1)
     (row,) = session.judge.rows()
     assert row["struck_ms"] is not None and row["alarm"] is None

@@ -1,4 +1,6 @@
-"""The robot of a session is the robot of a campaign: same motion, same fault, same bits, however it is stepped."""
+"""The robot of a session is the robot of a campaign: same motion, same fault, same bits, however
+it is stepped.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -20,26 +22,60 @@ from ravenjax.trainer.session.simulation import PacketRobot, SimulatedRobot
 
 TICKS, START = 900, 600
 FAULTS = {
-    "pedal": {"site": "packet_header", "channel": "surgeon_mode", "effect": "overwrite", "value": 0},
-    "encoder": {"site": "encoder", "arm": "gold", "channel": "shoulder", "effect": "drift", "value": 30},
+    "pedal": {
+        "site": "packet_header",
+        "channel": "surgeon_mode",
+        "effect": "overwrite",
+        "value": 0,
+    },
+    "encoder": {
+        "site": "encoder",
+        "arm": "gold",
+        "channel": "shoulder",
+        "effect": "drift",
+        "value": 30,
+    },
     "stop": {"site": "runlevel", "channel": "rl_desired", "effect": "overwrite", "value": 0},
 }
 
 
 def config(**fault):
-    struck = {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effect": "overwrite", "value": 9000}
+    struck = {
+        "site": "usb_out",
+        "arm": "gold",
+        "channel": "shoulder",
+        "effect": "overwrite",
+        "value": 9000,
+    }
     return loading.from_dict(
         {
             "campaign": {"name": "live", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
             "operator": {"motion": "suture", "scale": 0.1},
             "group": [
-                {"name": "burst", "fault": [struck | {"start_ms": START, "duration_ms": 24} | fault]},
-                *({"name": name, "fault": [{**one, "start_ms": START}]} for name, one in FAULTS.items() if not fault),
-                {"name": "estop", "fault": [{"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1,
-                                             "start_ms": 0}]},
+                {
+                    "name": "burst",
+                    "fault": [struck | {"start_ms": START, "duration_ms": 24} | fault],
+                },
+                *(
+                    {"name": name, "fault": [{**one, "start_ms": START}]}
+                    for name, one in FAULTS.items()
+                    if not fault
+                ),
+                {
+                    "name": "estop",
+                    "fault": [
+                        {
+                            "site": "buttons",
+                            "channel": "estop",
+                            "effect": "overwrite",
+                            "value": 1,
+                            "start_ms": 0,
+                        }
+                    ],
+                },
             ],
         }
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +95,9 @@ def run(robot, ticks):
 
 
 def by_the_rules(series, arm, live):
-    """Distances of an arm by the definitions of outcomes, mm, from the series of its run in the campaign."""
+    """Distances of an arm by the definitions of outcomes, mm, from the series of its run in the
+    campaign.
+    """
     tip, golden = series[f"{arm}/tip"].astype(float), series[f"{arm}/golden_tip"].astype(float)
 
     def size(vectors):
@@ -88,20 +126,44 @@ def test_an_armed_row_does_what_it_does_in_its_campaign(made):
     again = replay.replay(config(), 0, engine="simd")
     places = made.layout.places
     live = rows[:, places["live"]].ravel() != 0
-    np.testing.assert_array_equal(live, (again.series["runlevel"] == 3) & (again.series["soft_estopped"] == 0))
+    np.testing.assert_array_equal(
+        live, (again.series["runlevel"] == 3) & (again.series["soft_estopped"] == 0)
+    )
     for arm in ("gold", "green"):
-        for name, series in (("jpos", "jpos"), ("link_jpos", "link_jpos"), ("tip", "tip"), ("dac", "dac_cnt")):
+        for name, series in (
+            ("jpos", "jpos"),
+            ("link_jpos", "link_jpos"),
+            ("tip", "tip"),
+            ("dac", "dac_cnt"),
+        ):
             mine = rows[:, places[f"{arm}/{name}"]]
-            np.testing.assert_array_equal(mine, again.series[f"{arm}/{series}"].astype(np.float32), err_msg=name)
+            np.testing.assert_array_equal(
+                mine, again.series[f"{arm}/{series}"].astype(np.float32), err_msg=name
+            )
         for name, distance in by_the_rules(again.series, arm, live).items():
-            np.testing.assert_allclose(rows[:, places[f"{arm}/{name}"]].ravel(), distance, atol=1e-3, err_msg=name)
-    assert rows[:START, places["fault_active"]].sum() == 0 and rows[START:, places["fault_active"]].sum() == 24
+            np.testing.assert_allclose(
+                rows[:, places[f"{arm}/{name}"]].ravel(), distance, atol=1e-3, err_msg=name
+            )
+    assert (
+        rows[:START, places["fault_active"]].sum() == 0
+        and rows[START:, places["fault_active"]].sum() == 24
+    )
     outcomes = robot.outcomes()
-    for name in ("first_active_ms", "cue0_first_ms", "check_soft_estop_first_ms", "halted_ms", "end_runlevel"):
+    for name in (
+        "first_active_ms",
+        "cue0_first_ms",
+        "check_soft_estop_first_ms",
+        "halted_ms",
+        "end_runlevel",
+    ):
         assert outcomes[name] == pytest.approx(again.row[name], nan_ok=True, rel=1e-6), name
     for name in ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm"):
         peak = max(rows[:, places[f"{arm}/{name}"]].max() for arm in ("gold", "green"))
-        assert outcomes[name] == pytest.approx(peak, rel=1e-6) == pytest.approx(again.row[name], abs=1e-4), name
+        assert (
+            outcomes[name]
+            == pytest.approx(peak, rel=1e-6)
+            == pytest.approx(again.row[name], abs=1e-4)
+        ), name
 
 
 @pytest.mark.slow
@@ -126,9 +188,16 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
         assert told[name] == pytest.approx(again[name], abs=1e-3), name
     for name in ("unintended_first_ms", "loss_first_ms", "false_report_first_ms"):
         assert (-1 if told[name] is None else told[name]) == again[name], name
-    assert told["halted_ms"] - told["golden_halted_ms"] == again["halted_ms"] - again["golden_halted_ms"]
+    assert (
+        told["halted_ms"] - told["golden_halted_ms"]
+        == again["halted_ms"] - again["golden_halted_ms"]
+    )
     assert (-1 if told["alarm_ms"] is None else told["alarm_ms"]) == again["told_ms"]
-    limited = {"response": "limited", "response_ms": told["limited_ms"], "response_cause": told["limited"]}
+    limited = {
+        "response": "limited",
+        "response_ms": told["limited_ms"],
+        "response_cause": told["limited"],
+    }
     assert told["limited"] is None or limited.items() <= dict(again).items()
     assert {"burst": "unintended motion", "pedal": "loss of motion", "stop": "none"}.get(
         ["burst", *FAULTS][row], "unintended motion"
@@ -146,7 +215,9 @@ def test_a_hazard_armed_before_the_first_tick_finds_nothing_missed(made):
 
 
 def test_as_long_as_nothing_has_struck_the_robot_is_its_own_golden_run(made):
-    """The golden run is computed from the first arming on only; computed all along it gives the same bits."""
+    """The golden run is computed from the first arming on only; computed all along it gives the
+    same bits.
+    """
     lazy, eager = robot_of(made), robot_of(made)
     eager._part(True)
     for robot in (lazy, eager):
@@ -185,7 +256,10 @@ def test_the_button_beside_the_robot_stops_it(made):
     run(robot, 600)
     robot.press(made.plan.runs - 1)
     rows = run(robot, 200)
-    assert rows[0, made.layout.places["runlevel"]] == 3 and rows[-1, made.layout.places["runlevel"]] == 0
+    assert (
+        rows[0, made.layout.places["runlevel"]] == 3
+        and rows[-1, made.layout.places["runlevel"]] == 0
+    )
     assert robot.outcomes()["check_estop_first_ms"] >= 600
 
 

@@ -1,4 +1,6 @@
-"""Before a session's time begins its robot may wait for as long as it likes, stopped or not heard of too."""
+"""Before a session's time begins its robot may wait for as long as it likes, stopped or not
+heard of too.
+"""
 
 import numpy as np
 import pytest
@@ -26,12 +28,19 @@ def wait(session, ticks, *, pedal=False, also=()):
     ]
 
 
-def test_a_robot_that_is_stopped_before_anybody_drove_waits_stopped_for_as_long_as_it_takes(session):
+def test_a_robot_that_is_stopped_before_anybody_drove_waits_stopped_for_as_long_as_it_takes(
+    session,
+):
     wait(session, 100)
     wait(session, 500, also=[ESTOP])
     tips = session.frame["gold/tip"].copy()
-    wait(session, session.robot.motion.shape[1] + STAND_BY_MS)  # its motion has no more rows than that
-    assert PHASES[int(session.frame.number("phase"))] == "stopped" and session.frame.number("runlevel") == 0
+    wait(
+        session, session.robot.motion.shape[1] + STAND_BY_MS
+    )  # its motion has no more rows than that
+    assert (
+        PHASES[int(session.frame.number("phase"))] == "stopped"
+        and session.frame.number("runlevel") == 0
+    )
     np.testing.assert_allclose(session.frame["gold/tip"], tips, atol=1e-4)
     wait(session, 100, also=[{"type": "operator", "do": "restart"}])
     events = wait(session, 3000, pedal=True)

@@ -19,7 +19,9 @@ def test_points_and_ways_as_scene_and_mapping_have_them(arm):
     np.testing.assert_allclose(from_world(arm, world.to_world(arm, point)), point, atol=1e-15)
     for axis in range(3):
         way = np.eye(3)[axis]
-        in_frame0 = mapping.position_from_itp(arm, Vec(world.turned(world.itp_from_view(arm), tuple(way))))
+        in_frame0 = mapping.position_from_itp(
+            arm, Vec(world.turned(world.itp_from_view(arm), tuple(way)))
+        )
         in_world = np.array(scene.frame0(arm)[1]) @ np.array(in_frame0)
         np.testing.assert_allclose(in_world, VIEW[axis], atol=1e-12)
         np.testing.assert_allclose(world.view_from_world(tuple(in_world)), way, atol=1e-12)

@@ -1,4 +1,6 @@
-"""A study's plan: the floor that it states is the p that `study` itself reaches with the largest effect there is."""
+"""A study's plan: the floor that it states is the p that `study` itself reaches with the largest
+effect there is.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,10 @@ def test_six_pairs_can_never_be_clear_over_four_outcomes():
     holm = multiplicity.holm({str(i): found.smallest_p for i in range(4)})
     assert [one.adjusted for one in holm.values()] == [pytest.approx(found.adjusted)] * 4
     text = planning.sentences(found)
-    assert "the smallest p is 0.0312; after Holm over 4 comparisons 0.125" in text and "no result can be clear" in text
+    assert (
+        "the smallest p is 0.0312; after Holm over 4 comparisons 0.125" in text
+        and "no result can be clear" in text
+    )
 
 
 @pytest.mark.parametrize("paired", [True, False])
@@ -45,7 +50,9 @@ def test_what_is_needed_is_the_least_that_can_be_clear(paired, outcomes):
 
 
 def test_a_floor_of_the_draws_is_told_as_theirs():
-    assert "0.0002, as 9,999 exchanges are drawn; after Holm" in planning.sentences(planning.plan(24, paired=False))
+    assert "0.0002, as 9,999 exchanges are drawn; after Holm" in planning.sentences(
+        planning.plan(24, paired=False)
+    )
     assert "drawn" not in planning.sentences(planning.plan(6))
 
 
@@ -56,7 +63,9 @@ def test_an_effect_needs_more_and_a_smaller_one_more_still():
     assert planning.plan(6, outcomes=1, effect=0.5).for_effect == 34
 
 
-@pytest.mark.parametrize("wrong", [{"groups": 1}, {"outcomes": 0}, {"effect": -1.0}, {"power": 1.0}, {"effect": 1e-9}])
+@pytest.mark.parametrize(
+    "wrong", [{"groups": 1}, {"outcomes": 0}, {"effect": -1.0}, {"power": 1.0}, {"effect": 1e-9}]
+)
 def test_numbers_that_make_no_sense_are_refused(wrong):
     with pytest.raises(UserError):
         planning.plan(6, **wrong)

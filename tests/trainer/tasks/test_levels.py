@@ -1,4 +1,6 @@
-"""Levels to proficiency: rounds, times and what leads on, with a tip that is put where it should go."""
+"""Levels to proficiency: rounds, times and what leads on, with a tip that is put where it should
+go.
+"""
 
 from __future__ import annotations
 
@@ -46,12 +48,23 @@ def test_rounds_in_a_row_within_the_time_lead_on():
     assert [event["kind"] for event in trainee.told] == ["level", "target"]
     assert trainee.told[0]["level"] == 1 and trainee.told[0]["took_ms"] is None
     (first,) = trainee.round(500)  # from the first target to the third: 1 s
-    assert (first["level"], first["took_ms"], first["within"], first["in_a_row"]) == (1, 1000, True, 1)
+    assert (first["level"], first["took_ms"], first["within"], first["in_a_row"]) == (
+        1,
+        1000,
+        True,
+        1,
+    )
     (slow,) = trainee.round(501)
     assert (slow["level"], slow["took_ms"], slow["within"], slow["in_a_row"]) == (1, 1002, False, 0)
     trainee.round(100)
     (on,) = trainee.round(100)
-    assert (on["level"], on["title"], on["within_s"], on["in_a_row"], on["within"]) == (2, "two", 0.5, 0, True)
+    assert (on["level"], on["title"], on["within_s"], on["in_a_row"], on["within"]) == (
+        2,
+        "two",
+        0.5,
+        0,
+        True,
+    )
     assert one.progress == pytest.approx(0.5) and not one.done
     trainee.round(500)
     assert trainee.round(500) == [] and one.done and one.target == -1

@@ -58,11 +58,18 @@ def test_the_last_target_ends_the_task_and_the_numbers_are_right():
         put(frame, "gold", one.targets[k][1])
         events += one.step(frame, 500 * (k + 1))
     assert kinds(events) == ["target", "task_done", "target"] and events[-1]["target"] == -1
-    assert one.done and one.target == -1 and one.progress == 1.0 and one.wish("gold", (0, 0, 0)) is None
+    assert (
+        one.done
+        and one.target == -1
+        and one.progress == 1.0
+        and one.wish("gold", (0, 0, 0)) is None
+    )
     points = [to_world("gold", TIPS["gold"]), one.targets[0][1], one.targets[1][1]]
     way = 1e3 * sum(math.dist(a, b) for a, b in itertools.pairwise(points))
     result = one.result()
-    assert result["score"] == 100.0 and result["reached"] == 2 and result["time_per_target_ms"] == 500
+    assert (
+        result["score"] == 100.0 and result["reached"] == 2 and result["time_per_target_ms"] == 500
+    )
     assert result["straight_mm"] == pytest.approx(way, abs=0.01) == result["path_mm"]["gold"]
     assert one.step(frame, 2000) == []
 
@@ -99,18 +106,34 @@ LARGEST = (
 def test_every_goal_is_within_reach_of_every_arm_held_as_at_home(arm):
     every = [task(arms, **settings)[0] for arms in ((arm,), BOTH) for settings in LARGEST]
     goals = [at for one in every if one.kind == "reach" for _, at in one.targets]
-    goals += [(x, y, z + up) for one in every if one.kind == "peg_transfer" for x, y, z in one.pegs for up in (0, 0.01)]
+    goals += [
+        (x, y, z + up)
+        for one in every
+        if one.kind == "peg_transfer"
+        for x, y, z in one.pegs
+        for up in (0, 0.01)
+    ]
     goals += [at for one in every if one.kind == "path" for at in one.points[::5]]
     home = np.array(limits.HOME_JPOS, float)
     _, rotation = ravenjax.forward_kinematics(home, arm)
-    points = np.array([from_world(arm, goal) for goal in goals]) - JAW_LENGTH * np.asarray(rotation)[:, 0]
+    points = (
+        np.array([from_world(arm, goal) for goal in goals])
+        - JAW_LENGTH * np.asarray(rotation)[:, 0]
+    )
     allowed = limits.soft_limits("r_grasper")
     jpos = np.tile(home, (len(goals), 1))
-    for share in np.linspace(0, 1, 16):  # the software refuses what is far from where the joints are
+    for share in np.linspace(
+        0, 1, 16
+    ):  # the software refuses what is far from where the joints are
         way = np.array(AXES[arm]) + share * (points - np.array(AXES[arm]))
-        jpos, status = map(np.asarray, ravenjax.inverse_kinematics(way, np.asarray(rotation), math.pi / 2, jpos, arm))
+        jpos, status = map(
+            np.asarray,
+            ravenjax.inverse_kinematics(way, np.asarray(rotation), math.pi / 2, jpos, arm),
+        )
         assert np.all(status == kinematics.OK), share
-        assert np.all(jpos[:, :5] > allowed.lower[:5]) and np.all(jpos[:, :5] < allowed.upper[:5]), share
+        assert np.all(jpos[:, :5] > allowed.lower[:5]) and np.all(
+            jpos[:, :5] < allowed.upper[:5]
+        ), share
 
 
 # --- peg transfer ---
@@ -135,7 +158,7 @@ def test_the_object_is_taken_carried_and_placed():
     assert one.object == start and one.step(frame, 0)[0]["target"] == len(one.pegs)
     put(frame, "gold", start)
     jaws(frame, "gold", CLOSED)
-    (held, target) = one.step(frame, 1)
+    held, target = one.step(frame, 1)
     assert held["held"] == "gold" and target["target"] == one.ways[1] and one.held == "gold"
     put(frame, "gold", (0.0, 0.0, 0.2))
     one.step(frame, 2)
@@ -152,7 +175,9 @@ def test_what_is_let_go_elsewhere_drops_and_has_to_be_fetched():
     one, frame = task(kind="peg_transfer", transfers=2)
     carried(one, frame, "gold", (0.0, 0.0, 0.205))
     x, y, z = one.object
-    assert one.dropped == 1 and (x, y) == pytest.approx((0, 0), abs=1e-8) and z < surface(0, 0) + 0.003
+    assert (
+        one.dropped == 1 and (x, y) == pytest.approx((0, 0), abs=1e-8) and z < surface(0, 0) + 0.003
+    )
     assert one.target == len(one.pegs)
     carried(one, frame, "gold", one.pegs[one.ways[1]], 10)
     assert (one.placed, one.dropped) == (1, 1) and one.result()["score"] == 25.0  # (1 - 0.5) of 2
@@ -221,10 +246,23 @@ def test_what_the_page_and_the_debrief_get_is_json_of_one_shape(kind):
     one, frame = task(BOTH, kind=kind)
     hold(one, frame, 3)
     geometry = json.loads(json.dumps(one.geometry()))
-    assert geometry["kind"] == kind and set(geometry) == {"kind", "targets", "pegs", "object", "path", "turns"}
-    assert (geometry["turns"] is not None) == (kind in ("peg_transfer", "path"))  # of targets each names its arm
+    assert geometry["kind"] == kind and set(geometry) == {
+        "kind",
+        "targets",
+        "pegs",
+        "object",
+        "path",
+        "turns",
+    }
+    assert (geometry["turns"] is not None) == (
+        kind in ("peg_transfer", "path")
+    )  # of targets each names its arm
     result = json.loads(json.dumps(one.result(), allow_nan=False))
-    assert result["kind"] == kind and 0 <= result["score"] <= 100 and set(result["path_mm"]) == set(BOTH)
+    assert (
+        result["kind"] == kind
+        and 0 <= result["score"] <= 100
+        and set(result["path_mm"]) == set(BOTH)
+    )
     one.restart()
     assert not one.done
 

@@ -1,1 +1,3 @@
-"""Carrying rows to processes and clusters and their results back; nothing here decides an outcome."""
+"""Carrying rows to processes and clusters and their results back; nothing here decides an
+outcome.
+"""

@@ -1,7 +1,8 @@
-"""Chunks that are to be computed elsewhere: handed out, taken back from workers that died, given up in the end.
+"""Chunks that are to be computed elsewhere: handed out, taken back from workers that died, given up
+in the end.
 
-A chunk that was in the hands of a worker that died is under suspicion: from then on it is computed alone, so that the
-next death can be laid at its door and at no other's.
+A chunk that was in the hands of a worker that died is under suspicion: from then on it is computed
+alone, so that the next death can be laid at its door and at no other's.
 """
 
 from __future__ import annotations
@@ -37,10 +38,14 @@ class Attempts:
         self._progress, self._change = progress, threading.Condition()
 
     def take(self, idle: bool) -> Handed | None:
-        """The next chunk. None: nothing for now, and where the worker is idle, nothing ever again."""
+        """The next chunk. None: nothing for now, and where the worker is idle, nothing ever
+        again.
+        """
         with self._change:
             while self._error is None:
-                if self._fresh and (idle or len(self._fresh) >= self._workers):  # towards the end nobody hoards
+                if self._fresh and (
+                    idle or len(self._fresh) >= self._workers
+                ):  # towards the end nobody hoards
                     self._out += 1
                     return Handed(self._fresh.popleft(), False)
                 if idle and self._suspect:
@@ -59,7 +64,9 @@ class Attempts:
             self._change.notify_all()
 
     def failed(self, rows: range, why: str) -> None:
-        """A chunk that was handed out did not come back: it is tried again, or given up and named."""
+        """A chunk that was handed out did not come back: it is tried again, or given up and
+        named.
+        """
         with self._change:
             self._out -= 1
             self._tries[rows] = self._tries.get(rows, 0) + 1
@@ -69,8 +76,12 @@ class Attempts:
             else:
                 self._lost[rows] = why
                 self._progress.lost({why: len(rows)})
-                self._progress.note(f"rows {_named(rows)}: {why}; given up after {ATTEMPTS} attempts")
-                if not self._delivered and self._error is None:  # it is not the chunk, nothing works
+                self._progress.note(
+                    f"rows {_named(rows)}: {why}; given up after {ATTEMPTS} attempts"
+                )
+                if (
+                    not self._delivered and self._error is None
+                ):  # it is not the chunk, nothing works
                     self._error = self._refusal()
             self._change.notify_all()
 
@@ -93,11 +104,18 @@ class Attempts:
             raise self._refusal()
 
     def _refusal(self) -> UserError:
-        lost = listed([f"rows {_named(rows)}: {why}" for rows, why in sorted(self._lost.items(), key=_first)])
-        rest = "every other chunk is finished and kept" if self._delivered else "no chunk was finished by any worker"
+        lost = listed(
+            [f"rows {_named(rows)}: {why}" for rows, why in sorted(self._lost.items(), key=_first)]
+        )
+        rest = (
+            "every other chunk is finished and kept"
+            if self._delivered
+            else "no chunk was finished by any worker"
+        )
         return UserError(
-            f"{len(self._lost)} chunk(s) failed {ATTEMPTS} times each; {rest}:\n{lost}\n"
-            "Start the same command again to try these alone; with --executor local the error itself comes to light."
+            f"{len(self._lost)} chunk(s) failed {ATTEMPTS} times each; {rest}:\n{lost}\nStart the"
+            " same command again to try these alone; with --executor local the error itself comes"
+            " to light."
         )
 
 

@@ -1,10 +1,12 @@
 """Executor `ray`: tasks on the nodes of a Ray cluster, an extra (`pip install 'ravenjax[ray]'`).
 
-Parts come back to the coordinator as bytes, through Ray's object store, rather than being written by the nodes: a
-cluster then needs no shared file system, one process alone answers for the folder, and a task that Ray runs twice (its
-node was only cut off) leaves no trace. It costs the coordinator's network some 200 B a run, both ways together.
+Parts come back to the coordinator as bytes, through Ray's object store, rather than being written
+by the nodes: a cluster then needs no shared file system, one process alone answers for the folder,
+and a task that Ray runs twice (its node was only cut off) leaves no trace. It costs the
+coordinator's network some 200 B a run, both ways together.
 
-Ray itself runs a task again whose worker or node died; what it gives up is tried again alone, see `Attempts`.
+Ray itself runs a task again whose worker or node died; what it gives up is tried again alone, see
+`Attempts`.
 """
 
 from __future__ import annotations
@@ -28,13 +30,17 @@ from ravenjax.errors import UserError
 RETRIES = 3
 """How often Ray itself runs a task again whose worker or node died."""
 CORES = 4
-"""Cores of a task, where nobody says how many tasks there should be; fewer where no node has as many."""
+"""Cores of a task, where nobody says how many tasks there should be; fewer where no node has as
+many.
+"""
 WRITERS = 4
 """Parts that are written side by side, at most."""
 ANSWER_S = 10.0
 """How long a cluster may take to answer."""
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
-"""Environment of the coordinator that decides how a task computes, set before anything is imported there."""
+"""Environment of the coordinator that decides how a task computes, set before anything is
+imported there.
+"""
 
 _benches: dict[str, remote.Bench] = {}
 """In a Ray worker: what it made ready for earlier chunks of the same campaign."""
@@ -46,7 +52,9 @@ class Ray:
     name = "ray"
 
     def __init__(self, workers: int | None = None, address: str | None = None) -> None:
-        """address: of a running cluster, None for one on this machine alone. Raises UserError without the package."""
+        """address: of a running cluster, None for one on this machine alone. Raises UserError
+        without the package.
+        """
         self.workers, self._address = workers, address
         _import()
 
@@ -119,7 +127,9 @@ class Ray:
         attempts.conclude()
 
 
-def _fill(attempts: Attempts, under_way: dict[Any, Handed], most: int, start: Callable[[range], Any]) -> bool:
+def _fill(
+    attempts: Attempts, under_way: dict[Any, Handed], most: int, start: Callable[[range], Any]
+) -> bool:
     """Start what there is room for; whether anything is under way."""
     while len(under_way) < most and not any(chunk.alone for chunk in under_way.values()):
         chunk = attempts.take(idle=not under_way)
@@ -130,20 +140,30 @@ def _fill(attempts: Attempts, under_way: dict[Any, Handed], most: int, start: Ca
 
 
 def _join(ray: Any, address: str | None) -> None:
-    """Join the cluster of that address, or begin one here. Raises UserError where nobody answers."""
+    """Join the cluster of that address, or begin one here. Raises UserError where nobody
+    answers.
+    """
     terminated = signal.getsignal(signal.SIGTERM)
     try:
         if address is not None and (match := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
-            socket.create_connection((match[1], int(match[2])), ANSWER_S).close()  # Ray itself would ask for minutes
-        ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="error")
+            socket.create_connection(
+                (match[1], int(match[2])), ANSWER_S
+            ).close()  # Ray itself would ask for minutes
+        ray.init(
+            address=address, include_dashboard=False, log_to_driver=False, logging_level="error"
+        )
     except OSError as error:  # a ConnectionError, which Ray raises, is one
-        raise UserError(f"--ray-address {address}: no Ray cluster answers there ({error})") from error
+        raise UserError(
+            f"--ray-address {address}: no Ray cluster answers there ({error})"
+        ) from error
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, terminated)  # Ray has put its own in its place
 
 
 def environment(engine: str) -> dict[str, str]:
-    """Environment of a task of this engine: the coordinator's, and no GPU for JAX where it would only take memory."""
+    """Environment of a task of this engine: the coordinator's, and no GPU for JAX where it would
+    only take memory.
+    """
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     return {"JAX_PLATFORMS": "cpu"} | variables if engine == "simd" else variables
 
@@ -164,8 +184,12 @@ def _seats(
     """(cores of a task, tasks side by side)."""
     if gpu:
         seats = int(resources.get("GPU", 0))
-        return max(1, int(resources.get("CPU", 1)) // max(1, workers or seats)), workers or max(1, seats)
-    largest = max((int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]), default=1)
+        return max(1, int(resources.get("CPU", 1)) // max(1, workers or seats)), workers or max(
+            1, seats
+        )
+    largest = max(
+        (int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]), default=1
+    )
     total = int(resources.get("CPU", 1))
     cores = max(1, min(largest, CORES if workers is None else total // workers))
     return cores, workers or max(1, total // cores)
@@ -181,5 +205,7 @@ def _import() -> Any:
     try:
         import ray
     except ImportError as error:
-        raise UserError("--executor ray needs the package ray: pip install 'ravenjax[ray]'") from error
+        raise UserError(
+            "--executor ray needs the package ray: pip install 'ravenjax[ray]'"
+        ) from error
     return ray

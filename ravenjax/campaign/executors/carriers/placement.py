@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 CORES = 8
-"""Cores of a worker where nobody chose a number: a block of 256 runs of 0.5 s takes engine simd 17 ms of a core and
-holds Python for 2 ms of them, so that more threads of one process would wait for each other."""
+"""Cores of a worker where nobody chose a number: a block of 256 runs of 0.5 s takes engine simd 17
+ms of a core and holds Python for 2 ms of them, so that more threads of one process would wait for
+each other."""
 _NODES = Path("/sys/devices/system/node")
 
 
@@ -24,7 +25,8 @@ class Seat:
 
 
 def seats(workers: int | None, gpus: Sequence[str]) -> list[Seat]:
-    """A seat for each worker. gpus: what CUDA_VISIBLE_DEVICES may name, none where the engine uses none.
+    """A seat for each worker. gpus: what CUDA_VISIBLE_DEVICES may name, none where the engine uses
+    none.
 
     workers: None for one a GPU, or one for every `CORES` cores of a NUMA node.
     """
@@ -37,7 +39,9 @@ def seats(workers: int | None, gpus: Sequence[str]) -> list[Seat]:
 
 
 def groups(nodes: Sequence[Sequence[int]], count: int) -> list[tuple[int, ...]]:
-    """The CPUs of `nodes` in `count` groups as even as can be, neighbours together; shared where they are too few."""
+    """The CPUs of `nodes` in `count` groups as even as can be, neighbours together; shared where
+    they are too few.
+    """
     cpus = [cpu for node in nodes for cpu in node]
     if count >= len(cpus):
         return [(cpus[number % len(cpus)],) for number in range(count)]
@@ -49,7 +53,9 @@ def numa_nodes(allowed: Iterable[int], folder: Path = _NODES) -> list[list[int]]
     """The allowed CPUs by NUMA node, ascending; one node where the system names none."""
     left = set(allowed)
     nodes = []
-    for path in sorted(folder.glob("node[0-9]*/cpulist"), key=lambda path: int(path.parent.name[4:])):
+    for path in sorted(
+        folder.glob("node[0-9]*/cpulist"), key=lambda path: int(path.parent.name[4:])
+    ):
         here = sorted(left & set(_cpus(path.read_text())))
         if here:
             nodes.append(here)
@@ -59,7 +65,11 @@ def numa_nodes(allowed: Iterable[int], folder: Path = _NODES) -> list[list[int]]
 
 def visible_gpus(count: int) -> list[str]:
     """Names of the GPUs that this process sees, as CUDA_VISIBLE_DEVICES has them."""
-    named = [name.strip() for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name.strip()]
+    named = [
+        name.strip()
+        for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")
+        if name.strip()
+    ]
     return named[:count] if named else [str(number) for number in range(count)]
 
 

@@ -1,9 +1,10 @@
 """Executor `processes`: worker processes of this machine, each on cores or a GPU of its own.
 
-They are started anew, never forked: what was imported or begun here (JAX, CUDA, threads) is none of theirs, nor is the
-user's script run again. One thread here serves each: it hands out two chunks at a time, so that the worker computes one
-while the other is packed and sent, and takes them back when the worker dies, or gives no sign of life: one that was
-stopped is as good as dead, and is killed and replaced.
+They are started anew, never forked: what was imported or begun here (JAX, CUDA, threads) is none of
+theirs, nor is the user's script run again. One thread here serves each: it hands out two chunks at
+a time, so that the worker computes one while the other is packed and sent, and takes them back when
+the worker dies, or gives no sign of life: one that was stopped is as good as dead, and is killed
+and replaced.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ HELD = 2
 PATIENCE = 6
 """Waits without a sign of life after which a worker counts as dead."""
 WAIT_S = 5.0
-"""Of one wait. They are counted, so that a machine that slept, coordinator and all, has missed but one of them."""
+"""Of one wait. They are counted, so that a machine that slept, coordinator and all, has missed
+but one of them.
+"""
 _HOME = Path(__file__).resolve().parents[4]
 """Folder of the package: workers import this one, wherever they are started."""
 
@@ -57,10 +60,14 @@ class Processes:
         servants = [_Servant(seat, head, work, attempts) for seat in seats]
         with interruption.held_back(), ThreadPoolExecutor(len(servants)) as pool:
             try:
-                for _ in interruption.completed([pool.submit(servant.serve) for servant in servants]):
+                for _ in interruption.completed(
+                    [pool.submit(servant.serve) for servant in servants]
+                ):
                     if attempts.stopped:
                         break
-            except BaseException as error:  # a signal, for one: what is finished is delivered, then all is over
+            except (
+                BaseException
+            ) as error:  # a signal, for one: what is finished is delivered, then all is over
                 attempts.stop(error)
                 raise
             finally:
@@ -176,7 +183,9 @@ class _Servant:
     def _start(self) -> None:
         mine, its = socket.socketpair()
         for option in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):  # of a message that was begun
-            mine.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", round(PATIENCE * WAIT_S), 0))
+            mine.setsockopt(
+                socket.SOL_SOCKET, option, struct.pack("ll", round(PATIENCE * WAIT_S), 0)
+            )
         paths = [str(_HOME), *filter(None, [os.environ.get("PYTHONPATH")])]
         with its:
             self._process = subprocess.Popen(

@@ -1,9 +1,10 @@
-"""A worker process of executor `processes`: `python -m ravenjax.campaign.executors.carriers.worker FD CPUS`.
+"""A worker process of executor `processes`: `python -m ravenjax.campaign.executors.carriers.worker
+FD CPUS`.
 
-FD is one end of a socket pair. The head comes first, then shares; back go ("compiled", s), ("ticks", done, due),
-("finished", Finished), ("failed", rows, why), ("refused", why), and every `ALIVE_S` seconds ("alive",), whatever else
-is under way: who says nothing at all is stopped. The standard input holds nothing: once it ends, the coordinator is
-gone, and so is this process.
+FD is one end of a socket pair. The head comes first, then shares; back go ("compiled", s),
+("ticks", done, due), ("finished", Finished), ("failed", rows, why), ("refused", why), and every
+`ALIVE_S` seconds ("alive",), whatever else is under way: who says nothing at all is stopped. The
+standard input holds nothing: once it ends, the coordinator is gone, and so is this process.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ ALIVE_S = 2.0
 
 def main() -> None:
     """Serve until the coordinator hangs up."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the coordinator decides
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches every process; the coordinator decides
     os.sched_setaffinity(0, map(int, sys.argv[2].split(",")))  # before any thread pool is sized
     threading.Thread(target=_leave_with_the_coordinator, daemon=True).start()
     connection = Connection(int(sys.argv[1]))

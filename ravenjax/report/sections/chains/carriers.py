@@ -1,8 +1,10 @@
-"""Which signals carry the faults that evade the checks, and where those were visible first: over explained runs.
+"""Which signals carry the faults that evade the checks, and where those were visible first: over
+explained runs.
 
-A signal *carries* a run where it differs from the golden run when harm begins, or before. It *shows* the run where it
-leaves its normal range before harm; its lead is the time from there to harm. Both arms' signals of one seam count as
-one. Runs are one of each fault, as in every rate of the report, and of groups whose evading faults are all explained.
+A signal *carries* a run where it differs from the golden run when harm begins, or before. It
+*shows* the run where it leaves its normal range before harm; its lead is the time from there to
+harm. Both arms' signals of one seam count as one. Runs are one of each fault, as in every rate of
+the report, and of groups whose evading faults are all explained.
 """
 
 from __future__ import annotations
@@ -138,14 +140,20 @@ def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
     """How long before harm each seam showed each run, ms [seams, runs]; 0: not before it."""
     if not seams:
         return np.zeros((0, len(harm)), np.int64)
-    return np.stack([np.where((one.leaves >= 0) & (one.leaves < harm), harm - one.leaves, 0) for one in seams])
+    return np.stack(
+        [np.where((one.leaves >= 0) & (one.leaves < harm), harm - one.leaves, 0) for one in seams]
+    )
 
 
-def _passages(seams: Sequence[chain.SignalTicks], harm: np.ndarray, counting: _Counting) -> list[Passage]:
+def _passages(
+    seams: Sequence[chain.SignalTicks], harm: np.ndarray, counting: _Counting
+) -> list[Passage]:
     """Every pair of seams of which one is the next to differ after the other in some run."""
     if not seams or not len(harm):
         return []
-    times = np.stack([np.where(_by(one.differs, harm), one.differs.astype(np.int64), _NEVER) for one in seams])
+    times = np.stack(
+        [np.where(_by(one.differs, harm), one.differs.astype(np.int64), _NEVER) for one in seams]
+    )
     order = np.argsort(times, axis=0, kind="stable")  # within a tick in the robot's order
     came = np.take_along_axis(times, order, axis=0) < _NEVER
     pairs: dict[tuple[int, int], np.ndarray] = {}
@@ -154,7 +162,9 @@ def _passages(seams: Sequence[chain.SignalTicks], harm: np.ndarray, counting: _C
             pair = divmod(code, len(seams))
             hit = there & (before == pair[0]) & (after == pair[1])
             pairs[pair] = pairs.get(pair, np.zeros(len(harm), bool)) | hit
-    rows = [Passage(seams[a].name, seams[b].name, counting.rate(hit)) for (a, b), hit in pairs.items()]
+    rows = [
+        Passage(seams[a].name, seams[b].name, counting.rate(hit)) for (a, b), hit in pairs.items()
+    ]
     return sorted(rows, key=lambda row: (-row.rate.k, row.before, row.after))
 
 
@@ -167,7 +177,9 @@ class _Counting(NamedTuple):
 
     @staticmethod
     def of(rows: pd.DataFrame, robots: bool, sampled: bool) -> _Counting:
-        """rows: unit and group of each run; robots: units are robots that were drawn whole, in every group alike."""
+        """rows: unit and group of each run; robots: units are robots that were drawn whole, in
+        every group alike.
+        """
         if not sampled and not robots:
             return _Counting(None, False, "")
         if robots:
@@ -194,7 +206,9 @@ class _Counting(NamedTuple):
 
 
 def _median(values: np.ndarray) -> Any:
-    """The value with half of the weight on either side, between two where both have it; of weights [b, n]."""
+    """The value with half of the weight on either side, between two where both have it; of
+    weights [b, n].
+    """
     order = np.argsort(values, kind="stable")
     in_order = values[order]
 
@@ -202,6 +216,8 @@ def _median(values: np.ndarray) -> Any:
         heap = np.cumsum(weight[:, order], axis=1)
         half = heap[:, -1:] / 2
         below, until = ((heap < half).sum(axis=1), (heap <= half).sum(axis=1))
-        return (in_order[below.clip(max=len(values) - 1)] + in_order[until.clip(max=len(values) - 1)]) / 2
+        return (
+            in_order[below.clip(max=len(values) - 1)] + in_order[until.clip(max=len(values) - 1)]
+        ) / 2
 
     return of

@@ -27,8 +27,8 @@ LEAST = 0.1
 
 
 def graph(one: Propagation) -> Chart | None:
-    """Seams in the robot's order, each at the share of runs that it carries, and at that of runs that it shows; lines
-    are the passages from one to the next. None without runs."""
+    """Seams in the robot's order, each at the share of runs that it carries, and at that of runs
+    that it shows; lines are the passages from one to the next. None without runs."""
     if not one.carriers:
         return None
     place = {row.seam: number for number, row in enumerate(one.carriers)}
@@ -45,8 +45,17 @@ def graph(one: Propagation) -> Chart | None:
     ]
     ranged = [row for row in one.carriers if row.ranged]
     marks = (
-        *_dots("differs before harm", "series3", one.carriers, lambda row: row.carries, place, False),
-        *_dots("leaves its normal range before harm", "series2", ranged, lambda row: row.shows, place, True),
+        *_dots(
+            "differs before harm", "series3", one.carriers, lambda row: row.carries, place, False
+        ),
+        *_dots(
+            "leaves its normal range before harm",
+            "series2",
+            ranged,
+            lambda row: row.shows,
+            place,
+            True,
+        ),
     )
     return Chart(
         "Which signals carry and show the faults that evade",
@@ -58,7 +67,9 @@ def graph(one: Propagation) -> Chart | None:
 
 
 def leads(one: Propagation) -> Chart | None:
-    """The median time from a signal's leaving its range to harm; None where none ever does before it."""
+    """The median time from a signal's leaving its range to harm; None where none ever does
+    before it.
+    """
     rows = [row for row in one.carriers if row.shows.k]
     if not rows:
         return None
@@ -68,7 +79,11 @@ def leads(one: Propagation) -> Chart | None:
         "How long before harm a signal leaves its range",
         ChartAxis("median, ms before harm", 0.0, above(1.02 * most), unit="ms"),
         _rows(rows),
-        (*_dots("of the faults that it shows", "series2", rows, lambda row: row.lead_ms, place, True),),
+        (
+            *_dots(
+                "of the faults that it shows", "series2", rows, lambda row: row.lead_ms, place, True
+            ),
+        ),
         height=ROW * len(rows),
     )
 
@@ -79,21 +94,31 @@ def draw(one: Propagation, path: Path) -> Path | None:
     if not charts:
         return None
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.4 * len(charts), 1.5 + 0.2 * len(one.carriers)), layout="constrained")
-        for axes, chart in zip(figure.subplots(1, len(charts), squeeze=False)[0], charts, strict=True):
+        figure = Figure(
+            figsize=(5.4 * len(charts), 1.5 + 0.2 * len(one.carriers)), layout="constrained"
+        )
+        for axes, chart in zip(
+            figure.subplots(1, len(charts), squeeze=False)[0], charts, strict=True
+        ):
             printed.draw(chart, axes)
             axes.set_xlabel(chart.x.title)
             axes.tick_params("y", labelsize=8)
             axes.set_title(chart.title, loc="left", fontsize=9.5, fontweight="bold")
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), fontsize=8)
-        metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(path.suffix.lstrip("."), {})
+        metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(
+            path.suffix.lstrip("."), {}
+        )
         kind = path.suffix.lstrip(".") or "svg"
-        write_aside(path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=metadata))
+        write_aside(
+            path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=metadata)
+        )
     return path
 
 
 def _rows(carriers: Sequence[Carrier]) -> ChartAxis:
-    return ChartAxis("signals, in the robot's order", 0, len(carriers), names=tuple(row.seam for row in carriers))
+    return ChartAxis(
+        "signals, in the robot's order", 0, len(carriers), names=tuple(row.seam for row in carriers)
+    )
 
 
 def _dots(
@@ -106,11 +131,15 @@ def _dots(
 ) -> list[Dots]:
     """One mark a row: those with an interval, and those without, of one name."""
     values = [number(row) for row in rows]
-    bounded = np.array([math.isfinite(value.low) and math.isfinite(value.high) for value in values], bool)
+    bounded = np.array(
+        [math.isfinite(value.low) and math.isfinite(value.high) for value in values], bool
+    )
     out = []
     for some in (bounded, ~bounded):
         mine = [(row, value) for row, value, there in zip(rows, values, some, strict=True) if there]
-        edges = [np.array([getattr(value, end) for _, value in mine], float) for end in ("low", "high")]
+        edges = [
+            np.array([getattr(value, end) for _, value in mine], float) for end in ("low", "high")
+        ]
         low, high = edges if some is bounded else (EMPTY, EMPTY)
         if mine:
             out.append(
@@ -121,7 +150,9 @@ def _dots(
                     np.array([place[row.seam] for row, _ in mine], float),
                     x_low=low,
                     x_high=high,
-                    tips=tuple(f"{row.seam}: {_words(value)}, {row.meaning}" for row, value in mine),
+                    tips=tuple(
+                        f"{row.seam}: {_words(value)}, {row.meaning}" for row, value in mine
+                    ),
                     diamond=diamond,
                     in_legend=not out,
                 )
@@ -131,5 +162,7 @@ def _dots(
 
 def _words(value: Rate | Estimate) -> str:
     if isinstance(value, Rate):
-        return f"{wording.percent(value.value)} ({wording.count(value.k)} of {wording.count(value.n)})"
+        return (
+            f"{wording.percent(value.value)} ({wording.count(value.k)} of {wording.count(value.n)})"
+        )
     return wording.estimate(value, "ms")

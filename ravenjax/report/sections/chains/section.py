@@ -45,7 +45,9 @@ class ChainSection(NamedTuple):
 
 
 def section(runs: Runs, manifest: Manifest, folder: Path) -> ChainSection | None:
-    """Of the runs that `ravenjax explain` put beside a result; None where there are none of this campaign."""
+    """Of the runs that `ravenjax explain` put beside a result; None where there are none of this
+    campaign.
+    """
     try:
         ticks = explained.read(folder / explained.FOLDER, manifest)
     except StoreError as error:
@@ -65,11 +67,14 @@ def section(runs: Runs, manifest: Manifest, folder: Path) -> ChainSection | None
 
 
 def _worst(runs: Runs, manifest: Manifest, ticks: pd.DataFrame) -> list[WorstChain]:
-    """The explained runs that evade and went farthest; where none evades, those that went farthest."""
+    """The explained runs that evade and went farthest; where none evades, those that went
+    farthest.
+    """
     far = "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
-        f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty) USING (row) "
-        f"WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({far}), {far} DESC, row LIMIT {MOST}",
+        f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
+        f" USING (row) WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({far}), {far}"
+        f" DESC, row LIMIT {MOST}",
         [ticks["index"].tolist()],
     )
     by_row = ticks.set_index("index", drop=False)

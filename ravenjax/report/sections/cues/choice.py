@@ -1,8 +1,8 @@
 """Which haptic threshold the data would choose, and what they need where they cannot choose yet.
 
-A threshold is named where the intervals of what each set misses and how often it comes for nothing decide it
-(`stats.alarms.choice`), else the thresholds that may be best are, and the hours of fault-free motion that would tell
-more.
+A threshold is named where the intervals of what each set misses and how often it comes for nothing
+decide it (`stats.alarms.choice`), else the thresholds that may be best are, and the hours of
+fault-free motion that would tell more.
 """
 
 from __future__ import annotations
@@ -37,9 +37,11 @@ class Choice(NamedTuple):
     row: CueRow | None  # the best; None: undecided, or no set keeps the rule
     alike: int  # other sets that do exactly as well
     possible: str  # where it is undecided: the thresholds that may be best, in words
-    hours: float  # where fault-free motion would decide more: how many hours of it, in all; NaN: it would not
+    # where fault-free motion would decide more: how many hours of it, in all; NaN: it would not
+    hours: float
     remainder: str  # the thresholds that may be best even then; empty: one alone
-    least_mm: float  # where it is undecided: the lowest threshold that certainly keeps a limit; NaN: none does
+    # where it is undecided: the lowest threshold that certainly keeps a limit; NaN: none does
+    least_mm: float
 
     @property
     def several(self) -> bool:
@@ -48,23 +50,33 @@ class Choice(NamedTuple):
 
 
 def choices(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
-    """What the data choose for each of WEIGHTS and of FALSE_PER_HOUR, neighbours with the same choice in one; none
-    without unintended or fault-free motion. rows: as of `cue_sweep.rows`."""
+    """What the data choose for each of WEIGHTS and of FALSE_PER_HOUR, neighbours with the same
+    choice in one; none without unintended or fault-free motion. rows: as of `cue_sweep.rows`."""
     able = [row for row in rows if row.missed.n and row.per_hour is not None]
     if not able:
         return []
     alarms, hours = _alarm_counts(runs, able), runs.motions().hours
     several = len({row.cue.threshold_mm for row in able}) > 1  # else there is nothing to weigh
-    by_weight = [(f"{weight:,}", _cheapest(able, alarms, weight, hours)) for weight in WEIGHTS if several]
+    by_weight = [
+        (f"{weight:,}", _cheapest(able, alarms, weight, hours)) for weight in WEIGHTS if several
+    ]
     by_limit = [(f"{most:g}", _rare(able, alarms, most)) for most in FALSE_PER_HOUR]
     return [*_grouped(_WEIGHT, by_weight), *_grouped(_LIMIT, by_limit)]
 
 
 def hours_to_offer(of: Sequence[Choice]) -> float:
-    """Hours of fault-free motion that would decide every limit of false cues an hour, or else the next of the weights;
-    0 where more hours would decide nothing."""
-    limits = [one.hours for one in of if one.rule.startswith(_LIMIT.partition("{")[0]) and math.isfinite(one.hours)]
-    return max(limits) if limits else min((one.hours for one in of if math.isfinite(one.hours)), default=0.0)
+    """Hours of fault-free motion that would decide every limit of false cues an hour, or else the
+    next of the weights; 0 where more hours would decide nothing."""
+    limits = [
+        one.hours
+        for one in of
+        if one.rule.startswith(_LIMIT.partition("{")[0]) and math.isfinite(one.hours)
+    ]
+    return (
+        max(limits)
+        if limits
+        else min((one.hours for one in of if math.isfinite(one.hours)), default=0.0)
+    )
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
@@ -113,8 +125,8 @@ def _choice(
     hours: float,
     end: np.ndarray,
 ) -> Choice:
-    """possible: which may be the best; keeps: which certainly keep the rule; hours: that would decide more; end: which
-    may be the best after endless hours."""
+    """possible: which may be the best; keeps: which certainly keep the rule; hours: that would
+    decide more; end: which may be the best after endless hours."""
     sure = np.flatnonzero(possible & keeps).tolist()
     thresholds, remainder = (_thresholds(rows, which) for which in (possible, end))
     if len(thresholds) > 1 or not sure:
@@ -152,7 +164,11 @@ def _grouped(rule: str, by_number: Sequence[tuple[str, Choice]]) -> Iterator[Cho
 
     def content(one: tuple[str, Choice]) -> tuple[object, ...]:
         _, best = one
-        return best.row.number if best.row else None, best.possible, f"{best.hours:.3g} {best.least_mm:g}"
+        return (
+            best.row.number if best.row else None,
+            best.possible,
+            f"{best.hours:.3g} {best.least_mm:g}",
+        )
 
     for _, group in itertools.groupby(by_number, key=content):
         alike = list(group)

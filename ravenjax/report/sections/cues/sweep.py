@@ -1,8 +1,9 @@
-"""Every haptic threshold and gain on the same runs: hazards that it misses against cues for nothing.
+"""Every haptic threshold and gain on the same runs: hazards that it misses against cues for
+nothing.
 
-A hazard, an unintended motion, is missed where its run had no cue, or one that the golden run had by then, too: such a
-cue tells of the motion and not of the fault. A false cue is the first one of a fault-free motion. Rates are of one run
-of each fault.
+A hazard, an unintended motion, is missed where its run had no cue, or one that the golden run had
+by then, too: such a cue tells of the motion and not of the fault. A false cue is the first one of a
+fault-free motion. Rates are of one run of each fault.
 """
 
 from __future__ import annotations
@@ -37,9 +38,11 @@ class CueRow(NamedTuple):
     missed: Rate  # of runs with an unintended motion
     false: Rate  # of fault-free motions
     per_hour: AlarmRate | None
-    harmless: Rate  # of faulty runs without an unintended motion, those with a cue that the golden run has not
+    # of faulty runs without an unintended motion, those with a cue that the golden run has not
+    harmless: Rate
     best: bool  # no other set misses and disturbs as little
-    leads: bool  # whether it is a finding that it comes before the motion, and no matter of definitions
+    # whether it is a finding that it comes before the motion, and no matter of definitions
+    leads: bool
     delay_ms: Estimate  # median over those, from the fault's first effect
     before: Rate  # of runs with an unintended motion, those with the cue before it
     lead_ms: Estimate  # median over those
@@ -50,7 +53,9 @@ class CueRow(NamedTuple):
     @property
     def told(self) -> str:
         """The set in words."""
-        return f"{self.cue.threshold_mm:g} mm, Kp {self.cue.kp_per_mm:g}, Kd {self.cue.kd_s_per_mm:g}"
+        return (
+            f"{self.cue.threshold_mm:g} mm, Kp {self.cue.kp_per_mm:g}, Kd {self.cue.kd_s_per_mm:g}"
+        )
 
 
 def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
@@ -63,7 +68,10 @@ def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
     result = []
     for k, cue in enumerate(manifest.cues):
         event, end = after_onset(f"warned{k}_ms"), end_of(manifest)
-        delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
+        delay, lags = (
+            runs.delays(event, start, end, UNINTENDED)[""]
+            for start in ("active_ms", "unintended_ms")
+        )
         lead = counted.lead(lags)
         false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
         when = (sample[f"warned{k}_ms"] >= sample["active_ms"]) & (sample[f"warned{k}_ms"] >= 0)
@@ -84,17 +92,24 @@ def rows(runs: Runs, manifest: Manifest) -> list[CueRow]:
             )
         )
     best = front(
-        [row.missed.value for row in result], [row.per_hour.per_hour if row.per_hour else 0.0 for row in result]
+        [row.missed.value for row in result],
+        [row.per_hour.per_hour if row.per_hour else 0.0 for row in result],
     )
     result = [row._replace(best=bool(is_best)) for row, is_best in zip(result, best, strict=True)]
-    return sorted(result, key=lambda row: (row.cue.threshold_mm, row.cue.kp_per_mm, row.cue.kd_s_per_mm))
+    return sorted(
+        result, key=lambda row: (row.cue.threshold_mm, row.cue.kp_per_mm, row.cue.kd_s_per_mm)
+    )
 
 
 def _felt(runs: Runs, cues: int) -> pd.DataFrame:
     """Of runs with an unintended motion what was felt of each cue, and when."""
     numbers = range(cues)
     felt = [f"{RESULTS}.cue{k}_{what}" for k in numbers for what in FELT]
-    return runs.drawn(", ".join([f"{FACTS}.active_ms", *(f"warned{k}_ms" for k in numbers), *felt]), UNINTENDED, MOST)
+    return runs.drawn(
+        ", ".join([f"{FACTS}.active_ms", *(f"warned{k}_ms" for k in numbers), *felt]),
+        UNINTENDED,
+        MOST,
+    )
 
 
 def _median(values: pd.Series) -> float:

@@ -35,13 +35,18 @@ def precision_recall(rows: Sequence[DetectorRow]) -> Chart | None:
 
 def delays(curves: Sequence[Curves], end_ms: int) -> Chart:
     """Chart of the time from the first effect to the alarm, over unintended motions."""
-    marks = [of_incidence(one.delay, _label(one), palette.series(number), end_ms) for number, one in enumerate(curves)]
-    return Chart("How soon after the first effect", log_time(end_ms), _share(CAUGHT), _plain(marks), HEIGHT)
+    marks = [
+        of_incidence(one.delay, _label(one), palette.series(number), end_ms)
+        for number, one in enumerate(curves)
+    ]
+    return Chart(
+        "How soon after the first effect", log_time(end_ms), _share(CAUGHT), _plain(marks), HEIGHT
+    )
 
 
 def leads(curves: Sequence[Curves]) -> Chart:
-    """Chart of the time between alarm and unintended motion; left of 0 there is time to act. What fires at the
-    motion's own distance from the model or beyond is left out."""
+    """Chart of the time between alarm and unintended motion; left of 0 there is time to act. What
+    fires at the motion's own distance from the model or beyond is left out."""
     able = [(number, one) for number, one in enumerate(curves) if one.leads]
     starts, ends = ([float(one.lead.lag.time[end]) for one in curves] for end in (0, -1))
     marks = []
@@ -50,7 +55,9 @@ def leads(curves: Sequence[Curves]) -> Chart:
         line = steps(lag.time, lag.fraction, lag.low, lag.high, end=max(ends))
         marks.append(Curve.of(line, _label(one), palette.series(number)))
     low, high = max(-NEAR_MS, min(starts) - 10.0), min(NEAR_MS, max(ends) + 10.0)
-    time = ChartAxis("alarm minus unintended motion, ms", low, max(high, low + 20.0), unit="ms", line=0.0)
+    time = ChartAxis(
+        "alarm minus unintended motion, ms", low, max(high, low + 20.0), unit="ms", line=0.0
+    )
     return Chart("How long before the motion", time, _share(CAUGHT), _plain(marks), HEIGHT)
 
 
@@ -59,10 +66,19 @@ def _label(one: Curves) -> str:
 
 
 def _plain(curves: Sequence[Curve]) -> tuple[Curve, ...]:
-    """Many side by side: without bands; shown are the first ones, and the built-in checks and the cue, the last."""
+    """Many side by side: without bands; shown are the first ones, and the built-in checks and
+    the cue, the last.
+    """
     last = len(curves) - OTHERS
     return tuple(
-        Curve(one.name, one.colour, one.x, one.y, step=True, visible=number < 2 * DRAWN or number >= last)
+        Curve(
+            one.name,
+            one.colour,
+            one.x,
+            one.y,
+            step=True,
+            visible=number < 2 * DRAWN or number >= last,
+        )
         for number, one in enumerate(curves)
     )
 
@@ -71,7 +87,9 @@ def _share(title: str) -> ChartAxis:
     return ChartAxis(title, 0.0, 1.0, share=True)
 
 
-def _chart(title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str) -> Chart | None:
+def _chart(
+    title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
+) -> Chart | None:
     numbered = [(number, row) for number, row in enumerate(rows) if getattr(row, kind) is not None]
     if not numbered:
         return None
@@ -87,7 +105,9 @@ def _chart(title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: 
 
 
 def _marks(row: DetectorRow, number: int, kind: str, visible: bool) -> list[Mark]:
-    """Curve with band and marks of the thresholds; of what has a single threshold, the mark alone."""
+    """Curve with band and marks of the thresholds; of what has a single threshold, the mark
+    alone.
+    """
     colour, name, marks = palette.series(number), row.name, []
     band = getattr(row, kind)
     if band is not None:
@@ -107,7 +127,16 @@ def _marks(row: DetectorRow, number: int, kind: str, visible: bool) -> list[Mark
         )
         size = tuple(11.0 if threshold.quiet or band is None else 7.0 for threshold in thresholds)
         marks.append(
-            Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips, diamond=band is None, visible=visible)
+            Dots(
+                name,
+                colour,
+                np.array(x),
+                np.array(y),
+                size=size,
+                tips=tips,
+                diamond=band is None,
+                visible=visible,
+            )
         )
     return marks
 

@@ -1,8 +1,10 @@
-"""Detectors: which share of unintended motions they recall, how early, and how many false alarms they give.
+"""Detectors: which share of unintended motions they recall, how early, and how many false alarms
+they give.
 
-The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as two that have a
-single threshold. Rates and times are of one run of each fault; curves are of every run, or of so many drawn. Where
-faults were drawn, intervals are over them and bands resample them; where their values were enumerated there are none.
+The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as
+two that have a single threshold. Rates and times are of one run of each fault; curves are of every
+run, or of so many drawn. Where faults were drawn, intervals are over them and bands resample them;
+where their values were enumerated there are none.
 """
 
 from __future__ import annotations
@@ -30,14 +32,18 @@ GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91
 DRAWS = 1_000_000
 """Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
 MOST_DRAWN = 20_000
-"""Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather than too narrow."""
+"""Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather
+than too narrow.
+"""
 SCORED = "plain AND faulty AND NOT failed"
 MOST_THRESHOLDS = 12
 """Thresholds of a detector in the table; of more, so many, evenly taken, and the quiet one."""
 
 
 class DetectorThreshold(NamedTuple):
-    """What one threshold of a detector does. threshold: in the unit of the score, NaN for a check or a cue."""
+    """What one threshold of a detector does. threshold: in the unit of the score, NaN for a
+    check or a cue.
+    """
 
     detector: str
     threshold: float
@@ -45,11 +51,15 @@ class DetectorThreshold(NamedTuple):
     harmless: Rate  # of faults without one, those with an alarm
     precision: Rate  # of faults with an alarm, those with an unintended motion
     false: AlarmRate | None  # on fault-free motion; None: not known
-    delay_ms: Estimate  # median over faults with an unintended motion, from the fault's first effect
+    delay_ms: (
+        Estimate  # median over faults with an unintended motion, from the fault's first effect
+    )
     before: Rate  # of faults with an unintended motion, those with an alarm before it
-    lead_ms: Estimate  # median over faults with an unintended motion; NaN: half of them never had an alarm
+    # median over faults with an unintended motion; NaN: half of them never had an alarm
+    lead_ms: Estimate
     quiet: bool  # the lowest threshold without a false alarm on fault-free motion
-    leads: bool  # whether it is a finding that it comes before the motion, and no matter of definitions
+    # whether it is a finding that it comes before the motion, and no matter of definitions
+    leads: bool
 
 
 class ThresholdAlarms(NamedTuple):
@@ -70,14 +80,18 @@ class DetectorRow(NamedTuple):
     name: str
     what: str  # kind and settings in words
     thresholds: list[DetectorThreshold]
-    roc: CurveBand | None  # None for a check or a cue, and where runs do not differ in it or are all of one fault
+    roc: (
+        CurveBand | None
+    )  # None for a check or a cue, and where runs do not differ in it or are all of one fault
     recall: CurveBand | None
     auc: BootstrapBand | None
     average_precision: BootstrapBand | None
 
 
 class Curves(NamedTuple):
-    """How early one detector speaks at its quiet threshold (else its highest), over runs with an unintended motion."""
+    """How early one detector speaks at its quiet threshold (else its highest), over runs with an
+    unintended motion.
+    """
 
     name: str
     threshold: float
@@ -87,7 +101,9 @@ class Curves(NamedTuple):
 
 
 def alarms(runs: Runs, manifest: Manifest) -> list[ThresholdAlarms]:
-    """Everything that can speak, at each threshold: the campaign's detectors, the checks, the cue of the verdicts."""
+    """Everything that can speak, at each threshold: the campaign's detectors, the checks, the
+    cue of the verdicts.
+    """
     free = runs.motions()
     result = [one for d in range(len(manifest.detectors)) for one in _thresholds(runs, manifest, d)]
     checks = CHECKS if manifest.rules.built_in == "response" else ALL_CHECKS
@@ -96,34 +112,48 @@ def alarms(runs: Runs, manifest: Manifest) -> list[ThresholdAlarms]:
         cues = free.came(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
         rate = free.cue_rate(manifest.verdict_cue)
-        result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0, runs.cue_leads))
+        result.append(
+            ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0, runs.cue_leads)
+        )
     return result
 
 
 def _thresholds(runs: Runs, manifest: Manifest, d: int) -> Iterator[ThresholdAlarms]:
     detector = manifest.detectors[d]
     free, score = runs.motions(), f"golden_detector{d}_score"
-    events = [run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds]
+    events = [
+        run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds
+    ]
     counts = [free.with_event(event) for event in events]
     quiet = min(
-        (threshold for threshold, count in zip(detector.thresholds, counts, strict=True) if not count), default=None
+        (
+            threshold
+            for threshold, count in zip(detector.thresholds, counts, strict=True)
+            if not count
+        ),
+        default=None,
     )
-    for k, (threshold, count, event) in enumerate(zip(detector.thresholds, counts, events, strict=True)):
+    for k, (threshold, count, event) in enumerate(
+        zip(detector.thresholds, counts, events, strict=True)
+    ):
         rate = free.first_rate(event, f"detector{d}_threshold{k}_first_ms")
         column, early = f"alarm{d}_{k}_ms", leads.detector(manifest, detector, threshold)
-        yield ThresholdAlarms(detector.name, threshold, column, count, rate, threshold == quiet, early)
+        yield ThresholdAlarms(
+            detector.name, threshold, column, count, rate, threshold == quiet, early
+        )
 
 
 def known(found: list[ThresholdAlarms]) -> str:
-    """When anyone could first know of each run's fault, -1 if never, as an expression of columns of facts: the cue, a
-    check, or a detector at its lowest threshold without a false alarm; what spoke before the fault had any effect does
-    not know of it."""
+    """When anyone could first know of each run's fault, -1 if never, as an expression of columns of
+    facts: the cue, a check, or a detector at its lowest threshold without a false alarm; what spoke
+    before the fault had any effect does not know of it."""
     return _first(one for one in found if _speaks(one))
 
 
 def before_motion(found: list[ThresholdAlarms]) -> str:
-    """As `known`, without what cannot come before the motion by the definitions alone: cues and tip errors at its limit
-    or beyond. Of what is left it is a finding whether it comes before the motion."""
+    """As `known`, without what cannot come before the motion by the definitions alone: cues and tip
+    errors at its limit or beyond. Of what is left it is a finding whether it comes before the
+    motion."""
     return _first(one for one in found if _speaks(one) and one.leads)
 
 
@@ -143,7 +173,9 @@ def rows(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[D
     counts = _caught(runs, [one for own in thresholds_of.values() for one in own])
     result = []
     for number, name in enumerate(names):
-        thresholds = [_threshold(runs, manifest, one, counts[one.column]) for one in thresholds_of[name]]
+        thresholds = [
+            _threshold(runs, manifest, one, counts[one.column]) for one in thresholds_of[name]
+        ]
         scored = number < len(manifest.detectors)
         roc, recall = _bands(runs, number) if scored else (None, None)
         result.append(
@@ -160,7 +192,9 @@ def rows(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[D
     return result
 
 
-def thresholds(runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]) -> list[DetectorThreshold]:
+def thresholds(
+    runs: Runs, manifest: Manifest, found: list[ThresholdAlarms]
+) -> list[DetectorThreshold]:
     """What each does, in their order."""
     counts = _caught(runs, found)
     return [_threshold(runs, manifest, one, counts[one.column]) for one in found]
@@ -201,7 +235,9 @@ def _what(detector: DetectorRecord) -> str:
 
 
 class _Caught(NamedTuple):
-    """Distinct faults: those with an unintended motion and the others, and those of both with an alarm."""
+    """Distinct faults: those with an unintended motion and the others, and those of both with an
+    alarm.
+    """
 
     unintended: int
     others: int
@@ -215,10 +251,15 @@ def _caught(runs: Runs, found: list[ThresholdAlarms]) -> dict[str, _Caught]:
     conditions = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
     unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
     pairs = zip(counts[::2], counts[1::2], strict=True)
-    return {one.column: _Caught(unintended, others, *pair) for one, pair in zip(found, pairs, strict=True)}
+    return {
+        one.column: _Caught(unintended, others, *pair)
+        for one, pair in zip(found, pairs, strict=True)
+    }
 
 
-def _threshold(runs: Runs, manifest: Manifest, one: ThresholdAlarms, counts: _Caught) -> DetectorThreshold:
+def _threshold(
+    runs: Runs, manifest: Manifest, one: ThresholdAlarms, counts: _Caught
+) -> DetectorThreshold:
     delay, lead = _times(runs, manifest, one)
     sampled = runs.sampled()
     return DetectorThreshold(
@@ -237,10 +278,12 @@ def _threshold(runs: Runs, manifest: Manifest, one: ThresholdAlarms, counts: _Ca
 
 
 def _times(runs: Runs, manifest: Manifest, one: ThresholdAlarms) -> tuple[Incidence, Lead]:
-    """Delay after the first effect, and lead over the unintended motion; an alarm before the first effect counts
-    as none, for it tells of something else."""
+    """Delay after the first effect, and lead over the unintended motion; an alarm before the first
+    effect counts as none, for it tells of something else."""
     event, end = after_onset(one.column), end_of(manifest)
-    delay, lags = (runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms"))
+    delay, lags = (
+        runs.delays(event, start, end, UNINTENDED)[""] for start in ("active_ms", "unintended_ms")
+    )
     return counted.incidence(delay), counted.lead(lags)
 
 
@@ -264,4 +307,8 @@ def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None,
 def _bare(band: CurveBand) -> CurveBand:
     """A curve without its band."""
     none = np.full(len(band.grid), np.nan)
-    return CurveBand(band.grid, band.curve._replace(low=none, high=none), band.area._replace(low=np.nan, high=np.nan))
+    return CurveBand(
+        band.grid,
+        band.curve._replace(low=none, high=none),
+        band.area._replace(low=np.nan, high=np.nan),
+    )

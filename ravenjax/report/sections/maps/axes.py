@@ -1,4 +1,6 @@
-"""Axes of maps: the values of one input, binned where there are many, and joined where runs are few."""
+"""Axes of maps: the values of one input, binned where there are many, and joined where runs are
+few.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,8 @@ _ENDS = re.compile(r" to |, | \.\. ")
 
 
 class MapAxis(NamedTuple):
-    """Bins of one input, in order: numbers from each of `edges` to the next, or one of `words`, and then those that
-    stand for no number."""
+    """Bins of one input, in order: numbers from each of `edges` to the next, or one of `words`, and
+    then those that stand for no number."""
 
     title: str
     labels: list[str]
@@ -42,17 +44,24 @@ class MapAxis(NamedTuple):
         """Bin of each number."""
         place = np.searchsorted(self.edges, values, side="right") - 1
         for offset, label in self._specials():
-            place = np.where(np.isnan(values) if label == UNSET else values == UNTIL_END, offset, place)
+            place = np.where(
+                np.isnan(values) if label == UNSET else values == UNTIL_END, offset, place
+            )
         return place
 
     def sql(self, column: str) -> str:
         """The same of a column, of numbers or words."""
         if self.words:
-            cases = " ".join(f"WHEN {text(word)} THEN {place}" for place, word in enumerate(self.words))
+            cases = " ".join(
+                f"WHEN {text(word)} THEN {place}" for place, word in enumerate(self.words)
+            )
             return f"CASE {column}::VARCHAR {cases} ELSE {len(self.labels) - 1} END"
-        inside = " + ".join(f"({column} >= {edge!r})::INTEGER" for edge in self.edges.tolist()) or "0"
+        inside = (
+            " + ".join(f"({column} >= {edge!r})::INTEGER" for edge in self.edges.tolist()) or "0"
+        )
         whens = "".join(
-            f"WHEN {f'isnan({column}::DOUBLE)' if label == UNSET else f'{column} = {UNTIL_END}'} THEN {offset} "
+            f"WHEN {f'isnan({column}::DOUBLE)' if label == UNSET else f'{column} = {UNTIL_END}'}"
+            f" THEN {offset} "
             for offset, label in self._specials()
         )
         return f"CASE {whens}ELSE {inside} - 1 END" if whens else f"{inside} - 1"
@@ -69,7 +78,10 @@ class MapAxis(NamedTuple):
         """With so many bins of numbers, and the new bin of each."""
         count = self.joinable
         groups = [group for group in np.array_split(np.arange(count), max(1, bins)) if len(group)]
-        labels = [_label(self.labels[group[0]], self.labels[group[-1]], len(group), self.ranges) for group in groups]
+        labels = [
+            _label(self.labels[group[0]], self.labels[group[-1]], len(group), self.ranges)
+            for group in groups
+        ]
         new = np.concatenate([np.full(len(group), place) for place, group in enumerate(groups)])
         rest = len(groups) + np.arange(len(self.special))
         firsts = self.edges[[group[0] for group in groups]]
@@ -80,28 +92,43 @@ class MapAxis(NamedTuple):
 
 
 def of_numbers(
-    title: str, values: np.ndarray | None, low: float, high: float, n: int, special: Sequence[str] = ()
+    title: str,
+    values: np.ndarray | None,
+    low: float,
+    high: float,
+    n: int,
+    special: Sequence[str] = (),
 ) -> MapAxis:
-    """Bins of n numbers from low to high: one per value if few, by powers of two if wide, else even.
+    """Bins of n numbers from low to high: one per value if few, by powers of two if wide, else
+    even.
 
     values: the different ones in order, None if very many; special: see `Axis`.
     """
     if values is not None and len(values) <= MOST_VALUES:
-        return MapAxis(title, [*map(compact, values.tolist()), *special], values.astype(float), special=tuple(special))
+        return MapAxis(
+            title,
+            [*map(compact, values.tolist()), *special],
+            values.astype(float),
+            special=tuple(special),
+        )
     edges = _edges(low, high, min(MAX_BINS, max(MIN_BINS, round(math.sqrt(n / RUNS_PER_BIN)))))
     labels = [f"{compact(a)} to {compact(b)}" for a, b in pairwise(edges)]
     return MapAxis(title, [*labels, *special], edges[:-1], special=tuple(special), ranges=True)
 
 
 def of_words(title: str, counts: Sequence[tuple[str, int]], order: Sequence[str] = ()) -> MapAxis:
-    """A bin for each word, those of `order` first and the others in the order of the alphabet; of more than MOST_VALUES
-    the most frequent, and one for the others. counts: (word, runs)."""
+    """A bin for each word, those of `order` first and the others in the order of the alphabet; of
+    more than MOST_VALUES the most frequent, and one for the others. counts: (word, runs)."""
     frequent = sorted(counts, key=lambda one: (-one[1], one[0]))
     many = len(counts) > MOST_VALUES
     words = [word for word, _ in (frequent[: MOST_VALUES - 1] if many else frequent)]
     places = {word: place for place, word in enumerate(order)}
     words.sort(key=lambda word: (places.get(word, len(places)), word))
-    return MapAxis(title, [*(word or "none" for word in words), *([OTHERS] if many else [])], words=tuple(words))
+    return MapAxis(
+        title,
+        [*(word or "none" for word in words), *([OTHERS] if many else [])],
+        words=tuple(words),
+    )
 
 
 def compact(value: float) -> str:
@@ -110,7 +137,9 @@ def compact(value: float) -> str:
         return f"{value / 1e6:.3g}M".replace("-", "−")
     if value and abs(value) >= 10_000:
         return f"{value / 1000:.3g}k".replace("-", "−")
-    return f"{value:.3g}".replace("-", "−") if abs(value) < 1000 else f"{value:.0f}".replace("-", "−")
+    return (
+        f"{value:.3g}".replace("-", "−") if abs(value) < 1000 else f"{value:.0f}".replace("-", "−")
+    )
 
 
 def _label(first: str, last: str, bins: int, ranges: bool) -> str:
@@ -120,7 +149,9 @@ def _label(first: str, last: str, bins: int, ranges: bool) -> str:
     least, most = (_ENDS.split(label)[end] for label, end in ((first, 0), (last, -1)))
     if ranges:
         return f"{least} to {most}"
-    return f"{least}, {most}" if bins == 2 and (least, most) == (first, last) else f"{least} .. {most}"
+    return (
+        f"{least}, {most}" if bins == 2 and (least, most) == (first, last) else f"{least} .. {most}"
+    )
 
 
 def _edges(low: float, high: float, wanted: int) -> np.ndarray:
@@ -130,5 +161,8 @@ def _edges(low: float, high: float, wanted: int) -> np.ndarray:
         powers = np.arange(math.floor(math.log2(low)), math.log2(high) + step + 1e-9, step)
         return 2.0**powers
     step = round_step((high - low) / wanted)
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)  # the last bin holds its upper edge
+    first, last = (
+        math.floor(low / step + 1e-9),
+        math.ceil(high / step - 1e-9),
+    )  # the last bin holds its upper edge
     return np.arange(first, max(last, first + 1) + 1) * step

@@ -46,8 +46,8 @@ def of_block(sweep: Sweep, name: str) -> list[PairCounts]:
 
 
 def of_all(sweep: Sweep) -> list[PairCounts]:
-    """Counts of all faults by site and effect and each input that means the same at all of them, those that tell most
-    first."""
+    """Counts of all faults by site and effect and each input that means the same at all of them,
+    those that tell most first."""
     axes = inputs.axes(sweep, [one for one in sweep.inputs if one.common], "true")
     rows = sweep.runs.table.rows(
         f"SELECT block::VARCHAR FROM {TABLE} GROUP BY block ORDER BY avg(m0::INTEGER) DESC, block"
@@ -55,14 +55,16 @@ def of_all(sweep: Sweep) -> list[PairCounts]:
     names = [name for (name,) in rows]
     rest = names[MOST_ROWS:] if len(names) > MOST_ROWS + 1 else []
     first = names[: len(names) - len(rest)]
-    axes["block"] = MapAxis(PLACE, [*first, *([map_axes.OTHERS] if rest else [])], words=tuple(first))
+    axes["block"] = MapAxis(
+        PLACE, [*first, *([map_axes.OTHERS] if rest else [])], words=tuple(first)
+    )
     pairs = [(column, "block") for column in axes if column != "block"] or [("block", "block")]
     return _best_first(_counts(sweep, axes, pairs, "true"))
 
 
 def gain(counts: PairCounts) -> float:
-    """How much more the cells tell of the measures than their overall shares do: the gain in log-likelihood, twice,
-    less what as many free numbers cost (Schwarz's criterion)."""
+    """How much more the cells tell of the measures than their overall shares do: the gain in
+    log-likelihood, twice, less what as many free numbers cost (Schwarz's criterion)."""
     n, cells = counts.n, int((counts.n > 0).sum())
     total, sum_of_gains = n.sum(), 0.0
     for k in counts.k:
@@ -73,7 +75,9 @@ def gain(counts: PairCounts) -> float:
     return sum_of_gains
 
 
-def _counts(sweep: Sweep, axes: dict[str, MapAxis], pairs: Sequence[tuple[str, str]], where: str) -> list[PairCounts]:
+def _counts(
+    sweep: Sweep, axes: dict[str, MapAxis], pairs: Sequence[tuple[str, str]], where: str
+) -> list[PairCounts]:
     """Counts by pairs of inputs; of one input twice those by it alone."""
     if not pairs:
         return []
@@ -81,14 +85,19 @@ def _counts(sweep: Sweep, axes: dict[str, MapAxis], pairs: Sequence[tuple[str, s
     binned = ", ".join(f"{axis.sql(column)} AS {column}" for column, axis in axes.items())
     sets = ", ".join(f"({', '.join(dict.fromkeys(pair))})" for pair in pairs)
     table = sweep.runs.table.frame(
-        f"SELECT {', '.join(columns)}, grouping({', '.join(columns)}) AS which, count(*) AS n, "
-        f"{', '.join(f'count(*) FILTER ({name}) AS {name}' for name in sums)} "
-        f"FROM (SELECT {binned}, {', '.join(sums)} FROM {TABLE} WHERE {where}) GROUP BY GROUPING SETS ({sets})"
+        f"SELECT {', '.join(columns)}, grouping({', '.join(columns)}) AS which, count(*) AS n,"
+        f" {', '.join(f'count(*) FILTER ({name}) AS {name}' for name in sums)} FROM (SELECT"
+        f" {binned}, {', '.join(sums)} FROM {TABLE} WHERE {where}) GROUP BY GROUPING SETS ({sets})"
     )
     of_pairs = []
     for pair in pairs:
-        # a bit of `which` is 0 for the columns that are grouped by, the first column the highest bit
-        bits = sum(2 ** (len(columns) - 1 - place) for place, column in enumerate(columns) if column not in pair)
+        # a bit of `which` is 0 for the columns that are grouped by, the first column the highest
+        # bit
+        bits = sum(
+            2 ** (len(columns) - 1 - place)
+            for place, column in enumerate(columns)
+            if column not in pair
+        )
         mine = table.loc[table["which"] == bits]
         across, up = (axes[column] for column in pair)
         place = mine[pair[0]].to_numpy(int), mine[pair[1]].to_numpy(int)
@@ -100,13 +109,17 @@ def _counts(sweep: Sweep, axes: dict[str, MapAxis], pairs: Sequence[tuple[str, s
         for row, name in enumerate(["n", *sums]):
             np.add.at(counts[row], (place[1], place[0]), mine[name].to_numpy(int))
         one = PairCounts(up, across, counts[0], counts[1:])
-        whole = len(axes) <= 2 and not (up.ranges or across.ranges)  # nothing else varies: a cell is one run
+        whole = len(axes) <= 2 and not (
+            up.ranges or across.ranges
+        )  # nothing else varies: a cell is one run
         of_pairs.append(one if whole else _coarser(one))
     return of_pairs
 
 
 def _coarser(counts: PairCounts) -> PairCounts:
-    """With bins joined until RUNS_PER_CELL runs fall into a cell at the mean, the longer axis first."""
+    """With bins joined until RUNS_PER_CELL runs fall into a cell at the mean, the longer axis
+    first.
+    """
     most = max(4.0, float(counts.n.sum()) / RUNS_PER_CELL)
     while counts.n.size > most:
         axis = max((counts.up, counts.across), key=lambda one: one.joinable)
@@ -115,7 +128,11 @@ def _coarser(counts: PairCounts) -> PairCounts:
         new, place = axis.join(axis.joinable - 1 if axis.joinable < 6 else axis.joinable // 2)
         dimension = 0 if axis is counts.up else 1
         n, k = (_sums(part, place, part.ndim - 2 + dimension) for part in (counts.n, counts.k))
-        counts = PairCounts(new, counts.across, n, k) if dimension == 0 else PairCounts(counts.up, new, n, k)
+        counts = (
+            PairCounts(new, counts.across, n, k)
+            if dimension == 0
+            else PairCounts(counts.up, new, n, k)
+        )
     return counts
 
 
@@ -130,7 +147,9 @@ def _sums(values: np.ndarray, place: np.ndarray, dimension: int) -> np.ndarray:
 def _best_first(of_pairs: Sequence[PairCounts]) -> list[PairCounts]:
     """Those that tell most first; where none tells anything, in the order of the inputs."""
     gains = [max(0.0, gain(counts)) for counts in of_pairs]
-    return [of_pairs[place] for place in sorted(range(len(of_pairs)), key=lambda place: -gains[place])]
+    return [
+        of_pairs[place] for place in sorted(range(len(of_pairs)), key=lambda place: -gains[place])
+    ]
 
 
 def _log(count: np.ndarray, expected: np.ndarray) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""What a campaign swept: the inputs that differ among its faults, and which faults had which outcome."""
+"""What a campaign swept: the inputs that differ among its faults, and which faults had which
+outcome.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ MEASURES = (
     MapMeasure("cue", "cued", "The cue came", "had the cue"),
     MapMeasure("evaded", "evaded", "Evaded the checks", "evaded"),
 )
-"""Of runs with a fault; the first is the leading one, where it came in some runs and not in others."""
+"""Of runs with a fault; the first is the leading one, where it came in some runs and not in
+others.
+"""
 FREE_MEASURES = (
     MEASURES[1],
     MapMeasure("cue", "cue_ms >= 0", "The cue came", "had the cue"),
@@ -41,7 +45,9 @@ FREE_MEASURES = (
 CHOSEN, CHOSEN_FREE = "sample AND faulty", "sample"
 
 MANY = 100
-"""Different values of an input, counted roughly, from which on they are not looked at one by one."""
+"""Different values of an input, counted roughly, from which on they are not looked at one by
+one.
+"""
 WORDS = ("channel", "arm", "trigger")
 """Columns of a fault slot that hold words."""
 SLOT_INPUTS = {
@@ -54,7 +60,9 @@ SLOT_INPUTS = {
     "period_ms": "period, ms",
     "trigger": "onset counts from",
 }
-"""Columns of a fault slot that may be an axis, and what they are called; where no input tells more, the first do."""
+"""Columns of a fault slot that may be an axis, and what they are called; where no input tells
+more, the first do.
+"""
 COMMON = ("duration_ms", "start_ms", "every_ms")
 """Of those, the ones that mean the same at every site."""
 NO_FAULT = "no fault"
@@ -86,19 +94,28 @@ class Sweep(NamedTuple):
 def sweep(runs: Runs) -> Sweep:
     """Make TABLE; without valid runs the sweep has no blocks."""
     faulty = runs.count(CHOSEN) > 0
-    measures, condition, unit = (MEASURES, CHOSEN, "faults") if faulty else (FREE_MEASURES, CHOSEN_FREE, "runs")
+    measures, condition, unit = (
+        (MEASURES, CHOSEN, "faults") if faulty else (FREE_MEASURES, CHOSEN_FREE, "runs")
+    )
     block, inputs = _block_sql(runs.names), _inputs(runs, condition)
-    words = sorted(name for (name,) in runs.table.rows(f"SELECT DISTINCT {block} FROM {runs.those(condition)}"))
+    words = sorted(
+        name for (name,) in runs.table.rows(f"SELECT DISTINCT {block} FROM {runs.those(condition)}")
+    )
     if not words:
         return Sweep(runs, measures, [], {}, unit)
     outcomes = ", ".join(f"({one.sql}) AS m{place}" for place, one in enumerate(measures))
-    columns = [f"({block})::{query.enum(words)} AS block", *(f"m{place}" for place in range(len(measures)))]
+    columns = [
+        f"({block})::{query.enum(words)} AS block",
+        *(f"m{place}" for place in range(len(measures))),
+    ]
     columns += [f"{quoted(name)} AS {one.column}" for name, one in inputs]
     runs.table.run(
         f"CREATE OR REPLACE TABLE {TABLE} AS SELECT {', '.join(columns)} "
         f"FROM {RESULTS} JOIN (SELECT row, {outcomes} FROM {FACTS} WHERE {condition}) USING (row)"
     )
-    blocks = dict(runs.table.rows(f"SELECT block::VARCHAR, count(*) FROM {TABLE} GROUP BY ALL ORDER BY ALL"))
+    blocks = dict(
+        runs.table.rows(f"SELECT block::VARCHAR, count(*) FROM {TABLE} GROUP BY ALL ORDER BY ALL")
+    )
     return Sweep(runs, measures, [one for _, one in inputs], blocks, unit)
 
 
@@ -107,7 +124,11 @@ def axes(of: Sweep, inputs: Iterable[SweptInput], where: str) -> dict[str, MapAx
     inputs = list(inputs)
     if not inputs:
         return {}
-    counts = iter(of.runs.table.row(f"SELECT {', '.join(map(_extent_sql, inputs))} FROM {TABLE} WHERE {where}"))
+    counts = iter(
+        of.runs.table.row(
+            f"SELECT {', '.join(map(_extent_sql, inputs))} FROM {TABLE} WHERE {where}"
+        )
+    )
     by_column = {}
     for one in inputs:
         different, low, high, numbers, unset, n = itertools.islice(counts, 6)
@@ -127,8 +148,15 @@ def axes(of: Sweep, inputs: Iterable[SweptInput], where: str) -> dict[str, MapAx
 def _block_sql(names: Sequence[str]) -> str:
     """Sites and effects of a run's faults, of columns of `results`."""
     slots = _slots(names)
-    each = [f"CASE WHEN fault{s}_site <> '' THEN fault{s}_site || ' · ' || fault{s}_effect END" for s in slots]
-    return f"coalesce(nullif(concat_ws(' + ', {', '.join(each)}), ''), {text(NO_FAULT)})" if each else text(NO_FAULT)
+    each = [
+        f"CASE WHEN fault{s}_site <> '' THEN fault{s}_site || ' · ' || fault{s}_effect END"
+        for s in slots
+    ]
+    return (
+        f"coalesce(nullif(concat_ws(' + ', {', '.join(each)}), ''), {text(NO_FAULT)})"
+        if each
+        else text(NO_FAULT)
+    )
 
 
 def _slots(names: Sequence[str]) -> list[int]:
@@ -144,7 +172,14 @@ def _inputs(runs: Runs, condition: str) -> list[tuple[str, SweptInput]]:
             name = f"fault{slot}_{key}"
             full = f"fault {slot + 1}: {title}" if len(slots) > 1 else title
             common = key in COMMON and slot == 0
-            able.append((name, SweptInput("", full, key in WORDS, common, key == "duration_ms", key == "value")))
+            able.append(
+                (
+                    name,
+                    SweptInput(
+                        "", full, key in WORDS, common, key == "duration_ms", key == "value"
+                    ),
+                )
+            )
     able += [
         (name, SweptInput("", name.removeprefix("param:"), False, True, False, True))
         for name in runs.names
@@ -163,10 +198,12 @@ def _inputs(runs: Runs, condition: str) -> list[tuple[str, SweptInput]]:
 
 
 def _extent_sql(one: SweptInput) -> str:
-    """Roughly how many different values, the least and the greatest number, how many are numbers, how many not set, how
-    many there are."""
+    """Roughly how many different values, the least and the greatest number, how many are numbers,
+    how many not set, how many there are."""
     column = one.column
-    conditions = [f"{column} <> {UNTIL_END}"] * one.endless + [f"NOT isnan({column}::DOUBLE)"] * one.nan
+    conditions = [f"{column} <> {UNTIL_END}"] * one.endless + [
+        f"NOT isnan({column}::DOUBLE)"
+    ] * one.nan
     only = f"FILTER ({' AND '.join(conditions)})" if conditions else ""
     ends = "NULL, NULL" if one.words else f"min({column}) {only}, max({column}) {only}"
     unset = f"count(*) FILTER (isnan({column}::DOUBLE))" if one.nan else "0"
@@ -181,5 +218,7 @@ def _values(of: Sweep, one: SweptInput, where: str) -> np.ndarray:
 
 
 def _word_axis(of: Sweep, one: SweptInput, where: str) -> MapAxis:
-    counts = of.runs.table.rows(f"SELECT {one.column}::VARCHAR, count(*) FROM {TABLE} WHERE {where} GROUP BY ALL")
+    counts = of.runs.table.rows(
+        f"SELECT {one.column}::VARCHAR, count(*) FROM {TABLE} WHERE {where} GROUP BY ALL"
+    )
     return map_axes.of_words(one.title, counts, of.runs.robot.joints)

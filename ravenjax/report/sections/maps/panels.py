@@ -1,9 +1,9 @@
-"""Maps of what was swept: where faults move the instrument unintendedly, where checks tell, where the cue comes, and
-where faults evade.
+"""Maps of what was swept: where faults move the instrument unintendedly, where checks tell, where
+the cue comes, and where faults evade.
 
-A map has two inputs as its axes, those that tell most. Inputs with many values are binned, and bins are joined until a
-few runs fall into a cell. Faults of one site and effect have a map of their own where they are enough; all faults
-together have one by site and effect.
+A map has two inputs as its axes, those that tell most. Inputs with many values are binned, and bins
+are joined until a few runs fall into a cell. Faults of one site and effect have a map of their own
+where they are enough; all faults together have one by site and effect.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ WHOLE = "all faults"
 
 
 def all_maps(runs: Runs) -> list[dict[str, Any]]:
-    """The map of all faults, where they are of several sites and effects, then those of each, the most unintended
-    motion first. One run of each fault counts.
+    """The map of all faults, where they are of several sites and effects, then those of each, the
+    most unintended motion first. One run of each fault counts.
 
-    Each item: name, n, unit, rates (of each measure: title, words, rate), panels, more (panels of further pairs of
-    inputs, of the leading measure). A panel is one measure over two inputs: name, title, words, rate, across and up
-    (titles of the axes), columns (labels), rows (label and cells, highest first); a cell is a Rate, or None where no
-    run fell. Only what came in some runs and not in others has panels.
+    Each item: name, n, unit, rates (of each measure: title, words, rate), panels, more (panels of
+    further pairs of inputs, of the leading measure). A panel is one measure over two inputs: name,
+    title, words, rate, across and up (titles of the axes), columns (labels), rows (label and cells,
+    highest first); a cell is a Rate, or None where no run fell. Only what came in some runs and not
+    in others has panels.
     """
     sweep = inputs.sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
@@ -41,10 +42,18 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     items = [
         item
         for name in blocks
-        if (item := _item(sweep, name, map_counts.of_block(sweep, name), runs.sampled(groups.get(name))))
+        if (
+            item := _item(
+                sweep, name, map_counts.of_block(sweep, name), runs.sampled(groups.get(name))
+            )
+        )
     ]
     items.sort(key=lambda item: [-one["rate"].value for one in item["rates"]])
-    whole = _item(sweep, WHOLE, map_counts.of_all(sweep), runs.sampled()) if len(sweep.blocks) > 1 else None
+    whole = (
+        _item(sweep, WHOLE, map_counts.of_all(sweep), runs.sampled())
+        if len(sweep.blocks) > 1
+        else None
+    )
     return [*([whole] if whole else []), *items]
 
 
@@ -58,11 +67,15 @@ def cells(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
                 for column, cell in zip(panel["columns"], row["cells"], strict=True):
                     if cell is not None:
                         place = (item["name"], panel["across"], column, panel["up"], row["label"])
-                        rows.setdefault(place, dict(zip(names, place, strict=True)))[panel["name"]] = cell
+                        rows.setdefault(place, dict(zip(names, place, strict=True)))[
+                            panel["name"]
+                        ] = cell
     return list(rows.values())
 
 
-def _item(sweep: Sweep, name: str, of_pairs: Sequence[PairCounts], sampled: bool) -> dict[str, Any] | None:
+def _item(
+    sweep: Sweep, name: str, of_pairs: Sequence[PairCounts], sampled: bool
+) -> dict[str, Any] | None:
     """sampled: whether the faults were drawn."""
     if not of_pairs:
         return None
@@ -81,16 +94,23 @@ def _item(sweep: Sweep, name: str, of_pairs: Sequence[PairCounts], sampled: bool
         "unit": sweep.unit,
         "rates": rates,
         "panels": [_panel(sweep.measures[place], first, place, rate_in) for place in able],
-        "more": [_panel(sweep.measures[able[0]], one, able[0], rate_in) for one in more] if able else [],
+        "more": (
+            [_panel(sweep.measures[able[0]], one, able[0], rate_in) for one in more] if able else []
+        ),
     }
 
 
-def _panel(measure: MapMeasure, counts: PairCounts, place: int, rate_in: Callable[[int, int], Rate]) -> dict[str, Any]:
+def _panel(
+    measure: MapMeasure, counts: PairCounts, place: int, rate_in: Callable[[int, int], Rate]
+) -> dict[str, Any]:
     n, k = counts.n, counts.k[place]
     rows = [
         {
             "label": label,
-            "cells": [rate_in(int(hits), int(runs)) if runs else None for hits, runs in zip(k[i], n[i], strict=True)],
+            "cells": [
+                rate_in(int(hits), int(runs)) if runs else None
+                for hits, runs in zip(k[i], n[i], strict=True)
+            ],
         }
         for i, label in enumerate(counts.up.labels)
     ]

@@ -68,20 +68,33 @@ def _command(summary: MotionSummary) -> str:
     if summary.slow_down != 1.0:
         keys.append(f"operator.slow_down={summary.slow_down:g}")
     arms = " ".join(one.arm for one in summary.arms)
-    return f"ravenjax motion {shlex.quote(summary.file)} --arms {arms} --set {' '.join(map(shlex.quote, keys))}"
+    return (
+        f"ravenjax motion {shlex.quote(summary.file)} --arms {arms} --set"
+        f" {' '.join(map(shlex.quote, keys))}"
+    )
 
 
 def _drawing(summary: MotionSummary, arm: str) -> TipDrawing:
     """Tip coordinates over the time in the recording: all of it, and what is replayed."""
-    colours = {"recorded": palette.SAME, "replayed": palette.series(0) if arm == robots.USUAL.arms[0] else palette.CUE}
+    colours = {
+        "recorded": palette.SAME,
+        "replayed": palette.series(0) if arm == robots.USUAL.arms[0] else palette.CUE,
+    }
     lines = [line for line in summary.lines if line.arm == arm]
     charts = []
     for number, axis in enumerate("xyz"):
         curves = tuple(_curve(line, colours[line.what], number) for line in lines)
-        time, value = (np.concatenate([part for one in curves for part in (getattr(one, name),)]) for name in "xy")
+        time, value = (
+            np.concatenate([part for one in curves for part in (getattr(one, name),)])
+            for name in "xy"
+        )
         margin = 0.05 * max(float(np.ptp(value)), 0.1)
-        across = ChartAxis("time in the recording, s", float(time.min()), float(time.max()), unit="s")
-        up = ChartAxis(f"{axis}, mm", float(value.min()) - margin, float(value.max()) + margin, unit="mm")
+        across = ChartAxis(
+            "time in the recording, s", float(time.min()), float(time.max()), unit="s"
+        )
+        up = ChartAxis(
+            f"{axis}, mm", float(value.min()) - margin, float(value.max()) + margin, unit="mm"
+        )
         charts.append(Chart(f"Tip of {arm}, {axis}", across, up, curves, HEIGHT))
     return TipDrawing(arm, charts)
 

@@ -1,4 +1,6 @@
-"""A recorded operator before and after, as a picture: the whole recording, and the part that is replayed."""
+"""A recorded operator before and after, as a picture: the whole recording, and the part that is
+replayed.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,8 @@ DOTS = 400
 def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) -> list[Path]:
     """Draw `courses` into the folder `out` as NAME.svg and NAME.png and return their paths.
 
-    Left the whole recording, right what is replayed: tip in frame 0 of its arm, and its speed. Raises StoreError where
-    the folder cannot be written.
+    Left the whole recording, right what is replayed: tip in frame 0 of its arm, and its speed.
+    Raises StoreError where the folder cannot be written.
     """
     require_writable(out)
     with matplotlib.rc_context(STYLE):
@@ -42,8 +44,14 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
             _draw(grid[number * len(ROWS) : (number + 1) * len(ROWS)], course)
         for axes in grid[-1]:
             axes.set_xlabel("time in the recording, s")
-        handles = {label: h for axes in grid.flat for h, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5, fontsize=8)
+        handles = {
+            label: h
+            for axes in grid.flat
+            for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(
+            list(handles.values()), list(handles), loc="outside lower center", ncols=5, fontsize=8
+        )
         figure.suptitle(title, fontsize=10, x=0.01, ha="left")
         paths = []
         for kind, metadata in (("svg", {"Date": None}), ("png", None)):
@@ -60,19 +68,38 @@ def _saved(figure: Figure, kind: str, metadata: dict[str, None] | None) -> Calla
 def _draw(grid: np.ndarray, course: TipCourse) -> None:
     before = np.column_stack([course.recorded, _speed(course.recorded_s, course.recorded)]) * 1e3
     replayed = len(course.replayed_s) > 0
-    last = int(np.argmax(course.replayed_s)) + 1 if replayed else 0  # played backwards, too: drawn is the way there
+    last = (
+        int(np.argmax(course.replayed_s)) + 1 if replayed else 0
+    )  # played backwards, too: drawn is the way there
     after_s = course.replayed_s[:last]
-    after = np.column_stack([course.replayed[:last], _speed(np.arange(last) * TICK_S, course.replayed[:last])]) * 1e3
-    spans = [(course.recorded_s[0], course.recorded_s[-1])] + [(s[0], s[-1]) for s in [after_s] if len(s)]
+    after = (
+        np.column_stack(
+            [course.replayed[:last], _speed(np.arange(last) * TICK_S, course.replayed[:last])]
+        )
+        * 1e3
+    )
+    spans = [(course.recorded_s[0], course.recorded_s[-1])] + [
+        (s[0], s[-1]) for s in [after_s] if len(s)
+    ]
     for row, columns in enumerate(grid):
         columns[0].set_ylabel(f"{course.arm} {ROWS[row]}" if row == 0 else ROWS[row])
         for axes, (begin, end) in zip(columns, spans, strict=True):
             near = (course.recorded_s >= begin - NEAR_S) & (course.recorded_s <= end + NEAR_S)
             style = "o-" if near.sum() <= DOTS else "-"
-            axes.plot(course.recorded_s[near], before[near, row], style, ms=2, lw=0.8, color=SOFT, label="recorded")
+            axes.plot(
+                course.recorded_s[near],
+                before[near, row],
+                style,
+                ms=2,
+                lw=0.8,
+                color=SOFT,
+                label="recorded",
+            )
             if replayed:
                 colour = ARM_COLOURS[robots.USUAL.arms.index(course.arm)]
-                axes.plot(after_s, after[:, row], color=colour, lw=1.3, label=f"replayed, {course.arm}")
+                axes.plot(
+                    after_s, after[:, row], color=colour, lw=1.3, label=f"replayed, {course.arm}"
+                )
             axes.set_xlim(begin, end)
             _mark(axes, course)
 

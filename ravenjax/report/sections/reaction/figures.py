@@ -1,4 +1,6 @@
-"""Charts of the operator's reaction: what it spares by fault class, and how far the instrument still went."""
+"""Charts of the operator's reaction: what it spares by fault class, and how far the instrument
+still went.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +34,15 @@ def spared(rows: Sequence[Difference]) -> Chart:
         shift = (number - (len(actions) - 1) / 2) * 0.22
         value, low, high = (np.array([row.distance_mm[part] for row in mine]) for part in range(3))
         places = np.array([classes.index(row.among) + shift for row in mine])
-        tips = tuple(f"{action}, {row.among}: {row.distance_mm.value:.2f} mm, {row.n:,} pairs" for row in mine)
+        tips = tuple(
+            f"{action}, {row.among}: {row.distance_mm.value:.2f} mm, {row.n:,} pairs"
+            for row in mine
+        )
         edges = (low, high) if sampled else (EMPTY, EMPTY)
         marks.append(Dots(action, palette.series(number), value, places, *edges, tips=tips))
-    ends = np.concatenate([[0.0], *(edge for one in marks for edge in (one.x, one.x_low, one.x_high))])
+    ends = np.concatenate(
+        [[0.0], *(edge for one in marks for edge in (one.x, one.x_low, one.x_high))]
+    )
     low, high = (above(1.05 * abs(float(end))) if end else 0.0 for end in (ends.min(), ends.max()))
     across = ChartAxis(
         "how far the tip went by itself, with minus without, mm",
@@ -45,23 +52,32 @@ def spared(rows: Sequence[Difference]) -> Chart:
         line=0.0,
     )
     up = ChartAxis("faults", -0.5, len(classes) - 0.5, names=tuple(classes))
-    return Chart("What it spares", across, up, tuple(marks), 20 + (ROW + 6 * len(actions)) * len(classes))
+    return Chart(
+        "What it spares", across, up, tuple(marks), 20 + (ROW + 6 * len(actions)) * len(classes)
+    )
 
 
 def exceedance(frame: pd.DataFrame, facts: pd.DataFrame) -> Chart:
-    """Chart of the share of faults in which the tip went farther by itself than each distance, by action."""
+    """Chart of the share of faults in which the tip went farther by itself than each distance,
+    by action.
+    """
     acting = [number for number in sorted(facts["action"].unique().tolist()) if number]
     curves = []
     for number in (0, *acting):
         mine = pairs.pairs(frame, facts, number or acting[0])
-        values = np.sort((mine.with_frame if number else mine.without_frame)[pairs.EXCURSION].to_numpy(float))
+        values = np.sort(
+            (mine.with_frame if number else mine.without_frame)[pairs.EXCURSION].to_numpy(float)
+        )
         name = MEANINGS[ACTIONS[number]]
         colour = palette.series(acting.index(number)) if number else palette.SAME
         curves.append(_exceedance_curve(values, name, colour, number == 0))
     far = max(max(float(curve.x[-1]) for curve in curves), 10.0)
     across = ChartAxis("how far the tip went by itself, mm", LEAST_MM, far, log=True, unit="mm")
     return Chart(
-        "How far the tip went by itself", across, share_axis("share of faults beyond it", curves), tuple(curves)
+        "How far the tip went by itself",
+        across,
+        share_axis("share of faults beyond it", curves),
+        tuple(curves),
     )
 
 

@@ -1,7 +1,9 @@
-"""What the operator's reaction to the cue changes: the same fault under the same random numbers, with it and without.
+"""What the operator's reaction to the cue changes: the same fault under the same random numbers,
+with it and without.
 
-A pair is two runs that differ in the crossed parameters alone, of which one has an operator who does not react. Of a
-fault that was run several times the first pair counts; where something else is crossed, a fault has a pair for each.
+A pair is two runs that differ in the crossed parameters alone, of which one has an operator who
+does not react. Of a fault that was run several times the first pair counts; where something else is
+crossed, a fault has a pair for each.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ from ravenjax.store.access.query import RESULTS, quoted
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 EXCURSION = "excursion_mm"
-"""How far the tip went by itself, mm: off the golden run, and from where standing would have left it; while live, also
-off the nominal model, for who slows down stays behind the golden run on purpose."""
+"""How far the tip went by itself, mm: off the golden run, and from where standing would have left
+it; while live, also off the nominal model, for who slows down stays behind the golden run on
+purpose."""
 _EXCURSION = f"greatest({RESULTS}.unintended_mm, {RESULTS}.unintended_off_mm)"
 MOST_VALUES = 12
 """Values of a crossed parameter that get rows of their own."""
@@ -38,7 +41,9 @@ Sampled = Callable[[Collection[str]], bool]
 
 
 class Pairs(NamedTuple):
-    """Pairs of one kind of reaction; frames and facts of both sides row by row, without failed runs."""
+    """Pairs of one kind of reaction; frames and facts of both sides row by row, without failed
+    runs.
+    """
 
     with_facts: pd.DataFrame
     without_facts: pd.DataFrame
@@ -51,7 +56,9 @@ class Pairs(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """Pairs compared. Differences are with the reaction minus without: negative is what it spares."""
+    """Pairs compared. Differences are with the reaction minus without: negative is what it
+    spares.
+    """
 
     action: str  # in words
     among: str  # which pairs: all, a layer, a value of a crossed parameter
@@ -62,10 +69,13 @@ class Difference(NamedTuple):
     spared: int  # pairs in which only the run without the reaction had one
     caused: int  # only the run with it
     p: float  # exact; NaN where nothing was drawn
-    distance_mm: Estimate  # mean difference of EXCURSION; bounds NaN: one pair, or nothing was drawn
+    distance_mm: (
+        Estimate  # mean difference of EXCURSION; bounds NaN: one pair, or nothing was drawn
+    )
     depth_mm: Estimate  # the same of the tissue's depth
     reacted: Rate  # pairs in which the operator acted
-    idle: Rate  # of those, without an unintended motion even where nobody reacts: interrupted for nothing
+    # of those, without an unintended motion even where nobody reacts: interrupted for nothing
+    idle: Rate
 
 
 class Idle(NamedTuple):
@@ -93,11 +103,15 @@ def drawn(runs: Runs) -> PairSample:
     """The runs of about MOST of a table's rows, all that share a pair together."""
     plain = ("pair", "operator", "reaction_ms", "pedal_down_ms", "tissue_depth_mm")
     names = [name for name in runs.names if name in plain or name.startswith(("param:", "golden_"))]
-    raw = ", ".join([*(f"{RESULTS}.{quoted(name)}" for name in names), f"{_EXCURSION} AS {EXCURSION}"])
+    raw = ", ".join(
+        [*(f"{RESULTS}.{quoted(name)}" for name in names), f"{_EXCURSION} AS {EXCURSION}"]
+    )
     own = ", ".join(f'{FACTS}.{name} AS "fact {name}"' for name in OF_FACTS)
     words = f'{FACTS}.layer::VARCHAR AS layer, {FACTS}."group"::VARCHAR AS "fact group"'
     both = runs.drawn(f"{raw}, {own}, {words}", "true", MOST, by="pair")
-    facts = pd.DataFrame({name: both[f"fact {name}"] for name in (*OF_FACTS, "group")} | {"layer": both["layer"]})
+    facts = pd.DataFrame(
+        {name: both[f"fact {name}"] for name in (*OF_FACTS, "group")} | {"layer": both["layer"]}
+    )
     return PairSample(both.loc[:, [*names, EXCURSION]], facts)
 
 
@@ -108,15 +122,19 @@ def crossed(frame: pd.DataFrame, facts: pd.DataFrame) -> bool:
 
 
 def pairs(frame: pd.DataFrame, facts: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
-    """Every run with this action and its partner of the same pair in which nobody reacts; what else is crossed, but for
-    how somebody reacts, is the same for both."""
+    """Every run with this action and its partner of the same pair in which nobody reacts; what else
+    is crossed, but for how somebody reacts, is the same for both."""
     others = _crossed_names(frame)
     same = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
     valid = ~facts["failed"] & (facts["faulty"] == faulty)
-    runs = frame.loc[valid, same].assign(row=frame.loc[valid].index, action=facts.loc[valid, "action"])
+    runs = frame.loc[valid, same].assign(
+        row=frame.loc[valid].index, action=facts.loc[valid, "action"]
+    )
     idle = runs.loc[runs["action"] == 0].drop_duplicates(same)
     both = runs.loc[runs["action"] == action].merge(idle, on=same, suffixes=("", "_idle"))
-    alike = pd.DataFrame({name: frame.loc[both["row"], name].to_numpy() for name in others}, index=both.index)
+    alike = pd.DataFrame(
+        {name: frame.loc[both["row"], name].to_numpy() for name in others}, index=both.index
+    )
     first = ~alike.assign(distinct=facts.loc[both["row"], "distinct"].to_numpy()).duplicated()
     mine, other = both.loc[first, "row"], both.loc[first, "row_idle"]
     return Pairs(facts.loc[mine], facts.loc[other], frame.loc[mine], frame.loc[other])
@@ -133,14 +151,19 @@ def differences(frame: pd.DataFrame, facts: pd.DataFrame, sampled: Sampled) -> l
 
 
 def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
-    """For each action, what it does to fault-free motion: the golden runs of all runs that have it."""
+    """For each action, what it does to fault-free motion: the golden runs of all runs that have
+    it.
+    """
     result = []
     for number, action in _actions(facts):
         free = run_facts.golden_runs(frame, facts["action"].to_numpy() == number)
         acted = run_facts.first_came(free, "golden_reaction_ms")
         hours = run_facts.hours(free)
         mine = pairs(frame, facts, number, faulty=False)
-        lost = mine.without_frame["pedal_down_ms"].to_numpy() - mine.with_frame["pedal_down_ms"].to_numpy()
+        lost = (
+            mine.without_frame["pedal_down_ms"].to_numpy()
+            - mine.with_frame["pedal_down_ms"].to_numpy()
+        )
         lost = lost[run_facts.first_came(mine.with_frame, "reaction_ms")]
         result.append(
             Idle(
@@ -162,7 +185,11 @@ def _crossed_names(frame: pd.DataFrame) -> list[str]:
     """Parameters that differ within pairs, but for the action: crossed with it."""
     names = [name for name in frame if name.startswith("param:") and name != run_facts.ACTION]
     pair = frame["pair"]
-    return [name for name in names if (frame[name].groupby(pair).nunique(dropna=False) > 1).to_numpy().any()]
+    return [
+        name
+        for name in names
+        if (frame[name].groupby(pair).nunique(dropna=False) > 1).to_numpy().any()
+    ]
 
 
 def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
@@ -182,7 +209,10 @@ def _parts(mine: Pairs) -> Iterator[tuple[str, Pairs]]:
 
 def _difference(action: str, among: str, mine: Pairs, sampled: bool) -> Difference:
     """action: of ACTIONS; sampled: whether the faults were drawn."""
-    after, before = mine.with_facts["unintended"].to_numpy(), mine.without_facts["unintended"].to_numpy()
+    after, before = (
+        mine.with_facts["unintended"].to_numpy(),
+        mine.without_facts["unintended"].to_numpy(),
+    )
     acted = run_facts.first_came(mine.with_frame, "reaction_ms")
     faults = intervals.faults(mine.with_facts["distinct"].to_numpy(), sampled)
     return Difference(

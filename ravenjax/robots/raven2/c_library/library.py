@@ -1,8 +1,8 @@
 """The C library of one robot: its header, its code as LLVM IR, an example program.
 
-Its code is the printed code of `ControlSoftware` and `VirtualRobot`, so it has their bits on every CPU: each operation
-is one IEEE operation and functions are the C library's. A call reads and writes the four structs that it is handed, and
-nothing else: no allocation, no globals, no locks.
+Its code is the printed code of `ControlSoftware` and `VirtualRobot`, so it has their bits on every
+CPU: each operation is one IEEE operation and functions are the C library's. A call reads and writes
+the four structs that it is handed, and nothing else: no allocation, no globals, no locks.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ _FUNCTIONS = {
     f"{CONTROL}_receive": (
         CONTROL,
         "receive",
-        "A packet that arrives before the last one of a cycle; `signals` is left alone and may be NULL.",
+        (
+            "A packet that arrives before the last one of a cycle; `signals` is left alone and may"
+            " be NULL."
+        ),
     ),
     f"{ROBOT}_step": (
         ROBOT,
@@ -52,18 +55,25 @@ class CLibrary(NamedTuple):
 
 
 def library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
-    """The library of these two, as they are set and where they stand. UserError where they do not belong together."""
+    """The library of these two, as they are set and where they stand. UserError where they do
+    not belong together.
+    """
     if software.setup.arms != robot.setup.arms or software.setup.tools != robot.setup.tools:
         raise UserError(
-            f"the control software has arms {software.setup.arms} with tools {software.setup.tools}, the robot "
-            f"{robot.setup.arms} with {robot.setup.tools}: expected the same of both"
+            f"the control software has arms {software.setup.arms} with tools"
+            f" {software.setup.tools}, the robot {robot.setup.arms} with {robot.setup.tools}:"
+            " expected the same of both"
         )
     if software.setup.console != "increments":
-        raise UserError("console is 'absolute', whose packets no wire carries; the C library takes increments")
+        raise UserError(
+            "console is 'absolute', whose packets no wire carries; the C library takes increments"
+        )
     own = software.code.transitions | robot.code.transitions
     transitions = {name: own[which] for name, (_, which, _) in _FUNCTIONS.items()}
     code = _code(transitions, _start(software, robot))
-    return CLibrary(_header(software, robot), code, _example(software.setup.arms), tuple(transitions))
+    return CLibrary(
+        _header(software, robot), code, _example(software.setup.arms), tuple(transitions)
+    )
 
 
 def _start(software: ControlSoftware, robot: VirtualRobot) -> dict[str, np.ndarray]:
@@ -83,13 +93,14 @@ def _code(transitions: Mapping[str, StateTransition], rows: Mapping[str, np.ndar
     for name in transitions:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
     calls = "".join(
-        f"define void @{name}(ptr %fixed, ptr %state, ptr %entering, ptr %leaving) {{\n"
-        f"  call void @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving, i64 0, i64 1)\n"
-        "  ret void\n}\n"
+        f"define void @{name}(ptr %fixed, ptr %state, ptr %entering, ptr %leaving) {{\n  call void"
+        f" @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving, i64 0, i64"
+        " 1)\n  ret void\n}\n"
         for name in transitions
     )
     constants = "".join(
-        f'@{name} = constant [{len(row)} x i8] c"{_escaped(row)}", align 8\n' for name, row in rows.items()
+        f'@{name} = constant [{len(row)} x i8] c"{_escaped(row)}", align 8\n'
+        for name, row in rows.items()
     )
     return f"{constants}{text}\n{calls}"
 
@@ -118,7 +129,7 @@ extern "C" {{
 #else
 #define RAVEN_ASSERT(truth, name) _Static_assert(truth, #name " has another size here than its code was made for")
 #endif
-"""
+"""  # noqa: E501
 _TAIL = """\
 #ifdef __cplusplus
 }
@@ -138,19 +149,40 @@ def _header(software: ControlSoftware, robot: VirtualRobot) -> str:
         return struct(f"{prefix}_{what}", members(kind, arms), kind.layout.bytes, about, own)
 
     entering = [
-        StructMember(name, str(inputs[name].base), inputs[name].shape) for name in inputs.names or () if name != "rest"
+        StructMember(name, str(inputs[name].base), inputs[name].shape)
+        for name in inputs.names or ()
+        if name != "rest"
     ]
     parts = [
         _HEAD.format(arms=", ".join(arms)),
         _packet(),
         of_record(CONTROL, "params", control["params"], "What is set in the control software."),
-        of_record(CONTROL, "state", control["state"], "What it remembers from one cycle to the next."),
+        of_record(
+            CONTROL, "state", control["state"], "What it remembers from one cycle to the next."
+        ),
         _inputs(entering, inputs.itemsize),
-        of_record(CONTROL, "signals", control["signals"], "What crossed its seams in a cycle, what it wrote among it."),
+        of_record(
+            CONTROL,
+            "signals",
+            control["signals"],
+            "What crossed its seams in a cycle, what it wrote among it.",
+        ),
         of_record(ROBOT, "params", plant["params"], "What is set in the robot."),
-        of_record(ROBOT, "state", plant["state"], "What it remembers from one millisecond to the next."),
-        of_record(ROBOT, "inputs", plant["inputs"], "What reaches it: DAC commands, output pins, its two buttons."),
-        of_record(ROBOT, "signals", plant["signals"], "What it shows: encoders and pins; and what is true of it."),
+        of_record(
+            ROBOT, "state", plant["state"], "What it remembers from one millisecond to the next."
+        ),
+        of_record(
+            ROBOT,
+            "inputs",
+            plant["inputs"],
+            "What reaches it: DAC commands, output pins, its two buttons.",
+        ),
+        of_record(
+            ROBOT,
+            "signals",
+            plant["signals"],
+            "What it shows: encoders and pins; and what is true of it.",
+        ),
         *_constants(),
         *_functions(),
         _TAIL,
@@ -171,7 +203,8 @@ def _units(params: type, arms: tuple[str, ...]) -> dict[str, str]:
 
 def _example(arms: tuple[str, ...]) -> str:
     written = "\n".join(
-        f"    memcpy(message.dac[{i}], out.arms_{arm}_current_cmd_written, sizeof message.dac[{i}]);"
+        f"    memcpy(message.dac[{i}], out.arms_{arm}_current_cmd_written, sizeof"
+        f" message.dac[{i}]);"
         for i, arm in enumerate(arms)
     )
     return _EXAMPLE.format(arms=len(arms), first=ARMS.index(arms[0]), written=written)
@@ -228,17 +261,22 @@ int main(void) {{
   }}
   return 0;
 }}
-"""
+"""  # noqa: E501
 
 
 def _packet() -> str:
-    """A datagram from the console; packed, since its quaternions stand at no multiple of eight bytes."""
+    """A datagram from the console; packed, since its quaternions stand at no multiple of eight
+    bytes.
+    """
     lines = []
     for name, dtype, *shape in U_STRUCT.descr:
         lines.append(f"  {_WIRE_TYPES[str(dtype)]} {name}{f'[{len(ARMS)}]' if shape else ''};")
     return "\n".join(
         [
-            "/* Of an ITP console: increments in um, grasp in mrad; entry 0 is the gold arm's, 1 the green one's. */",
+            (
+                "/* Of an ITP console: increments in um, grasp in mrad; entry 0 is the gold arm's,"
+                " 1 the green one's. */"
+            ),
             "#pragma pack(push, 1)",
             "typedef struct {",
             *lines,
@@ -268,7 +306,10 @@ def _inputs(entering: list[StructMember], total: int) -> str:
     name = f"{CONTROL}_inputs"
     return "\n".join(
         [
-            "/* What enters the control software in a cycle: a packet or none, and what USB delivered. */",
+            (
+                "/* What enters the control software in a cycle: a packet or none, and what USB"
+                " delivered. */"
+            ),
             "typedef struct {",
             *lines,
             f"}} {name};",
@@ -280,7 +321,10 @@ def _inputs(entering: list[StructMember], total: int) -> str:
 
 def _constants() -> list[str]:
     return [
-        "/* Parameters as exported, states where both stand at first, and what the robot shows then. */",
+        (
+            "/* Parameters as exported, states where both stand at first, and what the robot shows"
+            " then. */"
+        ),
         f"extern const {CONTROL}_params {CONTROL}_default;",
         f"extern const {CONTROL}_state {CONTROL}_start;",
         f"extern const {ROBOT}_params {ROBOT}_default;",
@@ -294,6 +338,6 @@ def _functions() -> Iterator[str]:
     for name, (prefix, _, about) in _FUNCTIONS.items():
         yield f"/* {about} */"
         yield (
-            f"void {name}(const {prefix}_params *params, {prefix}_state *state, const {prefix}_inputs *inputs,\n"
-            f"{' ' * len(f'void {name}(')}{prefix}_signals *signals);\n"
+            f"void {name}(const {prefix}_params *params, {prefix}_state *state, const"
+            f" {prefix}_inputs *inputs,\n{' ' * len(f'void {name}(')}{prefix}_signals *signals);\n"
         )

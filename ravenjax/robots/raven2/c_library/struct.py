@@ -43,14 +43,19 @@ class StructMember(NamedTuple):
 
 
 def members(kind: RecordKind, arms: Sequence[str]) -> list[StructMember]:
-    """The members of a record's struct, in order. Records within it give one member a field, named by the way there;
-    numbers of a Vec are an array, and so are those of several arms that stand side by side."""
+    """The members of a record's struct, in order. Records within it give one member a field, named
+    by the way there; numbers of a Vec are an array, and so are those of several arms that stand
+    side by side."""
     places = jax.tree.unflatten(kind.tree, range(len(kind.types)))
     return list(_members(places, "", kind, arms))
 
 
 def struct(
-    name: str, own: Sequence[StructMember], total: int, about: str, units: Mapping[str, str] | None = None
+    name: str,
+    own: Sequence[StructMember],
+    total: int,
+    about: str,
+    units: Mapping[str, str] | None = None,
 ) -> str:
     """The struct `name` of `total` bytes. units: of members, by name, as a comment."""
     lines, end, widest = [], 0, 1
@@ -65,7 +70,9 @@ def struct(
     return "\n".join([f"/* {about} */", "typedef struct {", *lines, f"}} {name};", check, ""])
 
 
-def _members(place: Any, name: str, kind: RecordKind, arms: Sequence[str]) -> Iterator[StructMember]:
+def _members(
+    place: Any, name: str, kind: RecordKind, arms: Sequence[str]
+) -> Iterator[StructMember]:
     if place is None:
         return
     if isinstance(place, int):
@@ -77,14 +84,18 @@ def _members(place: Any, name: str, kind: RecordKind, arms: Sequence[str]) -> It
             yield StructMember(name, types.pop(), dimensions)
             return
         for i, item in enumerate(place):
-            yield from _members(item, _joined(name, arms[i] if len(place) == len(arms) else str(i)), kind, arms)
+            yield from _members(
+                item, _joined(name, arms[i] if len(place) == len(arms) else str(i)), kind, arms
+            )
     else:
         for field in dataclasses.fields(place):
             yield from _members(getattr(place, field.name), _joined(name, field.name), kind, arms)
 
 
 def _shape(place: Any) -> tuple[int, ...] | None:
-    """Dimensions of tuples of numbers, or of tuples of equally long ones; None for anything else, or nothing."""
+    """Dimensions of tuples of numbers, or of tuples of equally long ones; None for anything
+    else, or nothing.
+    """
     if isinstance(place, int):
         return ()
     if not isinstance(place, tuple) or not place:

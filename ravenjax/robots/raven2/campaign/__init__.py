@@ -1,4 +1,5 @@
-"""What a campaign file may say of a Raven-II, and what a campaign asks of it; see `ravenjax.campaign.prepared`.
+"""What a campaign file may say of a Raven-II, and what a campaign asks of it; see
+`ravenjax.campaign.prepared`.
 
 Names are imported when they are first used: a file is read and checked without the tick.
 """
@@ -30,7 +31,17 @@ _HOMES = {
     "watched": ("ravenjax.robots.raven2.campaign.watching", "watched"),
 }
 
-__all__ = ["Config", "Params", "bases", "clocks", "explained", "phases", "prepare", "series", "watched"]
+__all__ = [
+    "Config",
+    "Params",
+    "bases",
+    "clocks",
+    "explained",
+    "phases",
+    "prepare",
+    "series",
+    "watched",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -17,7 +17,14 @@ from ravenjax.errors import UserError
 from ravenjax.parts import part
 from ravenjax.robots.raven2.campaign import older_packets, population, semantics, unread
 from ravenjax.robots.raven2.campaign.controller import OwnStages
-from ravenjax.robots.raven2.campaign.sections import HARD_RANGES, Hand, Limits, Operator, RavenCampaign, Reaction
+from ravenjax.robots.raven2.campaign.sections import (
+    HARD_RANGES,
+    Hand,
+    Limits,
+    Operator,
+    RavenCampaign,
+    Reaction,
+)
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
@@ -33,30 +40,42 @@ class RavenConfig(CampaignConfig):
     campaign: RavenCampaign
     operator: Operator = Operator(motion="suture")
     limits: Limits = Limits()
-    reaction: Reaction | None = Field(default=None, description="an operator who reacts; without it nobody does")
+    reaction: Reaction | None = Field(
+        default=None, description="an operator who reacts; without it nobody does"
+    )
     controller: OwnStages | None = Field(
         default=None, description="stages of the control software that are files of your own"
     )
-    hand: Hand | None = Field(default=None, description="a hand that the cue moves; without it the cue is a signal")
+    hand: Hand | None = Field(
+        default=None, description="a hand that the cue moves; without it the cue is a signal"
+    )
 
     @model_validator(mode="after")
     def _draw_errors(self) -> RavenConfig:
-        """Kinematic errors become parameters that are drawn, beside those of the file, which come first."""
+        """Kinematic errors become parameters that are drawn, beside those of the file, which
+        come first.
+        """
         if self.campaign.kinematic_errors == "measured":
             crossed = self.cross.keys() | {path for group in self.group for path in group.cross}
             axes = population.axes(self.campaign.arms).items()
-            self.parameters.update({p: axis for p, axis in axes if p not in crossed | self.parameters.keys()})
+            self.parameters.update(
+                {p: axis for p, axis in axes if p not in crossed | self.parameters.keys()}
+            )
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Itself, a recorded operator and the files of one's own taken from `folder`. Raises UserError."""
+        """Itself, a recorded operator and the files of one's own taken from `folder`. Raises
+        UserError.
+        """
         new = super().with_files(folder)
         if self.controller is not None:
             new = new.model_copy(update={"controller": self.controller.located(folder)})
         return new.model_copy(update={"operator": self.operator.located(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """(beginning of its parameters' paths, code) of every file of one's own. Raises UserError."""
+        """(beginning of its parameters' paths, code) of every file of one's own. Raises
+        UserError.
+        """
         yield from super().own_parts()
         for stage, source in () if self.controller is None else self.controller.parts():
             yield f"control.own.{stage}", source
@@ -91,12 +110,20 @@ class RavenConfig(CampaignConfig):
 
     @classmethod
     def words(cls) -> dict[str, dict[str, Iterable[str]]]:
-        """Model of a table -> key -> the words that it takes, where the models leave that to `complaints`."""
-        return {"RavenCampaign": {"tools": TOOLS}, "Robot": {"tools": TOOLS}, "Operator": {"motion": MOTIONS}}
+        """Model of a table -> key -> the words that it takes, where the models leave that to
+        `complaints`.
+        """
+        return {
+            "RavenCampaign": {"tools": TOOLS},
+            "Robot": {"tools": TOOLS},
+            "Operator": {"motion": MOTIONS},
+        }
 
     @classmethod
     def ranges(cls) -> dict[str, dict[str, tuple[float, float]]]:
-        """Model of a table -> key -> least and largest number, where the models leave that to a validator."""
+        """Model of a table -> key -> least and largest number, where the models leave that to a
+        validator.
+        """
         return {"Start": HARD_RANGES, "Limits": HARD_RANGES}
 
     @property
@@ -108,22 +135,39 @@ class RavenConfig(CampaignConfig):
         """(what, in words) of what the file says of the robot and its operator."""
         yield from super().lines()
         operator = self.operator
-        what = f"{operator.file}, recorded" if operator.file is not None else f"{operator.label}, generated"
+        what = (
+            f"{operator.file}, recorded"
+            if operator.file is not None
+            else f"{operator.label}, generated"
+        )
         own = "" if operator.hands is None else f"; {operator.hands} has the hands"
         yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.campaign.contact:
             yield "contact", "jaw tips with tissue and vessel, instruments with each other"
         if self.controller is not None:
-            yield "controller", ", ".join(f"{stage}: {file}" for stage, file in self.controller.files())
-        timing = f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean" if self.random_packets else ""
+            yield (
+                "controller",
+                ", ".join(f"{stage}: {file}" for stage, file in self.controller.files()),
+            )
+        timing = (
+            f"; a packet lasts {self.cycles_a_packet:.3g} cycles at the mean"
+            if self.random_packets
+            else ""
+        )
         yield "operator", f"{what}{own}; scale {operator.scale:g}{timing}{self._reaction()}{yields}"
 
     def _reaction(self) -> str:
         if self.reaction is None:
             return ""
-        axes = [self.parameters, self.cross, *(axes for one in self.group for axes in (one.parameters, one.cross))]
+        axes = [
+            self.parameters,
+            self.cross,
+            *(axes for one in self.group for axes in (one.parameters, one.cross)),
+        ]
         if any("reaction.action" in paths for paths in axes):
-            return f"; at the cue: reaction.action varies, elsewhere {MEANINGS[self.reaction.action]}"
+            return (
+                f"; at the cue: reaction.action varies, elsewhere {MEANINGS[self.reaction.action]}"
+            )
         return f"; at the cue: {MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
@@ -154,7 +198,9 @@ class RavenConfig(CampaignConfig):
 
     @property
     def packet_history(self) -> int:
-        """How old a packet may be that faults send where lengths are drawn, ms; 0: none is sent again."""
+        """How old a packet may be that faults send where lengths are drawn, ms; 0: none is sent
+        again.
+        """
         if not self.random_packets:
             return 0
         return int(min(older_packets.age_ms(self.group, self.longest_packet), self.campaign.ticks))
@@ -162,25 +208,36 @@ class RavenConfig(CampaignConfig):
     @property
     def longest_packet(self) -> int:
         """Cycles that a packet lasts at most, where lengths are drawn."""
-        own, varied = self.campaign.packet_shares, any("network.packets" in t for _, t in parameter_tables(self))
+        own, varied = (
+            self.campaign.packet_shares,
+            any("network.packets" in t for _, t in parameter_tables(self)),
+        )
         return max(map(len, (own, *packets.SHARES) if varied else (own,)))
 
     @property
     def cycles_a_packet(self) -> float:
-        """Cycles that a packet lasts at the mean, where all runs have the same distribution; else 1, the least."""
+        """Cycles that a packet lasts at the mean, where all runs have the same distribution;
+        else 1, the least.
+        """
         varied = any("network.packets" in table for _, table in parameter_tables(self))
         return 1.0 if varied else packets.mean(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
-        """Why nothing reads the parameter of that path in this campaign; "" where something does."""
+        """Why nothing reads the parameter of that path in this campaign; "" where something
+        does.
+        """
         return unread.why(path, self.campaign)
 
     def says_beyond(self, fault: Fault) -> bool:
         """Whether values beyond 16 bits are meant: by `wraps`, or at USB words by `dac_words`."""
-        return super().says_beyond(fault) or (fault.site == USB_SITE and self.campaign.dac_words is not None)
+        return super().says_beyond(fault) or (
+            fault.site == USB_SITE and self.campaign.dac_words is not None
+        )
 
     def deciding(self) -> dict[str, Any]:
-        """What decides the outcome of every run alike, for run ids. What is at its default is left out."""
+        """What decides the outcome of every run alike, for run ids. What is at its default is
+        left out.
+        """
         content = super().deciding()
         campaign = content["campaign"]
         if campaign.get("dac_words") == "wrap":  # as without the key
@@ -191,7 +248,11 @@ class RavenConfig(CampaignConfig):
             operator["file"] = _file_hash(self.operator.file)
         if (hands := self.operator.own) is not None:
             operator["hands"] = part.digest(hands)
-        own = {"campaign": {**campaign, "tools": self.tools}, "operator": operator, "limits": self.limits.si()}
+        own = {
+            "campaign": {**campaign, "tools": self.tools},
+            "operator": operator,
+            "limits": self.limits.si(),
+        }
         hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
         stages = () if self.controller is None else self.controller.parts()
         digests = {stage: part.digest(source) for stage, source in stages}
@@ -201,7 +262,9 @@ class RavenConfig(CampaignConfig):
 def of_raven(config: CampaignConfig) -> RavenConfig:
     """A campaign that must be one of a Raven-II. Raises UserError where it is of another robot."""
     if not isinstance(config, RavenConfig):
-        raise UserError(f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II")
+        raise UserError(
+            f"campaign.robot is {config.campaign.robot!r}: this needs a campaign of a Raven-II"
+        )
     return config
 
 

@@ -15,13 +15,19 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 class OwnStages(Section):
-    """[controller]: a Python file of your own in place of a stage; its parameters are control.own.STAGE..."""
+    """[controller]: a Python file of your own in place of a stage; its parameters are
+    control.own.STAGE...
+    """
 
     motor_control: Path | None = Field(
-        default=None, description="a file whose step gives (state, tau_d): desired torques from desired motor positions"
+        default=None,
+        description=(
+            "a file whose step gives (state, tau_d): desired torques from desired motor positions"
+        ),
     )
     dac: Path | None = Field(
-        default=None, description="a file whose step gives (state, current_cmd): DAC counts from desired torques"
+        default=None,
+        description="a file whose step gives (state, current_cmd): DAC counts from desired torques",
     )
     sha256: dict[str, str] = Field(
         default_factory=dict,
@@ -31,7 +37,9 @@ class OwnStages(Section):
     @model_validator(mode="after")
     def _some(self) -> OwnStages:
         if not list(self.files()):
-            raise ValueError(f'replaces nothing: write {" or ".join(STAGES)} = "file.py", or remove the section')
+            raise ValueError(
+                f'replaces nothing: write {" or ".join(STAGES)} = "file.py", or remove the section'
+            )
         if strays := [stage for stage in self.sha256 if stage not in dict(self.files())]:
             raise ValueError(f"sha256 has {strays[0]!r}, which is not replaced: remove it")
         return self
@@ -49,5 +57,9 @@ class OwnStages(Section):
 
     def located(self, folder: Path) -> OwnStages:
         """Itself, its files taken from `folder` and known by their content."""
-        there = self.model_copy(update={stage: folder.absolute() / file for stage, file in self.files()})
-        return there.model_copy(update={"sha256": {stage: part.digest(source) for stage, source in there.parts()}})
+        there = self.model_copy(
+            update={stage: folder.absolute() / file for stage, file in self.files()}
+        )
+        return there.model_copy(
+            update={"sha256": {stage: part.digest(source) for stage, source in there.parts()}}
+        )

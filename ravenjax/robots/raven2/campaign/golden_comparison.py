@@ -1,4 +1,6 @@
-"""A campaign's program with the observer of `loop.explained` in it, and the normal ranges that it looks for."""
+"""A campaign's program with the observer of `loop.explained` in it, and the normal ranges that
+it looks for.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from ravenjax.robots.raven2.loop import explained as loop
 from ravenjax.vocabulary.seams import Crossing
 
 ROUNDED = 5e-6
-"""Ranges are written with six digits: an end is so much of itself farther out, lest it exclude what was measured."""
+"""Ranges are written with six digits: an end is so much of itself farther out, lest it exclude
+what was measured.
+"""
 
 
 def explained(program: TickProgram) -> TickProgram:

@@ -18,7 +18,8 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorReplay | None:
-    """What becomes of a recorded operator in `ticks` ms, by default those of a run; None for a generated motion.
+    """What becomes of a recorded operator in `ticks` ms, by default those of a run; None for a
+    generated motion.
 
     Raises UserError for a file that cannot be used as the campaign has it.
     """
@@ -26,7 +27,9 @@ def operator_replay(config: RavenConfig, ticks: int | None = None) -> OperatorRe
     if operator.file is None:
         return None
     ticks, bounds = ticks or config.campaign.ticks, operator_bounds(config)
-    return recorded.replay(operator.file, config.campaign.arms, operator.options, ticks, operator.scale, bounds)
+    return recorded.replay(
+        operator.file, config.campaign.arms, operator.options, ticks, operator.scale, bounds
+    )
 
 
 def operator_bounds(config: RavenConfig) -> Bounds:
@@ -39,7 +42,9 @@ def operator_bounds(config: RavenConfig) -> Bounds:
 
 
 def scaled(replay: OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
-    """The summary of a replay whose teleoperation scale a campaign varies; UserError where that leaves the limits."""
+    """The summary of a replay whose teleoperation scale a campaign varies; UserError where that
+    leaves the limits.
+    """
     if scales is None or np.isnan(scales).all():
         return replay.summary
     some = np.where(np.isnan(scales), replay.summary.scale, scales)
@@ -53,9 +58,12 @@ def operator_motion(config: RavenConfig) -> Motion:
     if (replay := operator_replay(config)) is not None:
         return replay.motion
     name = operator.motion or "suture"
-    generated = motions.generate(name, config.campaign.duration_s, arms, operator.seed).first(config.campaign.ticks)
+    generated = motions.generate(name, config.campaign.duration_s, arms, operator.seed).first(
+        config.campaign.ticks
+    )
     start = operator.start.si()
     begins = (
-        tuple(start.get(joint, q) for joint, q in zip(JOINTS, jpos, strict=True)) for jpos in generated.start_jpos
+        tuple(start.get(joint, q) for joint, q in zip(JOINTS, jpos, strict=True))
+        for jpos in generated.start_jpos
     )
     return dataclasses.replace(generated, start_jpos=tuple(begins))

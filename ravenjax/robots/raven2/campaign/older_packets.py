@@ -1,7 +1,7 @@
 """How old a packet may be that faults of the network send, where the lengths of packets are drawn.
 
-Without draws the place of an older packet in the motion follows from its number. With them the tick remembers when
-packets were sent, and must know beforehand for how long.
+Without draws the place of an older packet in the motion follows from its number. With them the tick
+remembers when packets were sent, and must know beforehand for how long.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from ravenjax.stages.channel import DELAY_MS, JITTER_MS
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
 LONGEST_MS = 8192
-"""The longest history that a tick keeps: 256 words, with 9 000 operations beside 11 400 of the rest of a tick."""
+"""The longest history that a tick keeps: 256 words, with 9 000 operations beside 11 400 of the
+rest of a tick.
+"""
 
 _CHANNELS = ("lag", "delay")
 """Channels that count packets."""
@@ -30,22 +32,35 @@ def age_ms(groups: Iterable[Group], longest: int) -> float:
 
     longest: cycles that a packet lasts at most.
     """
-    runs = (faults for group in groups for faults in (group.fault, *(group.faults_of(run) for run in group.run)))
+    runs = (
+        faults
+        for group in groups
+        for faults in (group.fault, *(group.faults_of(run) for run in group.run))
+    )
     return max((_age_ms(faults, longest) for faults in runs), default=0.0)
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:
     """The same of one run, or of runs that differ in values alone."""
-    counts = [count for fault in faults if fault.site == "network" for count in [_packets(fault)] if count is not None]
+    counts = [
+        count
+        for fault in faults
+        if fault.site == "network"
+        for count in [_packets(fault)]
+        if count is not None
+    ]
     late = any(fault.site == "network" and "jitter" in _channels(fault) for fault in faults)
     if not counts and not late:
         return 0.0
-    # Of the packet before, too: increments are since then. And the newest may be `longest` old when it is asked for.
+    # Of the packet before, too: increments are since then. And the newest may be `longest` old when
+    # it is asked for.
     return (sum(counts) + 2) * longest + (_JITTER_MS if late else 0)
 
 
 def _packets(fault: Fault) -> float | None:
-    """By how many packets a fault of the network makes one late at most; None where it strikes another channel."""
+    """By how many packets a fault of the network makes one late at most; None where it strikes
+    another channel.
+    """
     if not set(_channels(fault)) & set(_CHANNELS):
         return None
     most = 0.0
@@ -62,6 +77,10 @@ def _packets(fault: Fault) -> float | None:
 
 def _channels(fault: Fault) -> set[str]:
     """Channels of site network that a fault may strike."""
-    bound = {NETWORK_EFFECTS[effect].channel for effect in fault.effect.listed if effect in NETWORK_EFFECTS}
+    bound = {
+        NETWORK_EFFECTS[effect].channel
+        for effect in fault.effect.listed
+        if effect in NETWORK_EFFECTS
+    }
     listed = () if fault.channel is None else fault.channel.listed
     return bound | ({*_CHANNELS, "jitter"} if ALL in listed else set(listed))

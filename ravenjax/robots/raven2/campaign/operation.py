@@ -1,7 +1,9 @@
-"""Which milliseconds of a campaign belong to which phase: by the operator's motion at the setup that the file has.
+"""Which milliseconds of a campaign belong to which phase: by the operator's motion at the setup
+that the file has.
 
-Scale and packets are those of the file where it has one number for all runs, else the documented ones. What noise,
-drawn packets, a cue or a fault make of the motion is not in it: phases are the plan's, and the same for all runs.
+Scale and packets are those of the file where it has one number for all runs, else the documented
+ones. What noise, drawn packets, a cue or a fault make of the motion is not in it: phases are the
+plan's, and the same for all runs.
 """
 
 from __future__ import annotations
@@ -23,16 +25,23 @@ WINDOW = 20
 
 
 def phases(config: RavenConfig) -> dict[str, np.ndarray]:
-    """Of each phase the stretches of its ticks, int64 [stretches, 2]: the first, and the first beyond.
+    """Of each phase the stretches of its ticks, int64 [stretches, 2]: the first, and the first
+    beyond.
 
     Raises UserError for an operator's file that cannot be used.
     """
     motion, ticks = hands.operator_motion(config), config.campaign.ticks
-    cycles = 1 if config.random_packets else max(1, int(_number(config, "network.cycles_per_packet", 1)))
+    cycles = (
+        1 if config.random_packets else max(1, int(_number(config, "network.cycles_per_packet", 1)))
+    )
     motion = motion.first(-(-ticks // cycles))
     row = np.arange(ticks) // cycles
-    obeyed = _number(config, "control.state_machine.plc_obeyed", config.campaign.software == "raven2")
-    down = pedal.planned(config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks)
+    obeyed = _number(
+        config, "control.state_machine.plc_obeyed", config.campaign.software == "raven2"
+    )
+    down = pedal.planned(
+        config.campaign.software, motion.surgeon_mode > 0, cycles, bool(obeyed), ticks
+    )
     scale = _number(config, "operator.scale", config.operator.scale)
     follows = np.full(len(motion), config.campaign.console == "absolute")  # which has no clutch
     follows[row[down]] = True
@@ -40,8 +49,16 @@ def phases(config: RavenConfig) -> dict[str, np.ndarray]:
     way = _way(motion, scale, follows)
     speed = _speed(way)[row]
     fast = down & (speed > np.median(speed[down])) if down.any() else down
-    deep = np.any([_depth(motion, i, arm, way[:, i]) > 0.0 for i, arm in enumerate(motion.arms)], axis=0)
-    masks = {PEDAL_DOWN: down, PEDAL_UP: ~down, FAST: fast, SLOW: down & ~fast, IN_TISSUE: deep[row]}
+    deep = np.any(
+        [_depth(motion, i, arm, way[:, i]) > 0.0 for i, arm in enumerate(motion.arms)], axis=0
+    )
+    masks = {
+        PEDAL_DOWN: down,
+        PEDAL_UP: ~down,
+        FAST: fast,
+        SLOW: down & ~fast,
+        IN_TISSUE: deep[row],
+    }
     return {name: _stretches(mask) for name, mask in masks.items()}
 
 
@@ -52,7 +69,8 @@ def _number(config: RavenConfig, path: str, own: float) -> float:
 
 
 def _way(motion: Motion, scale: float, follows: np.ndarray) -> np.ndarray:
-    """Where the operator has each tip in each row, m from where it began, axes of an ITP packet; [rows, arms, 3].
+    """Where the operator has each tip in each row, m from where it began, axes of an ITP packet;
+    [rows, arms, 3].
 
     follows: bool [rows], whether it goes with the hand.
     """
@@ -64,7 +82,9 @@ def _speed(way: np.ndarray) -> np.ndarray:
     """Speed of the faster tip in each row of `way`, m a row."""
     rows = np.arange(len(way))
     before, after = np.maximum(rows - WINDOW // 2, 0), np.minimum(rows + WINDOW // 2, len(rows) - 1)
-    return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(after - before, 1)
+    return np.linalg.norm(way[after] - way[before], axis=2).max(axis=1) / np.maximum(
+        after - before, 1
+    )
 
 
 def _depth(motion: Motion, i: int, arm: ArmName, way: np.ndarray) -> np.ndarray:

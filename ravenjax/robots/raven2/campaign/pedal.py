@@ -1,9 +1,11 @@
-"""When the pedal of a Raven-II is down and its packets come, from the operator's motion and what a campaign varies.
+"""When the pedal of a Raven-II is down and its packets come, from the operator's motion and what a
+campaign varies.
 
-From foot to software the pedal goes through numbers that no motor turns: packet, software, PLC and back. Here they are
-followed alone, tick by tick around each change of the foot. What else can lift the pedal stops the robot for good (the
-PLC's trip latches), or is an operator who lets go: then it is down until then, and not again. An operator of one's own
-may be back on it, at any time that nobody knows before, but not earlier than planned.
+From foot to software the pedal goes through numbers that no motor turns: packet, software, PLC and
+back. Here they are followed alone, tick by tick around each change of the foot. What else can lift
+the pedal stops the robot for good (the PLC's trip latches), or is an operator who lets go: then it
+is down until then, and not again. An operator of one's own may be back on it, at any time that
+nobody knows before, but not earlier than planned.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ from ravenjax.stages import packet_clock
 from ravenjax.vocabulary.reactions import SLOW
 
 MOVING = ("network", "packet_header", "usb_status", "runlevel", "pins_out", "plc", "buttons")
-"""Sites where a fault may move the pedal, or start a robot that has stopped; so may the pins of site usb_in."""
+"""Sites where a fault may move the pedal, or start a robot that has stopped; so may the pins of
+site usb_in.
+"""
 
 LATENCY = 8
 """Ticks from a packet until the software has followed its pedal, and a few more."""
@@ -34,7 +38,10 @@ BLOCK = 2**20
 
 
 def clocks(
-    program: TickProgram, columns: tuple[np.ndarray, ...], varied: Mapping[str, np.ndarray], runs: int
+    program: TickProgram,
+    columns: tuple[np.ndarray, ...],
+    varied: Mapping[str, np.ndarray],
+    runs: int,
 ) -> Clocks:
     """Clocks of triggers in the runs of a campaign; see `ravenjax.campaign.prepared`."""
     setup, params, ticks = program.setup, program.params, program.ticks
@@ -43,7 +50,9 @@ def clocks(
         return np.asarray(varied.get(path, np.full(runs, own)))
 
     network, control = params.network, params.control
-    cycles = np.maximum(numbers("network.cycles_per_packet", network.cycles_per_packet).astype(np.int64), 1)
+    cycles = np.maximum(
+        numbers("network.cycles_per_packet", network.cycles_per_packet).astype(np.int64), 1
+    )
     choice = numbers("network.packets", network.packets).astype(np.int64)
     longest = cycles
     if setup.packets:
@@ -66,19 +75,31 @@ def clocks(
         least=cycles,
         arrivals=_arrivals(setup, cycles, choice, varied, ticks),
         phases=tuple(
-            _phases(_level(setup.software), foot, _Foot(least, most, bool(plc)), bool(setup.packets), bool(lost), ticks)
+            _phases(
+                _level(setup.software),
+                foot,
+                _Foot(least, most, bool(plc)),
+                bool(setup.packets),
+                bool(lost),
+                ticks,
+            )
             for least, most, plc, lost in kinds.tolist()
         ),
         kind=kind.reshape(-1),
-        moved=np.array([False, *(site in MOVING or (site, name) == ("usb_in", "pins") for site, _, name in keys)]),
+        moved=np.array(
+            [
+                False,
+                *(site in MOVING or (site, name) == ("usb_in", "pins") for site, _, name in keys),
+            ]
+        ),
     )
 
 
 def planned(software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int) -> np.ndarray:
     """Ticks in which the robot is in pedal-down where nothing stops it, bool [ticks].
 
-    foot: bool [rows of the motion], whether it is on the pedal. cycles: ticks that a packet lasts. plc: whether the
-    software obeys the PLC.
+    foot: bool [rows of the motion], whether it is on the pedal. cycles: ticks that a packet lasts.
+    plc: whether the software obeys the PLC.
     """
     down = np.zeros(ticks, bool)
     phases = _phases(_level(software), foot, _Foot(cycles, cycles, plc), False, False, ticks)
@@ -91,9 +112,15 @@ def planned(software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int)
 
 
 def _arrivals(
-    setup: RavenSetup, cycles: np.ndarray, choice: np.ndarray, varied: Mapping[str, np.ndarray], ticks: int
+    setup: RavenSetup,
+    cycles: np.ndarray,
+    choice: np.ndarray,
+    varied: Mapping[str, np.ndarray],
+    ticks: int,
 ) -> EvenPackets | DrawnPackets | None:
-    if setup.build != "robot":  # a simulator's packet generator ends with the robot's software E-stop
+    if (
+        setup.build != "robot"
+    ):  # a simulator's packet generator ends with the robot's software E-stop
         return None
     if not setup.packets:
         return EvenPackets(cycles, ticks)
@@ -139,8 +166,8 @@ class DrawnPackets:
         return count
 
     def _drawn(self, rows: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Places in `rows`, the number of packets before, and the ticks [places, packets] in which the next ones come,
-        up to `most` packets a run."""
+        """Places in `rows`, the number of packets before, and the ticks [places, packets] in which
+        the next ones come, up to `most` packets a run."""
         wide = min(most, 4096)
         high = max(1, BLOCK // wide)
         for top in range(0, len(rows), high):
@@ -173,8 +200,12 @@ def _level(software: str) -> int:
     return PEDAL_UP if software == "raven2" else PEDAL_DOWN
 
 
-def _phases(level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: bool, ticks: int) -> PedalPhases:
-    """level: in which a run begins; foot: as in `planned`; random: whether the packets' lengths are drawn."""
+def _phases(
+    level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: bool, ticks: int
+) -> PedalPhases:
+    """level: in which a run begins; foot: as in `planned`; random: whether the packets' lengths
+    are drawn.
+    """
     cycles = 1 if random else way.least
     changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0))) * cycles
     changes = changes[changes < ticks]
@@ -189,10 +220,12 @@ def _phases(level: int, foot: np.ndarray, way: _Foot, random: bool, unknown: boo
 
 
 def _turns(changes: Sequence[int], level: int, plc: bool, ticks: int) -> Iterator[int]:
-    """Ticks before `ticks` in which the pedal's clock begins to count, and in which it stops, by turns.
+    """Ticks before `ticks` in which the pedal's clock begins to count, and in which it stops, by
+    turns.
 
-    changes: ticks in which a packet with another position of the foot comes, the first one down. level: run level in
-    which the robot begins. As `state_machine.adopt` and `plc.step`, while nothing stops the robot.
+    changes: ticks in which a packet with another position of the foot comes, the first one down.
+    level: run level in which the robot begins. As `state_machine.adopt` and `plc.step`, while
+    nothing stops the robot.
     """
     foot, plc_level, mismatches, tick = False, level, 0, 0
     if level == PEDAL_DOWN:  # what tick 0 counts is read in tick 1

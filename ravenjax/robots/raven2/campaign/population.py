@@ -1,4 +1,6 @@
-"""The robots that a campaign draws: the kinematic errors of each arm, as parameters with a distribution."""
+"""The robots that a campaign draws: the kinematic errors of each arm, as parameters with a
+distribution.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""From a validated campaign to a Raven's tick: what picks its code, its parameters, its operator's motion."""
+"""From a validated campaign to a Raven's tick: what picks its code, its parameters, its
+operator's motion.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +24,14 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 
 NOISE_KEY = "plant.noise_key"
-"""Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run draws its own."""
+"""Parameter that a campaign with noise sets from each run's id, which hashes its seed: every run
+draws its own.
+"""
 
 PACKETS, PACKET_KEY = "network.packets", "network.packet_key"
-"""Parameter that makes the tick draw how long packets last, and the one that a campaign then sets from run ids."""
+"""Parameter that makes the tick draw how long packets last, and the one that a campaign then
+sets from run ids.
+"""
 
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that makes the tick keep commands of the past, and the most it keeps, ms."""
@@ -36,9 +42,14 @@ SCALE = "operator.scale"
 
 
 def prepare(
-    config: RavenConfig, varied: Mapping[str, np.ndarray], injection: Injection, precision: Precision
+    config: RavenConfig,
+    varied: Mapping[str, np.ndarray],
+    injection: Injection,
+    precision: Precision,
 ) -> Prepared:
-    """See `ravenjax.campaign.prepared`. Raises UserError for an operator's file that cannot be used."""
+    """See `ravenjax.campaign.prepared`. Raises UserError for an operator's file that cannot be
+    used.
+    """
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
     setup = RavenSetup(
@@ -72,19 +83,28 @@ def prepare(
         columns=tuple(motion.table().T),
         motion=motion,
         operator=None if replay is None else hands.scaled(replay, varied.get(SCALE)),
-        keys=({NOISE_KEY: "noise"} if setup.noise else {}) | ({PACKET_KEY: "packets"} if setup.packets else {}),
+        keys=({NOISE_KEY: "noise"} if setup.noise else {})
+        | ({PACKET_KEY: "packets"} if setup.packets else {}),
     )
 
 
-def _distributions(config: RavenConfig, choices: np.ndarray | None) -> tuple[tuple[float, ...], ...]:
-    """Distributions that packets of some run may have, by number; none where every cycle of every run has a packet."""
+def _distributions(
+    config: RavenConfig, choices: np.ndarray | None
+) -> tuple[tuple[float, ...], ...]:
+    """Distributions that packets of some run may have, by number; none where every cycle of
+    every run has a packet.
+    """
     own = config.campaign.packet_shares
     varied = choices is not None and bool(np.nan_to_num(choices).any())
-    return () if own == packets.SHARES[packets.EVERY_CYCLE] and not varied else (*packets.SHARES, own)
+    return (
+        () if own == packets.SHARES[packets.EVERY_CYCLE] and not varied else (*packets.SHARES, own)
+    )
 
 
 def _longest(delays: np.ndarray | None) -> int:
-    """Room that the delay line needs, ms: one for each tick of the longest delay that can be run."""
+    """Room that the delay line needs, ms: one for each tick of the longest delay that can be
+    run.
+    """
     if delays is None or np.isnan(delays).all():
         return 0
     return int(np.clip(np.nanmax(delays), 0, LONGEST_DELAY))
@@ -115,12 +135,17 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
         thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
     if params.checks is not None:
-        params = replace(params, checks=own_checks.params(setup, [one.threshold for one in config.check]))
+        params = replace(
+            params, checks=own_checks.params(setup, [one.threshold for one in config.check])
+        )
     if params.reaction is not None and config.reaction is not None:
         settings = config.reaction.model_dump(exclude={"action", "correct_mm_s"})
         action = np.int32(ACTIONS.index(config.reaction.action))
         speed = config.reaction.correct_mm_s / 1e3
-        params = replace(params, reaction=replace(params.reaction, action=action, correct_speed=speed, **settings))
+        params = replace(
+            params,
+            reaction=replace(params.reaction, action=action, correct_speed=speed, **settings),
+        )
     if params.hand is not None and config.hand is not None:
         params = replace(params, hand=replace(params.hand, **config.hand.model_dump()))
     for joint, (low, high) in config.limits.si().items():

@@ -1,4 +1,6 @@
-"""Sections of a Raven-II's campaign file: keys of [campaign], and [operator], [limits], [reaction], [hand]."""
+"""Sections of a Raven-II's campaign file: keys of [campaign], and [operator], [limits],
+[reaction], [hand].
+"""
 
 from __future__ import annotations
 
@@ -32,90 +34,130 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def _packets(raw: Any) -> Any:
-    """A distribution of packets: its name, or its shares. ValueError where it is neither, with what to write."""
+    """A distribution of packets: its name, or its shares. ValueError where it is neither, with
+    what to write.
+    """
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
-        raise ValueError(f"got {raw!r}, expected one of {names}{suggestion(raw, packets.CHOICES)}, or a list of shares")
+        raise ValueError(
+            f"got {raw!r}, expected one of {names}{suggestion(raw, packets.CHOICES)}, or a list of"
+            " shares"
+        )
     if not isinstance(raw, list | tuple):
         return raw
     if not 1 <= len(raw) <= packets.MOST_CYCLES:
-        raise ValueError(f"got {len(raw)} shares, expected 1 to {packets.MOST_CYCLES}: of 1, 2, 3, .. cycles")
+        raise ValueError(
+            f"got {len(raw)} shares, expected 1 to {packets.MOST_CYCLES}: of 1, 2, 3, .. cycles"
+        )
     numbers = [x for x in raw if isinstance(x, int | float) and not isinstance(x, bool) and x >= 0]
     if len(numbers) < len(raw) or abs(math.fsum(numbers) - 1.0) > 1e-6:
         total = f", whose sum is {math.fsum(numbers):g}" if len(numbers) == len(raw) else ""
         raise ValueError(
-            f"got {shown(list(raw))}{total}, expected shares of packets that last 1, 2, 3, .. cycles, none negative "
-            "and 1 in all, such as [0.1, 0.8, 0.1]"
+            f"got {shown(list(raw))}{total}, expected shares of packets that last 1, 2, 3, .."
+            " cycles, none negative and 1 in all, such as [0.1, 0.8, 0.1]"
         )
     return tuple(float(x) for x in numbers)
 
 
-Packets = Annotated[Literal["every_cycle", "measured", "bursts"] | tuple[float, ...], BeforeValidator(_packets)]
+Packets = Annotated[
+    Literal["every_cycle", "measured", "bursts"] | tuple[float, ...], BeforeValidator(_packets)
+]
 """How long packets last: a name of `vocabulary.packets`, or shares of one's own."""
 
 
 class RavenCampaign(CampaignSection):
     """[campaign]: what holds for every run."""
 
-    arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2, description="arms, gold first")
+    arms: tuple[ArmName, ...] = Field(
+        default=("gold",), min_length=1, max_length=2, description="arms, gold first"
+    )
     noise: bool = Field(
-        default=False, description="draw noise of the sizes plant.encoder_noise and plant.torque_noise, anew each run"
+        default=False,
+        description=(
+            "draw noise of the sizes plant.encoder_noise and plant.torque_noise, anew each run"
+        ),
     )
     software: Literal["raven2", "fork2015"] = Field(
         default="raven2", description="control software: present raven2, or the 2015 fork"
     )
     build: Literal["robot", "dyn_sim", "dyn_sim_tools"] = Field(
         default="robot",
-        description="what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model without "
-        "encoders and filter, ideal tool joints, packets that end with a software E-stop; dyn_sim_tools: the same, but "
-        "tool joints measured as on the robot, which nobody published",
+        description=(
+            "what the software was built for; dyn_sim, of fork2015: motors 1-3 read from the model"
+            " without encoders and filter, ideal tool joints, packets that end with a software"
+            " E-stop; dyn_sim_tools: the same, but tool joints measured as on the robot, which"
+            " nobody published"
+        ),
     )
     dac_words: Literal["wrap", "saturate", "unwrapped"] | None = Field(
         default=None,
-        description="how a DAC command that a fault wrote behind the checks is stored in the 16 bits of a USB word; "
-        "left out, it wraps, and a fault's value beyond 16 bits is refused",
+        description=(
+            "how a DAC command that a fault wrote behind the checks is stored in the 16 bits of a"
+            " USB word; left out, it wraps, and a fault's value beyond 16 bits is refused"
+        ),
     )
-    tools: tuple[str, ...] | None = Field(default=None, description="one tool per arm; default: the software's own")
+    tools: tuple[str, ...] | None = Field(
+        default=None, description="one tool per arm; default: the software's own"
+    )
     console: Literal["increments", "absolute"] = Field(
-        default="increments", description="what a packet carries: increments of the hand's motion, or positions"
+        default="increments",
+        description="what a packet carries: increments of the hand's motion, or positions",
     )
     packets: Packets = Field(
         default="every_cycle",
-        description="how many control cycles a packet of the console lasts, drawn anew each run: every_cycle: one; "
-        "measured: as on a recorded robot, two in 93 of 100; bursts: as a recorded console sends, one to three, and 6 "
-        "to 11 in 18 of 100; or the shares of packets that last 1, 2, 3, .. cycles. The hand moves on meanwhile; "
-        "varied as network.packets, 0 to 3",
+        description=(
+            "how many control cycles a packet of the console lasts, drawn anew each run:"
+            " every_cycle: one; measured: as on a recorded robot, two in 93 of 100; bursts: as a"
+            " recorded console sends, one to three, and 6 to 11 in 18 of 100; or the shares of"
+            " packets that last 1, 2, 3, .. cycles. The hand moves on meanwhile; varied as"
+            " network.packets, 0 to 3"
+        ),
     )
     policy: Literal["no_regulation", "soft_regulation", "hard_regulation"] = Field(
         default="soft_regulation",
-        description="what raven2's overdrive check does with a command above the limit of its level: nothing, clip it, "
-        "or stop after ten; the fork has no policy",
+        description=(
+            "what raven2's overdrive check does with a command above the limit of its level:"
+            " nothing, clip it, or stop after ten; the fork has no policy"
+        ),
     )
     level: Literal["beginner", "moderate", "advanced", "fork2015"] | None = Field(
         default=None,
-        description="limits of the overdrive check, counts a joint; default moderate for raven2, fork2015 for the fork",
+        description=(
+            "limits of the overdrive check, counts a joint; default moderate for raven2, fork2015"
+            " for the fork"
+        ),
     )
     parameter_set: parameter_sets.Name = Field(
         parameter_sets.DEFAULT,
-        description="mechanics of the virtual robot: power_consistent, or a set that the authors published for its "
-        "first three joints, under their law of motor and cable",
+        description=(
+            "mechanics of the virtual robot: power_consistent, or a set that the authors published"
+            " for its first three joints, under their law of motor and cable"
+        ),
     )
     kinematic_errors: Literal["none", "measured"] = Field(
         default="none",
-        description="what makes a healthy robot's report wrong (joint offsets after homing, drums, links): none; "
-        "measured: drawn anew for each run and arm, as large as cameras saw on a real arm, an upper bound. Half of it: "
-        "plant.kinematic_errors.scale = 0.5",
+        description=(
+            "what makes a healthy robot's report wrong (joint offsets after homing, drums, links):"
+            " none; measured: drawn anew for each run and arm, as large as cameras saw on a real"
+            " arm, an upper bound. Half of it: plant.kinematic_errors.scale = 0.5"
+        ),
     )
     cables: Literal["unbreakable", "break"] = Field(
         default="unbreakable",
-        description="what a cable does whose tension exceeds plant.cable_strength: hold all the same, or part, and "
-        "carry nothing for the rest of the run. Either way overload is an outcome of power_consistent; tensions of the "
-        "published sets are no real ones, and nothing breaks there",
+        description=(
+            "what a cable does whose tension exceeds plant.cable_strength: hold all the same, or"
+            " part, and carry nothing for the rest of the run. Either way overload is an outcome of"
+            " power_consistent; tensions of the published sets are no real ones, and nothing breaks"
+            " there"
+        ),
     )
     contact: bool = Field(
         default=False,
-        description="whether jaw tips press on the scene's tissue and vessel, and instruments on each other: forces on "
-        "the robot, and outcomes; the numbers are parameters contact... Without it nothing is touched",
+        description=(
+            "whether jaw tips press on the scene's tissue and vessel, and instruments on each"
+            " other: forces on the robot, and outcomes; the numbers are parameters contact..."
+            " Without it nothing is touched"
+        ),
     )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
 
@@ -124,12 +166,20 @@ class RavenCampaign(CampaignSection):
         """Number of the distribution of packets: one of CHOICES, or OWN."""
         if isinstance(self.packets, str):
             return packets.CHOICES.index(self.packets)
-        return packets.EVERY_CYCLE if self.packets == packets.SHARES[packets.EVERY_CYCLE] else packets.OWN
+        return (
+            packets.EVERY_CYCLE
+            if self.packets == packets.SHARES[packets.EVERY_CYCLE]
+            else packets.OWN
+        )
 
     @property
     def packet_shares(self) -> tuple[float, ...]:
         """Shares of packets that last 1, 2, 3, .. cycles."""
-        return packets.SHARES[packets.CHOICES.index(self.packets)] if isinstance(self.packets, str) else self.packets
+        return (
+            packets.SHARES[packets.CHOICES.index(self.packets)]
+            if isinstance(self.packets, str)
+            else self.packets
+        )
 
     @property
     def stored_words(self) -> Literal["wrap", "saturate", "unwrapped"]:
@@ -144,16 +194,20 @@ HARD_RANGES = {
     "tool_roll_deg": (-330.0, 330.0),
     "wrist_deg": (-100.0, 100.0),
 }
-"""Where the joint meets its hard stop, or its original soft limit where no stop is published; raven2 `defines.h`,
-`tools.cpp` (r_grasper)."""
+"""Where the joint meets its hard stop, or its original soft limit where no stop is published;
+raven2 `defines.h`, `tools.cpp` (r_grasper)."""
 
 
 class Start(Section):
-    """[operator.start]: joints in which a generated motion begins; what is left out is as after homing."""
+    """[operator.start]: joints in which a generated motion begins; what is left out is as after
+    homing.
+    """
 
     shoulder_deg: float | None = Field(default=None, description="shoulder, between its hard stops")
     elbow_deg: float | None = Field(default=None, description="elbow, between its hard stops")
-    insertion_m: float | None = Field(default=None, description="insertion; less draws the instrument back")
+    insertion_m: float | None = Field(
+        default=None, description="insertion; less draws the instrument back"
+    )
     tool_roll_deg: float | None = Field(default=None, description="roll of the instrument")
     wrist_deg: float | None = Field(default=None, description="wrist of the instrument")
 
@@ -171,7 +225,9 @@ class Start(Section):
 
 
 def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
-    """(joint, factor to rad or m, what was given) of each key of HARD_RANGES that a section holds."""
+    """(joint, factor to rad or m, what was given) of each key of HARD_RANGES that a section
+    holds.
+    """
     for name in HARD_RANGES:
         if (value := getattr(section, name)) is not None:
             joint, _, unit = name.rpartition("_")
@@ -186,16 +242,22 @@ GENERATED = ("seed",)
 class Operator(Section):
     """[operator]: whose hands move."""
 
-    motion: str | None = Field(default=None, description="a generated motion: " + ", ".join(MOTIONS))
+    motion: str | None = Field(
+        default=None, description="a generated motion: " + ", ".join(MOTIONS)
+    )
     file: Path | None = Field(
         default=None,
-        description="a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python file (.py) is "
-        "`hands`",
+        description=(
+            "a recorded motion (Parquet, CSV, MCAP, ROS bag), from this file's folder; a Python"
+            " file (.py) is `hands`"
+        ),
     )
     hands: Path | None = Field(
         default=None,
-        description="a Python file with an operator of your own, from this file's folder: what hands make of motion "
-        "or file, which is their plan; its parameters are operator.own.hands...",
+        description=(
+            "a Python file with an operator of your own, from this file's folder: what hands make"
+            " of motion or file, which is their plan; its parameters are operator.own.hands..."
+        ),
     )
     hands_sha256: str | None = Field(
         default=None,
@@ -206,19 +268,29 @@ class Operator(Section):
         default=0.1,
         ge=0.001,
         le=1.0,
-        description="teleoperation scale; varied as operator.scale. At the scale written here a recorded tip moves as "
-        "recorded; a generated motion is planned for 0.1",
+        description=(
+            "teleoperation scale; varied as operator.scale. At the scale written here a recorded"
+            " tip moves as recorded; a generated motion is planned for 0.1"
+        ),
     )
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the generated motion")
-    window_s: tuple[float, float] | None = Field(default=None, description="[begin, end] within a recorded motion, s")
+    window_s: tuple[float, float] | None = Field(
+        default=None, description="[begin, end] within a recorded motion, s"
+    )
     rate_hz: float | None = Field(
         default=None,
         gt=0.0,
         le=100_000.0,
-        description="rows a second of a recorded motion, evenly spaced: where it has no times, or those of arrival",
+        description=(
+            "rows a second of a recorded motion, evenly spaced: where it has no times, or those of"
+            " arrival"
+        ),
     )
     cutoff_hz: float | None = Field(
-        default=None, gt=0.0, lt=500.0, description="low-pass of a recorded motion, Hz; without it none: tremor stays"
+        default=None,
+        gt=0.0,
+        lt=500.0,
+        description="low-pass of a recorded motion, Hz; without it none: tremor stays",
     )
     max_gap_s: float = Field(
         default=MAX_GAP_S,
@@ -228,18 +300,29 @@ class Operator(Section):
     )
     spikes: Spikes = Field(
         default="refuse",
-        description="a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as it is",
+        description=(
+            "a recorded tip that jumps: refuse; remove: interpolate where it comes back; replay: as"
+            " it is"
+        ),
     )
     console: str = Field(
         default="auto",
-        description="whose packets a recorded stream holds: a profile's name, a .toml file, or auto, found from them",
+        description=(
+            "whose packets a recorded stream holds: a profile's name, a .toml file, or auto, found"
+            " from them"
+        ),
     )
     at_end: AtEnd = Field(
         default="refuse",
-        description="a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back and forth",
+        description=(
+            "a recorded motion that ends before the run: refuse; hold: hands rest; reverse: back"
+            " and forth"
+        ),
     )
     start: Start = Start()
-    slow_down: float = Field(default=1.0, ge=0.1, le=100.0, description="how much slower than recorded it is replayed")
+    slow_down: float = Field(
+        default=1.0, ge=0.1, le=100.0, description="how much slower than recorded it is replayed"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -249,7 +332,9 @@ class Operator(Section):
         if str(raw.get("file")).endswith(".py"):
             if raw.get("hands") is not None:
                 raise ValueError("file and hands are both Python: give one of them")
-            raw = {key: value for key, value in raw.items() if key != "file"} | {"hands": raw["file"]}
+            raw = {key: value for key, value in raw.items() if key != "file"} | {
+                "hands": raw["file"]
+            }
         if raw.get("motion") is not None and raw.get("file") is not None:
             raise ValueError("give either motion (generated) or file (recorded), not both")
         return raw
@@ -258,7 +343,9 @@ class Operator(Section):
     @classmethod
     def _path(cls, file: Path | None) -> Path | None:
         if file is not None and (not file.name or "\0" in str(file)):
-            from ravenjax.store.motion.recording import ANY_KIND  # not before it is needed: the start is waited for
+            from ravenjax.store.motion.recording import (
+                ANY_KIND,
+            )  # not before it is needed: the start is waited for
 
             raise ValueError(f"got {shown(str(file))}, expected the path of a {ANY_KIND} file")
         return file
@@ -267,23 +354,34 @@ class Operator(Section):
     @classmethod
     def _python(cls, file: Path | None) -> Path | None:
         if file is not None and (file.suffix != ".py" or "\0" in str(file)):
-            raise ValueError(f"got {shown(str(file))}, expected the path of a .py file; a recorded motion is `file`")
+            raise ValueError(
+                f"got {shown(str(file))}, expected the path of a .py file; a recorded motion is"
+                " `file`"
+            )
         return file
 
     @model_validator(mode="after")
     def _window(self) -> Operator:
         if self.file is not None and self.start.si():
             raise ValueError(
-                "start belongs to a generated motion; a recorded one begins where it was recorded: remove it"
+                "start belongs to a generated motion; a recorded one begins where it was recorded:"
+                " remove it"
             )
         if self.hands is None and self.hands_sha256 is not None:
             raise ValueError("hands_sha256 is of hands, and there are none: remove it")
         if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
-            raise ValueError(f"window_s = [begin, end] in s: expected 0 <= begin < end, got {list(self.window_s)}")
+            raise ValueError(
+                "window_s = [begin, end] in s: expected 0 <= begin < end, got"
+                f" {list(self.window_s)}"
+            )
         for name in RECORDED if self.file is None else GENERATED:
             if getattr(self, name) != type(self).model_fields[name].default:
-                kind, other = ("recorded", "generated") if self.file is None else ("generated", "recorded")
-                raise ValueError(f"{name} belongs to a {kind} motion, a {other} one has none: remove it")
+                kind, other = (
+                    ("recorded", "generated") if self.file is None else ("generated", "recorded")
+                )
+                raise ValueError(
+                    f"{name} belongs to a {kind} motion, a {other} one has none: remove it"
+                )
         return self
 
     @property
@@ -293,12 +391,20 @@ class Operator(Section):
 
     @property
     def own(self) -> OwnSource | None:
-        """The code of `hands`; None where the plan is followed. Raises UserError for one unusable or changed."""
-        return None if self.hands is None else own_part.source("hands", self.hands, self.hands_sha256, "operator")
+        """The code of `hands`; None where the plan is followed. Raises UserError for one
+        unusable or changed.
+        """
+        return (
+            None
+            if self.hands is None
+            else own_part.source("hands", self.hands, self.hands_sha256, "operator")
+        )
 
     def located(self, folder: Path) -> Operator:
         """Itself, its files taken from `folder`, that of the hands known by its content."""
-        there = self.model_copy(update={"file": None if self.file is None else (folder / self.file).absolute()})
+        there = self.model_copy(
+            update={"file": None if self.file is None else (folder / self.file).absolute()}
+        )
         if self.hands is None:
             return there
         there = there.model_copy(update={"hands": (folder / self.hands).absolute()})
@@ -320,20 +426,36 @@ class Operator(Section):
 
 
 class Limits(Section):
-    """[limits]: soft joint limits of the control software; what is left out keeps the original's."""
+    """[limits]: soft joint limits of the control software; what is left out keeps the
+    original's.
+    """
 
-    shoulder_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the shoulder")
-    elbow_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the elbow")
-    insertion_m: tuple[float, float] | None = Field(default=None, description="[min, max] of the insertion")
-    tool_roll_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the instrument's roll")
-    wrist_deg: tuple[float, float] | None = Field(default=None, description="[min, max] of the instrument's wrist")
+    shoulder_deg: tuple[float, float] | None = Field(
+        default=None, description="[min, max] of the shoulder"
+    )
+    elbow_deg: tuple[float, float] | None = Field(
+        default=None, description="[min, max] of the elbow"
+    )
+    insertion_m: tuple[float, float] | None = Field(
+        default=None, description="[min, max] of the insertion"
+    )
+    tool_roll_deg: tuple[float, float] | None = Field(
+        default=None, description="[min, max] of the instrument's roll"
+    )
+    wrist_deg: tuple[float, float] | None = Field(
+        default=None, description="[min, max] of the instrument's wrist"
+    )
 
     @field_validator(*HARD_RANGES)
     @classmethod
-    def _within(cls, pair: tuple[float, float] | None, info: ValidationInfo) -> tuple[float, float] | None:
+    def _within(
+        cls, pair: tuple[float, float] | None, info: ValidationInfo
+    ) -> tuple[float, float] | None:
         low, high = HARD_RANGES[str(info.field_name)]
         if pair is not None and not low <= pair[0] < pair[1] <= high:
-            raise ValueError(f"got {list(pair)}, expected {low:g} <= min < max <= {high:g} (the hard stops)")
+            raise ValueError(
+                f"got {list(pair)}, expected {low:g} <= min < max <= {high:g} (the hard stops)"
+            )
         return pair
 
     def si(self) -> dict[str, tuple[float, float]]:
@@ -342,18 +464,31 @@ class Limits(Section):
 
 
 class Reaction(Section):
-    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms and so on."""
+    """[reaction]: an operator who reacts to the first haptic cue; varied as reaction.delay_ms
+    and so on.
+    """
 
     action: Literal["none", "release", "slow", "correct"] = Field(
-        default="release", description="lift the pedal, slow down, or correct by eye; varied as reaction.action, 0 to 3"
+        default="release",
+        description=(
+            "lift the pedal, slow down, or correct by eye; varied as reaction.action, 0 to 3"
+        ),
     )
     delay_ms: float = Field(
         default=250.0, ge=0.0, le=60_000.0, description="from the first felt pull to the action, ms"
     )
-    felt_force: float = Field(default=0.0, ge=0.0, description="a weaker pull is not noticed, device units")
-    slow_to: float = Field(default=0.25, ge=0.0, le=1.0, description="speed of slowed hands, of what it was")
-    correct_per_s: float = Field(default=5.0, ge=0.0, le=1000.0, description="share of the distance corrected, 1/s")
-    correct_mm_s: float = Field(default=50.0, ge=0.0, le=10_000.0, description="fastest correction of the tip, mm/s")
+    felt_force: float = Field(
+        default=0.0, ge=0.0, description="a weaker pull is not noticed, device units"
+    )
+    slow_to: float = Field(
+        default=0.25, ge=0.0, le=1.0, description="speed of slowed hands, of what it was"
+    )
+    correct_per_s: float = Field(
+        default=5.0, ge=0.0, le=1000.0, description="share of the distance corrected, 1/s"
+    )
+    correct_mm_s: float = Field(
+        default=50.0, ge=0.0, le=10_000.0, description="fastest correction of the tip, mm/s"
+    )
 
 
 class Hand(Section):
@@ -362,7 +497,15 @@ class Hand(Section):
     Robot and nominal model follow the moved hand alike.
     """
 
-    grip: float = Field(default=0.5, ge=0.0, le=1.0, description="how firmly it holds the console: 0 relaxed, 1 firm")
+    grip: float = Field(
+        default=0.5,
+        ge=0.0,
+        le=1.0,
+        description="how firmly it holds the console: 0 relaxed, 1 firm",
+    )
     newtons_per_unit: float = Field(
-        default=3.3, ge=-1e3, le=1e3, description="force per device unit of the cue, N; no source says it, assumed"
+        default=3.3,
+        ge=-1e3,
+        le=1e3,
+        description="force per device unit of the cue, N; no source says it, assumed",
     )

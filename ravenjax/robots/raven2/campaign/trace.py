@@ -12,9 +12,11 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.store.logs.trace.log import Base
 
 
-def series(setup: RavenSetup, signals: Any, golden: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """The time series of a run from its signals and the golden run's series [ticks, numbers]; names, axes, units and
-    meanings in `store.logs.time_series`."""
+def series(
+    setup: RavenSetup, signals: Any, golden: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """The time series of a run from its signals and the golden run's series [ticks, numbers];
+    names, axes, units and meanings in `store.logs.time_series`."""
     control = signals.control
     out: dict[str, np.ndarray] = {
         "runlevel": control.runlevel,
@@ -48,7 +50,9 @@ def _touched(touch: Any) -> dict[str, np.ndarray]:
     if touch is None:
         return {}
     sizes = {name: np.asarray(getattr(touch, name)) for name in ("tissue", "vessel", "instrument")}
-    return {"contact_force": _stack(touch.force)} | {f"contact_{name}_n": size for name, size in sizes.items()}
+    return {"contact_force": _stack(touch.force)} | {
+        f"contact_{name}_n": size for name, size in sizes.items()
+    }
 
 
 def _arm(signals: Any, i: int, arm: str) -> dict[str, np.ndarray]:

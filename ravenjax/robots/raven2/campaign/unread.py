@@ -22,7 +22,9 @@ class Unread(NamedTuple):
     why: str
 
 
-_INCREMENTS = 'nothing reads it with console = "absolute": remove it, or take console = "increments"'
+_INCREMENTS = (
+    'nothing reads it with console = "absolute": remove it, or take console = "increments"'
+)
 _ABSOLUTE = 'nothing reads it but with console = "absolute": remove it, or set that in [campaign]'
 
 UNREAD = (
@@ -31,7 +33,12 @@ UNREAD = (
         for name in ("start_position", "start_quat", "start_grasp")
     ),
     *(
-        Unread(f"control.teleoperation.{name}", "", lambda campaign: campaign.console == "absolute", _INCREMENTS)
+        Unread(
+            f"control.teleoperation.{name}",
+            "",
+            lambda campaign: campaign.console == "absolute",
+            _INCREMENTS,
+        )
         for name in ("grasp_gain", "grasp_min_mrad", "grasp_max_mrad")
     ),
     Unread(
@@ -44,7 +51,8 @@ UNREAD = (
         "plant.cable_strength",
         "",
         lambda campaign: not parameter_sets.tells_tension(campaign.parameter_set),
-        'nothing reads it: the tension of this parameter_set is no real one; take parameter_set = "power_consistent"',
+        "nothing reads it: the tension of this parameter_set is no real one; take parameter_set ="
+        ' "power_consistent"',
     ),
     Unread(
         "control.overdrive.dac_max",
@@ -60,5 +68,9 @@ def why(path: str, campaign: RavenCampaign) -> str:
     """Why nothing reads the parameter of that path; "" where something does."""
     last = path.rpartition(".")[2]
     plain = paths.plain(path, ARMS, JOINTS)
-    rows = (row for row in UNREAD if row.path == plain and row.component in ("", last) and row.where(campaign))
+    rows = (
+        row
+        for row in UNREAD
+        if row.path == plain and row.component in ("", last) and row.where(campaign)
+    )
     return next((row.why for row in rows), "")

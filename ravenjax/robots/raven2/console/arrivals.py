@@ -1,4 +1,6 @@
-"""How many control cycles a packet lasts, from when packets arrive: what `campaign.packets` takes as a distribution."""
+"""How many control cycles a packet lasts, from when packets arrive: what `campaign.packets`
+takes as a distribution.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ _PARTS = 1000
 
 
 def lengths(ms: np.ndarray) -> np.ndarray:
-    """Cycles from each cycle that gets datagrams to the next one that does, int; `ms`: when each arrives, ascending."""
+    """Cycles from each cycle that gets datagrams to the next one that does, int; `ms`: when each
+    arrives, ascending.
+    """
     return np.diff(np.unique(np.floor(ms)).astype(int))
 
 
@@ -20,7 +24,9 @@ def shares(cycles: np.ndarray) -> np.ndarray:
 
 
 def as_campaign(cycles: np.ndarray) -> tuple[float, ...]:
-    """The same in thousandths whose sum is 1, as a campaign file has them; what lasts longer counts last."""
+    """The same in thousandths whose sum is 1, as a campaign file has them; what lasts longer
+    counts last.
+    """
     exact = shares(np.minimum(cycles, MOST_CYCLES)) * _PARTS
     parts = np.floor(exact).astype(int)
     parts[np.argsort(parts - exact)[: _PARTS - parts.sum()]] += 1

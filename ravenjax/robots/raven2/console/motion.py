@@ -1,8 +1,9 @@
-"""An operator's motion: what the hands and the pedal do, one row a millisecond. NumPy only, untraced.
+"""An operator's motion: what the hands and the pedal do, one row a millisecond. NumPy only,
+untraced.
 
-Hands move in the ITP frame of their arm (`geometry.mapping`), relative to where they were at the start, and
-*before* the console's scale: the tip moves by scale times the hand. Orientations are one to one, relative to the
-start, and turn the tip about the axes of the ITP frame.
+Hands move in the ITP frame of their arm (`geometry.mapping`), relative to where they were at the
+start, and *before* the console's scale: the tip moves by scale times the hand. Orientations are one
+to one, relative to the start, and turn the tip about the axes of the ITP frame.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ TICK_S = 1e-3
 """Time between two rows of a motion: the console sends one packet a millisecond."""
 
 NOMINAL_SCALE = 0.1
-"""Teleoperation scale at which motions have their stated tip motion; that of the published fault runs."""
+"""Teleoperation scale at which motions have their stated tip motion; that of the published fault
+runs.
+"""
 
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
 """Columns of one arm in the engine's table."""
@@ -26,7 +29,9 @@ PEDAL_COLUMN = "surgeon_mode"
 
 
 def columns(arms: tuple[ArmName, ...]) -> tuple[str, ...]:
-    """Names of the columns of `Motion.table`: eight per arm, then the pedal that both arms share."""
+    """Names of the columns of `Motion.table`: eight per arm, then the pedal that both arms
+    share.
+    """
     return (*(f"{arm}_{column}" for arm in arms for column in ARM_COLUMNS), PEDAL_COLUMN)
 
 
@@ -44,12 +49,21 @@ class Motion:
 
     def __post_init__(self) -> None:
         rows, arms = len(self.surgeon_mode), len(self.arms)
-        shapes = {"position_um": (rows, arms, 3), "quat": (rows, arms, 4), "grasp_mrad": (rows, arms)}
+        shapes = {
+            "position_um": (rows, arms, 3),
+            "quat": (rows, arms, 4),
+            "grasp_mrad": (rows, arms),
+        }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
-                raise ValueError(f"Motion {self.name}: {name} has shape {getattr(self, name).shape}, expected {shape}")
+                raise ValueError(
+                    f"Motion {self.name}: {name} has shape {getattr(self, name).shape}, expected"
+                    f" {shape}"
+                )
         if len(self.start_jpos) != arms or any(len(jpos) != 7 for jpos in self.start_jpos):
-            raise ValueError(f"Motion {self.name}: start_jpos must hold 7 joints for each arm of {self.arms}")
+            raise ValueError(
+                f"Motion {self.name}: start_jpos must hold 7 joints for each arm of {self.arms}"
+            )
 
     def __len__(self) -> int:
         return len(self.surgeon_mode)

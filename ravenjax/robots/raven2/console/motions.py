@@ -1,9 +1,11 @@
-"""Generated operator motions: smooth, surgical in speed and size, the same for the same seed. NumPy only, untraced.
+"""Generated operator motions: smooth, surgical in speed and size, the same for the same seed. NumPy
+only, untraced.
 
-Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position, orientation and grasp are
-twice continuously differentiable. It is planned as tip motion at the scale `NOMINAL_SCALE`, from the arm's home pose,
-in axes of the instrument: a and b sideways, c along the shaft away from the remote centre (into the tissue).
-The size suits scales up to 0.2: there, too, every pose lies inside the soft limits.
+Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position,
+orientation and grasp are twice continuously differentiable. It is planned as tip motion at the
+scale `NOMINAL_SCALE`, from the arm's home pose, in axes of the instrument: a and b sideways, c
+along the shaft away from the remote centre (into the tissue). The size suits scales up to 0.2:
+there, too, every pose lies inside the soft limits.
 """
 
 from __future__ import annotations
@@ -31,11 +33,14 @@ PEAK_TURN = math.radians(150.0)
 """rad/s."""
 
 _SHAFT = np.array([-0.939120456543, -0.304404280732, 0.159344915150])
-"""Direction from the remote centre to the gold tip in frame 0 at the home pose: the first column of its rotation."""
+"""Direction from the remote centre to the gold tip in frame 0 at the home pose: the first column
+of its rotation.
+"""
 
 _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
-"""Where in a pose: tip offset a, b, c [m], rotation vector about a, b, c [rad], grasp [mrad], and what the hand [m, as
-tip motion] is away from where the tip would have it, which only changes while the pedal is up."""
+"""Where in a pose: tip offset a, b, c [m], rotation vector about a, b, c [rad], grasp [mrad], and
+what the hand [m, as tip motion] is away from where the tip would have it, which only changes while
+the pedal is up."""
 
 _REST = np.zeros(10)
 
@@ -60,13 +65,17 @@ class _Path:
         self.pose = _REST.copy()
 
     def _ticks(self, way: float, turn: float, pace: float) -> int:
-        """Ticks of a move over `way` m and `turn` rad whose peak speed (15/8 of the mean) stays below the peaks."""
+        """Ticks of a move over `way` m and `turn` rad whose peak speed (15/8 of the mean) stays
+        below the peaks.
+        """
         seconds = 1.875 * max(way / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
         return max(math.ceil(seconds / TICK_S), 250)
 
     def _to(self, end: np.ndarray, ticks: int, pedal: float = 1.0) -> Segment:
         begin, self.pose = self.pose, end
-        return Segment(ticks, lambda fraction: begin + minimum_jerk(fraction)[:, None] * (end - begin), pedal)
+        return Segment(
+            ticks, lambda fraction: begin + minimum_jerk(fraction)[:, None] * (end - begin), pedal
+        )
 
     def move(
         self,
@@ -75,7 +84,9 @@ class _Path:
         grasp: float | None = None,
         pace: float = 1.0,
     ) -> Segment:
-        """Straight to a new tip offset [m], rotation vector [rad] and grasp [mrad]; None leaves one as it is."""
+        """Straight to a new tip offset [m], rotation vector [rad] and grasp [mrad]; None leaves
+        one as it is.
+        """
         end = self.pose.copy()
         if tip is not None:
             end[_TIP] = tip
@@ -87,7 +98,9 @@ class _Path:
         return self._to(end, self._ticks(way, turned, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
-        """A needle's way through tissue: an arc in the a-c plane that dips towards c, with the shaft rolling along."""
+        """A needle's way through tissue: an arc in the a-c plane that dips towards c, with the
+        shaft rolling along.
+        """
         begin = self.pose
 
         def pose(fraction: np.ndarray) -> np.ndarray:
@@ -112,7 +125,8 @@ class _Path:
         return self._to(end, round(seconds / TICK_S), pedal=0.0)
 
 
-# --- the named motions: endless chains of segments --------------------------------------------------------------------
+# --- the named motions: endless chains of segments
+# --------------------------------------------------------------------
 
 
 def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
@@ -123,7 +137,12 @@ def _still(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
 def _anywhere(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """A random tip offset and tilt-and-roll of a reach."""
     direction = rng.normal(size=3)
-    tip = direction / np.linalg.norm(direction) * rng.uniform(0.5, 1.0) * np.array([0.012, 0.012, 0.008])
+    tip = (
+        direction
+        / np.linalg.norm(direction)
+        * rng.uniform(0.5, 1.0)
+        * np.array([0.012, 0.012, 0.008])
+    )
     return tip, rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
 
 
@@ -137,7 +156,9 @@ def _clutched(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
     while True:
         reach = path.move(*_anywhere(rng))
         yield reach
-        yield path.dwell(1.4 - reach.ticks * TICK_S)  # the same pedal for both arms: cycles of equal length
+        yield path.dwell(
+            1.4 - reach.ticks * TICK_S
+        )  # the same pedal for both arms: cycles of equal length
         yield path.release(0.6)
         yield path.dwell(0.4)  # the robot needs some cycles to adopt pedal-down
 
@@ -154,9 +175,13 @@ def _circle(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
         return out
 
     # the run-up's speed rises as minimum_jerk, so its mean is half the final speed
-    yield Segment(round(run_up_s / TICK_S), lambda s: at(speed * run_up_s * s**4 * (2.5 - 3.0 * s + s**2)))
+    yield Segment(
+        round(run_up_s / TICK_S), lambda s: at(speed * run_up_s * s**4 * (2.5 - 3.0 * s + s**2))
+    )
     while True:
-        yield Segment(round(round_s / TICK_S), lambda s: at(speed * run_up_s / 2.0 + 2.0 * math.pi * s))
+        yield Segment(
+            round(round_s / TICK_S), lambda s: at(speed * run_up_s / 2.0 + 2.0 * math.pi * s)
+        )
 
 
 def _palpate(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
@@ -205,7 +230,9 @@ def _suture(path: _Path, rng: np.random.Generator) -> Iterator[Segment]:
         yield path.move(above)
         yield path.move((path.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
         yield path.move(grasp=closed_mrad)
-        yield path.move((path.pose[0] - 0.006, row + 0.006, -0.012), (math.radians(10.0), 0.0, roll / 3.0))
+        yield path.move(
+            (path.pose[0] - 0.006, row + 0.006, -0.012), (math.radians(10.0), 0.0, roll / 3.0)
+        )
         row = -0.009 if row > 0.006 else row + rng.uniform(0.003, 0.005)
 
 
@@ -220,19 +247,27 @@ _CHAINS: dict[str, Callable[[_Path, np.random.Generator], Iterator[Segment]]] = 
 }
 
 MOTIONS: dict[str, str] = {
-    "suture": "stitches: approach, drive the needle on an arc with the shaft rolling, release, regrasp, pull through",
+    "suture": (
+        "stitches: approach, drive the needle on an arc with the shaft rolling, release, regrasp,"
+        " pull through"
+    ),
     "peg_transfer": "reach, grasp, lift, carry over, drop, between six pegs",
     "palpate": "taps of 3 to 5 mm along a line",
     "circle": "a circle of 8 mm radius, 2 s a round",
     "reach": "random reaches of up to 12 mm with tilts and rolls",
     "still": "hands at rest, pedal down",
-    "clutched": "random reaches; after each the pedal comes up and the hands return to where they began",
+    "clutched": (
+        "random reaches; after each the pedal comes up and the hands return to where they began"
+    ),
 }
 """The named motions; sizes and speeds are the tip's at NOMINAL_SCALE."""
 
 
-def generate(name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0) -> Motion:
-    """The named motion for `duration_s` seconds. Each arm draws from a stream of its own; green is mirrored.
+def generate(
+    name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0
+) -> Motion:
+    """The named motion for `duration_s` seconds. Each arm draws from a stream of its own; green is
+    mirrored.
 
     Raises KeyError for a name that is not in MOTIONS.
     """
@@ -256,10 +291,20 @@ def generate(name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",)
     )
 
 
-def _follow(chain: Callable[[_Path, np.random.Generator], Iterator[Segment]], rows: int, rng: np.random.Generator):
-    """Poses [rows, 10] and pedal [rows] along a chain, a tick apart, from the rest that each motion begins with."""
+def _follow(
+    chain: Callable[[_Path, np.random.Generator], Iterator[Segment]],
+    rows: int,
+    rng: np.random.Generator,
+):
+    """Poses [rows, 10] and pedal [rows] along a chain, a tick apart, from the rest that each
+    motion begins with.
+    """
     up, down = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
-    poses, pedals, filled = [np.repeat(_REST[None], up + down, axis=0)], [np.zeros(up), np.ones(down)], up + down
+    poses, pedals, filled = (
+        [np.repeat(_REST[None], up + down, axis=0)],
+        [np.zeros(up), np.ones(down)],
+        up + down,
+    )
     segments = chain(_Path(), rng)
     while filled < rows:
         segment = next(segments)
@@ -270,10 +315,14 @@ def _follow(chain: Callable[[_Path, np.random.Generator], Iterator[Segment]], ro
 
 
 def _hand(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame, of tip poses in instrument axes."""
+    """Hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame, of tip poses in
+    instrument axes.
+    """
     axes = _axes()
     tip, turn = (poses[:, _TIP] + poses[:, _HAND]) @ axes, poses[:, _TURN] @ axes
-    if arm == "green":  # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
+    if (
+        arm == "green"
+    ):  # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
         tip, turn = tip * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
     to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, C being a rotation
     return tip @ to_itp / NOMINAL_SCALE * 1e6, _quaternion(turn @ to_itp)

@@ -1,10 +1,12 @@
-"""Operator: the hands' motion, looked up by tick, becomes the packets that the console sends. Traced.
+"""Operator: the hands' motion, looked up by tick, becomes the packets that the console sends.
+Traced.
 
-What hands do beyond the motion, of their own, to correct by eye or under the cue's force, is one offset of theirs:
-robot and nominal model follow it alike. It is all that is remembered.
+What hands do beyond the motion, of their own, to correct by eye or under the cue's force, is one
+offset of theirs: robot and nominal model follow it alike. It is all that is remembered.
 
-A packet carries whole numbers. The console truncates the *scaled position* and sends the difference of two truncated
-ones, so that the robot's accumulator never drifts from the hand by more than a micrometre.
+A packet carries whole numbers. The console truncates the *scaled position* and sends the difference
+of two truncated ones, so that the robot's accumulator never drifts from the hand by more than a
+micrometre.
 """
 
 from __future__ import annotations
@@ -21,7 +23,12 @@ from ravenjax.parts import parameters
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.geometry.mapping import position_from_itp, position_to_itp, quat_from_matrix, quat_mul
+from ravenjax.robots.raven2.geometry.mapping import (
+    position_from_itp,
+    position_to_itp,
+    quat_from_matrix,
+    quat_mul,
+)
 from ravenjax.robots.raven2.setup import RavenSetup
 
 
@@ -33,16 +40,22 @@ class OperatorParams:
         Scalar, Quantity("", 0.001, 1, "tip motion per hand motion: the teleoperation scale")
     ]
     start_position: Annotated[
-        tuple[Vec, ...], Quantity("um", -1e6, 1e6, "tip where an absolute console starts, in frame 0")
+        tuple[Vec, ...],
+        Quantity("um", -1e6, 1e6, "tip where an absolute console starts, in frame 0"),
     ]
     start_quat: Annotated[  # x, y, z, w
         tuple[Vec, ...],
         Quantity(
-            "", -1, 1, "tip rotation where an absolute console starts, in frame 0", why="component of a unit quaternion"
+            "",
+            -1,
+            1,
+            "tip rotation where an absolute console starts, in frame 0",
+            why="component of a unit quaternion",
         ),
     ]
     start_grasp: Annotated[
-        tuple[Scalar, ...], Quantity("mrad", -6300, 6300, "jaw opening where an absolute console starts")
+        tuple[Scalar, ...],
+        Quantity("mrad", -6300, 6300, "jaw opening where an absolute console starts"),
     ]
     own: Any = None  # of a file in place of the operator, under `hands`
 
@@ -50,9 +63,13 @@ class OperatorParams:
 def params(
     setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], scale: float = NOMINAL_SCALE
 ) -> OperatorParams:
-    """OperatorParams of a motion that starts in `start_jpos` (`Motion.start_jpos`: per arm, 7 joints in rad and m)."""
+    """OperatorParams of a motion that starts in `start_jpos` (`Motion.start_jpos`: per arm, 7
+    joints in rad and m).
+    """
     with at_once():
-        poses = per_arm(setup, lambda i, arm: kinematics.forward(arm, Vec(map(np.float64, start_jpos[i]))))
+        poses = per_arm(
+            setup, lambda i, arm: kinematics.forward(arm, Vec(map(np.float64, start_jpos[i])))
+        )
         quats = [quat_from_matrix(pose.rotation) for pose in poses]
     return OperatorParams(
         scale=scale,
@@ -65,7 +82,9 @@ def params(
 
 @record
 class MotionRow:
-    """The hands and the pedal at one millisecond; as `ravenjax.robots.raven2.console.motion.Motion`."""
+    """The hands and the pedal at one millisecond; as
+    `ravenjax.robots.raven2.console.motion.Motion`.
+    """
 
     position: tuple[Vec, ...]  # um, ITP frame, before scaling
     quat: tuple[Vec, ...]  # x, y, z, w
@@ -92,7 +111,9 @@ def lookup(table: tuple[Any, ...], k: Scalar) -> MotionRow:
 
 @record
 class HandOffsets:
-    """How far the hands are from where the plan has them: by a tremor, a correction, a force. One entry an arm."""
+    """How far the hands are from where the plan has them: by a tremor, a correction, a force.
+    One entry an arm.
+    """
 
     offset: tuple[Vec, ...]  # um before scaling, axes of an ITP packet
     offset_before: tuple[Vec, ...]  # the same when the last packet was made
@@ -105,11 +126,15 @@ def at_plan(setup: RavenSetup) -> HandOffsets:
 
 
 def strayed(hands: HandOffsets, motion: tuple[Vec, ...]) -> HandOffsets:
-    """The hands after a motion beyond the plan, um before scaling about the axes of an ITP packet."""
+    """The hands after a motion beyond the plan, um before scaling about the axes of an ITP
+    packet.
+    """
     return replace(hands, offset=tuple(a + b for a, b in zip(hands.offset, motion, strict=True)))
 
 
-def steered(setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: tuple[Vec, ...]) -> HandOffsets:
+def steered(
+    setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: tuple[Vec, ...]
+) -> HandOffsets:
     """The hands after a motion that takes each tip along by `tips`, m in frame 0."""
     per_m = 1e6 / params.scale
     return strayed(hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m))
@@ -137,11 +162,16 @@ def closed(row: MotionRow, mrad: tuple[Scalar, ...]) -> MotionRow:
 
 
 def packet(
-    setup: RavenSetup, params: OperatorParams, row: MotionRow, row_before: MotionRow, sequence: Scalar
+    setup: RavenSetup,
+    params: OperatorParams,
+    row: MotionRow,
+    row_before: MotionRow,
+    sequence: Scalar,
 ) -> Packet:
     """The packet that the console sends for `row`, `row_before` being that of the packet before.
 
-    While the pedal is up a console of increments sends no motion: that is how the surgeon repositions the hands.
+    While the pedal is up a console of increments sends no motion: that is how the surgeon
+    repositions the hands.
     """
     pedal = row.surgeon_mode > 0
     row, row_before, params = real(setup, (row, row_before, replace(params, own=None)))
@@ -161,8 +191,12 @@ def packet(
 def _increment(
     i: int, arm: str, params: OperatorParams, row: MotionRow, before: MotionRow, pedal: Scalar
 ) -> tuple[Vec, Vec, Scalar]:
-    """Increments since the row before, in the ITP frame (raven2 `local_io.cpp` accumulates them)."""
-    delta = (row.position[i] * params.scale).map(to_int32) - (before.position[i] * params.scale).map(to_int32)
+    """Increments since the row before, in the ITP frame (raven2 `local_io.cpp` accumulates
+    them).
+    """
+    delta = (row.position[i] * params.scale).map(to_int32) - (
+        before.position[i] * params.scale
+    ).map(to_int32)
     x, y, z, w = before.quat[i]
     turn = quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
     length = jnp.sqrt(sum(c * c for c in turn))
@@ -181,4 +215,8 @@ def _absolute(
     position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
     x, y, z, w = row.quat[i]
     turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))
-    return position.map(to_int32), quat_mul(turn, params.start_quat[i]), to_int32(params.start_grasp[i] - row.grasp[i])
+    return (
+        position.map(to_int32),
+        quat_mul(turn, params.start_quat[i]),
+        to_int32(params.start_grasp[i] - row.grasp[i]),
+    )

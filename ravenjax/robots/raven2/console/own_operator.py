@@ -1,18 +1,20 @@
-"""An operator that is a file of one's own: what it sees, and what its hands make of the plan. Traced.
+"""An operator that is a file of one's own: what it sees, and what its hands make of the plan.
+Traced.
 
-The plan is the motion that a campaign names, generated or recorded. In each millisecond the file sees by how much the
-plan moves each hand, and what the screen and the haptic device showed a millisecond before. It gives a dict; what it
-leaves out stays as planned:
+The plan is the motion that a campaign names, generated or recorded. In each millisecond the file
+sees by how much the plan moves each hand, and what the screen and the haptic device showed a
+millisecond before. It gives a dict; what it leaves out stays as planned:
 
     delta   how far each hand moves in this millisecond, in place of the plan's
     grasp   how much each hand closes in this millisecond, in place of the plan's
     pedal   whether the foot stays on the pedal; it may leave it, and be back, but never press where the plan does not
     pace    share of its speed at which the plan goes on from the next millisecond, hands and pedal alike: 0 waits
 
-A hand that moves otherwise than planned is off its plan by the difference (`operator.HandOffsets`) and stays so until
-the file takes it back. Robot and nominal model follow it alike. The hand's rotation is the plan's. Which of the keys a
-file gives is the same in all milliseconds. What it does not give, or gives back as it came, costs nothing.
-"""
+A hand that moves otherwise than planned is off its plan by the difference (`operator.HandOffsets`)
+and stays so until the file takes it back. Robot and nominal model follow it alike. The hand's
+rotation is the plan's. Which of the keys a file gives is the same in all milliseconds. What it does
+not give, or gives back as it came, costs nothing.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ from ravenjax.stages import haptics
 
 @record
 class ScreenView:
-    """What the operator sees and feels of one arm; positions about the axes of the console, from the arm's base."""
+    """What the operator sees and feels of one arm; positions about the axes of the console, from
+    the arm's base.
+    """
 
     tip: Vec  # 3 m, true tip, as the camera shows it
     model_tip: Vec  # 3 m, that of the nominal model
@@ -118,9 +122,14 @@ PLAN = Deviation(None, None, None, None, None)
 
 
 def init(
-    setup: RavenSetup, params: operator.OperatorParams, start: tuple[Vec, ...], tips: tuple[Vec, ...], runlevel: int
+    setup: RavenSetup,
+    params: operator.OperatorParams,
+    start: tuple[Vec, ...],
+    tips: tuple[Vec, ...],
+    runlevel: int,
 ) -> tuple[OwnOperatorState | None, bool]:
-    """On the plan, before a robot at rest, and whether hands may leave it; None where no file stands for the operator.
+    """On the plan, before a robot at rest, and whether hands may leave it; None where no file
+    stands for the operator.
 
     start: joints, 7, rad and m; tips: m in frame 0. Raises UserError, as all that runs the file.
     """
@@ -130,19 +139,27 @@ def init(
     none, still, zero = real(setup, 0.0), real(setup, Vec.full(3, 0.0)), jnp.int32(0)
 
     def shown(i: int, arm: ArmName) -> ScreenView:
-        return ScreenView(position_to_itp(arm, tips[i]), position_to_itp(arm, models[i]), still, none)
+        return ScreenView(
+            position_to_itp(arm, tips[i]), position_to_itp(arm, models[i]), still, none
+        )
 
     screen = real(setup, per_arm(setup, shown))
     own = part.init(part.loaded(setup.hands), params.own.hands, setup.precision.real)
     arms = tuple(_hand(still, none, still, one) for one in screen)
-    view = OwnOperatorView(zero, jnp.int32(runlevel), jnp.bool_(False), real(setup, params.scale), arms)
+    view = OwnOperatorView(
+        zero, jnp.int32(runlevel), jnp.bool_(False), real(setup, params.scale), arms
+    )
     _, keys = _stepped(setup, params, own, view)
     state = OwnOperatorState(
         own=own,
         screen=screen,
         runlevel=jnp.int32(runlevel),
         pace=OwnPace(none, zero, zero, zero) if "pace" in keys else None,
-        grasp=OwnGrasp((none,) * len(setup.arms), (none,) * len(setup.arms)) if "grasp" in keys else None,
+        grasp=(
+            OwnGrasp((none,) * len(setup.arms), (none,) * len(setup.arms))
+            if "grasp" in keys
+            else None
+        ),
         lifted=jnp.bool_(False) if "pedal" in keys else None,
     )
     return state, "delta" in keys
@@ -174,11 +191,15 @@ def act(
         return _hand(delta, grasp, offset, state.screen[i])
 
     arms = per_arm(setup, view)
-    senses = OwnOperatorView(tick, state.runlevel, now.surgeon_mode > 0, real(setup, params.scale), arms)
+    senses = OwnOperatorView(
+        tick, state.runlevel, now.surgeon_mode > 0, real(setup, params.scale), arms
+    )
     own, will = _stepped(setup, params, state.own, senses)
     state, how = replace(state, own=own), PLAN
     if hands is not None and "delta" in will:
-        hands = operator.strayed(hands, tuple(new - one.delta for new, one in zip(will["delta"], arms, strict=True)))
+        hands = operator.strayed(
+            hands, tuple(new - one.delta for new, one in zip(will["delta"], arms, strict=True))
+        )
     if state.grasp is not None:
         old = state.grasp
         changes = (new - one.grasp for new, one in zip(will["grasp"], arms, strict=True))
@@ -202,18 +223,26 @@ def see(
     cues: tuple[haptics.HapticOutput, ...],
     runlevel: Scalar,
 ) -> OwnOperatorState:
-    """After a tick: what screen and haptic device show until the next one. tips: m in frame 0, one an arm."""
+    """After a tick: what screen and haptic device show until the next one. tips: m in frame 0,
+    one an arm.
+    """
 
     def shown(i: int, arm: ArmName) -> ScreenView:
         force = cues[i].force[0]
-        pull = position_to_itp(arm, cues[i].direction * force).map(lambda x: jnp.where(x == x, x, 0.0))
-        return ScreenView(position_to_itp(arm, tips[i]), position_to_itp(arm, model_tips[i]), pull, force)
+        pull = position_to_itp(arm, cues[i].direction * force).map(
+            lambda x: jnp.where(x == x, x, 0.0)
+        )
+        return ScreenView(
+            position_to_itp(arm, tips[i]), position_to_itp(arm, model_tips[i]), pull, force
+        )
 
     return replace(state, screen=real(setup, per_arm(setup, shown)), runlevel=runlevel)
 
 
 def _hand(delta: Vec, grasp: Scalar, offset: Vec, screen: ScreenView) -> OwnHandView:
-    return OwnHandView(delta, grasp, offset, screen.tip, screen.model_tip, screen.pull, screen.force)
+    return OwnHandView(
+        delta, grasp, offset, screen.tip, screen.model_tip, screen.pull, screen.force
+    )
 
 
 def _stepped(

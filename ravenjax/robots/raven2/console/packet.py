@@ -1,7 +1,7 @@
 """The console's packet: one ITP datagram as a record of single numbers, and as bytes on the wire.
 
-Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-endian, UDP port 36000); index 0 of each
-pair is the gold arm, 1 the green one.
+Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-endian, UDP port
+36000); index 0 of each pair is the gold arm, 1 the green one.
 """
 
 from __future__ import annotations
@@ -55,16 +55,18 @@ V_STRUCT = np.dtype(
 """Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined)."""
 
 SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
-"""Bytes of a datagram by `RavenSetup.console`. 204: the packet generator of the 2015 fork, whose two quaternions give
-way to two 3x3 rotation matrices (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generator.py`)."""
+"""Bytes of a datagram by `RavenSetup.console`. 204: the packet generator of the 2015 fork, whose
+two quaternions give way to two 3x3 rotation matrices (raven2_sim `include/itp_teleoperation.h`,
+`Real_Packet_Generator.py`)."""
 
 
 @record
 class Packet:
-    """What the network hands to the robot in one cycle. Tuples have one entry per arm of `RavenSetup.arms`.
+    """What the network hands to the robot in one cycle. Tuples have one entry per arm of
+    `RavenSetup.arms`.
 
-    `delta` and `quat` are increments in the ITP frame; with `RavenSetup.console == "absolute"` they are the desired
-    position and orientation in the arm's frame 0, and `grasp` is absolute.
+    `delta` and `quat` are increments in the ITP frame; with `RavenSetup.console == "absolute"` they
+    are the desired position and orientation in the arm's frame 0, and `grasp` is absolute.
     """
 
     received: Scalar  # int32, 1 where a datagram arrived in this cycle
@@ -93,9 +95,15 @@ def silence(setup: RavenSetup) -> Packet:
 
 
 def checksum(fields: Any) -> int:
-    """The checksum of one U_STRUCT record: mode, increments, buttons and sequence, wrapped to int32."""
+    """The checksum of one U_STRUCT record: mode, increments, buttons and sequence, wrapped to
+    int32.
+    """
     names = ("delx", "dely", "delz", "buttonstate")
-    total = int(fields["surgeon_mode"]) + int(fields["sequence"]) + sum(int(fields[n].sum(dtype="i8")) for n in names)
+    total = (
+        int(fields["surgeon_mode"])
+        + int(fields["sequence"])
+        + sum(int(fields[n].sum(dtype="i8")) for n in names)
+    )
     return (total + 2**31) % 2**32 - 2**31
 
 
@@ -119,7 +127,8 @@ def encode(packet: Packet, arms: tuple[ArmName, ...]) -> bytes:
 def decode(datagram: bytes, arms: tuple[ArmName, ...]) -> Packet:
     """The packet of increments in a datagram.
 
-    Longer ones are cut as the robot cuts them; what a shorter one lacks reads 0, and `size` tells the robot to drop it.
+    Longer ones are cut as the robot cuts them; what a shorter one lacks reads 0, and `size` tells
+    the robot to drop it.
     """
     whole = datagram[: U_STRUCT.itemsize].ljust(U_STRUCT.itemsize, b"\0")
     fields = np.frombuffer(whole, U_STRUCT, count=1)[0]
@@ -128,8 +137,12 @@ def decode(datagram: bytes, arms: tuple[ArmName, ...]) -> Packet:
         received=1,
         size=len(datagram),
         sequence=int(fields["sequence"].view(np.int32)),
-        delta=tuple(Vec(int(fields[name][slot]) for name in ("delx", "dely", "delz")) for slot in slots),
-        quat=tuple(Vec(float(fields[name][slot]) for name in ("Qx", "Qy", "Qz", "Qw")) for slot in slots),
+        delta=tuple(
+            Vec(int(fields[name][slot]) for name in ("delx", "dely", "delz")) for slot in slots
+        ),
+        quat=tuple(
+            Vec(float(fields[name][slot]) for name in ("Qx", "Qy", "Qz", "Qw")) for slot in slots
+        ),
         grasp=tuple(int(fields["grasp"][slot]) for slot in slots),
         surgeon_mode=int(fields["surgeon_mode"]),
     )

@@ -1,4 +1,6 @@
-"""What a console sends: the meaning, unit and bounds of each field of its packets, as a profile's file has them."""
+"""What a console sends: the meaning, unit and bounds of each field of its packets, as a
+profile's file has them.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class SentPosition(ProfileTable):
     """[position]: delx, dely, delz, the increment of the tip about the ITP axes."""
 
     unit: Length = Field(default="um", description="of one step")
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0, description="what increments are multiplied by")
+    scale: float = Field(
+        default=1.0, gt=0.0, le=1000.0, description="what increments are multiplied by"
+    )
 
     @property
     def um(self) -> float:
@@ -37,16 +41,23 @@ class SentOrientation(ProfileTable):
 
     form: Literal["increments", "vector", "quaternion"] = Field(
         default="increments",
-        description="increments: a unit quaternion, the turn since the last packet; vector: that turn as a rotation "
-        "vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a unit quaternion",
+        description=(
+            "increments: a unit quaternion, the turn since the last packet; vector: that turn as a"
+            " rotation vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation, a"
+            " unit quaternion"
+        ),
     )
     unit: Angle = Field(default="rad", description="of a vector's length; quaternions have none")
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0, description="what a vector is multiplied by")
+    scale: float = Field(
+        default=1.0, gt=0.0, le=1000.0, description="what a vector is multiplied by"
+    )
 
     @model_validator(mode="after")
     def _quaternions_have_no_unit(self) -> SentOrientation:
         if self.form != "vector" and (self.unit != "rad" or self.scale != 1.0):
-            raise ValueError(f"unit and scale belong to form = 'vector', not to {self.form!r}: remove them")
+            raise ValueError(
+                f"unit and scale belong to form = 'vector', not to {self.form!r}: remove them"
+            )
         return self
 
     @property
@@ -59,26 +70,35 @@ class SentJaw(ProfileTable):
     """[jaw]: grasp."""
 
     form: Literal["increments", "positions"] = Field(
-        default="increments", description="increments: since the last packet; positions: where the console's jaw is"
+        default="increments",
+        description="increments: since the last packet; positions: where the console's jaw is",
     )
     unit: Angle = Field(default="mrad", description="of one step")
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0, description="what values are multiplied by")
+    scale: float = Field(
+        default=1.0, gt=0.0, le=1000.0, description="what values are multiplied by"
+    )
     closes: Literal["rising", "falling"] = Field(
         default="rising", description="which way values go while the jaw closes"
     )
-    lowest_mrad: float = Field(default=-math.inf, description="of positions, scaled; what is below is refused")
-    highest_mrad: float = Field(default=math.inf, description="of positions, scaled; what is above is refused")
+    lowest_mrad: float = Field(
+        default=-math.inf, description="of positions, scaled; what is below is refused"
+    )
+    highest_mrad: float = Field(
+        default=math.inf, description="of positions, scaled; what is above is refused"
+    )
 
     @model_validator(mode="after")
     def _positions_have_a_range(self) -> SentJaw:
         ends = self.lowest_mrad, self.highest_mrad
         if self.form == "positions" and not -math.inf < ends[0] < ends[1] < math.inf:
             raise ValueError(
-                "positions need a range, lowest_mrad below highest_mrad: write how far the console's jaw goes, "
-                "such as lowest_mrad = -200.0 and highest_mrad = 1800.0"
+                "positions need a range, lowest_mrad below highest_mrad: write how far the"
+                " console's jaw goes, such as lowest_mrad = -200.0 and highest_mrad = 1800.0"
             )
         if self.form == "increments" and ends != (-math.inf, math.inf):
-            raise ValueError("lowest_mrad and highest_mrad belong to form = 'positions': remove them")
+            raise ValueError(
+                "lowest_mrad and highest_mrad belong to form = 'positions': remove them"
+            )
         return self
 
     @property
@@ -91,17 +111,24 @@ class SentStream(ProfileTable):
     """[stream]: packets, one after the other."""
 
     rate_hz: float = Field(
-        default=1000.0, gt=0.0, le=20_000.0, description="packets that the console sends in a second"
+        default=1000.0,
+        gt=0.0,
+        le=20_000.0,
+        description="packets that the console sends in a second",
     )
     per_tick: int = Field(
         default=4,
         ge=1,
         le=32,
-        description="packets that count in one millisecond, added up; more wait, in their order, for the next ones",
+        description=(
+            "packets that count in one millisecond, added up; more wait, in their order, for the"
+            " next ones"
+        ),
     )
     checksum: bool = Field(default=True, description="whether the checksum must be right")
     buttonstate: Literal["free", "jaw"] = Field(
-        default="free", description="what it holds: anything, or the same as grasp, which then must be so"
+        default="free",
+        description="what it holds: anything, or the same as grasp, which then must be so",
     )
 
 

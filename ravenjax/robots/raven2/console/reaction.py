@@ -1,19 +1,23 @@
-"""The operator who reacts: feels the cue, needs a moment, then lifts the pedal, slows down, or corrects by eye.
+"""The operator who reacts: feels the cue, needs a moment, then lifts the pedal, slows down, or
+corrects by eye.
 
-The cue that is felt is the first haptic set. What the hands then do goes the way of all that hands do: into the
-console's packets, so to the robot and to the nominal model alike. An operator of action `none` is as deaf to the cue as
-one without a haptic device, which makes pairs of runs: the same fault, with the cue and without.
+The cue that is felt is the first haptic set. What the hands then do goes the way of all that hands
+do: into the console's packets, so to the robot and to the nominal model alike. An operator of
+action `none` is as deaf to the cue as one without a haptic device, which makes pairs of runs: the
+same fault, with the cue and without.
 
 - 1 release: the foot leaves the pedal.
 - 2 slow: the hands go on along their way at `slow_to` of their speed.
-- 3 correct: the hands move the instrument back to where it was meant to be, as far as the eye can tell (true tip
-  against the nominal model without what the hands did beyond the plan), by `correct_per_s` of the distance, at
-  `correct_speed` at most.
+- 3 correct: the hands move the instrument back to where it was meant to be, as far as the eye can
+  tell (true tip against the nominal model without what the hands did beyond the plan), by
+  `correct_per_s` of the distance, at `correct_speed` at most.
 
-Assumptions, as no source measured them on this robot: 0.25 s from the first pull to the action (an expected touch takes
-0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources in `docs/explanation/hand.md`); a correction by eye closes with
-a time constant of 0.2 s. The cue's force itself moves a hand only where `ravenjax.stages.hand` is in the tick. A packet
-that the network delays carries what the hands did when it was made, but for a correction, which is that of now.
+Assumptions, as no source measured them on this robot: 0.25 s from the first pull to the action (an
+expected touch takes 0.155 s in the laboratory, a brake 0.7 to 1.5 s; sources in
+`docs/explanation/hand.md`); a correction by eye closes with a time constant of 0.2 s. The cue's
+force itself moves a hand only where `ravenjax.stages.hand` is in the tick. A packet that the
+network delays carries what the hands did when it was made, but for a correction, which is that of
+now.
 """
 
 from __future__ import annotations
@@ -39,13 +43,21 @@ class ReactionParams:
     """What a campaign may vary."""
 
     action: Annotated[  # int32, one of ACTIONS
-        Scalar, Quantity("", 0, 3, "what the operator does: 0 none, 1 release, 2 slow, 3 correct", whole=True)
+        Scalar,
+        Quantity(
+            "", 0, 3, "what the operator does: 0 none, 1 release, 2 slow, 3 correct", whole=True
+        ),
     ]
-    delay_ms: Annotated[Scalar, Quantity("ms", 0, HOUR_MS, "from the first felt pull to the action")]
-    felt_force: Annotated[Scalar, Quantity("device units", 0, 1e9, "weakest pull that the operator notices")]
+    delay_ms: Annotated[
+        Scalar, Quantity("ms", 0, HOUR_MS, "from the first felt pull to the action")
+    ]
+    felt_force: Annotated[
+        Scalar, Quantity("device units", 0, 1e9, "weakest pull that the operator notices")
+    ]
     slow_to: Annotated[Scalar, Quantity("", 0, 1, "speed of slowed hands, of what it was")]
     correct_per_s: Annotated[
-        Scalar, Quantity("1/s", 0, 1e3, "share of the distance that a correcting operator takes back")
+        Scalar,
+        Quantity("1/s", 0, 1e3, "share of the distance that a correcting operator takes back"),
     ]
     correct_speed: Annotated[Scalar, Quantity("m/s", 0, 10, "fastest correction of the tip")]
 
@@ -74,7 +86,9 @@ class OperatorSenses:
     force: tuple[Scalar, ...]  # device units, of the first haptic set
     tip: tuple[Vec, ...]  # m, true tip
     model_tip: tuple[Vec, ...]  # m, that of the nominal model
-    off_plan: tuple[Vec, ...]  # m, frame 0, by which the hands asked for more than the plan, of both alike
+    off_plan: tuple[
+        Vec, ...
+    ]  # m, frame 0, by which the hands asked for more than the plan, of both alike
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
@@ -89,7 +103,9 @@ def init(setup: RavenSetup) -> ReactionState:
     return ReactionState(jnp.int32(-1), jnp.int32(-1), jnp.int32(-1))
 
 
-def act(setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar) -> ReactionState:
+def act(
+    setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
+) -> ReactionState:
     """Before this tick's packet, of the motion's row `packet`: whether the action begins now."""
     waited = lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & waited & (state.acted < 0)
@@ -100,7 +116,9 @@ def act(setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: S
     )
 
 
-def pace(setup: RavenSetup, params: ReactionParams, state: ReactionState, packet: Scalar) -> ReactionPace:
+def pace(
+    setup: RavenSetup, params: ReactionParams, state: ReactionState, packet: Scalar
+) -> ReactionPace:
     """Foot and hands in the packet of that row of the motion."""
     since = packet - state.acted_packet
     acting = (state.acted >= 0) & (since >= 0)
@@ -114,7 +132,9 @@ def pace(setup: RavenSetup, params: ReactionParams, state: ReactionState, packet
 def feel(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, felt: OperatorSenses
 ) -> tuple[ReactionState, tuple[Vec, ...]]:
-    """After this tick's cue: the state, and by how much the hands take each tip along to correct, m in frame 0."""
+    """After this tick's cue: the state, and by how much the hands take each tip along to
+    correct, m in frame 0.
+    """
     noticed = felt.force[0] > params.felt_force
     for force in felt.force[1:]:
         noticed = noticed | (force > params.felt_force)
@@ -128,4 +148,6 @@ def feel(
         return wanted * share
 
     first = noticed & felt.pedal_down & (state.felt < 0)
-    return replace(state, felt=jnp.where(first, felt.tick, state.felt)), per_arm(setup, lambda i, _: corrected(i))
+    return replace(state, felt=jnp.where(first, felt.tick, state.felt)), per_arm(
+        setup, lambda i, _: corrected(i)
+    )

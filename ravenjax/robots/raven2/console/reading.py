@@ -1,7 +1,9 @@
-"""Reads packets under a profile: fields of a datagram become increments of the tips, or the rule that they break.
+"""Reads packets under a profile: fields of a datagram become increments of the tips, or the rule
+that they break.
 
-Positions, of jaws or of a hand's orientation, are taken from one packet to the next. What a console did before its
-stream began, or while packets were lost, moves nothing: increments that were lost do not either.
+Positions, of jaws or of a hand's orientation, are taken from one packet to the next. What a console
+did before its stream began, or while packets were lost, moves nothing: increments that were lost do
+not either.
 """
 
 from __future__ import annotations
@@ -81,16 +83,21 @@ class PacketReader:
     def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
         """What a packet's fields (of `FIELDS`) ask for. Nothing is remembered of it until `follow`.
 
-        joined: it comes next after the last one of the stream; else only what it holds itself is judged.
+        joined: it comes next after the last one of the stream; else only what it holds itself is
+        judged.
         """
         self._next = self._hands
         profile = self.profile
         if fields[MODE] not in (0, 1):
             return Misfit("mode", "", fields[MODE], "surgeon_mode 0 or 1")
         if profile.stream.checksum:
-            total = fields[0] + sum(fields[3:9]) + fields[BUTTONS] + fields[BUTTONS + 1] + fields[MODE]
+            total = (
+                fields[0] + sum(fields[3:9]) + fields[BUTTONS] + fields[BUTTONS + 1] + fields[MODE]
+            )
             if (total - fields[CHECKSUM]) & 0xFFFFFFFF:
-                return Misfit("checksum", "", fields[CHECKSUM], str((total + 2**31) % 2**32 - 2**31))
+                return Misfit(
+                    "checksum", "", fields[CHECKSUM], str((total + 2**31) % 2**32 - 2**31)
+                )
         deltas, quats, grasps, hands = [], [], [], []
         for slot, hand in zip(self._slots, self._hands, strict=True):
             if not joined:
@@ -106,7 +113,9 @@ class PacketReader:
         self._next = hands
         return PacketReading(tuple(deltas), tuple(quats), tuple(grasps))
 
-    def _hand(self, fields: Sequence, slot: int, hand: _Hand) -> Misfit | tuple[tuple[int, int, int], Quat, int, _Hand]:
+    def _hand(
+        self, fields: Sequence, slot: int, hand: _Hand
+    ) -> Misfit | tuple[tuple[int, int, int], Quat, int, _Hand]:
         profile, arm, largest = self.profile, ARMS[slot], self.profile.largest
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:
@@ -118,13 +127,17 @@ class PacketReader:
             y, left_y = _whole(y * um + left_y)
             z, left_z = _whole(z * um + left_z)
         if x * x + y * y + z * z > self._step_square:
-            return Misfit("step", arm, f"{math.hypot(x, y, z):g} um", f"at most {largest.step_um:g} um")
+            return Misfit(
+                "step", arm, f"{math.hypot(x, y, z):g} um", f"at most {largest.step_um:g} um"
+            )
         sent = fields[QUAT + slot : QUAT + slot + 7 : 2]
         turn, place = self._turn(sent, hand.quat)
         if turn is None:
             return Misfit("quaternion", arm, list(sent), self._form())
         if not turn[3] * turn[3] >= self._cos_square * sum(c * c for c in turn):
-            return Misfit("turn", arm, list(sent), f"at most {largest.turn_rad:g} rad ({self._form()})")
+            return Misfit(
+                "turn", arm, list(sent), f"at most {largest.turn_rad:g} rad ({self._form()})"
+            )
         mrad = profile.jaw.mrad
         step: float = jaw
         if profile.jaw.form == "positions":
@@ -137,7 +150,9 @@ class PacketReader:
         if mrad != 1.0:
             grasp, left_jaw = _whole(step * mrad + left_jaw)
         if abs(grasp) > largest.jaw_mrad:
-            return Misfit("grasp", arm, f"{grasp} mrad", f"an increment of at most {largest.jaw_mrad:g} mrad")
+            return Misfit(
+                "grasp", arm, f"{grasp} mrad", f"an increment of at most {largest.jaw_mrad:g} mrad"
+            )
         return (x, y, z), turn, grasp, _Hand(jaw, place, (left_x, left_y, left_z, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
@@ -166,11 +181,15 @@ class PacketReader:
         form = self.profile.orientation.form
         if form == "vector":
             return f"a rotation vector in {self.profile.orientation.unit}, with Qw = 1"
-        return "a unit quaternion" + (", the turn since the last packet" if form == "increments" else "")
+        return "a unit quaternion" + (
+            ", the turn since the last packet" if form == "increments" else ""
+        )
 
 
 def _between(before: Quat, now: Quat) -> Quat:
-    """The turn that follows `before` to make `now`, now times the inverse of before; with w >= 0."""
+    """The turn that follows `before` to make `now`, now times the inverse of before; with w >=
+    0.
+    """
     ax, ay, az, aw = now
     bx, by, bz, bw = -before[0], -before[1], -before[2], before[3]
     x = aw * bx + ax * bw + ay * bz - az * by

@@ -27,7 +27,9 @@ def scene() -> mujoco.MjModel:
 
 @functools.cache
 def one_arm(arm: ArmName) -> mujoco.MjModel:
-    """One arm alone, without shapes and scene, compiled. Its seven degrees of freedom come in the order of `JOINTS`."""
+    """One arm alone, without shapes and scene, compiled. Its seven degrees of freedom come in
+    the order of `JOINTS`.
+    """
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(resources.model(MODEL)))

@@ -1,7 +1,8 @@
 """Rigid-body dynamics of one arm: M(q) qacc + bias(q, qvel) = joint torque.
 
-Two implementations of the same quantities, picked by `setup.link_dynamics`: "unrolled" replays a straight-line program
-derived from the compiled model, "mjx" calls mujoco.mjx. Joint order and units: `raven2.arms.JOINTS`, rad and m.
+Two implementations of the same quantities, picked by `setup.link_dynamics`: "unrolled" replays a
+straight-line program derived from the compiled model, "mjx" calls mujoco.mjx. Joint order and
+units: `raven2.arms.JOINTS`, rad and m.
 """
 
 from __future__ import annotations
@@ -29,10 +30,11 @@ def mass_matrix_and_bias(
 ) -> tuple[tuple[Vec, ...], Vec]:
     """(M: 7 rows of 7, bias: 7) at joint positions `qpos` (= jpos) and velocities `qvel`.
 
-    gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm, insertion N), the sign of
-    MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and inertia; both results are linear in it, so they are
-    scaled at the end, all but the armature (kg m^2) of the tool spindles on the diagonal. Entries of M that never
-    change are Python numbers; Python numbers among the arguments are folded as constants.
+    gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm,
+    insertion N), the sign of MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and
+    inertia; both results are linear in it, so they are scaled at the end, all but the armature (kg
+    m^2) of the tool spindles on the diagonal. Entries of M that never change are Python numbers;
+    Python numbers among the arguments are folded as constants.
     """
     if setup.link_dynamics == "mjx":
         from ravenjax.robots.raven2.dynamics import (
@@ -53,13 +55,18 @@ def mass_matrix_and_bias(
 
 @functools.cache
 def links(arm: ArmName) -> tuple[Link, ...]:
-    """The arm as a tree of links. Raises ValueError if the model's joints are not those of the arm."""
+    """The arm as a tree of links. Raises ValueError if the model's joints are not those of the
+    arm.
+    """
     from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree  # imports MuJoCo
 
     tree = read_tree(arm_model.one_arm(arm), arm_model.base(arm))
     joints, expected = tuple(link.joint for link in tree), arm_model.joint_names(arm)
     if joints != expected:
-        raise ValueError(f"{arm_model.MODEL}: joints below {arm_model.base(arm)} are {joints}, expected {expected}")
+        raise ValueError(
+            f"{arm_model.MODEL}: joints below {arm_model.base(arm)} are {joints}, expected"
+            f" {expected}"
+        )
     return tree
 
 
@@ -71,7 +78,9 @@ def program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
     return rigid_program.mass_matrix_and_bias(links(arm), known)
 
 
-def _unrolled(arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec) -> tuple[list[list[Scalar]], list[Scalar]]:
+def _unrolled(
+    arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec
+) -> tuple[list[list[Scalar]], list[Scalar]]:
     inputs = (*qpos, *qvel, *gravity)
     constants = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
     out = replay(program(arm, constants), inputs, FUNCTIONS)

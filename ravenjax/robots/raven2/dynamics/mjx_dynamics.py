@@ -14,7 +14,9 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-with contextlib.redirect_stdout(io.StringIO()):  # it prints a line for each optional backend that is not installed
+with contextlib.redirect_stdout(
+    io.StringIO()
+):  # it prints a line for each optional backend that is not installed
     from mujoco import mjx
 
 from ravenjax.numbers.vec import Scalar, Vec
@@ -22,7 +24,9 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
 
 
-def mass_matrix_and_bias(arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec) -> tuple[list[list[Scalar]], list[Scalar]]:
+def mass_matrix_and_bias(
+    arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec
+) -> tuple[list[list[Scalar]], list[Scalar]]:
     """(M without armature: 7 x 7, bias: 7). Arguments as in `link_dynamics.mass_matrix_and_bias`.
 
     Works in the floating point type of the arguments, alone and under jit and vmap.
@@ -33,18 +37,23 @@ def mass_matrix_and_bias(arm: ArmName, qpos: Vec, qvel: Vec, gravity: Vec) -> tu
     down = jnp.stack([jnp.asarray(x, dtype) for x in gravity])
     model = model.replace(opt=model.opt.replace(gravity=jnp.asarray(to_world, dtype) @ down))
     data = data.replace(
-        qpos=jnp.stack([jnp.asarray(x, dtype) for x in qpos]), qvel=jnp.stack([jnp.asarray(x, dtype) for x in qvel])
+        qpos=jnp.stack([jnp.asarray(x, dtype) for x in qpos]),
+        qvel=jnp.stack([jnp.asarray(x, dtype) for x in qvel]),
     )
     data = mjx.com_pos(model, mjx.kinematics(model, data))
     data = mjx.rne(model, mjx.com_vel(model, mjx.crb(model, data)))
-    mass, bias = (x.astype(dtype) for x in (mjx.full_m(model, data), data.qfrc_bias))  # MJX widens where x64 is on
+    mass, bias = (
+        x.astype(dtype) for x in (mjx.full_m(model, data), data.qfrc_bias)
+    )  # MJX widens where x64 is on
     n = len(qpos)
     return [[mass[i, j] for j in range(n)] for i in range(n)], [bias[i] for i in range(n)]
 
 
 @functools.cache
 def _at_rest(arm: ArmName, dtype: str) -> tuple[mjx.Model, mjx.Data, np.ndarray]:
-    """Model and data with reals of type `dtype` and 32-bit integers, and the rotation of frame 0 in the world."""
+    """Model and data with reals of type `dtype` and 32-bit integers, and the rotation of frame 0
+    in the world.
+    """
     compiled = arm_model.one_arm(arm)
     with jax.ensure_compile_time_eval():
         model = mjx.put_model(compiled)

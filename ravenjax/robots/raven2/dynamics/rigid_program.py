@@ -1,9 +1,10 @@
 """Mass matrix and bias of a tree of links as a straight-line program.
 
-Composite rigid bodies (mass matrix) and recursive Newton-Euler (bias: Coriolis, centrifugal and gravity, with the sign
-of MuJoCo's qfrc_bias) share kinematics. Bodies are 4x4 pseudo-inertias [[J, h], [h^T, m]]; with the acceleration matrix
-U = [alpha]x + [omega]x^2 a body's wrench about its origin is f = U h + m a, n = sum of r x (U r + a), which costs less
-than Euler's form because U is shared (W. Khalil's customised symbolic method).
+Composite rigid bodies (mass matrix) and recursive Newton-Euler (bias: Coriolis, centrifugal and
+gravity, with the sign of MuJoCo's qfrc_bias) share kinematics. Bodies are 4x4 pseudo-inertias [[J,
+h], [h^T, m]]; with the acceleration matrix U = [alpha]x + [omega]x^2 a body's wrench about its
+origin is f = U h + m a, n = sum of r x (U r + a), which costs less than Euler's form because U is
+shared (W. Khalil's customised symbolic method).
 """
 
 from __future__ import annotations
@@ -37,16 +38,22 @@ class _Body:
     mass: Number
 
 
-def mass_matrix_and_bias(links: tuple[Link, ...], known: tuple[float | None, ...] | None = None) -> Program:
-    """Program from (qpos, qvel, gravity in the base frame) to (lower triangle of M row by row, without armature; bias).
+def mass_matrix_and_bias(
+    links: tuple[Link, ...], known: tuple[float | None, ...] | None = None
+) -> Program:
+    """Program from (qpos, qvel, gravity in the base frame) to (lower triangle of M row by row,
+    without armature; bias).
 
-    `known` holds a number for each of the 2 n + 3 inputs that is fixed (it is then folded), None for the others. M is
-    symmetric; entries that the tree's structure makes constant or zero come out as Python numbers.
+    `known` holds a number for each of the 2 n + 3 inputs that is fixed (it is then folded), None
+    for the others. M is symmetric; entries that the tree's structure makes constant or zero come
+    out as Python numbers.
     """
     n = len(links)
     inputs = symbols(2 * n + 3)
     fixed = known or (None,) * len(inputs)
-    values: list[Number] = [symbol if x is None else x for symbol, x in zip(inputs, fixed, strict=True)]
+    values: list[Number] = [
+        symbol if x is None else x for symbol, x in zip(inputs, fixed, strict=True)
+    ]
     qpos, qvel, gravity = values[:n], values[n : 2 * n], values[2 * n :]
     bodies = _kinematics(links, qpos, qvel, [-g for g in gravity])
     bias = _bias(links, bodies)
@@ -54,9 +61,13 @@ def mass_matrix_and_bias(links: tuple[Link, ...], known: tuple[float | None, ...
     return program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
 
 
-def _kinematics(links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vector) -> list[_Body]:
+def _kinematics(
+    links: tuple[Link, ...], qpos: list[Number], qvel: list[Number], upward: Vector
+) -> list[_Body]:
     bodies: list[_Body] = []
-    rates: list[tuple[Vector, Vector]] = []  # angular acceleration, acceleration of the origin, at qacc = 0
+    rates: list[
+        tuple[Vector, Vector]
+    ] = []  # angular acceleration, acceleration of the origin, at qacc = 0
     for link, q, rate in zip(links, qpos, qvel, strict=True):
         travel = q - link.reference if link.slide else 0.0
         last = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
@@ -171,7 +182,11 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
         turned[x][x], turned[y][y], across = J[y][y], J[x][x], -J[x][y]
     else:
         shear = s * (J[y][y] - J[x][x]) - 2.0 * c * J[x][y]
-        turned[x][x], turned[y][y], across = J[x][x] + s * shear, J[y][y] - s * shear, -(c * shear + J[x][y])
+        turned[x][x], turned[y][y], across = (
+            J[x][x] + s * shear,
+            J[y][y] - s * shear,
+            -(c * shear + J[x][y]),
+        )
     turned[x][y] = turned[y][x] = across
     side = c * J[axis][x] - s * J[axis][y], s * J[axis][x] + c * J[axis][y]
     turned[axis][x], turned[axis][y] = side
@@ -182,7 +197,11 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
 def _acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
     (x, y, z), (a, b, c) = omega, alpha
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-    return [[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]]
+    return [
+        [-(yy + zz), xy - c, xz + b],
+        [xy + c, -(xx + zz), yz - a],
+        [xz - b, yz + a, -(xx + yy)],
+    ]
 
 
 def _moment(U: Matrix, J: Matrix) -> Vector:

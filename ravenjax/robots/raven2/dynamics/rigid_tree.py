@@ -1,13 +1,16 @@
-"""A tree of hinge and slide joints, read from a compiled MuJoCo model, ready for unrolled rigid-body recursions.
+"""A tree of hinge and slide joints, read from a compiled MuJoCo model, ready for unrolled
+rigid-body recursions.
 
-Any subtree of any model will do; nothing here knows the Raven. Three choices keep the later operation count low, none
-of which changes the dynamics:
-- Each moving link gets its own frame: z along its joint axis, x along the common normal to its first child's axis,
-  origin at the foot of the common normal to its parent's axis (slides: at the parent's origin). A transform to the
-  parent is then Rz(beta) Rx(alpha) Rz(angle), with beta mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
+Any subtree of any model will do; nothing here knows the Raven. Three choices keep the later
+operation count low, none of which changes the dynamics:
+- Each moving link gets its own frame: z along its joint axis, x along the common normal to its
+  first child's axis, origin at the foot of the common normal to its parent's axis (slides: at the
+  parent's origin). A transform to the parent is then Rz(beta) Rx(alpha) Rz(angle), with beta mostly
+  zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
 - What is fixed to a link is lumped into it.
-- Inertia that a joint's motion does not show is moved to the parent: for a hinge about z mass, first moment along z and
-  the second moment along z; for a slide all second moments (minimal inertial parameters, W. Khalil, F. Bennis 1989).
+- Inertia that a joint's motion does not show is moved to the parent: for a hinge about z mass,
+  first moment along z and the second moment along z; for a slide all second moments (minimal
+  inertial parameters, W. Khalil, F. Bennis 1989).
 """
 
 # MuJoCo's compiled module carries no types.
@@ -28,7 +31,9 @@ _SNAP = 1e-13  # relative size below which a number is rounding of an exact zero
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """One joint and all that moves rigidly with it. Lengths m, masses kg, angles rad; vectors in the frames named."""
+    """One joint and all that moves rigidly with it. Lengths m, masses kg, angles rad; vectors in
+    the frames named.
+    """
 
     joint: str
     parent: int  # index of the parent link; -1: the fixed base
@@ -37,16 +42,21 @@ class Link:
     alpha: float  # Rz(beta) Rx(alpha) Rz(offset) for a slide
     offset: float
     reference: float  # qpos0: a slide has moved by q - reference along z
-    position: tuple[float, float, float]  # of this frame's origin in the parent frame (slide: at q = reference)
-    pseudo_inertia: np.ndarray  # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
+    position: tuple[
+        float, float, float
+    ]  # of this frame's origin in the parent frame (slide: at q = reference)
+    pseudo_inertia: (
+        np.ndarray
+    )  # 4x4 [[integral of r r^T dm, m c], [m c^T, m]] in this frame, regrouped
     armature: float  # added to the diagonal of the mass matrix; kg m^2 or kg
 
 
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
-    """The joints below body `base`, parents before children, in the order of the model's degrees of freedom.
+    """The joints below body `base`, parents before children, in the order of the model's degrees of
+    freedom.
 
-    `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame. Raises ValueError
-    for a joint that is neither hinge nor slide.
+    `base` counts as fixed: joint coordinates are the model's, vectors of the base are in its frame.
+    Raises ValueError for a joint that is neither hinge nor slide.
     """
     joints = _home_joints(model, model.body(base).id)
     return _regrouped(_framed(joints))
@@ -81,7 +91,10 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
         if parent not in poses:
             continue
         position, rotation = poses[parent]
-        position, rotation = position + rotation @ model.body_pos[body], rotation @ _matrix(model.body_quat[body])
+        position, rotation = (
+            position + rotation @ model.body_pos[body],
+            rotation @ _matrix(model.body_quat[body]),
+        )
         poses[body] = position, rotation
         carrier[body] = carrier[parent]
         first = int(model.body_jntadr[body])
@@ -89,8 +102,9 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
             kind = int(model.jnt_type[joint])
             if kind not in (HINGE, SLIDE):
                 raise ValueError(
-                    f"joint {model.joint(joint).name!r} of body {model.body(body).name!r} is of type "
-                    f"{mujoco.mjtJoint(kind).name}; an unrolled tree takes hinges and slides: write it as some of them"
+                    f"joint {model.joint(joint).name!r} of body {model.body(body).name!r} is of"
+                    f" type {mujoco.mjtJoint(kind).name}; an unrolled tree takes hinges and slides:"
+                    " write it as some of them"
                 )
             joints.append(
                 _HomeJoint(
@@ -116,7 +130,9 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
 
 
 def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndarray:
-    """4x4 pseudo-inertia from mass (kg), centre of mass (m) and central inertia tensor (3x3, kg m^2)."""
+    """4x4 pseudo-inertia from mass (kg), centre of mass (m) and central inertia tensor (3x3, kg
+    m^2).
+    """
     moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
     first = mass * np.asarray(com)[:, None]
     return np.block([[moments, first], [first.T, np.array([[mass]])]])
@@ -138,7 +154,9 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
         towards = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
         if towards is None and parent is not None:
             across = np.cross(parent.axis, joint.axis)
-            towards = across / np.linalg.norm(across) if np.linalg.norm(across) > _PARALLEL else parent.x
+            towards = (
+                across / np.linalg.norm(across) if np.linalg.norm(across) > _PARALLEL else parent.x
+            )
         if towards is None or (child is None and not joint.slide):
             towards = _leaf_direction(joint)
         joint.x = towards
@@ -146,7 +164,9 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """The point of the joint's axis nearest to the line (point, axis); for parallel lines nearest to `point`."""
+    """The point of the joint's axis nearest to the line (point, axis); for parallel lines
+    nearest to `point`.
+    """
     between = point - joint.anchor
     cosine = float(joint.axis @ axis)
     if 1.0 - cosine**2 < _PARALLEL**2:
@@ -156,7 +176,9 @@ def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
-    """Unit vector along the common normal from the joint's axis to the line (point, axis); None if they coincide."""
+    """Unit vector along the common normal from the joint's axis to the line (point, axis); None
+    if they coincide.
+    """
     across = np.cross(joint.axis, axis)
     if np.linalg.norm(across) <= _PARALLEL:
         across = point - joint.origin
@@ -167,7 +189,9 @@ def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarra
 
 
 def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
-    """x of a link without children: through its centre of mass, which makes one first moment zero."""
+    """x of a link without children: through its centre of mass, which makes one first moment
+    zero.
+    """
     first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     for candidate in (first - mass * joint.origin, *np.eye(3)[np.argsort(np.abs(joint.axis))]):
         across = candidate - joint.axis * (joint.axis @ candidate)
@@ -177,12 +201,17 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
 
 
 def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
-    inertias = [_moved(joint.rotation.T, -joint.rotation.T @ joint.origin, joint.pseudo_inertia) for joint in joints]
+    inertias = [
+        _moved(joint.rotation.T, -joint.rotation.T @ joint.origin, joint.pseudo_inertia)
+        for joint in joints
+    ]
     links: list[Link] = []
     for index in reversed(range(len(joints))):
         joint, inertia = joints[index], inertias[index]
         parent = joints[joint.parent] if joint.parent >= 0 else None
-        frame, origin = (parent.rotation, parent.origin) if parent is not None else (np.eye(3), np.zeros(3))
+        frame, origin = (
+            (parent.rotation, parent.origin) if parent is not None else (np.eye(3), np.zeros(3))
+        )
         rotation, position = frame.T @ joint.rotation, frame.T @ (joint.origin - origin)
         unseen = np.zeros((4, 4))
         if joint.slide:
@@ -191,7 +220,9 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
             unseen[2:, 2:] = inertia[2:, 2:]
         if joint.parent >= 0:
             inertias[joint.parent] += _moved(rotation, position, unseen)
-        remainder = np.where(np.abs(inertia - unseen) < _SNAP * np.abs(inertia).max(), 0.0, inertia - unseen)
+        remainder = np.where(
+            np.abs(inertia - unseen) < _SNAP * np.abs(inertia).max(), 0.0, inertia - unseen
+        )
         beta, alpha, offset = _zxz(rotation)
         links.append(
             Link(
@@ -218,7 +249,9 @@ def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> n
 
 
 def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
-    """(beta, alpha, gamma) with rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles exact where they are meant."""
+    """(beta, alpha, gamma) with rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles exact
+    where they are meant.
+    """
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
     alpha = math.atan2(sine, rotation[2, 2])
     if sine <= _PARALLEL:
@@ -226,7 +259,9 @@ def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
         return 0.0, _exact(alpha), _exact(turn)
     beta = math.atan2(rotation[0, 2], -rotation[1, 2])
     gamma = math.atan2(rotation[2, 0], rotation[2, 1])
-    if abs(abs(beta) - math.pi) < 1e-12:  # Rz(pi) Rx(a) Rz(c) = Rx(-a) Rz(pi + c): one rotation less
+    if (
+        abs(abs(beta) - math.pi) < 1e-12
+    ):  # Rz(pi) Rx(a) Rz(c) = Rx(-a) Rz(pi + c): one rotation less
         return 0.0, _exact(-alpha), _exact(math.remainder(gamma + math.pi, 2 * math.pi))
     return _exact(beta), _exact(alpha), _exact(gamma)
 

@@ -1,1 +1,3 @@
-"""Where an arm's joints, motors and tip are: kinematics, transmission, limits, instruments, the scene."""
+"""Where an arm's joints, motors and tip are: kinematics, transmission, limits, instruments, the
+scene.
+"""

@@ -1,9 +1,10 @@
 """Kinematics, transmission and gravity of whole arrays of poses, in float64 whatever JAX is set to.
 
-Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad);
-any leading axes, and arguments broadcast against each other. Poses are of the jaw axis in frame 0 of the arm. Results
-are NumPy arrays. Numbers are real and finite (NaN comes out, never goes in), rotations orthonormal and right-handed;
-anything else, a wrong shape or an unknown name raises UserError, a ValueError.
+Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist,
+grasp1, grasp2 (rad); any leading axes, and arguments broadcast against each other. Poses are of the
+jaw axis in frame 0 of the arm. Results are NumPy arrays. Numbers are real and finite (NaN comes
+out, never goes in), rotations orthonormal and right-handed; anything else, a wrong shape or an
+unknown name raises UserError, a ValueError.
 """
 
 # Callers may pass anything, and JAX is typed in part.
@@ -29,11 +30,15 @@ from ravenjax.robots.raven2.geometry.tools import find_tool
 Array = np.ndarray
 
 ORTHONORMAL = 1e-3
-"""How far R^T R of a rotation may be from 1: single precision and rounding in files are far below."""
+"""How far R^T R of a rotation may be from 1: single precision and rounding in files are far
+below.
+"""
 
 
 def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
-    """Position [..., 3] (m) and rotation [..., 3, 3] of the jaw axis at `jpos` [..., 7]; yaw (grasp2 - grasp1) / 2."""
+    """Position [..., 3] (m) and rotation [..., 3, 3] of the jaw axis at `jpos` [..., 7]; yaw
+    (grasp2 - grasp1) / 2.
+    """
     _known_arm(arm)
     position, rotation = _over_rows("forward", arm, "", jpos=(jpos, (7,)))
     return position, rotation
@@ -44,10 +49,11 @@ def inverse_kinematics(
 ) -> tuple[Array, Array]:
     """Joints jpos_d [..., 7] that reach the pose, and status [...].
 
-    position: [..., 3], m; rotation: [..., 3, 3], columns are the axes of the jaws' frame; grasp: [...], rad, jaw
-    opening; jpos_ref: [..., 7], measured joints, the nearest solution to which is taken. Joint limits are not applied.
-    Status: 0 taken; -1 rejected by the control software's rules (it would hold its last jpos_d), jpos_d is NaN there;
-    -2 taken though the wrist is at the remote centre, with the angles that the control software is left with.
+    position: [..., 3], m; rotation: [..., 3, 3], columns are the axes of the jaws' frame; grasp:
+    [...], rad, jaw opening; jpos_ref: [..., 7], measured joints, the nearest solution to which is
+    taken. Joint limits are not applied. Status: 0 taken; -1 rejected by the control software's
+    rules (it would hold its last jpos_d), jpos_d is NaN there; -2 taken though the wrist is at the
+    remote centre, with the angles that the control software is left with.
     """
     _known_arm(arm)
     _require_rotations(rotation)
@@ -65,7 +71,9 @@ def inverse_kinematics(
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7], cable coupling included."""
+    """Motor angles mpos [..., 7] (rad) that hold the joints `jpos` [..., 7], cable coupling
+    included.
+    """
     _known_arm(arm)
     return _over_rows("motor", arm, _known_tool(tool), jpos=(jpos, (7,)))[0]
 
@@ -77,7 +85,9 @@ def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Arra
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
-    """Capstan torque [..., 3] (Nm) by which the software holds shoulder, elbow and insertion at `jpos` [..., 7]."""
+    """Capstan torque [..., 3] (Nm) by which the software holds shoulder, elbow and insertion at
+    `jpos` [..., 7].
+    """
     _known_arm(arm)
     return _over_rows("gravity", arm, "", jpos=(jpos, (7,)))[0]
 
@@ -122,12 +132,17 @@ def _compiled(name: str, arm: str, tool: str) -> Callable[..., tuple[Any, ...]]:
     return jax.jit(jax.vmap(_row_function(name, arm, tool)))
 
 
-def _over_rows(name: str, arm: str, tool: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> tuple[Array, ...]:
+def _over_rows(
+    name: str, arm: str, tool: str, **arguments: tuple[ArrayLike, tuple[int, ...]]
+) -> tuple[Array, ...]:
     """Apply to all rows. `arguments`: each value with the shape of one row of it."""
     checked = {key: _checked(key, value, row) for key, (value, row) in arguments.items()}
-    leading = _common_shape({key: a.shape[: a.ndim - len(arguments[key][1])] for key, a in checked.items()})
+    leading = _common_shape(
+        {key: a.shape[: a.ndim - len(arguments[key][1])] for key, a in checked.items()}
+    )
     rows = [
-        np.broadcast_to(a, leading + arguments[key][1]).reshape(-1, *arguments[key][1]) for key, a in checked.items()
+        np.broadcast_to(a, leading + arguments[key][1]).reshape(-1, *arguments[key][1])
+        for key, a in checked.items()
     ]
     count = len(rows[0])
     padded = 1 << max(count - 1, 0).bit_length()  # few distinct lengths, few compiles
@@ -139,7 +154,9 @@ def _over_rows(name: str, arm: str, tool: str, **arguments: tuple[ArrayLike, tup
 
 def _known_arm(arm: str) -> None:
     if arm not in ARMS:
-        raise UserError(f"unknown arm {shown(arm)}: expected 'gold' or 'green'{suggestion(arm, ARMS)}")
+        raise UserError(
+            f"unknown arm {shown(arm)}: expected 'gold' or 'green'{suggestion(arm, ARMS)}"
+        )
 
 
 def _known_tool(tool: str) -> str:
@@ -154,9 +171,16 @@ def _require_rotations(rotation: ArrayLike) -> None:
     mirrored = np.linalg.det(matrices) < 0
     if (invalid := (off > ORTHONORMAL) | mirrored).any():
         index = tuple(int(i) for i in np.argwhere(invalid)[0])
-        problem = "mirrors" if mirrored[index] else f"has columns that are not orthonormal (off by {off[index]:.2g})"
+        problem = (
+            "mirrors"
+            if mirrored[index]
+            else f"has columns that are not orthonormal (off by {off[index]:.2g})"
+        )
         where = f"rotation[{', '.join(map(str, index))}]" if index else "rotation"
-        raise UserError(f"{where} {problem}, expected a rotation matrix whose columns are the axes of the jaws' frame")
+        raise UserError(
+            f"{where} {problem}, expected a rotation matrix whose columns are the axes of the jaws'"
+            " frame"
+        )
 
 
 def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
@@ -166,7 +190,9 @@ def _checked(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
         raise UserError(f"{name} is not an array of numbers: {error}") from None
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = "masked numbers" if np.ma.is_masked(value) else str(array.dtype)
-        raise UserError(f"{name} is not an array of numbers: it holds {kind}, expected real numbers")
+        raise UserError(
+            f"{name} is not an array of numbers: it holds {kind}, expected real numbers"
+        )
     array = array.astype(np.float64)
     trailing = array.shape[max(array.ndim - len(row), 0) :]
     if trailing != row:

@@ -1,7 +1,9 @@
-"""Where the tip is of an arm that is not built as drawn: its Denavit-Hartenberg table with errors of its own.
+"""Where the tip is of an arm that is not built as drawn: its Denavit-Hartenberg table with errors
+of its own.
 
-`kinematics.forward` has the software's table, in which shoulder, elbow and insertion axes meet in one point. Here every
-link may have a twist and a length of its own. Convention as in `links` (modified DH, Craig).
+`kinematics.forward` has the software's table, in which shoulder, elbow and insertion axes meet in
+one point. Here every link may have a twist and a length of its own. Convention as in `links`
+(modified DH, Craig).
 """
 
 from __future__ import annotations
@@ -23,15 +25,30 @@ _LENGTH = (-0.1, 0.1)  # m
 class LinkErrors:
     """What the links are more than the software's table says; 0: as drawn."""
 
-    twist12: Annotated[Scalar, Quantity("rad", *_TWIST, "angle between shoulder and elbow axis, true minus 75 degrees")]
-    twist23: Annotated[
-        Scalar, Quantity("rad", *_TWIST, "angle between elbow and insertion axis, true minus 52 degrees")
+    twist12: Annotated[
+        Scalar,
+        Quantity("rad", *_TWIST, "angle between shoulder and elbow axis, true minus 75 degrees"),
     ]
-    length12: Annotated[Scalar, Quantity("m", *_LENGTH, "by how much the elbow axis misses the shoulder axis")]
-    length23: Annotated[Scalar, Quantity("m", *_LENGTH, "by how much the insertion axis misses the elbow axis")]
-    length34: Annotated[Scalar, Quantity("m", *_LENGTH, "by how much the instrument's axis misses the insertion axis")]
-    tool_length: Annotated[Scalar, Quantity("m", *_LENGTH, "from wrist up to the remote centre, true minus 0.47 m")]
-    wrist_length: Annotated[Scalar, Quantity("m", *_LENGTH, "from wrist axis to jaw axis, true minus 0.013 m")]
+    twist23: Annotated[
+        Scalar,
+        Quantity("rad", *_TWIST, "angle between elbow and insertion axis, true minus 52 degrees"),
+    ]
+    length12: Annotated[
+        Scalar, Quantity("m", *_LENGTH, "by how much the elbow axis misses the shoulder axis")
+    ]
+    length23: Annotated[
+        Scalar, Quantity("m", *_LENGTH, "by how much the insertion axis misses the elbow axis")
+    ]
+    length34: Annotated[
+        Scalar,
+        Quantity("m", *_LENGTH, "by how much the instrument's axis misses the insertion axis"),
+    ]
+    tool_length: Annotated[
+        Scalar, Quantity("m", *_LENGTH, "from wrist up to the remote centre, true minus 0.47 m")
+    ]
+    wrist_length: Annotated[
+        Scalar, Quantity("m", *_LENGTH, "from wrist axis to jaw axis, true minus 0.013 m")
+    ]
 
 
 def as_drawn() -> LinkErrors:
@@ -52,7 +69,9 @@ def tip(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     depth = jpos[2] + sub(D4, errors.tool_length)
     point = _turned(point, jnp.cos(angle4), jnp.sin(angle4))
     point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # frame 3
-    point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))  # theta3 = +-90 deg
+    point = Vec(
+        (mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2])
+    )  # theta3 = +-90 deg
     point = _link(point, errors.length23, twist2)
     point = _turned(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
     point = _link(point, errors.length12, add(LINK12, errors.twist12))
@@ -67,7 +86,9 @@ def _turned(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
 
 
 def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
-    """The point in the frame at the other end of a link: along x by its length, about x by its twist."""
+    """The point in the frame at the other end of a link: along x by its length, about x by its
+    twist.
+    """
     exact = isinstance(twist, float)
     cosine, sine = (math.cos(twist), math.sin(twist)) if exact else (jnp.cos(twist), jnp.sin(twist))
     x, y, z = point

@@ -1,7 +1,9 @@
-"""The control software's gravity compensation: what the motors of shoulder, elbow and insertion add to hold the links.
+"""The control software's gravity compensation: what the motors of shoulder, elbow and insertion add
+to hold the links.
 
-Source: raven2 `src/raven/grav_comp.cpp`, `include/raven/grav_comp.h`. Masses and centres are the control software's own
-and differ from those of the virtual robot. The centre of link 3 is its frame's origin, where d3 puts it.
+Source: raven2 `src/raven/grav_comp.cpp`, `include/raven/grav_comp.h`. Masses and centres are the
+control software's own and differ from those of the virtual robot. The centre of link 3 is its
+frame's origin, where d3 puts it.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ CENTRES = {
 
 
 def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """Joint effort that holds shoulder, elbow (Nm), insertion (N) at `jpos` (7) under `gravity` (m/s^2 along -x0)."""
+    """Joint effort that holds shoulder, elbow (Nm), insertion (N) at `jpos` (7) under `gravity`
+    (m/s^2 along -x0).
+    """
     geometry, centres = GEOMETRY[arm], CENTRES[arm]
     theta1 = jpos[0] + geometry.zero1
     c1, s1 = jnp.cos(theta1), jnp.sin(theta1)
@@ -44,7 +48,8 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     across = GM2 * gy
     hx, hy, hz = c2 * gx + s2 * across, c2 * across - s2 * gx, -GM1 * gy  # in frame 2
     m1, m2, m3 = MASSES
-    # First moments (kg m): links 2 and 3 in frame 2, then all in frame 1, of which the z components never matter.
+    # First moments (kg m): links 2 and 3 in frame 2, then all in frame 1, of which the z components
+    # never matter.
     x2 = m2 * centres.link2[0]
     y2 = m2 * centres.link2[1] - m3 * GM3 * jpos[2]
     z2 = m2 * centres.link2[2] + m3 * geometry.cos23 * jpos[2]
@@ -55,4 +60,6 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
 
 def gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     """tau_g: capstan torque (3, Nm) of the compensating joint efforts, without coupling."""
-    return joint_gravity_torque(arm, jpos, gravity) * Vec(1.0 / ratio for ratio in JOINT_PER_CAPSTAN_TORQUE[:3])
+    return joint_gravity_torque(arm, jpos, gravity) * Vec(
+        1.0 / ratio for ratio in JOINT_PER_CAPSTAN_TORQUE[:3]
+    )

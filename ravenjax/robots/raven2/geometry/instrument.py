@@ -1,7 +1,8 @@
-"""Where an instrument can touch something: its two jaw tips, and the line of its shaft, wrist and jaws; how they move.
+"""Where an instrument can touch something: its two jaw tips, and the line of its shaft, wrist and
+jaws; how they move.
 
-Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so links are as drawn. Columns of a Jacobian are the
-seven joints of `raven2.arms.JOINTS`; structural zeros are Python numbers.
+Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so links are as drawn. Columns of
+a Jacobian are the seven joints of `raven2.arms.JOINTS`; structural zeros are Python numbers.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from ravenjax.robots.raven2.geometry.joints import yaw
 from ravenjax.robots.raven2.geometry.kinematics import ChainAxes
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LW
 
-JAW_LENGTH = 0.020  # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
+JAW_LENGTH = (
+    0.020  # m, jaw axis to jaw tip; models/raven2 PROVENANCE.md: "steel jaw of about 20 mm"
+)
 SHAFT_RADIUS = 0.00425  # m; PROVENANCE.md: 8.5 mm thick
 JAW_RADIUS = 0.003  # m, of wrist and jaws: about half the width of the drawn ones
 
@@ -37,12 +40,16 @@ class InstrumentPoint(NamedTuple):
         return total
 
     def along(self, way: Vec) -> Vec:
-        """J^T way, 7: what a force (N) puts on the joints (N m, N), or the point's speed along `way` by each joint."""
+        """J^T way, 7: what a force (N) puts on the joints (N m, N), or the point's speed along
+        `way` by each joint.
+        """
         return Vec(dot(column, way) for column in self.columns)
 
 
 class InstrumentLine(NamedTuple):
-    """An instrument as two straight pieces: remote centre to wrist, wrist to where the jaws close."""
+    """An instrument as two straight pieces: remote centre to wrist, wrist to where the jaws
+    close.
+    """
 
     chain: ChainAxes
     wrist: Vec  # m
@@ -51,7 +58,9 @@ class InstrumentLine(NamedTuple):
 
 
 def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
-    """Tips of jaw 1 and jaw 2 at `jpos` (7, rad and m): both turn about DH axis 6, grasp2 by +g2, grasp1 by -g1."""
+    """Tips of jaw 1 and jaw 2 at `jpos` (7, rad and m): both turn about DH axis 6, grasp2 by
+    +g2, grasp1 by -g1.
+    """
     chain = kinematics.chain_of(arm, jpos)
     return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
 
@@ -64,14 +73,18 @@ def line(arm: str, jpos: Vec) -> InstrumentLine:
 
 
 def point_on(arm: str, whole: InstrumentLine, at: Vec, beyond: Scalar) -> InstrumentPoint:
-    """The point `at` (m) of the line; beyond: its share of the way from the wrist to the end, 0 on the shaft."""
+    """The point `at` (m) of the line; beyond: its share of the way from the wrist to the end, 0
+    on the shaft.
+    """
     chain = whole.chain
     from_wrist = (whole.end - whole.wrist) * beyond
     turned = whole.turn * (beyond * 0.5)
     return InstrumentPoint(at, (*_shared(arm, chain, at, from_wrist), -turned, turned))
 
 
-def _jaw_tip(arm: str, chain: ChainAxes, angle: Scalar, sense: float, joint: int) -> InstrumentPoint:
+def _jaw_tip(
+    arm: str, chain: ChainAxes, angle: Scalar, sense: float, joint: int
+) -> InstrumentPoint:
     way, turn = _jaw(chain, mul(sense, angle))
     at = chain.tip + way
     own = scale(sense, turn)
@@ -80,13 +93,17 @@ def _jaw_tip(arm: str, chain: ChainAxes, angle: Scalar, sense: float, joint: int
 
 
 def _jaw(chain: ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
-    """From the jaw axis to the tip of a jaw at `angle` (rad about axis 6), m, and how that turns with it, m/rad."""
+    """From the jaw axis to the tip of a jaw at `angle` (rad about axis 6), m, and how that turns
+    with it, m/rad.
+    """
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
 
 def _shared(arm: str, chain: ChainAxes, at: Vec, from_wrist: Vec) -> tuple[Vec, ...]:
-    """Columns of shoulder, elbow, insertion, roll and wrist of a point; `from_wrist`: m from the wrist axis to it."""
+    """Columns of shoulder, elbow, insertion, roll and wrist of a point; `from_wrist`: m from the
+    wrist axis to it.
+    """
     flip = GEOMETRY[arm].flip
     return (
         Vec((mul(-flip, at[1]), mul(flip, at[0]), 0.0)),

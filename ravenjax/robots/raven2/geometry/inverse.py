@@ -1,14 +1,17 @@
-"""Inverse kinematics of one arm: eight solutions, of which the nearest to the measured joints is taken or none.
+"""Inverse kinematics of one arm: eight solutions, of which the nearest to the measured joints is
+taken or none.
 
-Which solution is taken and when there is none follows raven2 `src/raven/r2_kinematics.cpp` (inv_kin, check_solutions).
-The angles come from the same equations with the work shared. The wrist can be on either side of the jaw axis (side 0,
-1), the insertion axis point to or from it (depth 0, 1), the elbow bend either way (bend 0, 1); solution i = 4 side + 2
-depth + bend.
+Which solution is taken and when there is none follows raven2 `src/raven/r2_kinematics.cpp`
+(inv_kin, check_solutions). The angles come from the same equations with the work shared. The wrist
+can be on either side of the jaw axis (side 0, 1), the insertion axis point to or from it (depth 0,
+1), the elbow bend either way (bend 0, 1); solution i = 4 side + 2 depth + bend.
 
-- Wrist and yaw depend on side and depth alone, for the insertion axis z3 is the direction to the wrist.
-- The two bends mirror each other in the plane of shoulder axis z1 and z3. With m = z1 x z3 and e = m x z3, which span
-  what is perpendicular to z3, the axis y3 has parts (alpha, beta) along e and m in one and (-alpha, beta) in the other.
-  A direction with parts (E, F) is seen at theta4 = atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
+- Wrist and yaw depend on side and depth alone, for the insertion axis z3 is the direction to the
+  wrist.
+- The two bends mirror each other in the plane of shoulder axis z1 and z3. With m = z1 x z3 and e =
+  m x z3, which span what is perpendicular to z3, the axis y3 has parts (alpha, beta) along e and m
+  in one and (-alpha, beta) in the other. A direction with parts (E, F) is seen at theta4 = atan2(F
+  beta +- E alpha, E beta -+ F alpha); common factors cancel.
 """
 
 from __future__ import annotations
@@ -19,11 +22,15 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, rarely, record, where
 from ravenjax.robots.raven2.geometry.joints import Pose, Theta, joint_from_theta, theta_from_joint
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, GM1, GM2, GM3, LW, PI, Geometry
 
-COST_LIMIT = PI  # rad^2 (insertion counted 100 rad/m): nearest solution farther than this is rejected
+COST_LIMIT = (
+    PI  # rad^2 (insertion counted 100 rad/m): nearest solution farther than this is rejected
+)
 NO_SOLUTION_COST = 32765.0  # rad^2, where the search for the least cost starts
 CLAMP = 1e-5  # how far outside [-1, 1] the cosine of theta2 is still taken for +-1
 SINGULAR = 1e-5  # cosine or sine of theta5 below which the other one's equations are used
-ROLLOVER = 300.0 * PI / 180.0  # rad, distance of theta4 from the measured one beyond which it is shifted by a turn
+ROLLOVER = (
+    300.0 * PI / 180.0
+)  # rad, distance of theta4 from the measured one beyond which it is shifted by a turn
 INSERTION_WEIGHT = 100.0  # rad/m, of d3 in the cost
 
 OK, REJECTED, AT_REMOTE_CENTRE = 0, -1, -2
@@ -36,7 +43,9 @@ class IK:
     jpos: Vec  # 7, rad and m, without joint limits; meaningless where rejected
     yaw: Scalar  # rad, theta6 of the solution, from which the jaws in jpos come
     cost: Scalar  # rad^2, squared distance of the solution from the measured joints
-    status: Scalar  # int32: 0 taken, -1 rejected (hold the last jpos_d), -2 taken with the wrist at the remote centre
+    # int32: 0 taken, -1 rejected (hold the last jpos_d), -2 taken with the wrist at the remote
+    # centre
+    status: Scalar
 
 
 @record
@@ -63,7 +72,9 @@ class _Reach:
 
 
 def _normalised(arm: str, pose: Pose) -> tuple[Vec, Vec]:
-    """Position and columns of the rotation in frame 0 with the turn alpha0 taken off, so that both arms look alike."""
+    """Position and columns of the rotation in frame 0 with the turn alpha0 taken off, so that
+    both arms look alike.
+    """
     (x, y, z), columns = pose.position, tuple(zip(*pose.rotation, strict=True))
     if GEOMETRY[arm].flip > 0:
         return Vec((x, y, z)), Vec(Vec(column) for column in columns)
@@ -75,7 +86,9 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
     position, (x6, y6, z6) = _normalised(arm, pose)
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
-    u = Vec((along_x / norm, along_y / norm))  # from the jaw axis toward the remote centre, in frame 6
+    u = Vec(
+        (along_x / norm, along_y / norm)
+    )  # from the jaw axis toward the remote centre, in frame 6
     w = x6 * u[0] + y6 * u[1]
     offset = w * LW
 
@@ -89,23 +102,32 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
 
 
 def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth: Scalar) -> _Reach:
-    """Both bends for the insertion axis pointing from the wrist (depth 0) or to it (1); number or truth value."""
+    """Both bends for the insertion axis pointing from the wrist (depth 0) or to it (1); number
+    or truth value.
+    """
     x6, y6, z6 = axes
     if isinstance(depth, int):
-        toward, distance = (wrist.direction, wrist.insertion) if depth else (-wrist.direction, -wrist.insertion)
+        toward, distance = (
+            (wrist.direction, wrist.insertion) if depth else (-wrist.direction, -wrist.insertion)
+        )
     else:
-        toward, distance = where(depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion))
+        toward, distance = where(
+            depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
+        )
     cosine = toward[2] * (-1.0 / (GM1 * GM3)) + GM2 * geometry.cos23 / (GM1 * GM3)
     c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
 
-    # Where the cosine was clamped, the axis that theta1 and theta2 give misses the wrist by up to some micrometres.
+    # Where the cosine was clamped, the axis that theta1 and theta2 give misses the wrist by up to
+    # some micrometres.
     clamped = c2 != cosine
     x, y, _ = toward
     height = GM2 * geometry.cos23 - c2 * (GM1 * GM3)
     shrink = jnp.sqrt((1.0 - height * height) / (x * x + y * y))
     z3 = where(clamped, Vec((x * shrink, y * shrink, height)), toward)
-    jaw = wrist.to_jaw + (toward - z3) * (distance * (1.0 / LW))  # from the origin of frame 4, in units of Lw
+    jaw = wrist.to_jaw + (toward - z3) * (
+        distance * (1.0 / LW)
+    )  # from the origin of frame 4, in units of Lw
 
     c5, s5 = -dot(z3, z6), dot(z3, jaw)
     by_jaw = jnp.abs(c5) > SINGULAR
@@ -130,7 +152,10 @@ def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
     """theta1, theta2 and theta4 (rad) of both bends."""
     (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * geometry.cos23
-    alpha, beta = s2 * (geometry.side * GM1), c2 * (-geometry.side * GM1 * geometry.cos23) - geometry.side * GM2 * GM3
+    alpha, beta = (
+        s2 * (geometry.side * GM1),
+        c2 * (-geometry.side * GM1 * geometry.cos23) - geometry.side * GM2 * GM3,
+    )
     fa, ea, fb, eb = part_m * alpha, part_e * alpha, part_m * beta, part_e * beta
     theta2 = jnp.atan2(s2, c2)
     return (
@@ -140,7 +165,9 @@ def _bends(geometry: Geometry, reach: _Reach) -> tuple[Vec, Vec]:
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
-    """All eight solutions in the original's order, each with its validity, before any rule about the remote centre."""
+    """All eight solutions in the original's order, each with its validity, before any rule about
+    the remote centre.
+    """
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
     reaches = [_reach(geometry, wrist, axes, depth) for wrist in wrists for depth in (0, 1)]
@@ -177,12 +204,20 @@ def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
 def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
     def turned(theta4: Scalar) -> Scalar:
         gap = measured.theta4 - theta4
-        return jnp.where(gap > ROLLOVER, theta4 + 2 * PI, jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4))
+        return jnp.where(
+            gap > ROLLOVER, theta4 + 2 * PI, jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4)
+        )
 
     def bend_cost(theta1: Scalar, theta2: Scalar, theta4: Scalar) -> Scalar:
-        return _square(measured.theta1 - theta1) + _square(measured.theta2 - theta2) + _square(measured.theta4 - theta4)
+        return (
+            _square(measured.theta1 - theta1)
+            + _square(measured.theta2 - theta2)
+            + _square(measured.theta4 - theta4)
+        )
 
-    bends = tuple((theta1, theta2, turned(theta4)) for theta1, theta2, theta4 in _bends(geometry, reach))
+    bends = tuple(
+        (theta1, theta2, turned(theta4)) for theta1, theta2, theta4 in _bends(geometry, reach)
+    )
     first, second = (bend_cost(*bend) for bend in bends)
     theta1, theta2, theta4 = where(second < first, bends[1], bends[0])
     cost = jnp.minimum(first, second) + _common_cost(measured, reach)
@@ -208,18 +243,23 @@ def _nearest_of_all(
 def _likely(
     geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
 ) -> tuple[_Choice, Scalar]:
-    """The likely nearest solution, and what all those of other sides and depths cost at least, rad^2 (or NaN).
+    """The likely nearest solution, and what all those of other sides and depths cost at least,
+    rad^2 (or NaN).
 
-    Of each side the depth nearer to the measured d3 is looked at, of these two the one whose wrist and yaw are nearer.
+    Of each side the depth nearer to the measured d3 is looked at, of these two the one whose wrist
+    and yaw are nearer.
     """
 
     def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
-        shallow, deep = (_depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion))
+        shallow, deep = (
+            _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
+        )
         return _reach(geometry, wrist, axes, deep < shallow), jnp.maximum(shallow, deep)
 
     (zero, farther_zero), (one, farther_one) = (nearer_depth(wrist) for wrist in wrists)
     cost_zero, cost_one = (
-        jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST) for reach in (zero, one)
+        jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST)
+        for reach in (zero, one)
     )
     other = jnp.maximum(cost_zero, cost_one)
     likely = _nearer_bend(geometry, measured, where(cost_one < cost_zero, one, zero))
@@ -229,8 +269,8 @@ def _likely(
 def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:
     """What the original selects where a wrist is within Lw of the remote centre.
 
-    It stops after the insertions of the sides before, with all angles still zero, and takes the other side for valid.
-    On side 0 d3 is known by then, on side 1 it is zero, too.
+    It stops after the insertions of the sides before, with all angles still zero, and takes the
+    other side for valid. On side 0 d3 is known by then, on side 1 it is zero, too.
     """
     shallow, deep = -D4 - insertions[0], -D4 + insertions[0]
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
@@ -243,21 +283,30 @@ def _leftover(measured: Theta, insertions: tuple[Scalar, Scalar]) -> _Choice:
 
 
 def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
-    """Joints that bring the jaw axis to `pose`, jaws `grasp_rad` (rad) open, nearest to the measured `jpos_ref` (7).
+    """Joints that bring the jaw axis to `pose`, jaws `grasp_rad` (rad) open, nearest to the
+    measured `jpos_ref` (7).
 
-    A roll more than 300 deg from the measured one is shifted by a turn; the distance is otherwise taken as it stands.
-    Never raises: see `IK.status`. A pose with NaN is rejected.
+    A roll more than 300 deg from the measured one is shifted by a turn; the distance is otherwise
+    taken as it stands. Never raises: see `IK.status`. A pose with NaN is rejected.
     """
     measured = theta_from_joint(arm, jpos_ref)
     geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
     insertions = (wrists[0].insertion, wrists[1].insertion)
 
-    # What costs least is nearly always found without computing the rest, whose least costs are known.
+    # What costs least is nearly always found without computing the rest, whose least costs are
+    # known.
     usual, others = _likely(geometry, measured, wrists, axes)
-    nearest = rarely(~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual)
+    nearest = rarely(
+        ~(usual.cost < others), lambda: _nearest_of_all(geometry, measured, wrists, axes), usual
+    )
     singular = (insertions[0] <= LW) | (insertions[1] <= LW)
     choice = where(singular, _leftover(measured, insertions), nearest)
     reachable = choice.cost <= COST_LIMIT
     status = jnp.where(reachable, jnp.where(singular, AT_REMOTE_CENTRE, OK), REJECTED)
-    return IK(joint_from_theta(arm, choice.theta, grasp_rad), choice.theta.theta6, choice.cost, as_int(status))
+    return IK(
+        joint_from_theta(arm, choice.theta, grasp_rad),
+        choice.theta.theta6,
+        choice.cost,
+        as_int(status),
+    )

@@ -1,8 +1,9 @@
 """Joints of one arm and their zeros in the Denavit-Hartenberg convention.
 
-Joint order and units: shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad). Source of all
-figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h` (modified DH, Craig). Frames 0 to 3 of an
-arm share their origin, the remote centre; frame 6 sits on the jaw axis.
+Joint order and units: shoulder, elbow (rad), insertion (m), tool_roll, wrist, grasp1, grasp2 (rad).
+Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`
+(modified DH, Craig). Frames 0 to 3 of an arm share their origin, the remote centre; frame 6 sits on
+the jaw axis.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ class Theta:
 
 
 def yaw(jpos: Vec) -> Scalar:
-    """Jaw yaw, rad, positive toward jaw 2; the original rounds the difference of the jaws to float32 before halving."""
+    """Jaw yaw, rad, positive toward jaw 2; the original rounds the difference of the jaws to
+    float32 before halving.
+    """
     return (jpos[6] - jpos[5]) * 0.5
 
 
@@ -69,7 +72,9 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
-    """Joints (7) of DH variables in [-pi, pi] and a jaw opening, rad. All but the roll are brought into [-pi, pi]."""
+    """Joints (7) of DH variables in [-pi, pi] and a jaw opening, rad. All but the roll are
+    brought into [-pi, pi].
+    """
     geometry = GEOMETRY[arm]
     grasp1, grasp2 = jaws(theta.theta6, grasp_rad)
     return Vec(
@@ -86,7 +91,9 @@ def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
 
 
 def _one_turn(angle: Scalar, zero: float) -> Scalar:
-    """angle + zero brought into [-pi, pi], angle being in there already: only one side can be left."""
+    """angle + zero brought into [-pi, pi], angle being in there already: only one side can be
+    left.
+    """
     if zero == 0.0:
         return angle
     joint, turn = angle + zero, math.copysign(2 * PI, zero)

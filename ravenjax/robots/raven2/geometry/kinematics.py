@@ -1,8 +1,9 @@
-"""Forward kinematics, geometric Jacobian and tip velocity of one arm; the inverse is re-exported from `inverse`.
+"""Forward kinematics, geometric Jacobian and tip velocity of one arm; the inverse is re-exported
+from `inverse`.
 
-Everything is in frame 0 of the arm, m and rad, and as wide as its input. Source: raven2 `src/raven/r2_kinematics.cpp`;
-the Jacobian is the geometric one of the same chain, because the original's own (`r2_jacobian.cpp`) holds placeholder
-lengths.
+Everything is in frame 0 of the arm, m and rad, and as wide as its input. Source: raven2
+`src/raven/r2_kinematics.cpp`; the Jacobian is the geometric one of the same chain, because the
+original's own (`r2_jacobian.cpp`) holds placeholder lengths.
 """
 
 from __future__ import annotations
@@ -12,7 +13,14 @@ from typing import NamedTuple
 from ravenjax.numbers.algebra import cross
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
-from ravenjax.robots.raven2.geometry.inverse import AT_REMOTE_CENTRE, IK, OK, REJECTED, inverse, inverse_candidates
+from ravenjax.robots.raven2.geometry.inverse import (
+    AT_REMOTE_CENTRE,
+    IK,
+    OK,
+    REJECTED,
+    inverse,
+    inverse_candidates,
+)
 from ravenjax.robots.raven2.geometry.joints import Pose, yaw
 from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, GM1, GM2, GM3, LW
 
@@ -66,7 +74,9 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
 
     z2 = Vec((GM1 * s1, -GM1 * c1, GM2)) if flip > 0 else Vec((GM1 * s1, GM1 * c1, -GM2))
     z3 = from_frame1(GM3 * s2, -GM2 * GM3 * c2 - GM1 * cos23, -GM1 * GM3 * c2 + GM2 * cos23)
-    x3 = from_frame1(*map(signed, (-cos23 * s2, GM2 * cos23 * c2 - GM1 * GM3, GM1 * cos23 * c2 + GM2 * GM3)))
+    x3 = from_frame1(
+        *map(signed, (-cos23 * s2, GM2 * cos23 * c2 - GM1 * GM3, GM1 * cos23 * c2 + GM2 * GM3))
+    )
     y3 = from_frame1(*map(signed, (-c2, -GM2 * s2, -GM1 * s2)))
     x4, y4 = x3 * c4 + y3 * s4, y3 * c4 - x3 * s4
     x5, y5 = x4 * c5 + z3 * s5, z3 * c5 - x4 * s5
@@ -76,8 +86,8 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
 def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Pose of the jaw axis at `jpos` (7, rad and m).
 
-    The jaws enter as their yaw, (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given: the original rounds it to
-    float32.
+    The jaws enter as their yaw, (grasp2 - grasp1) / 2 unless `yaw_rad` (rad) is given: the original
+    rounds it to float32.
     """
     chain = chain_of(arm, jpos)
     theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
@@ -89,7 +99,9 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
 
 
 def jacobian(arm: str, jpos: Vec) -> Vec:
-    """Geometric Jacobian: rows vx, vy, vz (m/s), wx, wy, wz (rad/s) of frame 6; columns theta1, 2, d3, theta4, 5, 6."""
+    """Geometric Jacobian: rows vx, vy, vz (m/s), wx, wy, wz (rad/s) of frame 6; columns theta1,
+    2, d3, theta4, 5, 6.
+    """
     chain = chain_of(arm, jpos)
     z1, z5, still = Vec((0.0, 0.0, GEOMETRY[arm].flip)), -chain.y4, Vec.full(3, 0.0)
     columns = (
@@ -104,7 +116,9 @@ def jacobian(arm: str, jpos: Vec) -> Vec:
 
 
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
-    """Velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s); the jaws turn about it, no more."""
+    """Velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s); the jaws
+    turn about it, no more.
+    """
     chain = chain_of(arm, jpos)
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]
     turning = chain.z2 * jvel[1]

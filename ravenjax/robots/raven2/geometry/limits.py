@@ -1,7 +1,7 @@
 """Home pose, soft joint limits and hard stops of the control software, as Python numbers.
 
-Source: raven2 `include/raven/defines.h`, `tools.cpp`, `init.cpp`; the 2015 fork where said. The original holds every
-joint limit as float32: round them where that matters.
+Source: raven2 `include/raven/defines.h`, `tools.cpp`, `init.cpp`; the 2015 fork where said. The
+original holds every joint limit as float32: round them where that matters.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ _TRAVEL = 1.0  # m; the instrument is 0.5 m long
 
 
 def position(meaning: str) -> tuple[Quantity, Quantity]:
-    """What a position of a joint may be: an angle, either way, or a travel of the insertion, from 0."""
+    """What a position of a joint may be: an angle, either way, or a travel of the insertion,
+    from 0.
+    """
     revolute = tuple(joint for joint in JOINTS if joint not in LINEAR)
     return (
         Quantity("rad", -_TURN, _TURN, meaning, joints=revolute),
@@ -35,9 +37,11 @@ def position(meaning: str) -> tuple[Quantity, Quantity]:
 
 
 class SoftLimits(NamedTuple):
-    """Where joint targets are clamped: at or below `lower`, at or above `upper`; None where there is no limit.
+    """Where joint targets are clamped: at or below `lower`, at or above `upper`; None where there
+    is no limit.
 
-    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). The jaws themselves are never limited.
+    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). The jaws
+    themselves are never limited.
     """
 
     lower: tuple[float, float, float, float, float, float | None]
@@ -51,12 +55,14 @@ POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
 def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     """Limits with `tool`. The original applies those of the gold arm's tool to both arms.
 
-    Jaw yaw is limited from below only, by the range of grasp1; the 2015 fork does not limit it and fixes the roll
-    limit.
+    Jaw yaw is limited from below only, by the range of grasp1; the 2015 fork does not limit it and
+    fixes the roll limit.
     """
     instrument = find_tool(tool)
     fork = software == "fork2015"
     roll = FORK_ROLL_LIMIT if fork else instrument.roll_limit_deg * _DEG
     wrist = instrument.wrist_limit_deg * _DEG
     yaw_lower = None if fork else -instrument.grasp1_limit_deg * _DEG
-    return SoftLimits((*POSITIONING_LOWER, -roll, -wrist, yaw_lower), (*POSITIONING_UPPER, roll, wrist, None))
+    return SoftLimits(
+        (*POSITIONING_LOWER, -roll, -wrist, yaw_lower), (*POSITIONING_UPPER, roll, wrist, None)
+    )

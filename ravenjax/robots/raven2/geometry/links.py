@@ -1,7 +1,8 @@
-"""Fixed geometry of the arms, modified Denavit-Hartenberg convention (Craig), and how the jaws stand. Without jax.
+"""Fixed geometry of the arms, modified Denavit-Hartenberg convention (Craig), and how the jaws
+stand. Without jax.
 
-Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`. Frames 0 to 3 of an arm
-share their origin, the remote centre; frame 6 sits on the jaw axis.
+Source of all figures: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`. Frames
+0 to 3 of an arm share their origin, the remote centre; frame 6 sits on the jaw axis.
 """
 
 from __future__ import annotations
@@ -32,21 +33,26 @@ class Geometry(NamedTuple):
 
 
 GEOMETRY = {
-    # 205 deg in the source for the shoulder; a full turn less keeps float32 angles small in the working range.
+    # 205 deg in the source for the shoulder; a full turn less keeps float32 angles small in the
+    # working range.
     "gold": Geometry(math.radians(-155.0), PI, 1.0, -GM4, 1.0),
     "green": Geometry(math.radians(25.0), 0.0, -1.0, GM4, -1.0),
 }
 
 
 def jaw_rotation(arm: str, jpos: np.ndarray) -> np.ndarray:
-    """Rotation [..., 3, 3] of the jaws in frame 0 of the arm, columns are the axes of frame 6; NaN where a joint is.
+    """Rotation [..., 3, 3] of the jaws in frame 0 of the arm, columns are the axes of frame 6; NaN
+    where a joint is.
 
-    jpos: [..., 7], rad and m, as `ravenjax.robots.raven2.arms.JOINTS`. The rotation of `kinematics.forward`, in NumPy.
+    jpos: [..., 7], rad and m, as `ravenjax.robots.raven2.arms.JOINTS`. The rotation of
+    `kinematics.forward`, in NumPy.
     """
     turns, zeros = _links(arm)
     jpos = np.asarray(jpos, float)
     theta = np.zeros((*jpos.shape[:-1], len(zeros)))
-    theta[..., [0, 1, 3, 4]] = jpos[..., [0, 1, 3, 4]]  # shoulder, elbow, roll, wrist; the insertion does not turn
+    theta[..., [0, 1, 3, 4]] = jpos[
+        ..., [0, 1, 3, 4]
+    ]  # shoulder, elbow, roll, wrist; the insertion does not turn
     theta[..., 5] = (jpos[..., 6] - jpos[..., 5]) * 0.5
     theta += zeros
     links = np.zeros((*theta.shape, 3, 3))
@@ -64,10 +70,15 @@ def jaw_rotation(arm: str, jpos: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def _links(arm: str) -> tuple[np.ndarray, np.ndarray]:
-    """Of the six rows of an arm's DH table: rotation by alpha about x [6, 3, 3], and theta at joint 0 [6], rad."""
+    """Of the six rows of an arm's DH table: rotation by alpha about x [6, 3, 3], and theta at
+    joint 0 [6], rad.
+    """
     geometry = GEOMETRY[arm]
     alpha2 = PI - LINK23 if geometry.side > 0 else LINK23
     alphas = (0.0 if geometry.flip > 0 else PI, LINK12, alpha2, 0.0, PI / 2, PI / 2)
     zeros = (geometry.zero1, geometry.zero2, geometry.side * PI / 2, 0.0, -PI / 2, 0.0)
-    turns = [[[1.0, 0.0, 0.0], [0.0, math.cos(a), -math.sin(a)], [0.0, math.sin(a), math.cos(a)]] for a in alphas]
+    turns = [
+        [[1.0, 0.0, 0.0], [0.0, math.cos(a), -math.sin(a)], [0.0, math.sin(a), math.cos(a)]]
+        for a in alphas
+    ]
     return np.array(turns), np.array(zeros)

@@ -1,7 +1,8 @@
 """From the console's increments to frame 0 of an arm: axes, quaternions, accumulation.
 
-Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the variant ORIENTATION_V is not built) and
-`local_io.cpp` (accumulation), with the conversions of ROS tf that those use.
+Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the variant
+ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf that
+those use.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
 def quat_from_itp(arm: str, quat: Vec) -> Vec:
     """The increment quaternion of an ITP packet in frame 0, normalised; NaN if it is zero.
 
-    The original goes by way of matrices; this is the same rotation, perhaps with the opposite sign of all four numbers.
+    The original goes by way of matrices; this is the same rotation, perhaps with the opposite sign
+    of all four numbers.
     """
     inverse_norm = 1.0 / jnp.sqrt(dot(quat, quat))
     return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm
@@ -61,7 +63,17 @@ def matrix_from_quat(quat: Vec) -> Vec:
     x, y, z, w = quat
     s = 2.0 / (x * x + y * y + z * z + w * w)
     xs, ys, zs = x * s, y * s, z * s
-    wx, wy, wz, xx, xy, xz, yy, yz, zz = w * xs, w * ys, w * zs, x * xs, x * ys, x * zs, y * ys, y * zs, z * zs
+    wx, wy, wz, xx, xy, xz, yy, yz, zz = (
+        w * xs,
+        w * ys,
+        w * zs,
+        x * xs,
+        x * ys,
+        x * zs,
+        y * ys,
+        y * zs,
+        z * zs,
+    )
     return matrix(
         (1.0 - (yy + zz), xy - wz, xz + wy),
         (xy + wz, 1.0 - (xx + zz), yz - wx),
@@ -70,12 +82,15 @@ def matrix_from_quat(quat: Vec) -> Vec:
 
 
 def quat_from_matrix(rotation: Vec) -> Vec:
-    """Unit quaternion of a rotation matrix, from its trace, or from its greatest diagonal element if trace <= 0."""
+    """Unit quaternion of a rotation matrix, from its trace, or from its greatest diagonal
+    element if trace <= 0.
+    """
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
     trace = m00 + m11 + m22
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
     sxy, sxz, syz = m01 + m10, m02 + m20, m12 + m21
-    # Four multiples of the same quaternion, each with 4 times the square of one component in that component's place.
+    # Four multiples of the same quaternion, each with 4 times the square of one component in that
+    # component's place.
     by_x = _multiple(1.0 + m00 - m11 - m22, (sxy, sxz, dx), 0)
     by_y = _multiple(1.0 + m11 - m00 - m22, (sxy, syz, dy), 1)
     by_z = _multiple(1.0 + m22 - m00 - m11, (sxz, syz, dz), 2)

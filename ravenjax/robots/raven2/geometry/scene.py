@@ -1,8 +1,10 @@
-"""Where the instrument tips are in the operating scene: the arms' places, the tissue below them, each other.
+"""Where the instrument tips are in the operating scene: the arms' places, the tissue below them,
+each other.
 
-The world's z axis points up. The arms' frames are read from the model; the tissue is the dome of its phantom, without
-the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The vessel is the trunk that is drawn on it, a
-ridge of the surface; its branch and the vein are drawn only.
+The world's z axis points up. The arms' frames are read from the model; the tissue is the dome of
+its phantom, without the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The
+vessel is the trunk that is drawn on it, a ridge of the surface; its branch and the vein are drawn
+only.
 """
 
 from __future__ import annotations
@@ -24,8 +26,17 @@ TISSUE_SAG = (0.012 / 0.085**2, 0.7 * 0.012 / 0.07**2)  # 1/m, curvature of the 
 TISSUE_HALF = (0.075, 0.060)  # m, half its extent along x and y
 VESSEL_RADIUS = 0.0031  # m, of the trunk in models/raven2
 VESSEL_HEIGHT = 0.0027  # m, of its ridge above the dome: its axis lies 0.4 mm below
-VESSEL_COURSE = ((-0.073, -0.024), (-0.045, -0.016), (-0.015, -0.004), (0.012, 0.002), (0.040, 0.018), (0.073, 0.022))
-"""m, x and y of points of its axis, with straight lines between them; the drawn one is a smooth curve through them."""
+VESSEL_COURSE = (
+    (-0.073, -0.024),
+    (-0.045, -0.016),
+    (-0.015, -0.004),
+    (0.012, 0.002),
+    (0.040, 0.018),
+    (0.073, 0.022),
+)
+"""m, x and y of points of its axis, with straight lines between them; the drawn one is a smooth
+curve through them.
+"""
 VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
 """Square of the distance from the axis by that along y, of the course as a whole."""
 
@@ -34,22 +45,30 @@ class Surface(NamedTuple):
     """The tissue's surface below or above a point."""
 
     depth: Scalar  # m, how far the point is below it, along the world's z; negative above it
-    rise: Vec  # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0: along its normal, 1 along the world's z
+    # (-dh/dx, -dh/dy, 1) of its height h, in the arm's frame 0: along its normal, 1 along the
+    # world's z
+    rise: Vec
     vessel: Scalar  # bool, the point is over the vessel
 
 
 @cache
 def frame0(arm: ArmName) -> tuple[Vec, Vec]:
-    """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers, literal zeros and ones."""
+    """Origin (m) and rotation rows of the arm's frame 0 in the world, Python numbers, literal
+    zeros and ones.
+    """
     model = arm_model.scene()
     body = model.body(arm_model.base(arm))
     rows = _rows(*(body.quat / np.linalg.norm(body.quat)).tolist())
-    exact = [[float(round(x)) if abs(x - round(x)) < 1e-12 else float(x) for x in row] for row in rows]
+    exact = [
+        [float(round(x)) if abs(x - round(x)) < 1e-12 else float(x) for x in row] for row in rows
+    ]
     return Vec(float(x) for x in body.pos), Vec(map(Vec, exact))
 
 
 def _rows(w: float, x: float, y: float, z: float) -> list[list[float]]:
-    """The rotation matrix of a unit quaternion, as SciPy computes it, whose import takes longer than all of a trace."""
+    """The rotation matrix of a unit quaternion, as SciPy computes it, whose import takes longer
+    than all of a trace.
+    """
     return [
         [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w)],
@@ -71,16 +90,19 @@ def world(arm: ArmName, position: Vec) -> Vec:
 
 
 def tissue_depth(arm: ArmName, tip: Vec) -> Scalar:
-    """How far `tip` (m, frame 0) is below the tissue's surface, m; negative above it, -inf beside it."""
+    """How far `tip` (m, frame 0) is below the tissue's surface, m; negative above it, -inf
+    beside it.
+    """
     x, y, z = world(arm, tip)
     return jnp.where(_inside(x, y), _dome(x, y) - z, -jnp.inf)
 
 
 def surface(arm: ArmName, point: Vec) -> Surface:
-    """The tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge on it; beside it 1 m deep.
+    """The tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge on it;
+    beside it 1 m deep.
 
-    The ridge is height (1 - (d/r)^2)^2 at the distance d from the vessel's axis: as wide and high as the vessel that is
-    drawn, without a vertical flank.
+    The ridge is height (1 - (d/r)^2)^2 at the distance d from the vessel's axis: as wide and high
+    as the vessel that is drawn, without a vertical flank.
     """
     x, y, z = world(arm, point)
     course, slope = _course(x)
@@ -90,7 +112,9 @@ def surface(arm: ArmName, point: Vec) -> Surface:
     depth = _dome(x, y) + VESSEL_HEIGHT * (share * share) - z
     rise = Vec((2.0 * TISSUE_SAG[0] * x - fall * slope, 2.0 * TISSUE_SAG[1] * y + fall, 1.0))
     _, rotation = frame0(arm)
-    return Surface(jnp.where(_inside(x, y), depth, -1.0), matvec(transpose(rotation), rise), share > 0.0)
+    return Surface(
+        jnp.where(_inside(x, y), depth, -1.0), matvec(transpose(rotation), rise), share > 0.0
+    )
 
 
 def _inside(x: Scalar, y: Scalar) -> Scalar:
@@ -103,7 +127,9 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
 
 def _course(x: Scalar) -> tuple[Scalar, Scalar]:
     """y of the vessel's axis at x (m), and its slope there."""
-    pieces = [(x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)]
+    pieces = [
+        (x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)
+    ]
     x0, y0, before = pieces[0]
     value, slope = y0 + before * (x - x0), before
     for x0, _, after in pieces[1:]:

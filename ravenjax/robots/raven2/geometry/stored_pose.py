@@ -1,6 +1,8 @@
-"""A pose as the control software stores it: whole micrometres, float32 rotation, whole milliradians.
+"""A pose as the control software stores it: whole micrometres, float32 rotation, whole
+milliradians.
 
-raven2 `include/DS0.h`: struct position has three int, struct orientation a float R[3][3] and an int grasp.
+raven2 `include/DS0.h`: struct position has three int, struct orientation a float R[3][3] and an int
+grasp.
 """
 
 from __future__ import annotations

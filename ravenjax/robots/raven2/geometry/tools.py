@@ -1,8 +1,9 @@
 """Instruments: their adapter style, coupling and ranges.
 
-Source: raven2 `src/raven/tools.cpp`, `include/raven/tools.h`; the two `r_grasper_A`, `r_grasper_B` from the 2015
-simulator fork (CSLDepend raven2_sim, branch test_sim, same files). Shaft and wrist lengths of that table are left out
-because neither kinematics nor control use them. The monopolar cautery has no ranges there and cannot be driven.
+Source: raven2 `src/raven/tools.cpp`, `include/raven/tools.h`; the two `r_grasper_A`, `r_grasper_B`
+from the 2015 simulator fork (CSLDepend raven2_sim, branch test_sim, same files). Shaft and wrist
+lengths of that table are left out because neither kinematics nor control use them. The monopolar
+cautery has no ranges there and cannot be driven.
 """
 
 from __future__ import annotations
@@ -37,7 +38,12 @@ class Tool:
     @property
     def hard_max(self) -> Vec:
         """Hard stops of tool_roll, wrist, grasp1, grasp2 on the positive side, rad."""
-        return Vec(map(math.radians, (self.roll_max_deg, self.wrist_max_deg, self.grasp1_max_deg, self.grasp2_max_deg)))
+        return Vec(
+            map(
+                math.radians,
+                (self.roll_max_deg, self.wrist_max_deg, self.grasp1_max_deg, self.grasp2_max_deg),
+            )
+        )
 
     @property
     def hard_min(self) -> Vec:
@@ -71,5 +77,7 @@ DEFAULT_TOOLS = {
 def find_tool(name: str) -> Tool:
     """The tool of that name, or a UserError that lists the names."""
     if name not in TOOLS:
-        raise UserError(f"unknown tool {name!r}: expected one of {', '.join(TOOLS)}{suggestion(name, TOOLS)}")
+        raise UserError(
+            f"unknown tool {name!r}: expected one of {', '.join(TOOLS)}{suggestion(name, TOOLS)}"
+        )
     return TOOLS[name]

@@ -1,10 +1,10 @@
 """Motor angles and joints: ratios, cable coupling, signs, and what a DAC count is worth.
 
-Figures are Python numbers. The original holds C01, C02, C12, TR and the wrist coupling as float32 and GB_RATIO as
-double; round them where that matters. The functions here are as wide as their input and follow no particular rounding
-order. Sources: raven2 `include/raven/defines.h` (geometry), `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`,
-`motor.h`, `init.cpp`, `state_estimate.cpp`. The 2015 fork is built without OPPOSE_GRIP: its first jaw has the signs of
-the second.
+Figures are Python numbers. The original holds C01, C02, C12, TR and the wrist coupling as float32
+and GB_RATIO as double; round them where that matters. The functions here are as wide as their input
+and follow no particular rounding order. Sources: raven2 `include/raven/defines.h` (geometry),
+`fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `motor.h`, `init.cpp`, `state_estimate.cpp`. The
+2015 fork is built without OPPOSE_GRIP: its first jaw has the signs of the second.
 """
 
 from __future__ import annotations
@@ -39,7 +39,9 @@ TR = Vec(
     )
 )  # motor rad per joint rad (insertion: per m), gearbox included, both arms
 GEARBOX = Vec((GP42, GP42, GP42, GP32, GP32, GP32, GP32))  # motor turns per capstan turn
-GB_RATIO = GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)  # insertion motor rad per rad that it turns each tool motor
+GB_RATIO = (
+    GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)
+)  # insertion motor rad per rad that it turns each tool motor
 
 C01 = 0.14545  # rad/rad, shoulder into elbow
 C02 = 0.0077973826  # m/rad, shoulder into insertion
@@ -51,8 +53,12 @@ JOINT_PER_CAPSTAN_TORQUE = Vec(tr / gear for tr, gear in zip(TR, GEARBOX, strict
 ENCODER_COUNTS = 4000  # counts per motor turn
 ENCODER_RAD = 2 * math.pi / ENCODER_COUNTS  # rad of motor angle per count
 TORQUE_PER_AMP = Vec((0.0603,) * 3 + (0.0538,) * 4)  # Nm/A at the motor shaft: RE40, RE30
-COUNTS_PER_AMP = Vec((2730.0,) * 3 + (5461.0,) * 4)  # DAC counts per A, whole numbers in the original
-COUNTS_PER_NM = Vec(c / (t * g) for c, t, g in zip(COUNTS_PER_AMP, TORQUE_PER_AMP, GEARBOX, strict=True))
+COUNTS_PER_AMP = Vec(
+    (2730.0,) * 3 + (5461.0,) * 4
+)  # DAC counts per A, whole numbers in the original
+COUNTS_PER_NM = Vec(
+    c / (t * g) for c, t, g in zip(COUNTS_PER_AMP, TORQUE_PER_AMP, GEARBOX, strict=True)
+)
 """DAC counts per Nm at the capstan (after the gearbox), unsigned."""
 
 
@@ -62,7 +68,9 @@ def _opposed(software: str) -> bool:
 
 
 def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Sign (1 or -1) with which the insertion motor turns tool_roll, wrist, grasp1 and grasp2 motors."""
+    """Sign (1 or -1) with which the insertion motor turns tool_roll, wrist, grasp1 and grasp2
+    motors.
+    """
     style = find_tool(tool).style
     gold = 1.0 if style == "raven" else -1.0
     sign = gold if style == "square_raven" or arm == "gold" else -gold
@@ -70,29 +78,43 @@ def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Sign (7) of the DAC count that drives each motor forward, that of the original's tau_per_amp."""
+    """Sign (7) of the DAC count that drives each motor forward, that of the original's
+    tau_per_amp.
+    """
     style = find_tool(tool).style
     positioning = -1.0 if arm == "gold" else 1.0
     tooling = {"raven": -1.0, "dv": 1.0, "square_raven": positioning}[style]
-    return Vec((positioning,) * 3 + (tooling, tooling, -tooling if _opposed(software) else tooling, tooling))
+    return Vec(
+        (positioning,) * 3
+        + (tooling, tooling, -tooling if _opposed(software) else tooling, tooling)
+    )
 
 
-def encoder_signs(arm: str, tool: str, software: str = "raven2", adapter: Style | None = None) -> Vec:
-    """Sign (7) by which enc_val, as unpacked from USB (already negated there), becomes the forward motor angle.
+def encoder_signs(
+    arm: str, tool: str, software: str = "raven2", adapter: Style | None = None
+) -> Vec:
+    """Sign (7) by which enc_val, as unpacked from USB (already negated there), becomes the forward
+    motor angle.
 
-    The original takes these from the adapter it is compiled for, not from the tool; by default that of the tool.
+    The original takes these from the adapter it is compiled for, not from the tool; by default that
+    of the tool.
     """
     style = adapter or find_tool(tool).style
     positioning = -1.0 if arm == "gold" else 1.0
     tooling = {"raven": -1.0, "dv": 1.0, "square_raven": -positioning}[style]
-    return Vec((positioning,) * 3 + (tooling, tooling, -tooling if _opposed(software) else tooling, tooling))
+    return Vec(
+        (positioning,) * 3
+        + (tooling, tooling, -tooling if _opposed(software) else tooling, tooling)
+    )
 
 
-def motor_from_joint(arm: str, tool: str, jpos: Vec, mpos_insertion: Scalar = None, software: str = "raven2") -> Vec:
+def motor_from_joint(
+    arm: str, tool: str, jpos: Vec, mpos_insertion: Scalar = None, software: str = "raven2"
+) -> Vec:
     """Motor angles (7, rad) that hold the joints `jpos` (7, rad and m).
 
-    The tool motors follow the insertion motor at `mpos_insertion` (rad). The control software gives the measured one;
-    by default it is where it belongs.
+    The tool motors follow the insertion motor at `mpos_insertion` (rad). The control software gives
+    the measured one; by default it is where it belongs.
     """
     shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos
     kappa = find_tool(tool).wrist_coupling
@@ -105,7 +127,15 @@ def motor_from_joint(arm: str, tool: str, jpos: Vec, mpos_insertion: Scalar = No
     turned = mul(kappa, wrist)
     tooling = (roll, wrist, add(grasp1, turned), sub(grasp2, turned))
     signs = coupling_signs(arm, tool, software)
-    return Vec((*mpos, *(tr * joint + mul(s, carried) for tr, joint, s in zip(TR[3:], tooling, signs, strict=True))))
+    return Vec(
+        (
+            *mpos,
+            *(
+                tr * joint + mul(s, carried)
+                for tr, joint, s in zip(TR[3:], tooling, signs, strict=True)
+            ),
+        )
+    )
 
 
 def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -> Vec:
@@ -116,14 +146,17 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
     carried = mpos[2] * (1.0 / GB_RATIO)
     signs = coupling_signs(arm, tool, software)
     roll, wrist, grasp1, grasp2 = (
-        (motor - mul(s, carried)) * (1.0 / tr) for motor, s, tr in zip(mpos[3:], signs, TR[3:], strict=True)
+        (motor - mul(s, carried)) * (1.0 / tr)
+        for motor, s, tr in zip(mpos[3:], signs, TR[3:], strict=True)
     )
     turned = mul(find_tool(tool).wrist_coupling, wrist)
     return Vec((shoulder, elbow, insertion, roll, wrist, sub(grasp1, turned), add(grasp2, turned)))
 
 
 def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:
-    """The 7 x 7 matrix of `motor_from_joint` with the insertion motor where it belongs: rows motors, columns joints."""
+    """The 7 x 7 matrix of `motor_from_joint` with the insertion motor where it belongs: rows
+    motors, columns joints.
+    """
     return _columns(lambda unit: motor_from_joint(arm, tool, unit, software=software))
 
 

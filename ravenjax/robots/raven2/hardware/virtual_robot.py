@@ -4,10 +4,11 @@
     reading = robot.step(dac, output_pins)
     reading.encoders, reading.pins, reading.signals.tip
 
-Put your own control software in front of it. It is what lies behind the USB boards in the tick: PLC, brakes, motors,
-cables, links, encoders, composed of the same functions in the same order and without faults. Every operation is one
-IEEE operation in float32 and functions are the C library's (`engines.cpu.transition`), so C code that is made of it has
-the same bits on any CPU; a campaign's engines fuse multiply-adds, so theirs differ in last digits.
+Put your own control software in front of it. It is what lies behind the USB boards in the tick:
+PLC, brakes, motors, cables, links, encoders, composed of the same functions in the same order and
+without faults. Every operation is one IEEE operation in float32 and functions are the C library's
+(`engines.cpu.transition`), so C code that is made of it has the same bits on any CPU; a campaign's
+engines fuse multiply-adds, so theirs differ in last digits.
 """
 
 from __future__ import annotations
@@ -63,7 +64,9 @@ class RobotInputs:
     """What reaches it in one millisecond."""
 
     dac: tuple[Vec, ...]  # per arm 7 int32 counts, as written to USB
-    output_pins: Scalar  # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
+    output_pins: (
+        Scalar  # int32 byte to the PLC: run level (bits 0, 1), FP (2), READY (3), watchdog (4)
+    )
     estop_button: Scalar  # int32, 1: pressed
     start_button: Scalar  # int32, 1: pressed
 
@@ -85,13 +88,17 @@ class RobotSignals:
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
     """Documented values; `parameter_set` names one of `parameter_sets.Name`. Plain numbers."""
-    return RobotParams(plc.params(setup), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)))
+    return RobotParams(
+        plc.params(setup), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set))
+    )
 
 
 def begin(
     setup: RavenSetup, params: RobotParams, start: tuple[Vec, ...], level: int
 ) -> tuple[RobotState, RobotSignals]:
-    """At rest with the links at `start` (7 joints per arm, rad and m), the PLC in run level `level`."""
+    """At rest with the links at `start` (7 joints per arm, rad and m), the PLC in run level
+    `level`.
+    """
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
     state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
     responses = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.arms[i], arms[i]))
@@ -104,11 +111,17 @@ def step(
 ) -> tuple[RobotState, RobotSignals]:
     """One millisecond, as in the tick behind the USB boards."""
     buttons = inputs.estop_button != 0, inputs.start_button != 0
-    controller, relays = plc.step(setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,) * BOARDS, *buttons))
+    controller, relays = plc.step(
+        setup, params.plc, state.plc, plc.PlcSignal((inputs.output_pins,) * BOARDS, *buttons)
+    )
     moved = per_arm(
         setup,
         lambda i, arm: plant.step(
-            setup, arm, params.arms[i], state.arms[i], connections.plant_signal(inputs.dac[i], relays.brakes, {}, i)
+            setup,
+            arm,
+            params.arms[i],
+            state.arms[i],
+            connections.plant_signal(inputs.dac[i], relays.brakes, {}, i),
         ),
     )
     after = RobotState(controller, tuple(new for new, _ in moved))
@@ -202,8 +215,9 @@ class Reading:
 class VirtualRobot:
     """A Raven-II behind its USB boards, one `step` a millisecond: at rest at first, brakes on.
 
-    Arms are in mechanism order, gold first; joints in the order shoulder, elbow, insertion, tool_roll, wrist, grasp1,
-    grasp2. `reading` is what the control software finds before the first step.
+    Arms are in mechanism order, gold first; joints in the order shoulder, elbow, insertion,
+    tool_roll, wrist, grasp1, grasp2. `reading` is what the control software finds before the first
+    step.
     """
 
     def __init__(
@@ -214,35 +228,56 @@ class VirtualRobot:
         jpos: Any = None,
         runlevel: int = run_levels.E_STOP,
     ) -> None:
-        """`tools`: one per arm, raven2's own if left out. `parameter_set`: its mechanics. `jpos`: joints [arms, 7] in
-        rad and m in which it begins, the home pose if left out. `runlevel`: of its PLC, 0 to 3. Raises UserError."""
+        """`tools`: one per arm, raven2's own if left out. `parameter_set`: its mechanics. `jpos`:
+        joints [arms, 7] in rad and m in which it begins, the home pose if left out. `runlevel`: of
+        its PLC, 0 to 3. Raises UserError."""
         names = checked.arm_names(arms)
         checked.known("parameter_set", parameter_set, get_args(parameter_sets.Name))
         level = checked.whole("runlevel", runlevel, 0, 3)
         own = tuple(DEFAULT_TOOLS["raven2"][arm] for arm in names)
-        self.setup = RavenSetup(arms=names, tools=own if tools is None else checked.tool_names(tools, names))
-        rest = [list(HOME_JPOS)] * len(names) if jpos is None else checked.joints("jpos", jpos, len(names))
+        self.setup = RavenSetup(
+            arms=names, tools=own if tools is None else checked.tool_names(tools, names)
+        )
+        rest = (
+            [list(HOME_JPOS)] * len(names)
+            if jpos is None
+            else checked.joints("jpos", jpos, len(names))
+        )
         self.code = code(self.setup, level)
         kinds = self.code.kinds
         self.params = numbers(params(self.setup, parameter_set))
-        fixed, start = kinds["params"].row(self.params), RecordKind(tuple(numbers(Vec(row)) for row in rest))
+        fixed, start = (
+            kinds["params"].row(self.params),
+            RecordKind(tuple(numbers(Vec(row)) for row in rest)),
+        )
         first = self.code.transitions["begin"].leaving
         rows = start.row(tuple(numbers(Vec(row)) for row in rest))[None], transition.rows(first, 1)
-        self.code.machine.bind("begin", Memory(fixed, transition.rows(RecordKind(()).layout, 1)[0], *rows))()
+        self.code.machine.bind(
+            "begin", Memory(fixed, transition.rows(RecordKind(()).layout, 1)[0], *rows)
+        )()
         leaves = transition.read(first, rows[1][0])
         states = len(kinds["state"].types)
         state = jax.tree.unflatten(kinds["state"].tree, leaves[:states])
         self.reading = self._reading(jax.tree.unflatten(kinds["signals"].tree, leaves[states:]))
-        self._row, self._out = transition.rows(kinds["inputs"].layout, 1), transition.rows(kinds["signals"].layout, 1)
+        self._row, self._out = (
+            transition.rows(kinds["inputs"].layout, 1),
+            transition.rows(kinds["signals"].layout, 1),
+        )
         self._memory = Memory(fixed, kinds["state"].row(state), self._row, self._out)
         self._step = self.code.machine.bind("robot", self._memory)
 
-    def step(self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False) -> Reading:
-        """One millisecond. `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte that the control
-        software wrote. UserError names the argument that is wrong; nothing has happened then."""
+    def step(
+        self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False
+    ) -> Reading:
+        """One millisecond. `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte
+        that the control software wrote. UserError names the argument that is wrong; nothing has
+        happened then."""
         counts = checked.counts("dac", dac, len(self.setup.arms))
         pins = checked.whole("output_pins", output_pins, 0, 255)
-        buttons = checked.flag("estop_button", estop_button), checked.flag("start_button", start_button)
+        buttons = (
+            checked.flag("estop_button", estop_button),
+            checked.flag("start_button", start_button),
+        )
         row = [number for arm in counts for number in arm]
         transition.write(self.code.kinds["inputs"].layout, self._row[0], [*row, pins, *buttons])
         self._step()

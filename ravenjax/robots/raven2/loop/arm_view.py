@@ -1,7 +1,8 @@
-"""What a part of one's own may see of one arm: everything that crosses a seam of the robot, nothing that only we know.
+"""What a part of one's own may see of one arm: everything that crosses a seam of the robot, nothing
+that only we know.
 
-The true tip, the links' true motion and the fault are not among it. Values are those of this millisecond, after the
-faults of their seam.
+The true tip, the links' true motion and the fault are not among it. Values are those of this
+millisecond, after the faults of their seam.
 """
 
 from __future__ import annotations

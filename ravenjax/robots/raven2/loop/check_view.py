@@ -1,10 +1,13 @@
-"""What a check of one's own may see of one arm at its seam: all that has crossed a seam by then in this millisecond.
+"""What a check of one's own may see of one arm at its seam: all that has crossed a seam by then in
+this millisecond.
 
-Nothing that only we know is among it: not the true tip, not the links' true motion, not the fault. What comes later in
-the tick is not there yet; a check that needs it of the millisecond before remembers it where it can see it, and one
-that needs what no later seam has (the nominal model) is a detector.
+Nothing that only we know is among it: not the true tip, not the links' true motion, not the fault.
+What comes later in the tick is not there yet; a check that needs it of the millisecond before
+remembers it where it can see it, and one that needs what no later seam has (the nominal model) is a
+detector.
 
-The boards of the real robot have but what stands under `usb_out`: a check there that reads more than that needs a wire.
+The boards of the real robot have but what stands under `usb_out`: a check there that reads more
+than that needs a wire.
 """
 
 from __future__ import annotations
@@ -15,11 +18,14 @@ from ravenjax.numbers.vec import Scalar, Vec
 
 
 class CheckView:
-    """One arm in one millisecond, in the robot's order; joints are shoulder .. grasp2. `at`: the seam."""
+    """One arm in one millisecond, in the robot's order; joints are shoulder .. grasp2. `at`: the
+    seam.
+    """
 
     # from packet on
     tick: Scalar  # int32, ms since the run began
-    runlevel: Scalar  # int32, of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: of the last cycle
+    # int32, of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: of the last cycle
+    runlevel: Scalar
     received: Scalar  # int32, 1 where a packet did reach the robot
     sequence: Scalar  # int32
     size: Scalar  # int32 bytes
@@ -57,6 +63,8 @@ class CheckView:
 
     def __getattr__(self, name: str) -> Any:
         if name in CheckView.__annotations__:
-            raise AttributeError(f"view has no {name} yet: it comes after {self.__dict__.get('at')} in the tick")
+            raise AttributeError(
+                f"view has no {name} yet: it comes after {self.__dict__.get('at')} in the tick"
+            )
         there = ", ".join(key for key in CheckView.__annotations__ if key in self.__dict__)
         raise AttributeError(f"view has no {name} at {self.__dict__.get('at')}; it has {there}")

@@ -1,4 +1,6 @@
-"""What one part of the tick hands to the next, where the two do not speak the same words. No state of its own."""
+"""What one part of the tick hands to the next, where the two do not speak the same words. No
+state of its own.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ class PacketTiming:
 
 
 def row_by_row(index: Scalar) -> PacketTiming:
-    """The packet of that index where each is made of the motion's next row, however long it lasts."""
+    """The packet of that index where each is made of the motion's next row, however long it
+    lasts.
+    """
     return PacketTiming(index, index, index - 1)
 
 
@@ -69,7 +73,9 @@ class UsbStatus:
 
 
 def boards_apart(setup: RavenSetup) -> int:
-    """USB boards whose output pins may differ: all are written alike, unless a write can fail or a board refuse."""
+    """USB boards whose output pins may differ: all are written alike, unless a write can fail or
+    a board refuse.
+    """
     return len(setup.arms) if strikes(setup, "usb_status") or guard.refuses(setup) else 1
 
 
@@ -88,7 +94,9 @@ def packet(
     timing: PacketTiming,
     deviation: own_operator.Deviation = own_operator.PLAN,
 ) -> Any:
-    """The packet of that index, as `console` (the operator's own, or one that a fault struck) sends it."""
+    """The packet of that index, as `console` (the operator's own, or one that a fault struck)
+    sends it.
+    """
 
     def row(index: Scalar, offset: tuple[Vec, ...] | None) -> operator.MotionRow:
         if reacts is None or reacting is None:
@@ -111,14 +119,20 @@ def packet(
 
 
 def clean(setup: RavenSetup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:
-    """What the console asks of the nominal model: each increment once, also where a packet spans several cycles."""
+    """What the console asks of the nominal model: each increment once, also where a packet spans
+    several cycles.
+    """
     delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
     if setup.console == "increments":
-        delta, quat, grasp = where(fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0))
+        delta, quat, grasp = where(
+            fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+        )
     return nominal_target.Clean(delta, quat, grasp, packet.surgeon_mode)
 
 
-def delayed(delay: Scalar, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], ...]) -> tuple[Vec, ...]:
+def delayed(
+    delay: Scalar, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], ...]
+) -> tuple[Vec, ...]:
     """The commands that reach the motors in this tick."""
     arrives = now
     for ticks, then in enumerate(before, start=1):
@@ -126,7 +140,9 @@ def delayed(delay: Scalar, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], 
     return arrives
 
 
-def motors(setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]) -> tuple[tuple[Vec, Vec], ...] | None:
+def motors(
+    setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]
+) -> tuple[tuple[Vec, Vec], ...] | None:
     """What a dynamics-simulator build reads in place of encoders: motors 1-3 of each arm."""
     if setup.build == "robot":
         return None
@@ -151,8 +167,13 @@ def touches(robots: tuple[plant.PlantOutput, ...]) -> tuple[contact.Touch, ...]:
 def plant_signal(
     current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int
 ) -> plant.PlantSignal:
-    """What the i-th arm of the virtual robot gets; multipliers: of its mechanics, by site, where faults strike them."""
-    return replace(plant.nominal_signal(current_cmd, brakes), **{site: arms[i] for site, arms in multipliers.items()})
+    """What the i-th arm of the virtual robot gets; multipliers: of its mechanics, by site, where
+    faults strike them.
+    """
+    return replace(
+        plant.nominal_signal(current_cmd, brakes),
+        **{site: arms[i] for site, arms in multipliers.items()},
+    )
 
 
 def brakes(setup: RavenSetup, signals: control.ControlSignals, relays: plc.PlcOutput) -> Scalar:
@@ -168,9 +189,13 @@ def measured(setup: RavenSetup, signals: control.ControlSignals) -> tuple[Vec, .
 def felt(
     setup: RavenSetup, arm: ArmName, i: int, model: nominal.NominalOutput, jpos: Vec, mvel: Vec
 ) -> haptics.HapticSignal:
-    """What the console compares: the nominal model and the robot as its control software reports joints and motors."""
+    """What the console compares: the nominal model and the robot as its control software reports
+    joints and motors.
+    """
     jpos, mvel = real(setup, (jpos, mvel))
-    jvel = real(setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software))
+    jvel = real(
+        setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software)
+    )
     position = kinematics.forward(arm, jpos).position
     return haptics.HapticSignal(
         model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel)

@@ -33,7 +33,9 @@ from ravenjax.robots.raven2.stages import (
 
 
 class Inject(Protocol):
-    """Returns the signal of a site of `ravenjax.vocabulary.sites` as faults leave it, where it is `present`."""
+    """Returns the signal of a site of `ravenjax.vocabulary.sites` as faults leave it, where it
+    is `present`.
+    """
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any: ...
 
@@ -76,7 +78,9 @@ class ControlState:
 
 @record
 class Inputs:
-    """What reaches the control computer in one cycle. Tuples have one entry per arm, one USB board each."""
+    """What reaches the control computer in one cycle. Tuples have one entry per arm, one USB
+    board each.
+    """
 
     packet: Packet
     usb: usb.UsbIn
@@ -137,11 +141,14 @@ def params(setup: RavenSetup) -> ControlParams:
     )
 
 
-def init(setup: RavenSetup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None) -> ControlState:
+def init(
+    setup: RavenSetup, jpos: tuple[Vec, ...] | None = None, runlevel: int | None = None
+) -> ControlState:
     """A homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and `runlevel`.
 
-    raven2 starts in E-stop (0) and waits for the PLC; the 2015 fork, whose simulator builds have no PLC, in
-    pedal-down (3). Files in place of stages begin with what `replaced.init` gives, not with None as here.
+    raven2 starts in E-stop (0) and waits for the PLC; the 2015 fork, whose simulator builds have no
+    PLC, in pedal-down (3). Files in place of stages begin with what `replaced.init` gives, not with
+    None as here.
     """
     rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
     if runlevel is None:
@@ -156,17 +163,23 @@ def init(setup: RavenSetup, jpos: tuple[Vec, ...] | None = None, runlevel: int |
         state_machine=state_machine.init(setup, runlevel),
         estimator=per_arm(setup, lambda *_: estimator.init(setup)),
         cartesian=cartesian,
-        motor_control=per_arm(setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])),
+        motor_control=per_arm(
+            setup, lambda i, arm: motor_control.init(setup, arm, setup.tools[i], rest[i])
+        ),
         held_cmd=silent if setup.software == "fork2015" else None,
         overdrive=overdrive.init(setup),
         watchdog=watchdog.init(setup),
     )
 
 
-def receive(setup: RavenSetup, params: ControlParams, state: ControlState, packet: Packet) -> ControlState:
+def receive(
+    setup: RavenSetup, params: ControlParams, state: ControlState, packet: Packet
+) -> ControlState:
     """The network thread: take one datagram (or none) between two cycles."""
     net, accepted = network.step(setup, state.network, state.tick, packet)
-    teleop = teleoperation.accumulate(setup, params.teleoperation, state.teleoperation, accepted, packet)
+    teleop = teleoperation.accumulate(
+        setup, params.teleoperation, state.teleoperation, accepted, packet
+    )
     return replace(state, network=net, teleoperation=teleop)
 
 
@@ -195,21 +208,31 @@ def cycle(
 
     # --- sense ---
     read = inject("usb_in", usb.step(setup, state.usb, inputs.usb, inputs.read_ok))
-    desired = inject("runlevel", state_machine.desired_runlevel(params.state_machine, state.state_machine, read.pins))
+    desired = inject(
+        "runlevel",
+        state_machine.desired_runlevel(params.state_machine, state.state_machine, read.pins),
+    )
     machine = state_machine.adopt(state.state_machine, tick, desired)
     level = machine.runlevel
     pedal_down = level == run_levels.PEDAL_DOWN
     active = level >= run_levels.PEDAL_UP
 
     teleop, poses_d = teleoperation.hand_over(
-        setup, params.teleoperation, state.teleoperation, tick, pedal_down, tuple(arm.pos_d for arm in state.cartesian)
+        setup,
+        params.teleoperation,
+        state.teleoperation,
+        tick,
+        pedal_down,
+        tuple(arm.pos_d for arm in state.cartesian),
     )
     cartesian = each(lambda i, *_: replace(state.cartesian[i], pos_d=poses_d[i]))
     machine, following = state_machine.initialise(setup, machine)
     cartesian = cartesian_control.follow(cartesian, following)
 
     estimates = each(
-        lambda i, arm, tool: estimator.step(setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i])
+        lambda i, arm, tool: estimator.step(
+            setup, arm, tool, params.estimator[i], state.estimator[i], read.enc_val[i]
+        )
     )
     measured = _measured(setup, inputs, state, tuple(estimate[1:] for estimate in estimates))
     mpos = inject("mpos", tuple(positions for positions, _ in measured))
@@ -225,25 +248,35 @@ def cycle(
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
     cartesian = cartesian_control.sense(setup, cartesian, jpos)
     poses = _struck(inject, ("pos", "ori"), tuple(arm.pos for arm in cartesian))
-    cartesian = cartesian_control.follow(each(lambda i, *_: replace(cartesian[i], pos=poses[i])), slave)
+    cartesian = cartesian_control.follow(
+        each(lambda i, *_: replace(cartesian[i], pos=poses[i])), slave
+    )
     poses_d = _struck(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
     cartesian = each(lambda i, *_: replace(cartesian[i], pos_d=poses_d[i]))
-    cartesian, clamped = cartesian_control.solve(setup, params.cartesian, cartesian, tick, active, jpos)
+    cartesian, clamped = cartesian_control.solve(
+        setup, params.cartesian, cartesian, tick, active, jpos
+    )
     teleop = teleoperation.reset_origin(
         setup, teleop, slave | following | clamped, tuple(arm.pos_d for arm in cartesian)
     )
     jpos_d = inject("jpos_d", tuple(arm.jpos_d for arm in cartesian))
     guard.sees(
-        pos=tuple(arm.pos.position_um for arm in cartesian), pos_d=tuple(arm.pos_d.position_um for arm in cartesian)
+        pos=tuple(arm.pos.position_um for arm in cartesian),
+        pos_d=tuple(arm.pos_d.position_um for arm in cartesian),
     )
     jpos_d = guard.passes("jpos_d", jpos_d)
     cartesian = each(lambda i, *_: replace(cartesian[i], jpos_d=jpos_d[i]))
 
-    mpos_d = inject("mpos_d", each(lambda i, arm, tool: motor_control.targets(setup, arm, tool, jpos_d[i], mpos[i])))
+    mpos_d = inject(
+        "mpos_d",
+        each(lambda i, arm, tool: motor_control.targets(setup, arm, tool, jpos_d[i], mpos[i])),
+    )
     own = replaced.Replaced(setup, params.own, state.own)
     if replaced.MOTOR_CONTROL in own:
         measures = tuple(zip(jpos, mpos, mvel, strict=True))
-        motors = own.torques(params.motor_control, state.motor_control, active, pedal_down, mpos_d, measures)
+        motors = own.torques(
+            params.motor_control, state.motor_control, active, pedal_down, mpos_d, measures
+        )
     else:
         motors = each(
             lambda i, arm, _: motor_control.torques(
@@ -271,10 +304,14 @@ def cycle(
     current_cmd = guard.passes("current_cmd", current_cmd)
 
     # --- check ---
-    over, checked, tripped = overdrive.step(setup, params.overdrive, state.overdrive, tick, level, current_cmd)
+    over, checked, tripped = overdrive.step(
+        setup, params.overdrive, state.overdrive, tick, level, current_cmd
+    )
     checked = guard.passes("checked_cmd", checked)
     machine = state_machine.raise_soft_estop(machine, tick, guard.stops(tripped))
-    dog, pins = watchdog.step(state.watchdog, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized)
+    dog, pins = watchdog.step(
+        state.watchdog, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized
+    )
 
     # --- write ---
     written = inject("usb_out", checked)
@@ -328,7 +365,9 @@ def cycle(
     return state, signals
 
 
-def _struck(inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]) -> tuple[StoredPose, ...]:
+def _struck(
+    inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...]
+) -> tuple[StoredPose, ...]:
     """Poses as faults at `sites`, of position and of rotation, leave them."""
     position, rotation = sites
     positions = inject(position, tuple(pose.position_um for pose in poses))
@@ -342,8 +381,9 @@ def _struck(inject: Inject, sites: tuple[str, str], poses: tuple[StoredPose, ...
 def _measured(
     setup: RavenSetup, inputs: Inputs, state: ControlState, estimates: tuple[tuple[Vec, Vec], ...]
 ) -> tuple[tuple[Vec, Vec], ...]:
-    """Motor positions and velocities of each arm: the estimator's, but that a dynamics-simulator build takes joints 1-3
-    from its model as they are. The published one believes the tool joints to be where they should."""
+    """Motor positions and velocities of each arm: the estimator's, but that a dynamics-simulator
+    build takes joints 1-3 from its model as they are. The published one believes the tool joints to
+    be where they should."""
     if inputs.simulated is None:
         return estimates
     tools = [(mpos[3:], mvel[3:]) for mpos, mvel in estimates]
@@ -358,7 +398,9 @@ def _measured(
 def _resting_commands(
     setup: RavenSetup, params: ControlParams, held_cmd: tuple[Vec, ...] | None, active: Scalar
 ) -> tuple[Vec, ...]:
-    """What the DAC commands are before the torques are converted: cleared, but in the fork's simulator builds."""
+    """What the DAC commands are before the torques are converted: cleared, but in the fork's
+    simulator builds.
+    """
     if held_cmd is None:
         return per_arm(setup, lambda *_: Vec.full(7, 0))
     keep = ~active & (params.state_machine.plc_obeyed == 0)

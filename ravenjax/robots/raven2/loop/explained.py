@@ -1,20 +1,23 @@
-"""A run of ticks that is compared with its golden run number by number: where a fault's effect appears first, and when.
+"""A run of ticks that is compared with its golden run number by number: where a fault's effect
+appears first, and when.
 
-This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, beside which an observer compares each number
-that crosses a seam (`ravenjax.robots.raven2.seams`) with the golden run's of the same tick. The golden run's numbers
-come the way that its tips come in any campaign, as a series. So engines run it in bulk, from branches of golden runs
-and with what a group shares computed once, and no trace is ever stored. What a run does is untouched: the tick is the
-same function, and a lane's outcomes have the bits of `run`.
+This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, beside which an observer
+compares each number that crosses a seam (`ravenjax.robots.raven2.seams`) with the golden run's of
+the same tick. The golden run's numbers come the way that its tips come in any campaign, as a
+series. So engines run it in bulk, from branches of golden runs and with what a group shares
+computed once, and no trace is ever stored. What a run does is untouched: the tick is the same
+function, and a lane's outcomes have the bits of `run`.
 
-The price, both arms: 349 numbers a tick are compared, of which 234 have a range, some 5 000 further operations beside
-the tick's own; and a golden run's series is 3 s x 376 numbers x 4 bytes = 4.5 MB long. Where runs share golden runs
-that is nothing: their lanes go on from branches of it and read it once for a whole vector. The other way, two traces
-of each run in blocks and NumPy afterwards, would move 2 x 4.5 MB a run, 90 GB for ten thousand, through memory. Where
-each run has a golden run of its own this way moves as much; two ticks side by side in each lane would spare that.
+The price, both arms: 349 numbers a tick are compared, of which 234 have a range, some 5 000 further
+operations beside the tick's own; and a golden run's series is 3 s x 376 numbers x 4 bytes = 4.5 MB
+long. Where runs share golden runs that is nothing: their lanes go on from branches of it and read
+it once for a whole vector. The other way, two traces of each run in blocks and NumPy afterwards,
+would move 2 x 4.5 MB a run, 90 GB for ten thousand, through memory. Where each run has a golden run
+of its own this way moves as much; two ticks side by side in each lane would spare that.
 
-A number *differs* in the first tick in which any bit is another than the golden run's; it *leaves its range* in the
-first in which it lies outside of its normal range while the golden run's lies inside. Content of a packet counts where
-a packet was received.
+A number *differs* in the first tick in which any bit is another than the golden run's; it *leaves
+its range* in the first in which it lies outside of its normal range while the golden run's lies
+inside. Content of a packet counts where a packet was received.
 """
 
 from __future__ import annotations
@@ -34,7 +37,13 @@ from ravenjax.robots.raven2.seams import SEAMS
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.seams import Crossing, crossings
 
-DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = "differs:", "leaves:", "near:", "golden_near:", "near_ms:"
+DIFFERS, LEAVES, NEAR, GOLDEN_NEAR, NEAR_MS = (
+    "differs:",
+    "leaves:",
+    "near:",
+    "golden_near:",
+    "near_ms:",
+)
 """Beginnings of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
 HARM = "harm_ms"
 """Outcome: the first tick in which any hazard of the motion was beyond its limit; -1: none."""
@@ -45,7 +54,9 @@ class NumberHistory:
     """Of one number that crosses a seam."""
 
     differs: Scalar  # int32, first tick in which it is not the golden run's; -1: never
-    leaves: Scalar | None  # int32, first tick out of its normal range, the golden run's inside; None: it has no range
+    leaves: (
+        Scalar | None
+    )  # int32, first tick out of its normal range, the golden run's inside; None: it has no range
 
 
 @record
@@ -78,7 +89,9 @@ def init(setup: RavenSetup, params: TickParams) -> ExplainedState:
     infinite = real(setup, jnp.inf)
     return ExplainedState(
         tick=state,
-        numbers=tuple(NumberHistory(never, None if span is None else never) for span in _spans(setup)),
+        numbers=tuple(
+            NumberHistory(never, None if span is None else never) for span in _spans(setup)
+        ),
         margins=tuple(MarginHistory(infinite, infinite, never) for _ in run.checks(setup, state)),
         harm=never,
     )
@@ -96,7 +109,9 @@ def advance(
     """As `run.advance`, then the comparison."""
     own, names = run.series_length(setup), len(_spans(setup))
     beside, margins_beside = golden[own : own + names], golden[own + names :]
-    after, series, signals = run.advance(setup, params, faults, state.tick, now, motion, golden[:own])
+    after, series, signals = run.advance(
+        setup, params, faults, state.tick, now, motion, golden[:own]
+    )
     values, present = zip(*crossing(setup, signals), strict=True)
     bits = [_bits(value) for value in values]
     numbers = tuple(
@@ -144,7 +159,8 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
         "network": (signals.packet.received, signals.packet.sequence),
         "packet_header": (packet.sequence, packet.surgeon_mode, packet.size),
         "packet": [
-            (*delta, *quat, grasp) for delta, quat, grasp in zip(packet.delta, packet.quat, packet.grasp, strict=True)
+            (*delta, *quat, grasp)
+            for delta, quat, grasp in zip(packet.delta, packet.quat, packet.grasp, strict=True)
         ],
         "runlevel": (control.runlevel, control.soft_estopped, control.surgeon_mode),
         "pins_out": (control.pins_out,),
@@ -160,7 +176,9 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
     for position, rotation, name in (("pos", "ori", "pos"), ("pos_d", "ori_d", "pos_d")):
         poses = [getattr(arm, name) for arm in control.arms]
         numbers_of[position] = [pose.position_um for pose in poses]
-        numbers_of[rotation] = [(*_quaternion(setup, pose.rotation), *_entries(pose.rotation)) for pose in poses]
+        numbers_of[rotation] = [
+            (*_quaternion(setup, pose.rotation), *_entries(pose.rotation)) for pose in poses
+        ]
     received = packet.received != 0
     return [
         (number, received if name in _OF_PACKETS else True)
@@ -173,7 +191,10 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
 _OF_PACKETS = ("packet_header", "packet")
 _OF_ARM = {
     "usb_in": "enc_val",
-    **{name: name for name in ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d", "current_cmd")},
+    **{
+        name: name
+        for name in ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d", "current_cmd")
+    },
     "checked_cmd": "current_cmd_checked",
     "usb_out": "current_cmd_written",
 }
@@ -230,7 +251,8 @@ def _compared(
     floating = jnp.asarray(number).dtype == jnp.float32
     golden = lax.bitcast_convert_type(golden_bits, jnp.float32) if floating else golden_bits
     return NumberHistory(
-        differs, _first(_outside(number, span) & ~_outside(golden, span) & present, before.leaves, now)
+        differs,
+        _first(_outside(number, span) & ~_outside(golden, span) & present, before.leaves, now),
     )
 
 
@@ -241,7 +263,9 @@ def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
     return ~((value >= low) & (value <= high))
 
 
-def _nearer(before: MarginHistory, live: Scalar, margin: Scalar, golden: Scalar, now: Scalar) -> MarginHistory:
+def _nearer(
+    before: MarginHistory, live: Scalar, margin: Scalar, golden: Scalar, now: Scalar
+) -> MarginHistory:
     """One check after this tick, which counts where no harm came before it."""
     closer = live & (margin < before.margin)
     return MarginHistory(

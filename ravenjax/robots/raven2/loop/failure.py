@@ -1,4 +1,6 @@
-"""Which numbers of a Raven's tick fail a run where one is not finite, beside those that the monitor watches."""
+"""Which numbers of a Raven's tick fail a run where one is not finite, beside those that the
+monitor watches.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,11 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.stages import monitor
 
 
-def watched(state: TickState, robots: tuple[plant.PlantOutput, ...], now: Scalar) -> monitor.MonitorState:
-    """The monitor after this tick. state: all of it after the tick; robots: the virtual robot in it.
+def watched(
+    state: TickState, robots: tuple[plant.PlantOutput, ...], now: Scalar
+) -> monitor.MonitorState:
+    """The monitor after this tick. state: all of it after the tick; robots: the virtual robot in
+    it.
 
     Velocities are not looked at: they are in the next tick's positions.
     """

@@ -1,15 +1,19 @@
-"""Checks of one's own at the seams of the Raven's tick, and what they do there by the robot's own means.
+"""Checks of one's own at the seams of the Raven's tick, and what they do there by the robot's own
+means.
 
-In the control software `stop` is what the overdrive check does: the software E-stop is raised in this cycle, which
-silences the watchdog's wave at once, and the arm's command of this cycle is 0. Before the DAC conversion the raised
-flag does that, behind it the command is replaced. The PLC then misses the wave, trips, and closes the brakes.
+In the control software `stop` is what the overdrive check does: the software E-stop is raised in
+this cycle, which silences the watchdog's wave at once, and the arm's command of this cycle is 0.
+Before the DAC conversion the raised flag does that, behind it the command is replaced. The PLC then
+misses the wave, trips, and closes the brakes.
 
-At the boards there is no software E-stop to raise. An arm's board that trips refuses: it puts 0 on its DACs, and its
-watchdog pin stands still, so that the PLC trips 75 ms later. It goes on refusing until the PLC has been started again
-(run level init), and passes the wave on from E-stop on, without which nobody could start. Each board decides by itself.
+At the boards there is no software E-stop to raise. An arm's board that trips refuses: it puts 0 on
+its DACs, and its watchdog pin stands still, so that the PLC trips 75 ms later. It goes on refusing
+until the PLC has been started again (run level init), and passes the wave on from E-stop on,
+without which nobody could start. Each board decides by itself.
 
-`limit` is what a clipped command is: other numbers go on, nobody is told. A packet that is limited is dropped as the
-network layer drops one, for both arms, whose increments are in one datagram; so no numbers are asked of a check there.
+`limit` is what a clipped command is: other numbers go on, nobody is told. A packet that is limited
+is dropped as the network layer drops one, for both arms, whose increments are in one datagram; so
+no numbers are asked of a check there.
 """
 
 from __future__ import annotations
@@ -41,7 +45,9 @@ class GuardState:
 
     checks: tuple[tuple[OwnCheckArmState, ...], ...]  # of each check, one entry an arm
     histories: tuple[CheckHistory, ...]
-    refusing: tuple[Scalar, ...] | None  # bool, the arm's board does; None: no check may stop the robot there
+    refusing: (
+        tuple[Scalar, ...] | None
+    )  # bool, the arm's board does; None: no check may stop the robot there
 
 
 class Unguarded:
@@ -59,7 +65,9 @@ class Unguarded:
         return signal
 
     def allows(self, live: Scalar) -> Scalar:
-        """Whether the DACs get a command: `live`, unless a check before them has stopped the robot in this cycle."""
+        """Whether the DACs get a command: `live`, unless a check before them has stopped the
+        robot in this cycle.
+        """
         return live
 
     def stops(self, tripped: Scalar) -> Scalar:
@@ -67,7 +75,9 @@ class Unguarded:
         return tripped
 
     def boards(self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar) -> usb.UsbOut:
-        """What the boards hold: what arrived there, unless a check refuses it. held: a millisecond ago."""
+        """What the boards hold: what arrived there, unless a check refuses it. held: a
+        millisecond ago.
+        """
         return boards
 
     @property
@@ -82,7 +92,9 @@ UNGUARDED = Unguarded()
 class Guard(Unguarded):
     """The checks of a campaign in one tick."""
 
-    def __init__(self, setup: RavenSetup, params: OwnCheckParams, state: GuardState, tick: Scalar) -> None:
+    def __init__(
+        self, setup: RavenSetup, params: OwnCheckParams, state: GuardState, tick: Scalar
+    ) -> None:
         self._setup, self._params, self._before, self._tick = setup, params, state, tick
         self._after, self._histories = list(state.checks), list(state.histories)
         self._refusing = state.refusing
@@ -125,7 +137,11 @@ class Guard(Unguarded):
             trip = self._look(place, seam, signal)
             if use.acts == "limit":
                 values = narrow(self._setup, trip.values) if name in _FLOATS else trip.values
-                signal = _limited(trip, signal) if seam in COMMANDS else _chosen(trip.trips, values, signal)
+                signal = (
+                    _limited(trip, signal)
+                    if seam in COMMANDS
+                    else _chosen(trip.trips, values, signal)
+                )
             elif use.acts == "stop":
                 self._stops.append(_any(trip.trips))
                 if seam in COMMANDS:
@@ -134,7 +150,9 @@ class Guard(Unguarded):
         return signal
 
     def allows(self, live: Scalar) -> Scalar:
-        """Whether the DACs get a command: `live`, unless a check before them has stopped the robot in this cycle."""
+        """Whether the DACs get a command: `live`, unless a check before them has stopped the
+        robot in this cycle.
+        """
         return reduce(lambda still, stop: still & ~stop, self._stops, live)
 
     def stops(self, tripped: Scalar) -> Scalar:
@@ -142,7 +160,9 @@ class Guard(Unguarded):
         return reduce(lambda a, b: a | b, self._stops, tripped)
 
     def boards(self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar) -> usb.UsbOut:
-        """What the boards hold: what arrived there, unless a check refuses it. held: a millisecond ago."""
+        """What the boards hold: what arrived there, unless a check refuses it. held: a
+        millisecond ago.
+        """
         self.sees(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands, refusing = boards.current_cmd, self._refusing
         if refusing is not None:
@@ -153,7 +173,9 @@ class Guard(Unguarded):
             if use.acts == "limit":
                 commands = _limited(trip, commands)
             elif use.acts == "stop" and refusing is not None:
-                refusing = tuple(before | now for before, now in zip(refusing, trip.trips, strict=True))
+                refusing = tuple(
+                    before | now for before, now in zip(refusing, trip.trips, strict=True)
+                )
         if refusing is None:
             return replace(boards, current_cmd=commands)
         self._refusing = refusing
@@ -176,23 +198,32 @@ class Guard(Unguarded):
 
     def _look(self, place: int, seam: str, crossing: tuple[Vec, ...]) -> OwnCheckTrip:
         setup = self._setup
-        width = tuple(real(setup, one) if _FIELDS.get(seam, seam) in _FLOATS else one for one in crossing)
+        width = tuple(
+            real(setup, one) if _FIELDS.get(seam, seam) in _FLOATS else one for one in crossing
+        )
         views = per_arm(setup, lambda i, _: CheckView(seam, self._numbers[i]))
         trip = own_checks.look(setup, self._params, self._before.checks[place], place, views, width)
         self._after[place] = trip.arms
-        self._histories[place] = check.update(self._histories[place], self._tick, _any(trip.trips), trip.margin)
+        self._histories[place] = check.update(
+            self._histories[place], self._tick, _any(trip.trips), trip.margin
+        )
         return trip
 
 
 def init(setup: RavenSetup, params: OwnCheckParams) -> GuardState:
     """Nothing seen, no board refuses."""
     refusing = tuple(jnp.bool_(False) for _ in setup.arms) if refuses(setup) else None
-    return GuardState(own_checks.init(setup, params), tuple(check.init(setup) for _ in setup.checks), refusing)
+    return GuardState(
+        own_checks.init(setup, params), tuple(check.init(setup) for _ in setup.checks), refusing
+    )
 
 
 def histories(setup: RavenSetup, state: GuardState) -> dict[str, CheckHistory]:
     """What became of each check, by its name in columns."""
-    return {f"{OWN}{use.name}": history for use, history in zip(setup.checks, state.histories, strict=True)}
+    return {
+        f"{OWN}{use.name}": history
+        for use, history in zip(setup.checks, state.histories, strict=True)
+    }
 
 
 def refuses(setup: RavenSetup) -> bool:
@@ -210,13 +241,19 @@ def _zeros(signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
     return tuple(Vec.full(len(one), 0) for one in signal)
 
 
-def _chosen(trips: tuple[Scalar, ...], values: tuple[Vec, ...], signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
+def _chosen(
+    trips: tuple[Scalar, ...], values: tuple[Vec, ...], signal: tuple[Vec, ...]
+) -> tuple[Vec, ...]:
     """The values of the arms that trip, the signal of the others."""
-    return tuple(where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True))
+    return tuple(
+        where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
+    )
 
 
 def _limited(trip: OwnCheckTrip, commands: tuple[Vec, ...]) -> tuple[Vec, ...]:
-    """Commands as a check leaves them: within 16 bits, and none where there is none: no check passes an E-stop."""
+    """Commands as a check leaves them: within 16 bits, and none where there is none: no check
+    passes an E-stop.
+    """
 
     def of_arm(trips: Scalar, values: Vec, command: Vec) -> Vec:
         within = values.map(lambda value: jnp.minimum(jnp.maximum(value, dac.LOWEST), dac.HIGHEST))

@@ -1,4 +1,6 @@
-"""Faults at the seams of the Raven's tick: rotations are struck as quaternions, USB words stored as the setup says."""
+"""Faults at the seams of the Raven's tick: rotations are struck as quaternions, USB words stored
+as the setup says.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,11 @@ class RavenInjector(injector.Injector):
     """`inject(site, signal)` for one tick of a Raven-II."""
 
     def __init__(
-        self, setup: RavenSetup, faults: fault.Faults, state: fault.FaultState, clock: window.TriggerClocks
+        self,
+        setup: RavenSetup,
+        faults: fault.Faults,
+        state: fault.FaultState,
+        clock: window.TriggerClocks,
     ) -> None:
         super().__init__(ROBOT, setup, faults, state, clock)
 
@@ -26,7 +32,9 @@ class RavenInjector(injector.Injector):
         if site in ROTATIONS and self.strikes(site):
             quats = tuple(quat_from_matrix(wide(self.setup, rotation)) for rotation in signal)
             faulty = super().__call__(site, quats, present)
-            return tuple(_rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True))
+            return tuple(
+                _rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True)
+            )
         return super().__call__(site, signal, present)
 
     def paths(self) -> dict[injection.ChannelKey, injection.Target]:
@@ -44,7 +52,9 @@ ROTATIONS = ("ori", "ori_d")
 
 
 def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
-    """The rotation of a quaternion that a fault changed; one that none changed keeps every bit of its matrix."""
+    """The rotation of a quaternion that a fault changed; one that none changed keeps every bit
+    of its matrix.
+    """
     changed = reduce(lambda a, b: a | b, quat.map(lambda before, after: before != after, struck))
     return where(changed, narrow(setup, matrix_from_quat(struck)), rotation)
 

@@ -1,6 +1,8 @@
-"""The half of the tick beside the robot: the nominal model on the clean packet, the console's cue, the monitor.
+"""The half of the tick beside the robot: the nominal model on the clean packet, the console's cue,
+the monitor.
 
-It runs in every tick, and alone where the robot is elsewhere and no more is known of it than it reports.
+It runs in every tick, and alone where the robot is elsewhere and no more is known of it than it
+reports.
 """
 
 from __future__ import annotations
@@ -54,7 +56,9 @@ class Golden(NamedTuple):
     """What the robot is compared with."""
 
     reference: monitor.Reference  # its golden run in this tick
-    apart: Scalar | None = None  # bool, False: nothing has struck yet, the robot is its own golden run; None: True
+    apart: Scalar | None = (
+        None  # bool, False: nothing has struck yet, the robot is its own golden run; None: True
+    )
 
 
 class Seen(NamedTuple):
@@ -68,10 +72,14 @@ class Seen(NamedTuple):
     live: Scalar  # bool
 
 
-def init(setup: RavenSetup, params: ObserverParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]) -> ObserverState:
+def init(
+    setup: RavenSetup, params: ObserverParams, start: tuple[Vec, ...], tips: tuple[Vec, ...]
+) -> ObserverState:
     """Beside a robot at rest: its joints (rad; insertion m) and its true tips (m)."""
     return ObserverState(
-        nominal=per_arm(setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])),
+        nominal=per_arm(
+            setup, lambda i, arm: nominal.init(setup, arm, params.nominal[i], start[i])
+        ),
         haptics=per_arm(setup, lambda i, arm: haptics.init(setup, params.haptics)),
         monitor=monitor.init(setup, tips, _um(tips)),
     )
@@ -89,7 +97,12 @@ def observe(
 ) -> tuple[ObserverState, Seen]:
     """One tick of the observers: `see`, then `judge`."""
     after, signals = see(setup, params, state, clean, fresh, robot)
-    return replace(after, monitor=judge(setup, params, state, clean, fresh, robot, signals, golden, now)), signals
+    return (
+        replace(
+            after, monitor=judge(setup, params, state, clean, fresh, robot, signals, golden, now)
+        ),
+        signals,
+    )
 
 
 def see(
@@ -102,7 +115,8 @@ def see(
 ) -> tuple[ObserverState, Seen]:
     """One tick of the nominal model and the cue; the monitor is as before.
 
-    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of this tick.
+    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of
+    this tick.
     """
     models = per_arm(
         setup,
@@ -115,11 +129,16 @@ def see(
             real(setup, robot.jpos[i]),
         ),
     )
-    felt, cues = zip(*per_arm(setup, lambda i, arm: _cue(setup, params, state, models, robot, i, arm)), strict=True)
+    felt, cues = zip(
+        *per_arm(setup, lambda i, arm: _cue(setup, params, state, models, robot, i, arm)),
+        strict=True,
+    )
     tips = tuple(signal.robot_position for signal in felt) if robot.tips is None else robot.tips
     depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
     distance = scene.tip_distance(setup.arms, tips)
-    after = ObserverState(tuple(new for new, _ in models), tuple(new for new, _ in cues), state.monitor)
+    after = ObserverState(
+        tuple(new for new, _ in models), tuple(new for new, _ in cues), state.monitor
+    )
     outs = tuple(out for _, out in models), tuple(out for _, out in cues)
     return after, Seen(*outs, tips, depth, distance, live(robot.runlevel, robot.soft_estopped))
 
@@ -135,7 +154,9 @@ def judge(
     golden: Golden | None,
     now: Scalar,
 ) -> monitor.MonitorState:
-    """The monitor after a tick. golden: None where there is no golden run; the nominal model stands for it."""
+    """The monitor after a tick. golden: None where there is no golden run; the nominal model
+    stands for it.
+    """
     tips, model_tips = signals.tips, tuple(out.tip_position for out in signals.models)
     pos = _um(tips) if robot.pos is None else real(setup, robot.pos)
     signal = monitor.MonitorSignal(
@@ -150,17 +171,27 @@ def judge(
         pedal=clean.surgeon_mode != 0,
         tick=now,
     )
-    beside = monitor.Reference(model_tips, _um(model_tips)) if golden is None else reference(setup, golden, tips, pos)
+    beside = (
+        monitor.Reference(model_tips, _um(model_tips))
+        if golden is None
+        else reference(setup, golden, tips, pos)
+    )
     return monitor.step(setup, params.monitor, state.monitor, signal, beside)
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
-    """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software E-stop."""
+    """Whether the robot is live, as `ravenjax.outcomes` says: run level pedal-down, no software
+    E-stop.
+    """
     return (runlevel == run_levels.PEDAL_DOWN) & (soft_estopped == 0)
 
 
-def reference(setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]) -> monitor.Reference:
-    """The golden run, or the robot itself (true tips, m; measured tips, um) as long as they are the same."""
+def reference(
+    setup: RavenSetup, golden: Golden, tips: tuple[Vec, ...], pos: tuple[Vec, ...]
+) -> monitor.Reference:
+    """The golden run, or the robot itself (true tips, m; measured tips, um) as long as they are
+    the same.
+    """
     beside, apart = golden
     if apart is None:
         return beside

@@ -1,4 +1,6 @@
-"""What a tick takes and gives: parameters, state, what enters it, signals. One entry an arm in each tuple."""
+"""What a tick takes and gives: parameters, state, what enters it, signals. One entry an arm in
+each tuple.
+"""
 
 from __future__ import annotations
 
@@ -44,9 +46,12 @@ class TickParams:
     detectors: detectors.DetectorParams | None  # where there are any
     checks: own_checks.OwnCheckParams | None  # where there are any of one's own
     contact: contact.ContactParams | None  # where Setup.contact
-    monitor: Annotated[monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")]
+    monitor: Annotated[
+        monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")
+    ]
     start: Annotated[  # joints where the run begins, 7, rad and m
-        tuple[Vec, ...], Reserved("it is where the operator's motion begins; write [operator.start]")
+        tuple[Vec, ...],
+        Reserved("it is where the operator's motion begins; write [operator.start]"),
     ]
 
     @property
@@ -68,13 +73,17 @@ class NetworkParams:
             "",
             0,
             3,
-            "how long packets last, drawn: 0 every_cycle, 1 measured, 2 bursts, 3 the shares in campaign.packets",
+            "how long packets last, drawn: 0 every_cycle, 1 measured, 2 bursts, 3 the shares in"
+            " campaign.packets",
             whole=True,
         ),
     ]
     packet_key: Annotated[  # uint32; a run and its golden run share it
         Scalar,
-        Reserved("it is derived from each run's id, so that no two runs draw the same packets; set campaign.packets"),
+        Reserved(
+            "it is derived from each run's id, so that no two runs draw the same packets; set"
+            " campaign.packets"
+        ),
     ]
 
 
@@ -94,11 +103,15 @@ class TickState:
     faults: fault.FaultState
     control: control.ControlState
     boards: usb.UsbOut  # what the USB boards hold
-    commands: tuple[tuple[Vec, ...], ...]  # int32, what the boards held in the ticks before, latest first
+    commands: tuple[
+        tuple[Vec, ...], ...
+    ]  # int32, what the boards held in the ticks before, latest first
     plc: plc.PlcState
     plant: tuple[plant.PlantState, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
-    motors: tuple[tuple[Vec, Vec], ...] | None  # rad, rad/s of motors 1-3, for the dynamics-simulator builds alone
+    motors: (
+        tuple[tuple[Vec, Vec], ...] | None
+    )  # rad, rad/s of motors 1-3, for the dynamics-simulator builds alone
     nominal: tuple[nominal.NominalState, ...]
     haptics: tuple[haptics.HapticState, ...]
     hands: operator.HandOffsets | None  # where they may do more than is planned
@@ -124,9 +137,13 @@ class Input:
     """What enters a tick from outside."""
 
     tick: Scalar  # int32, ticks since the run began
-    motion: tuple[Any, ...]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
+    motion: tuple[
+        Any, ...
+    ]  # columns of the operator's motion, each a 1-D array: the only arrays of the tick
     reference: monitor.Reference  # the golden run in this tick
-    packet: Any = None  # packet.Packet of a console outside, in place of those that the motion makes
+    packet: Any = (
+        None  # packet.Packet of a console outside, in place of those that the motion makes
+    )
     apart: Any = None  # bool, False: nothing has struck so far, and the robot is its own golden run
 
 
@@ -137,7 +154,9 @@ class TickSignals:
     packet: Any  # packet.Packet as it reached the robot
     control: control.ControlSignals
     plant: tuple[plant.PlantOutput, ...]
-    boards: tuple[Vec, ...]  # 7 int32 DAC counts that the USB boards hold, after what checks there refuse
+    boards: tuple[
+        Vec, ...
+    ]  # 7 int32 DAC counts that the USB boards hold, after what checks there refuse
     plc: plc.PlcOutput
     nominal: tuple[nominal.NominalOutput, ...]
     haptics: tuple[haptics.HapticOutput, ...]

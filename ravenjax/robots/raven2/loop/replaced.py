@@ -1,13 +1,14 @@
-"""Stages of the control software whose text is a file of one's own: what such a file sees, and what frames it.
+"""Stages of the control software whose text is a file of one's own: what such a file sees, and what
+frames it.
 
     stage           step(params, state, view) gives         the frame that stays
     motor_control   (state, tau_d): 7 N m at the capstan    below run level 2 the last torques are held
     dac             (state, current_cmd): 7 int32 counts    16 bits; without enabled DACs, or in an E-stop, none of it
 
-One arm, one millisecond. What a stage remembers is what `init` gives, and goes on in each millisecond. A file that
-writes the built-in law gives the built-in's bits. The frame is what the rest of the robot relies on: no file can make
-an E-stop pass a command.
-"""
+One arm, one millisecond. What a stage remembers is what `init` gives, and goes on in each
+millisecond. A file that writes the built-in law gives the built-in's bits. The frame is what the
+rest of the robot relies on: no file can make an E-stop pass a command.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ STAGES = (MOTOR_CONTROL, DAC)
 """Stages that a file may replace, in the order of the tick."""
 
 OwnStates = tuple[tuple[Any, ...], ...]
-"""What replaced stages remember: of each, in the order of `RavenSetup.controller`, one entry an arm."""
+"""What replaced stages remember: of each, in the order of `RavenSetup.controller`, one entry an
+arm.
+"""
 
 
 @record
@@ -60,7 +63,9 @@ class DacView:
 
 def params(setup: RavenSetup) -> Any:
     """What the files say, by stage; None where none is replaced."""
-    return parameters.of(tuple(source for _, source in setup.controller)) if setup.controller else None
+    return (
+        parameters.of(tuple(source for _, source in setup.controller)) if setup.controller else None
+    )
 
 
 def init(setup: RavenSetup, params: Any) -> OwnStates | None:
@@ -103,11 +108,25 @@ class Replaced:
 
         def of_arm(i: int, arm: ArmName) -> MotorControlView:
             (jpos, mpos, mvel), gains = measured[i], params[i]
-            lift = motor_control.gravity(setup, arm, jpos) if setup.software == "raven2" else Vec((0.0, 0.0, 0.0))
+            lift = (
+                motor_control.gravity(setup, arm, jpos)
+                if setup.software == "raven2"
+                else Vec((0.0, 0.0, 0.0))
+            )
             return MotorControlView(
-                active, pedal_down, mpos_d[i], mpos, mvel, jpos, lift, stored.PERIOD,
-                gains.kp, gains.kd, gains.ki, gains.mvel_d,
-            )  # fmt: skip
+                active,
+                pedal_down,
+                mpos_d[i],
+                mpos,
+                mvel,
+                jpos,
+                lift,
+                stored.PERIOD,
+                gains.kp,
+                gains.kd,
+                gains.ki,
+                gains.mvel_d,
+            )
 
         views = per_arm(setup, of_arm)
         torques = self._stepped(MOTOR_CONTROL, views, "tau_d", tuple(one.tau_d for one in states))
@@ -116,12 +135,18 @@ class Replaced:
                 before,
                 mpos_d=where(active, target, before.mpos_d),
                 tau_d=where(active, tau, before.tau_d),
-                tau_g=where(active, view.tau_g, before.tau_g) if setup.software == "raven2" else before.tau_g,
+                tau_g=(
+                    where(active, view.tau_g, before.tau_g)
+                    if setup.software == "raven2"
+                    else before.tau_g
+                ),
             )
             for before, target, tau, view in zip(states, mpos_d, torques, views, strict=True)
         )
 
-    def commands(self, tau_d: tuple[Vec, ...], live: Scalar, resting: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    def commands(
+        self, tau_d: tuple[Vec, ...], live: Scalar, resting: tuple[Vec, ...]
+    ) -> tuple[Vec, ...]:
         """As `dac.step`, of every arm."""
         setup = self._setup
 
@@ -130,9 +155,13 @@ class Replaced:
             return DacView(tau_d[i], Vec(amps), Vec(transmission.COUNTS_PER_AMP))
 
         counts = self._stepped(DAC, per_arm(setup, view), "current_cmd", resting)
-        return tuple(dac.stored_counts(new, live, rest) for new, rest in zip(counts, resting, strict=True))
+        return tuple(
+            dac.stored_counts(new, live, rest) for new, rest in zip(counts, resting, strict=True)
+        )
 
-    def _stepped(self, stage: str, views: tuple[Any, ...], name: str, like: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    def _stepped(
+        self, stage: str, views: tuple[Any, ...], name: str, like: tuple[Vec, ...]
+    ) -> tuple[Vec, ...]:
         place, width = self._places[stage], self._setup.precision.narrow
         code, own = part.loaded(self._setup.controller[place][1]), self._params[place]
         before = self._states[place]

@@ -1,4 +1,5 @@
-"""A run of ticks: how it begins, goes on, what it leaves for its faulty brothers, and what became of it.
+"""A run of ticks: how it begins, goes on, what it leaves for its faulty brothers, and what became
+of it.
 
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
@@ -18,7 +19,14 @@ from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
 from ravenjax.robots.raven2.loop import connections, control, guard, observers, replaced
 from ravenjax.robots.raven2.loop.injector import seeded
-from ravenjax.robots.raven2.loop.records import Input, NetworkParams, TickParams, TickSignals, TickState, UsbParams
+from ravenjax.robots.raven2.loop.records import (
+    Input,
+    NetworkParams,
+    TickParams,
+    TickSignals,
+    TickState,
+    UsbParams,
+)
 from ravenjax.robots.raven2.loop.tick import tick
 from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
@@ -42,9 +50,12 @@ from ravenjax.vocabulary import packets
 
 
 def params(
-    setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...], parameter_set: str = parameter_sets.DEFAULT
+    setup: RavenSetup,
+    start_jpos: tuple[tuple[float, ...], ...],
+    parameter_set: str = parameter_sets.DEFAULT,
 ) -> TickParams:
-    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per arm, rad and m).
+    """Every parameter at its documented value, for a run that begins at `start_jpos` (7 joints per
+    arm, rad and m).
 
     parameter_set: mechanics of the virtual robot, one of `parameter_sets.Name`.
     """
@@ -68,7 +79,9 @@ def params(
 
 
 def init(setup: RavenSetup, params: TickParams) -> TickState:
-    """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same place."""
+    """A homed robot at rest at `params.start`, pedal up, ready; its nominal model at the same
+    place.
+    """
     ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     start = real(setup, params.start)
     plants = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.plant[i], start[i]))
@@ -78,7 +91,9 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     zero = jnp.int32(0)
     with at_once():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
-    software = replace(software, own=replaced.init(setup, params.control.own))  # of parameters that may vary
+    software = replace(
+        software, own=replaced.init(setup, params.control.own)
+    )  # of parameters that may vary
     own, strays = own_operator.init(setup, params.operator, start, tips, ready)
     return TickState(
         faults=fault.init(setup),
@@ -111,13 +126,19 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
 
 
 def _may_stray(setup: RavenSetup) -> bool:
-    """Whether something may move the hands beyond what is planned, besides an operator of one's own."""
+    """Whether something may move the hands beyond what is planned, besides an operator of one's
+    own.
+    """
     return setup.reacts or setup.hand_yields or strikes(setup, "hand")
 
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
     """What became of the run so far; columns of the result table before the verdict."""
-    out = fault.outcomes(state.faults) | check.outcomes(checks(setup, state)) | haptics.outcomes(setup, state.haptics)
+    out = (
+        fault.outcomes(state.faults)
+        | check.outcomes(checks(setup, state))
+        | haptics.outcomes(setup, state.haptics)
+    )
     machine = state.control.state_machine
     level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
     # a fault may write a number there that is no run level
@@ -152,7 +173,9 @@ def advance(
     golden: tuple[Scalar, ...],
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """See `ravenjax.engines.interface.Loop`."""
-    state, signals = tick(setup, params, faults, state, Input(now, motion, reference_from(setup, golden)))
+    state, signals = tick(
+        setup, params, faults, state, Input(now, motion, reference_from(setup, golden))
+    )
     return state, reference_series(setup, signals), signals
 
 
@@ -168,7 +191,9 @@ def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
 
 
 def checks(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
-    """Every check by its name in columns, one's own before the built-in ones; that of the worse arm."""
+    """Every check by its name in columns, one's own before the built-in ones; that of the worse
+    arm.
+    """
     own = {} if state.guard is None else guard.histories(setup, state.guard)
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive

@@ -1,8 +1,10 @@
-"""One millisecond of everything, on one page: console, network, control software, PLC, robot, nominal model, cue.
+"""One millisecond of everything, on one page: console, network, control software, PLC, robot,
+nominal model, cue.
 
-The order is the robot's own: sense, decide, check, write; the plant moves last and its encoders are read in the next
-tick. Faults strike at the sites named here and in `control`. The nominal model runs beside the robot on the *clean*
-operator input; the monitor compares it with the robot and the console's haptic device pulls.
+The order is the robot's own: sense, decide, check, write; the plant moves last and its encoders are
+read in the next tick. Faults strike at the sites named here and in `control`. The nominal model
+runs beside the robot on the *clean* operator input; the monitor compares it with the robot and the
+console's haptic device pulls.
 """
 
 from __future__ import annotations
@@ -25,7 +27,16 @@ from ravenjax.robots.raven2.loop.records import Input, TickParams, TickSignals, 
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import channel, detectors, hand, haptics, overload, packet_clock, packet_history, touch
+from ravenjax.stages import (
+    channel,
+    detectors,
+    hand,
+    haptics,
+    overload,
+    packet_clock,
+    packet_history,
+    touch,
+)
 
 
 def tick(
@@ -36,7 +47,9 @@ def tick(
     fresh, sequence, clock = _packet_due(setup, params, state, signal)
     history = None if state.history is None else packet_history.step(state.history, fresh)
     triggers = window.TriggerClocks(now, sequence + 1, state.pedal_ticks)
-    inject = RavenInjector(setup, faults, window.open_windows(setup, faults, state.faults, triggers), triggers)
+    inject = RavenInjector(
+        setup, faults, window.open_windows(setup, faults, state.faults, triggers), triggers
+    )
 
     due = replace(state, clock=clock, history=history)
     sent = _console_and_network(setup, params, inject, due, signal, fresh, sequence)
@@ -60,13 +73,18 @@ def tick(
 
     watched = None
     if params.detectors is not None and state.detectors is not None:
-        views = _views(setup, sent.packet, done, observer, now) if detectors.sources(setup) else None
+        views = (
+            _views(setup, sent.packet, done, observer, now) if detectors.sources(setup) else None
+        )
         limit = params.control.overdrive.dac_max
         view = connections.watched(limit, signals, robots, observer.cues, observer.live, now, views)
         watched = detectors.step(setup, params.detectors, state.detectors, view)
-    # The monitor comes after the detectors: a CPU has its many operations to do while a detector's wait for each other.
+    # The monitor comes after the detectors: a CPU has its many operations to do while a detector's
+    # wait for each other.
     golden = observers.Golden(signal.reference, signal.apart)
-    judgement = observers.judge(setup, params.observers, before, sent.clean, fresh, robot, observer, golden, now)
+    judgement = observers.judge(
+        setup, params.observers, before, sent.clean, fresh, robot, observer, golden, now
+    )
     hands, reacting = sent.hands, sent.reacting
     if hands is not None:
         off_plan = operator.tip_offset(setup, params.operator, hands)
@@ -74,7 +92,12 @@ def tick(
         if params.reaction is not None and reacting is not None:
             pulls = tuple(out.force[0] for out in observer.cues)
             view = reaction.OperatorSenses(
-                pulls, observer.tips, tuple(out.tip_position for out in observer.models), off_plan, down, now
+                pulls,
+                observer.tips,
+                tuple(out.tip_position for out in observer.models),
+                off_plan,
+                down,
+                now,
             )
             reacting, correction = reaction.feel(setup, params.reaction, reacting, view)
             hands = operator.steered(setup, params.operator, hands, correction)
@@ -82,7 +105,9 @@ def tick(
     own = sent.own
     if own is not None:
         shown_tips = tuple(out.tip_position for out in observer.models)
-        own = own_operator.see(setup, own, observer.tips, shown_tips, observer.cues, signals.runlevel)
+        own = own_operator.see(
+            setup, own, observer.tips, shown_tips, observer.cues, signals.runlevel
+        )
     state = TickState(
         faults=inject.state,
         control=done.software,
@@ -135,13 +160,19 @@ def _pulled(
     hands: operator.HandOffsets | None,
     cues: tuple[haptics.HapticOutput, ...],
 ) -> tuple[tuple[hand.HandState, ...] | None, operator.HandOffsets | None]:
-    """Hands that the cue's force moves: their state, and the offsets that the console sends from the next tick on."""
+    """Hands that the cue's force moves: their state, and the offsets that the console sends from
+    the next tick on.
+    """
     if params.hand is None or state.hand is None or hands is None:
         return state.hand, hands
     own, before = params.hand, state.hand
-    pulls = per_arm(setup, lambda i, arm: position_to_itp(arm, cues[i].direction * cues[i].force[0]))
+    pulls = per_arm(
+        setup, lambda i, arm: position_to_itp(arm, cues[i].direction * cues[i].force[0])
+    )
     after = tuple(hand.step(setup, own, one, pull) for one, pull in zip(before, pulls, strict=True))
-    moves = tuple((new.displacement - old.displacement) * 1e6 for new, old in zip(after, before, strict=True))
+    moves = tuple(
+        (new.displacement - old.displacement) * 1e6 for new, old in zip(after, before, strict=True)
+    )
     return after, operator.strayed(hands, moves)
 
 
@@ -177,22 +208,36 @@ def _console_and_network(
             setup, params.operator, own, hands, signal.motion, moment, fresh, signal.tick
         )
     if hands is not None and inject.strikes("hand"):
-        hands = operator.strayed(hands, inject("hand", connections.each(setup, Vec.full(3, real(setup, 0.0)))))
+        hands = operator.strayed(
+            hands, inject("hand", connections.each(setup, Vec.full(3, real(setup, 0.0))))
+        )
     clean = signal.packet
     if clean is None:
         clean = connections.packet(
-            setup, params.operator, params.reaction, signal.motion, reacting, hands, timing, deviation
+            setup,
+            params.operator,
+            params.reaction,
+            signal.motion,
+            reacting,
+            hands,
+            timing,
+            deviation,
         )
     console = inject("console", connections.ConsoleSeam(params.operator.scale))
     line, network = _network(setup, params, inject, state, sequence, fresh)
-    sent, again = clean, signal.packet is None  # a packet from outside is not there to be sent again
+    sent, again = (
+        clean,
+        signal.packet is None,
+    )  # a packet from outside is not there to be sent again
     if again and inject.strikes("console", "network"):
         if state.clock is None:
             timing = connections.row_by_row(sequence - network.lag - network.delay)
         elif state.history is not None:
             timing = _older(state.history, signal.tick, sequence, network.lag + network.delay)
         sender = replace(params.operator, scale=console.scale)
-        sent = connections.packet(setup, sender, params.reaction, signal.motion, reacting, hands, timing, deviation)
+        sent = connections.packet(
+            setup, sender, params.reaction, signal.motion, reacting, hands, timing, deviation
+        )
     arrives = fresh & ~network.lost
     if again and inject.strikes("network"):
         index = sent.sequence - 1
@@ -214,12 +259,19 @@ class _Done(NamedTuple):
 
 
 def _robot(
-    setup: RavenSetup, params: TickParams, inject: RavenInjector, state: TickState, packet: Any, lookout: Unguarded
+    setup: RavenSetup,
+    params: TickParams,
+    inject: RavenInjector,
+    state: TickState,
+    packet: Any,
+    lookout: Unguarded,
 ) -> _Done:
     """Control computer and PLC; then motors, cables and links."""
     status = inject(
         "usb_status",
-        connections.UsbStatus(connections.each(setup, jnp.int32(1)), connections.each(setup, jnp.int32(1))),
+        connections.UsbStatus(
+            connections.each(setup, jnp.int32(1)), connections.each(setup, jnp.int32(1))
+        ),
     )
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
     delivered = usb.UsbIn(inject("encoder", state.enc_val), connections.each(setup, pins))
@@ -232,7 +284,8 @@ def _robot(
         lookout,
     )
     message = usb.UsbOut(
-        tuple(arm.current_cmd_written for arm in signals.arms), connections.each(setup, signals.pins_out)
+        tuple(arm.current_cmd_written for arm in signals.arms),
+        connections.each(setup, signals.pins_out),
     )
     lookout.sees(boards_enc_val=delivered.enc_val)
     boards = usb.write(setup, state.boards, message, status.write_ok)
@@ -240,7 +293,9 @@ def _robot(
 
     pressed = detectors.stops(setup, state.detectors)
     buttons = inject("buttons", connections.Buttons(pressed, jnp.bool_(False)))
-    plc_signal = plc.PlcSignal(boards.pins[: connections.boards_apart(setup)], buttons.estop, buttons.start)
+    plc_signal = plc.PlcSignal(
+        boards.pins[: connections.boards_apart(setup)], buttons.estop, buttons.start
+    )
     controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)
     brakes = inject("brake", connections.brakes(setup, signals, relays))
     multipliers = {
@@ -272,19 +327,25 @@ def _views(
 ) -> tuple[arm_view.ArmView, ...]:
     """What detectors of one's own see."""
     brakes = done.relays.brakes
-    return connections.views(setup, packet, done.signals, done.boards, brakes, observer.models, observer.cues, now)
+    return connections.views(
+        setup, packet, done.signals, done.boards, brakes, observer.models, observer.cues, now
+    )
 
 
 def _packet_due(
     setup: RavenSetup, params: TickParams, state: TickState, signal: Input
 ) -> tuple[Scalar, Scalar, packet_clock.PacketClock | None]:
-    """Whether there is a new packet in this tick, the index of the newest one, and the clock after it."""
+    """Whether there is a new packet in this tick, the index of the newest one, and the clock
+    after it.
+    """
     if signal.packet is not None:
         fresh = signal.packet.received != 0
         return fresh, state.packet + as_int(fresh), state.clock
     now, cycles = signal.tick, params.network.cycles_per_packet
     stopped = state.control.state_machine.soft_estopped
-    ends = setup.build != "robot"  # a simulator's packet generator ends with the robot's software E-stop
+    ends = (
+        setup.build != "robot"
+    )  # a simulator's packet generator ends with the robot's software E-stop
     if state.clock is not None:
         fresh = now >= state.clock.due
         fresh = fresh & (stopped == 0) if ends else fresh
@@ -302,13 +363,17 @@ def _packet_due(
 
 
 def _timing(state: TickState, sequence: Scalar) -> connections.PacketTiming:
-    """Which rows of the motion the newest packet is of: its own by number, or where a clock runs those of its time."""
+    """Which rows of the motion the newest packet is of: its own by number, or where a clock runs
+    those of its time.
+    """
     if state.clock is None:
         return connections.row_by_row(sequence)
     return connections.PacketTiming(sequence, state.clock.tick, state.clock.before)
 
 
-def _moment(state: TickState, sequence: Scalar, fresh: Scalar, now: Scalar) -> own_operator.PlanMoment:
+def _moment(
+    state: TickState, sequence: Scalar, fresh: Scalar, now: Scalar
+) -> own_operator.PlanMoment:
     """Where the plan is: as its packets, or where a clock runs in its own time."""
     if state.clock is None:
         return own_operator.PlanMoment(sequence, sequence - 1, fresh)
@@ -318,20 +383,28 @@ def _moment(state: TickState, sequence: Scalar, fresh: Scalar, now: Scalar) -> o
 def _older(
     history: packet_history.PacketHistory, now: Scalar, sequence: Scalar, packets: Scalar
 ) -> connections.PacketTiming:
-    """Of the packet so many before the newest, which was made when it was sent; none is newer than that one."""
+    """Of the packet so many before the newest, which was made when it was sent; none is newer
+    than that one.
+    """
     packets = jnp.maximum(packets, 0)
     row, before = (now - packet_history.age(history, newer) for newer in (packets, packets + 1))
     return connections.PacketTiming(sequence - packets, row, before)
 
 
 def _overload(
-    params: TickParams, state: overload.OverloadState | None, robots: tuple[plant.PlantOutput, ...], now: Scalar
+    params: TickParams,
+    state: overload.OverloadState | None,
+    robots: tuple[plant.PlantOutput, ...],
+    now: Scalar,
 ) -> overload.OverloadState | None:
     """What the cables carried so far; None where nobody watches them."""
     if state is None:
         return None
     strengths = (arm.cable_strength for arm in params.plant)
-    loads = tuple(out.carried * strength.map(_inverse) for out, strength in zip(robots, strengths, strict=True))
+    loads = tuple(
+        out.carried * strength.map(_inverse)
+        for out, strength in zip(robots, strengths, strict=True)
+    )
     return overload.step(state, loads, now)
 
 
@@ -349,21 +422,32 @@ def _reacting(
 
 
 def _network(
-    setup: RavenSetup, params: TickParams, inject: RavenInjector, state: TickState, sequence: Scalar, fresh: Scalar
+    setup: RavenSetup,
+    params: TickParams,
+    inject: RavenInjector,
+    state: TickState,
+    sequence: Scalar,
+    fresh: Scalar,
 ) -> tuple[channel.ChannelState | None, connections.Network]:
     """What becomes of this tick's packet on its way, and the channel after it."""
-    ideal = connections.Network(jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0))
+    ideal = connections.Network(
+        jnp.int32(0), jnp.int32(0), jnp.bool_(False), real(setup, 0.0), real(setup, 0.0)
+    )
     network, line = inject("network", ideal), state.channel
     if line is not None:
         line = channel.step(line, network.bursts, sequence, fresh)
         network = replace(network, lost=network.lost | (line.burst > 0))
     if seeded(setup, "jitter"):
         late = channel.delay_ms(network.jitter, sequence)
-        network = replace(network, delay=network.delay + _packets_within(params, state.history, late))
+        network = replace(
+            network, delay=network.delay + _packets_within(params, state.history, late)
+        )
     return line, network
 
 
-def _packets_within(params: TickParams, history: packet_history.PacketHistory | None, ms: Scalar) -> Scalar:
+def _packets_within(
+    params: TickParams, history: packet_history.PacketHistory | None, ms: Scalar
+) -> Scalar:
     """How many of the console's packets are younger than `ms`: as many are still on their way."""
     if history is not None:
         return packet_history.sent_within(history, ms)

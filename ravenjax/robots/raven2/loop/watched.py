@@ -1,4 +1,5 @@
-"""A run of ticks whose signals are what its detectors remember: what one of one's own sees and says, to the bit.
+"""A run of ticks whose signals are what its detectors remember: what one of one's own sees and
+says, to the bit.
 
 This module is a `Loop` of `ravenjax.engines.interface`: that of `run`, with other signals.
 """
@@ -26,7 +27,13 @@ class WatchedSignals:
 
 
 def advance(
-    setup: RavenSetup, params: TickParams, faults: Any, state: TickState, now: Scalar, motion: Any, golden: Any
+    setup: RavenSetup,
+    params: TickParams,
+    faults: Any,
+    state: TickState,
+    now: Scalar,
+    motion: Any,
+    golden: Any,
 ) -> tuple[TickState, tuple[Scalar, ...], WatchedSignals]:
     """See `ravenjax.engines.interface.Loop`."""
     state, series, signals = run.advance(setup, params, faults, state, now, motion, golden)

@@ -1,1 +1,3 @@
-"""Geometry with the operations of the original control software in their order, double for double."""
+"""Geometry with the operations of the original control software in their order, double for
+double.
+"""

@@ -1,7 +1,8 @@
 """Constants as the control software holds them: those that it declares `float`, rounded to float32.
 
-Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `DS0.h`.
-Python numbers, so that they take part in wide arithmetic without widening it further.
+Sources: raven2 `include/raven/defines.h`, `init.cpp`, `fwd_cable_coupling.cpp`,
+`inv_cable_coupling.cpp`, `DS0.h`. Python numbers, so that they take part in wide arithmetic without
+widening it further.
 """
 
 from __future__ import annotations
@@ -26,9 +27,13 @@ PI = float32(math.pi)
 PERIOD = float32(0.001)  # s, one cycle
 TR = transmission.TR.map(float32)  # motor rad per joint rad (insertion: per m)
 GB_RATIO = (12.25 / (26 / 7)) * (5.005 / 5.675)
-"""Insertion motor rad per rad that it turns each tool motor: a double, in the original's order of operations."""
+"""Insertion motor rad per rad that it turns each tool motor: a double, in the original's order
+of operations.
+"""
 C01, C02, C12 = (float32(c) for c in (transmission.C01, transmission.C02, transmission.C12))
-TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(lambda torque, gear: float32(torque * gear), transmission.GEARBOX)
+TAU_PER_AMP = transmission.TORQUE_PER_AMP.map(
+    lambda torque, gear: float32(torque * gear), transmission.GEARBOX
+)
 """N m at the capstan per A, unsigned."""
 
 
@@ -40,7 +45,9 @@ def wrist_coupling(tool: str) -> float:
 def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
     """A per N m at the capstan (7), signed: a float32 reciprocal."""
     signs = transmission.tau_signs(arm, tool, software)
-    return TAU_PER_AMP.map(lambda torque, sign: float(np.float32(1.0) / np.float32(torque * sign)), signs)
+    return TAU_PER_AMP.map(
+        lambda torque, sign: float(np.float32(1.0) / np.float32(torque * sign)), signs
+    )
 
 
 class JointLimits(NamedTuple):
@@ -55,7 +62,8 @@ class JointLimits(NamedTuple):
 def joint_limits(setup: RavenSetup) -> JointLimits:
     """The software's limits: those of the first mechanism's tool serve every arm.
 
-    All are stored as float32, but for the fork's roll: that is a literal of its r2_kinematics.cpp, and a double.
+    All are stored as float32, but for the fork's roll: that is a literal of its r2_kinematics.cpp,
+    and a double.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
     ranges = [(float32(low), float32(high)) for low, high in zip(lower, upper[:5], strict=True)]

@@ -1,8 +1,10 @@
-"""Which order of operations the control software's geometry is evaluated in: the one place that decides.
+"""Which order of operations the control software's geometry is evaluated in: the one place that
+decides.
 
-There are two writings of each function. The one that nearly everything uses shares work and folds constants; it is an
-order of magnitude cheaper, and as exact. The other repeats the original operation for operation, and is only of use
-where results are rounded as the original rounds them: float32 stored, float64 evaluated. `ORIGINAL` precision is that.
+There are two writings of each function. The one that nearly everything uses shares work and folds
+constants; it is an order of magnitude cheaper, and as exact. The other repeats the original
+operation for operation, and is only of use where results are rounded as the original rounds them:
+float32 stored, float64 evaluated. `ORIGINAL` precision is that.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Gravity compensation with the operations of the original in their order, double for double.
 
-Source: raven2 `src/raven/grav_comp.cpp`; `gravity` computes the same with fewer operations. Rotations are inverted by
-cofactors, and transmission ratios are the float32 numbers that `defines.h` casts them to.
+Source: raven2 `src/raven/grav_comp.cpp`; `gravity` computes the same with fewer operations.
+Rotations are inverted by cofactors, and transmission ratios are the float32 numbers that
+`defines.h` casts them to.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from ravenjax.robots.raven2.original.transforms import apply, inverse_matrix
 
 
 def gravity_torque(arm: str, jpos: Vec) -> Vec:
-    """tau_g: capstan torque (3, Nm) of the compensating joint efforts, as `gravity.gravity_torque` under the float32
-    gravity that the original holds."""
+    """tau_g: capstan torque (3, Nm) of the compensating joint efforts, as `gravity.gravity_torque`
+    under the float32 gravity that the original holds."""
     theta1, theta2, d3, *_ = thetas(arm, Vec((*jpos[:5], yaw(jpos))))
     t01, t12, t23 = link1(arm, theta1), link2(jnp.cos(theta2), jnp.sin(theta2)), link3(arm, d3)
 
@@ -33,7 +34,9 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     g2 = matvec(inverse_matrix(t12.rotation), g1)
     g3 = matvec(inverse_matrix(t23.rotation), g2)
 
-    shoulder = reduce(add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, MASSES, strict=True)))
+    shoulder = reduce(
+        add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, MASSES, strict=True))
+    )
     elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
     efforts = Vec((shoulder, elbow, m3 * g3[2]))
     return efforts.map(lambda effort, ratio: -effort / ratio * GP42, stored.TR[:3])

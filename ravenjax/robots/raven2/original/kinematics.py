@@ -1,9 +1,11 @@
-"""Forward and inverse kinematics with the operations of the original in their order, double for double.
+"""Forward and inverse kinematics with the operations of the original in their order, double for
+double.
 
-Where the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding error, so whoever
-wants its DAC counts has to round where it does. `kinematics` and `inverse` compute the same with a fraction of the
-operations; this module has their signatures, and `evaluation` picks one of the two. Source: raven2
-`src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h` (compiled without fused operations).
+Where the wrist is straight, the original's roll is a quotient of two numbers that are mostly
+rounding error, so whoever wants its DAC counts has to round where it does. `kinematics` and
+`inverse` compute the same with a fraction of the operations; this module has their signatures, and
+`evaluation` picks one of the two. Source: raven2 `src/raven/r2_kinematics.cpp`,
+`include/raven/r2_kinematics.h` (compiled without fused operations).
 """
 
 from __future__ import annotations
@@ -47,12 +49,20 @@ class _Arm(NamedTuple):
 
 
 _ARMS = {
-    "gold": _Arm(Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)), 0.0, PI - LINK23, PI / 2, 1.0),
+    "gold": _Arm(
+        Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)),
+        0.0,
+        PI - LINK23,
+        PI / 2,
+        1.0,
+    ),
     "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23, -PI / 2, -1.0),
 }
 
 _TURNS = 3
-"""Whole turns that are taken off one by one. Beyond them, far beyond any stop, all are taken off at once."""
+"""Whole turns that are taken off one by one. Beyond them, far beyond any stop, all are taken off
+at once.
+"""
 
 
 def _wrapped(value: Scalar, turns: int) -> Scalar:
@@ -64,11 +74,15 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
 
 
 def thetas(arm: str, joints: Vec) -> Vec:
-    """DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw. The insertion is wrapped like an angle."""
+    """DH variables (6) of shoulder, elbow, insertion, roll, wrist and yaw. The insertion is
+    wrapped like an angle.
+    """
 
     def near(value: Scalar) -> Scalar:
         far = jnp.abs(value) > (2 * _TURNS + 1) * PI
-        return _wrapped(jnp.where(far, value - 2 * PI * jnp.round(value * (0.5 / PI)), value), _TURNS)
+        return _wrapped(
+            jnp.where(far, value - 2 * PI * jnp.round(value * (0.5 / PI)), value), _TURNS
+        )
 
     return joints.map(add, _ARMS[arm].zeros).map(near)
 
@@ -76,7 +90,11 @@ def thetas(arm: str, joints: Vec) -> Vec:
 def _link(alpha: float, a: float, cosine: Scalar, sine: Scalar, d: Scalar) -> Transform:
     """One row of the modified DH table, of cosine and sine of theta."""
     ca, sa = math.cos(alpha), math.sin(alpha)
-    rotation = matrix((cosine, -sine, 0.0), (mul(sine, ca), mul(cosine, ca), -sa), (mul(sine, sa), mul(cosine, sa), ca))
+    rotation = matrix(
+        (cosine, -sine, 0.0),
+        (mul(sine, ca), mul(cosine, ca), -sa),
+        (mul(sine, sa), mul(cosine, sa), ca),
+    )
     return Transform(rotation, Vec((a, mul(-sa, d), mul(ca, d))))
 
 
@@ -105,7 +123,9 @@ def _link5(theta5: Scalar) -> Transform:
 
 
 def _chain(*links: Transform) -> Transform:
-    """The product, from the last link on: the original multiplies on the way back from a recursion."""
+    """The product, from the last link on: the original multiplies on the way back from a
+    recursion.
+    """
     return reduce(lambda rest, link: product(link, rest), reversed(links))
 
 
@@ -113,7 +133,13 @@ def forward(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """As `kinematics.forward`."""
     theta6 = yaw(jpos) if yaw_rad is None else yaw_rad
     th = thetas(arm, Vec((*jpos[:5], theta6)))
-    links = (link1(arm, th[0]), link2(jnp.cos(th[1]), jnp.sin(th[1])), link3(arm, th[2]), _link4(th[3]), _link5(th[4]))
+    links = (
+        link1(arm, th[0]),
+        link2(jnp.cos(th[1]), jnp.sin(th[1])),
+        link3(arm, th[2]),
+        _link4(th[3]),
+        _link5(th[4]),
+    )
     tip = _chain(*links, _link(PI / 2, LW, jnp.cos(th[5]), jnp.sin(th[5]), 0.0))
     return Pose(tip.origin, tip.rotation)
 
@@ -137,7 +163,9 @@ def inverse(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
         least, best = jnp.where(nearer, cost, least), where(nearer, theta, best)
     joints = best - _ARMS[arm].zeros
     joints = Vec(joint if i == 3 else _wrapped(joint, 1) for i, joint in enumerate(joints))
-    status = jnp.where(least > COST_LIMIT, REJECTED, jnp.where(at_remote_centre, AT_REMOTE_CENTRE, OK))
+    status = jnp.where(
+        least > COST_LIMIT, REJECTED, jnp.where(at_remote_centre, AT_REMOTE_CENTRE, OK)
+    )
     return IK(Vec((*joints[:5], *jaws(joints[5], grasp_rad))), joints[5], least, as_int(status))
 
 
@@ -149,8 +177,8 @@ def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
 def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
     """All eight in the original's order, and whether a wrist is at the remote centre.
 
-    There the original stops before the first angle and leaves zeros behind: the side in question is marked invalid, the
-    other counts as valid, and of side 0 the insertion is known by then.
+    There the original stops before the first angle and leaves zeros behind: the side in question is
+    marked invalid, the other counts as valid, and of side 0 the insertion is known by then.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))
@@ -191,7 +219,9 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(link1(arm, theta1), link2(cos2, sin2), link3(arm, d3))
-    (_, _, r02), (_, _, r12), (r20, r21, r22) = (t36 := product(inverse_transform(t03), tip)).rotation
+    (_, _, r02), (_, _, r12), (r20, r21, r22) = (
+        t36 := product(inverse_transform(t03), tip)
+    ).rotation
 
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
     bent = jnp.abs(c5) > SINGULAR

@@ -1,8 +1,9 @@
-"""Transforms and quaternions with the operations of ROS tf in their order, so that results equal it bit for bit.
+"""Transforms and quaternions with the operations of ROS tf in their order, so that results equal it
+bit for bit.
 
-Source: ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`. Products with a literal 0 or 1 are left out, which
-changes no bit but the sign of a zero. Products of quaternions and their matrices are those of `mapping`, which has tf's
-order already.
+Source: ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`. Products with a literal 0 or 1
+are left out, which changes no bit but the sign of a zero. Products of quaternions and their
+matrices are those of `mapping`, which has tf's order already.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ def inverse(transform: Transform) -> Transform:
 
 
 def inverse_matrix(m: Vec) -> Vec:
-    """Inverse of a 3 x 3 matrix by cofactors, also of a rotation: the transpose would differ in the last bits."""
+    """Inverse of a 3 x 3 matrix by cofactors, also of a rotation: the transpose would differ in
+    the last bits.
+    """
 
     def cofactor(r1: int, c1: int, r2: int, c2: int) -> Scalar:
         return sub(mul(m[r1][c1], m[r2][c2]), mul(m[r1][c2], m[r2][c1]))
@@ -53,8 +56,9 @@ def inverse_matrix(m: Vec) -> Vec:
 
 
 def quat_from_matrix(rotation: Vec) -> Vec:
-    """Quaternion (x, y, z, w) of a rotation matrix, from its trace, or from its greatest diagonal element if that is
-    not positive. The component in question is half a root, the others are divided by twice it."""
+    """Quaternion (x, y, z, w) of a rotation matrix, from its trace, or from its greatest diagonal
+    element if that is not positive. The component in question is half a root, the others are
+    divided by twice it."""
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
     trace = m00 + m11 + m22
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
@@ -69,7 +73,13 @@ def quat_from_matrix(rotation: Vec) -> Vec:
 
     root = jnp.sqrt(choose(trace, m00 - m11 - m22, m11 - m22 - m00, m22 - m00 - m11) + 1.0)
     half, factor = root * 0.5, 0.5 / root
-    others = (choose(dx, 0.0, sxy, sxz), choose(dy, sxy, 0.0, syz), choose(dz, sxz, syz, 0.0), choose(0.0, dx, dy, dz))
+    others = (
+        choose(dx, 0.0, sxy, sxz),
+        choose(dy, sxy, 0.0, syz),
+        choose(dz, sxz, syz, 0.0),
+        choose(0.0, dx, dy, dz),
+    )
     return Vec(
-        jnp.where(own, half, other * factor) for own, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
+        jnp.where(own, half, other * factor)
+        for own, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
     )

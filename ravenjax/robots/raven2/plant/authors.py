@@ -1,8 +1,10 @@
-"""The authors' dynamic model of the gold arm's first three joints, exactly as published. Kept for regression.
+"""The authors' dynamic model of the gold arm's first three joints, exactly as published. Kept for
+regression.
 
-CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp: 12 states, explicit Euler or Runge-Kutta 4 at 1 ms, no cable coupling
-between joints, joint zeros at m/TR - pi, `sgn(0) = 0`, and in its third motor the cable tension of the *first* (a
-bug, behind `tension_bug`, off by default). Not part of the virtual robot: see `robot`.
+CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp: 12 states, explicit Euler or Runge-Kutta 4 at 1 ms, no
+cable coupling between joints, joint zeros at m/TR - pi, `sgn(0) = 0`, and in its third motor the
+cable tension of the *first* (a bug, behind `tension_bug`, off by default). Not part of the virtual
+robot: see `robot`.
 """
 
 from __future__ import annotations
@@ -19,11 +21,27 @@ GEARBOX = 12.25
 PI = 3.141592654  # as typed in the source's cable law
 CAPSTAN_M = 5.675e-3  # m
 LINK_RADIUS = (63.095e-3, 56.298e-3, 1.0)  # m, m, 1
-JOINT_PER_MOTOR = (0.007342345766264, 0.008228805750159, 0.000463265306122)  # rad/rad, rad/rad, m/rad at start-up
-GRAVITY_TERMS = (0.03541124607, -0.02971000684, 1.223025927, 3.146266896)  # of cos q1: 1, c2, s2, d s2
-GRAVITY_TERMS_SIN = (-2.144340615, -2.374374248, 0.3165424025, 0.8143137936, 0.0076895156)  # of sin q1: 1 d c2 d*c2 s2
+JOINT_PER_MOTOR = (
+    0.007342345766264,
+    0.008228805750159,
+    0.000463265306122,
+)  # rad/rad, rad/rad, m/rad at start-up
+GRAVITY_TERMS = (
+    0.03541124607,
+    -0.02971000684,
+    1.223025927,
+    3.146266896,
+)  # of cos q1: 1, c2, s2, d s2
+GRAVITY_TERMS_SIN = (
+    -2.144340615,
+    -2.374374248,
+    0.3165424025,
+    0.8143137936,
+    0.0076895156,
+)  # of sin q1: 1 d c2 d*c2 s2
 
-# Coefficients of 1, d, d^2 that multiply 1, cos q2, sin q2, cos^2 q2 and sin q2 cos q2 in M11, and of the first three
+# Coefficients of 1, d, d^2 that multiply 1, cos q2, sin q2, cos^2 q2 and sin q2 cos q2 in M11, and
+# of the first three
 # in M12 and M13. The same numbers as the source's long expressions, collected (equal to 1e-14).
 M11 = (
     (0.153290462213, -0.000903448411537, 0.39666594362),
@@ -78,7 +96,10 @@ class Rates:
 def mass_matrix(q: Vec) -> tuple[Vec, ...]:
     """M(q), 3 x 3, kg m2 (insertion kg)."""
     c2, s2, d = jnp.cos(q[1]), jnp.sin(q[1]), q[2]
-    m11 = _sum(_poly(row, d) * shape for row, shape in zip(M11, (1.0, c2, s2, c2 * c2, s2 * c2), strict=True))
+    m11 = _sum(
+        _poly(row, d) * shape
+        for row, shape in zip(M11, (1.0, c2, s2, c2 * c2, s2 * c2), strict=True)
+    )
     m12 = _sum(_poly(row, d) * shape for row, shape in zip(M12, (1.0, c2, s2), strict=True))
     m13 = M13[0] + M13[1] * c2 + M13[2] * s2
     return (Vec((m11, m12, m13)), Vec((m12, _poly(M22, d), M23)), Vec((m13, M23, M33)))
@@ -88,9 +109,13 @@ def bias_forces(q: Vec, qd: Vec) -> Vec:
     """Coriolis (Christoffel symbols of M) and gravity forces, N m and N."""
     c2, s2, d = jnp.cos(q[1]), jnp.sin(q[1]), q[2]
     d11_2 = _sum(
-        _poly(row, d) * slope for row, slope in zip(M11, (0.0, -s2, c2, -2.0 * c2 * s2, c2 * c2 - s2 * s2), strict=True)
+        _poly(row, d) * slope
+        for row, slope in zip(M11, (0.0, -s2, c2, -2.0 * c2 * s2, c2 * c2 - s2 * s2), strict=True)
     )
-    d11_3 = _sum(_slope(row, d) * shape for row, shape in zip(M11, (1.0, c2, s2, c2 * c2, s2 * c2), strict=True))
+    d11_3 = _sum(
+        _slope(row, d) * shape
+        for row, shape in zip(M11, (1.0, c2, s2, c2 * c2, s2 * c2), strict=True)
+    )
     d12_2 = _sum(_poly(row, d) * slope for row, slope in zip(M12, (0.0, -s2, c2), strict=True))
     d12_3 = _sum(_slope(row, d) * shape for row, shape in zip(M12, (1.0, c2, s2), strict=True))
     d13_2 = -M13[1] * s2 + M13[2] * c2
@@ -113,16 +138,21 @@ def gravity_forces(q: Vec) -> Vec:
     return Vec(
         (
             -s1 * of_cos + c1 * of_sin,
-            c1 * (-a[1] * s2 + a[2] * c2 + a[3] * d * c2) + s1 * (-b[2] * s2 - b[3] * d * s2 + b[4] * c2),
+            c1 * (-a[1] * s2 + a[2] * c2 + a[3] * d * c2)
+            + s1 * (-b[2] * s2 - b[3] * d * s2 + b[4] * c2),
             c1 * a[3] * s2 + s1 * (b[1] + b[3] * c2),
         )
     )
 
 
 def initial(mpos: Vec, mvel: Vec) -> AuthorsState:
-    """State at the first message: links from measured motors (rad, rad/s), cables unstretched, no coupling."""
+    """State at the first message: links from measured motors (rad, rad/s), cables unstretched,
+    no coupling.
+    """
     q = mpos.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)) - Vec((math.pi, math.pi, 0.0))
-    return AuthorsState(q=q, qd=mvel.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)), m=mpos, md=mvel)
+    return AuthorsState(
+        q=q, qd=mvel.map(lambda m, ratio: m * ratio, Vec(JOINT_PER_MOTOR)), m=mpos, md=mvel
+    )
 
 
 def rates(
@@ -138,7 +168,9 @@ def rates(
         stretch_rate = (state.md[i] / GEARBOX) * CAPSTAN_M - state.qd[i] * radius
         spring = values.stiffness[i] * (jnp.exp(delta) - jnp.exp(-delta))
         tension.append(spring + 2.0 * values.damping[i] * stretch_rate)
-        friction.append(values.motor_coulomb[i] * jnp.sign(state.md[i]) + values.motor_viscous[i] * state.md[i])
+        friction.append(
+            values.motor_coulomb[i] * jnp.sign(state.md[i]) + values.motor_viscous[i] * state.md[i]
+        )
         torque.append(values.torque_per_count * dac[i] * values.gain[i] - values.bias[i])
     reaction = Vec(CAPSTAN_M * gamma / GEARBOX for gamma in tension)
     if tension_bug:
@@ -146,7 +178,8 @@ def rates(
     link_torque = Vec(gamma * radius for gamma, radius in zip(tension, LINK_RADIUS, strict=True))
     bias = bias_forces(state.q, state.qd)
     link_friction = Vec(
-        values.link_viscous[i] * state.qd[i] + values.link_coulomb[i] * jnp.sign(state.qd[i]) for i in range(3)
+        values.link_viscous[i] * state.qd[i] + values.link_coulomb[i] * jnp.sign(state.qd[i])
+        for i in range(3)
     )
     qdd = solve_spd(mass_matrix(state.q), link_torque - link_friction - bias)
     mdd = Vec((-torque[i] - friction[i] - reaction[i]) / published.MOTOR_INERTIA for i in range(3))
@@ -154,7 +187,9 @@ def rates(
     return Rates(q=state.qd, qd=qdd, m=state.md, md=mdd), detail
 
 
-def euler(state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> AuthorsState:
+def euler(
+    state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False
+) -> AuthorsState:
     """One explicit Euler step."""
     slope, _ = rates(state, dac, tension_bug)
     return _along(state, slope, dt)
@@ -162,7 +197,10 @@ def euler(state: AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = F
 
 def _along(state: AuthorsState, slope: Rates, dt: float) -> AuthorsState:
     return AuthorsState(
-        q=state.q + slope.q * dt, qd=state.qd + slope.qd * dt, m=state.m + slope.m * dt, md=state.md + slope.md * dt
+        q=state.q + slope.q * dt,
+        qd=state.qd + slope.qd * dt,
+        m=state.m + slope.m * dt,
+        md=state.md + slope.md * dt,
     )
 
 

@@ -1,7 +1,9 @@
-"""Power-off brakes on the three positioning motors. A documented assumption: no source gives their data.
+"""Power-off brakes on the three positioning motors. A documented assumption: no source gives their
+data.
 
-The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages and releases some
-time after the PLC's command and then adds dry friction of its holding torque to the motor: it slips above that.
+The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages
+and releases some time after the PLC's command and then adds dry friction of its holding torque to
+the motor: it slips above that.
 """
 
 from __future__ import annotations
@@ -43,8 +45,12 @@ def init(setup: RavenSetup, params: BrakeParams, engaged: int = 1) -> BrakeState
     return BrakeState(engaged=jnp.int32(engaged), pending_ticks=jnp.int32(0))
 
 
-def step(setup: RavenSetup, params: BrakeParams, state: BrakeState, commanded: Scalar) -> tuple[BrakeState, Scalar]:
-    """One tick with the PLC's command (1: on). Out: dry friction that the brakes add to motors 1-3 (N m)."""
+def step(
+    setup: RavenSetup, params: BrakeParams, state: BrakeState, commanded: Scalar
+) -> tuple[BrakeState, Scalar]:
+    """One tick with the PLC's command (1: on). Out: dry friction that the brakes add to motors
+    1-3 (N m).
+    """
     commanded = as_int(commanded)
     pending = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
     delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)

@@ -1,35 +1,40 @@
 """Contact: jaw tips against tissue and vessel, instruments against each other.
 
-**Tissue.** Each jaw tip is a sphere of radius R that presses into a half space (Hertz; K. L. Johnson, Contact
-Mechanics, 1985, section 4.2), with the damping of Hunt and Crossley (J. Appl. Mech. 42, 1975; for soft tissue Diolaiti,
-Melchiorri, Stramigioli, IEEE T-RO 21, 2005):
+**Tissue.** Each jaw tip is a sphere of radius R that presses into a half space (Hertz; K. L.
+Johnson, Contact Mechanics, 1985, section 4.2), with the damping of Hunt and Crossley (J. Appl.
+Mech. 42, 1975; for soft tissue Diolaiti, Melchiorri, Stramigioli, IEEE T-RO 21, 2005):
 
     F = k d^1.5 (1 + a d'),  k = 4/3 E / (1 - nu^2) sqrt(R),  nu = 0.5: soft tissue keeps its volume
 
-d is the depth below the surface along the world's z, and the force is F times (-dh/dx, -dh/dy, 1) of the surface's
-height h: the gradient of one potential, so that no way through the tissue and back gains energy. Where leaving is
-faster than 1/a the tissue does not follow: the force is 0 and never pulls. Friction is Coulomb's, regularised below
-`CREEP_M_S`.
+d is the depth below the surface along the world's z, and the force is F times (-dh/dx, -dh/dy, 1)
+of the surface's height h: the gradient of one potential, so that no way through the tissue and back
+gains energy. Where leaving is faster than 1/a the tissue does not follow: the force is 0 and never
+pulls. Friction is Coulomb's, regularised below `CREEP_M_S`.
 
-**Instruments.** Each is a line of two pieces, shaft and jaws, with a radius; where the two are nearest a spring and the
-same kind of damping push them apart, frictionless (*assumed*: wet polished steel).
+**Instruments.** Each is a line of two pieces, shaft and jaws, with a radius; where the two are
+nearest a spring and the same kind of damping push them apart, frictionless (*assumed*: wet polished
+steel).
 
 Numbers and sources:
 
-- modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of living pigs (Samur and
-  others, Medical Image Analysis 11:361, 2007; the paper itself was not at hand);
-- the vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is stiffer, but by how much
-  for a blunt tip no source says. What is counted as its force is that of tips over the ridge;
-- radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz holds for depths well below it, beyond that
-  it is extrapolated;
-- damping 15 s/m: *assumed*, so that at 1 Hz about a depth of 3 mm the loss tangent 2 pi f a d / 1.5 is 0.2;
-- friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010, finite elements);
-- stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5 mm and 1 mm wall
-  that is held 0.2 m away; damping 1 s/m: *assumed*.
+- modulus of tissue 12.5 kPa: *assumed*, of the order that a robotic indenter found on liver of
+  living pigs (Samur and others, Medical Image Analysis 11:361, 2007; the paper itself was not at
+  hand);
+- the vessel is a ridge of the surface with the tissue's modulus, *assumed*: a filled artery is
+  stiffer, but by how much for a blunt tip no source says. What is counted as its force is that of
+  tips over the ridge;
+- radius of a jaw tip 2 mm: *assumed*, of the order of the drawn jaw. Hertz holds for depths well
+  below it, beyond that it is extrapolated;
+- damping 15 s/m: *assumed*, so that at 1 Hz about a depth of 3 mm the loss tangent 2 pi f a d / 1.5
+  is 0.2;
+- friction 0.2: *assumed*, within the 0 to 0.3 of a study of a grasper on a spleen (ASME ESDA 2010,
+  finite elements);
+- stiffness between instruments 10 kN/m: *assumed*, of the order of 3 E I / l^3, a steel tube of 8.5
+  mm and 1 mm wall that is held 0.2 m away; damping 1 s/m: *assumed*.
 
-In a step of length h a law F(d, d') is linearised about the depth at which the present speed would end, and solved
-with the step's other implicit forces (Newton's first step of backward Euler): stable for any stiffness, and what it
-leaves out is of the second order in h.
+In a step of length h a law F(d, d') is linearised about the depth at which the present speed would
+end, and solved with the step's other implicit forces (Newton's first step of backward Euler):
+stable for any stiffness, and what it leaves out is of the second order in h.
 """
 
 from __future__ import annotations
@@ -57,22 +62,44 @@ class ContactParams:
     tissue_modulus: Annotated[
         Scalar, Quantity("Pa", 0, 1e7, "elastic modulus of tissue and vessel; 0: none", why=PUSHES)
     ]
-    tip_radius: Annotated[Scalar, Quantity("m", 1e-4, 0.02, "radius of a jaw tip", why="a tip is round")]
+    tip_radius: Annotated[
+        Scalar, Quantity("m", 1e-4, 0.02, "radius of a jaw tip", why="a tip is round")
+    ]
     damping: Annotated[
         Scalar,
         Quantity(
-            "s/m", 0, 1e3, "share of tissue's force more per speed of pressing into it", why="damping takes energy"
+            "s/m",
+            0,
+            1e3,
+            "share of tissue's force more per speed of pressing into it",
+            why="damping takes energy",
         ),
     ]
     friction: Annotated[
-        Scalar, Quantity("", 0, 10, "friction coefficient of jaw tips on tissue and vessel", why="it opposes motion")
+        Scalar,
+        Quantity(
+            "",
+            0,
+            10,
+            "friction coefficient of jaw tips on tissue and vessel",
+            why="it opposes motion",
+        ),
     ]
     instrument_stiffness: Annotated[
-        Scalar, Quantity("N/m", 0, 1e7, "of two instruments pressed together; 0: they pass through", why=PUSHES)
+        Scalar,
+        Quantity(
+            "N/m", 0, 1e7, "of two instruments pressed together; 0: they pass through", why=PUSHES
+        ),
     ]
     instrument_damping: Annotated[
         Scalar,
-        Quantity("s/m", 0, 1e3, "share of that force more per speed of coming together", why="damping takes energy"),
+        Quantity(
+            "s/m",
+            0,
+            1e3,
+            "share of that force more per speed of coming together",
+            why="damping takes energy",
+        ),
     ]
 
 
@@ -99,14 +126,17 @@ class Touch:
 
 
 class Law(NamedTuple):
-    """A normal force over the coming step: `force` at the present speed, and how much a gain of closing speed adds."""
+    """A normal force over the coming step: `force` at the present speed, and how much a gain of
+    closing speed adds.
+    """
 
     force: Scalar  # N
     rate: Scalar  # N s/m
 
 
 def law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
-    """Of a spring's force (N) and stiffness (N/m) at the depth at the end of `dt` (s), if `closing` (m/s) lasts.
+    """Of a spring's force (N) and stiffness (N/m) at the depth at the end of `dt` (s), if `closing`
+    (m/s) lasts.
 
     damping: s/m, as in F (1 + damping closing).
     """
@@ -137,19 +167,25 @@ class TipContact(NamedTuple):
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
     def after(self, gained: Vec) -> Vec:
-        """N, where the joints gain so much speed (7, rad/s and m/s): what was at work in the step."""
+        """N, where the joints gain so much speed (7, rad/s and m/s): what was at work in the
+        step.
+        """
         more = self.tip.velocity(gained)
         normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, more), 0.0)
         return self.rise * normal - self._sliding(self.velocity + more) * self.drag
 
     def stiffen(self, system: list[list[Scalar]]) -> None:
-        """Add J^T A J to the lower triangle, A: loss of force (N) per gain of the tip's speed (m/s)."""
+        """Add J^T A J to the lower triangle, A: loss of force (N) per gain of the tip's speed
+        (m/s).
+        """
         columns, along = self.tip.columns, self.tip.along(self.rise)
         across = self.normal.rate - self.drag * self.inverse
         for i, column in enumerate(columns):
             pushed, dragged = mul(across, along[i]), column.map(lambda x: mul(self.drag, x))
             for j in range(i + 1):
-                system[i][j] = add(system[i][j], add(mul(pushed, along[j]), dot(dragged, columns[j])))
+                system[i][j] = add(
+                    system[i][j], add(mul(pushed, along[j]), dot(dragged, columns[j]))
+                )
 
     def _sliding(self, velocity: Vec) -> Vec:
         """Its part along the surface."""
@@ -157,15 +193,27 @@ class TipContact(NamedTuple):
 
 
 def tips(
-    arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float, friction_scale: Scalar = 1.0
+    arm: ArmName,
+    params: ContactParams,
+    jpos: Vec,
+    jvel: Vec,
+    dt: float,
+    friction_scale: Scalar = 1.0,
 ) -> tuple[TipContact, TipContact]:
     """Both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
     one, other = instrument.jaw_tips(arm, jpos)
-    return _tip(arm, params, one, jvel, dt, friction_scale), _tip(arm, params, other, jvel, dt, friction_scale)
+    return _tip(arm, params, one, jvel, dt, friction_scale), _tip(
+        arm, params, other, jvel, dt, friction_scale
+    )
 
 
 def _tip(
-    arm: ArmName, params: ContactParams, tip: instrument.InstrumentPoint, jvel: Vec, dt: float, friction_scale: Scalar
+    arm: ArmName,
+    params: ContactParams,
+    tip: instrument.InstrumentPoint,
+    jvel: Vec,
+    dt: float,
+    friction_scale: Scalar,
 ) -> TipContact:
     surface, velocity = scene.surface(arm, tip.at), tip.velocity(jvel)
     rise = surface.rise
@@ -187,7 +235,8 @@ def felt(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
     forces = [one.after(gained) for one in contacts]
     whole = forces[0] + forces[1]
     on_vessel = [
-        force.map(lambda x, one=one: jnp.where(one.vessel, x, 0.0)) for one, force in zip(contacts, forces, strict=True)
+        force.map(lambda x, one=one: jnp.where(one.vessel, x, 0.0))
+        for one, force in zip(contacts, forces, strict=True)
     ]
     return Touch(whole, norm(whole), norm(on_vessel[0] + on_vessel[1]), whole[0] * 0.0)
 
@@ -205,7 +254,8 @@ class Meeting(NamedTuple):
     def solved(self, gained: tuple[Vec, Vec], yielding: tuple[Vec, Vec]) -> Scalar:
         """N, the force in the step; never below 0.
 
-        gained: speeds that the joints gain under `normal.force`; yielding: more of it (7) for each N more.
+        gained: speeds that the joints gain under `normal.force`; yielding: more of it (7) for each
+        N more.
         """
         lost = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
         gives = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
@@ -262,7 +312,9 @@ class _Pair(NamedTuple):
     distance: Scalar  # m, of their axes
     away: Vec  # m, from the second's axis to the first's
     at: tuple[Vec, Vec]  # m, on either axis, world
-    beyond: tuple[Scalar, Scalar]  # of each, 0 on a shaft, share of the way from wrist to end on jaws
+    beyond: tuple[
+        Scalar, Scalar
+    ]  # of each, 0 on a shaft, share of the way from wrist to end on jaws
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
@@ -275,7 +327,9 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
 
 
 def _nearest(one: _Piece, other: _Piece) -> _Pair:
-    """Nearest points of two segments (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9)."""
+    """Nearest points of two segments (C. Ericson, Real-Time Collision Detection, 2005, section
+    5.1.9).
+    """
     between = one.begin - other.begin
     a, b, e = dot(one.way, one.way), dot(one.way, other.way), dot(other.way, other.way)
     c, f = dot(one.way, between), dot(other.way, between)

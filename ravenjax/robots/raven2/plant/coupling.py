@@ -1,8 +1,9 @@
 """The motor matrix T (motor rad per joint rad or m) split so that its structure saves work.
 
-Rows of the tool motors are a multiple of the insertion motor's row plus an entry of their own: instrument cables run
-along the insertion, so that moving it turns every tool capstan. Their coupling is to the *joints* here: cable length
-follows where the links are, and at rest this equals the control software's use of the insertion motor's angle.
+Rows of the tool motors are a multiple of the insertion motor's row plus an entry of their own:
+instrument cables run along the insertion, so that moving it turns every tool capstan. Their
+coupling is to the *joints* here: cable length follows where the links are, and at rest this equals
+the control software's use of the insertion motor's angle.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ N = 7
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """`T[i] = own[i] + ratio[i] * own[Z]`; `own` is lower triangular, `ratio` zero for the positioning motors."""
+    """`T[i] = own[i] + ratio[i] * own[Z]`; `own` is lower triangular, `ratio` zero for the
+    positioning motors.
+    """
 
     own: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
@@ -30,7 +33,10 @@ class Coupling:
     def motors(self, joints: Vec) -> Vec:
         """T x: motor angles or speeds of joint ones."""
         along = dot(self.own[Z], joints)
-        return Vec(along if i == Z else add(dot(self.own[i], joints), mul(self.ratio[i], along)) for i in range(N))
+        return Vec(
+            along if i == Z else add(dot(self.own[i], joints), mul(self.ratio[i], along))
+            for i in range(N)
+        )
 
     def joints(self, motors: Vec) -> Vec:
         """The inverse: joint angles (or speeds) of motor ones, cables unstretched."""
@@ -52,7 +58,9 @@ class Coupling:
         return Vec(dot(Vec(column), Vec(effective)) for column in columns)
 
     def carried(self, loads: Vec) -> Vec:
-        """T^-T f: motor forces (N m) that put `loads` (N m, N) on the joints, by the columns of T^-1."""
+        """T^-T f: motor forces (N m) that put `loads` (N m, N) on the joints, by the columns of
+        T^-1.
+        """
         columns = [self.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
         return Vec(dot(column, loads) for column in columns)
 
@@ -75,7 +83,9 @@ class Coupling:
 
 @dataclasses.dataclass(frozen=True)
 class BuiltCoupling:
-    """The coupling of an arm whose joints move `gain` times as far as its drums' drawings say: T diag(1 / gain)."""
+    """The coupling of an arm whose joints move `gain` times as far as its drums' drawings say: T
+    diag(1 / gain).
+    """
 
     nominal: Coupling
     gain: Vec  # 1
@@ -99,12 +109,21 @@ class BuiltCoupling:
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
         """As `Coupling.congruence`."""
         rows, inverse = self.nominal.congruence(weights), [1.0 / one for one in self.gain]
-        return [[mul(rows[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)] for i in range(N)]
+        return [
+            [mul(rows[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)]
+            for i in range(N)
+        ]
 
 
 def built(nominal: Coupling, gain: Vec) -> Coupling | BuiltCoupling:
-    """The coupling with the joints' true motion per motor; the nominal one where `gain` is literally 1."""
-    return nominal if all(type(one) in (int, float) and one == 1 for one in gain) else BuiltCoupling(nominal, gain)
+    """The coupling with the joints' true motion per motor; the nominal one where `gain` is
+    literally 1.
+    """
+    return (
+        nominal
+        if all(type(one) in (int, float) and one == 1 for one in gain)
+        else BuiltCoupling(nominal, gain)
+    )
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
@@ -124,7 +143,10 @@ def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
     own = tuple(
-        Vec(_clean(matrix[i][j] - ratio[i] * matrix[Z][j], matrix[i][j]) if i > Z else matrix[i][j] for j in range(N))
+        Vec(
+            _clean(matrix[i][j] - ratio[i] * matrix[Z][j], matrix[i][j]) if i > Z else matrix[i][j]
+            for j in range(N)
+        )
         for i in range(N)
     )
     return Coupling(own=own, ratio=ratio)

@@ -1,8 +1,8 @@
 """Motor encoders: 4000 counts a turn on every motor (raven2: defines.h).
 
-The motor angle itself is kept as whole counts (int32) plus a fraction of one (within half a count). An angle near 900
-rad in float32 swallows increments below 3e-5 rad a millisecond; a fraction of a count never does, and the reading is
-exact.
+The motor angle itself is kept as whole counts (int32) plus a fraction of one (within half a count).
+An angle near 900 rad in float32 swallows increments below 3e-5 rad a millisecond; a fraction of a
+count never does, and the reading is exact.
 """
 
 from __future__ import annotations

@@ -1,22 +1,26 @@
-"""What makes a healthy robot's report wrong: joints, cable drums and links that are not what its software believes.
+"""What makes a healthy robot's report wrong: joints, cable drums and links that are not what its
+software believes.
 
 Three arms are told apart, and each believes something else:
 
-- the **true** arm: its links stand at angles that nobody measures, and are as they were built. `robot.PlantOutput` has
-  its joints, `tip` its tip;
-- the **reported** arm: the software turns encoder counts into joints by the ratios of the drawings and by what homing
-  took for zero, and joints into a tip by the drawings' links. Controller, checks, report and cue know this arm only;
-- the **nominal model** starts at the reported pose and has the drawings' links: it stays where the report would be.
+- the **true** arm: its links stand at angles that nobody measures, and are as they were built.
+  `robot.PlantOutput` has its joints, `tip` its tip;
+- the **reported** arm: the software turns encoder counts into joints by the ratios of the drawings
+  and by what homing took for zero, and joints into a tip by the drawings' links. Controller,
+  checks, report and cue know this arm only;
+- the **nominal model** starts at the reported pose and has the drawings' links: it stays where the
+  report would be.
 
 With motor angles alike, true joints q are, of reported ones r and home pose h,
 
     q = h + (1 + ratio_error) (r - h) + joint_offset
 
-and cable stretch comes on top, as it does without errors. Every error at 0 drops out of the traced code.
+and cable stretch comes on top, as it does without errors. Every error at 0 drops out of the traced
+code.
 
-A camera, like a surgeon's eye, has no frame 0 of its own: where the robot is in it is fitted, and a displacement as one
-rigid piece is not seen as an error. `registered` does that: before the run the true tip's frame is moved so that true
-and reported tips agree best at POSES.
+A camera, like a surgeon's eye, has no frame 0 of its own: where the robot is in it is fitted, and a
+displacement as one rigid piece is not seen as an error. `registered` does that: before the run the
+true tip's frame is moved so that true and reported tips agree best at POSES.
 """
 
 from __future__ import annotations
@@ -47,12 +51,29 @@ class KinematicErrors:
     scale: Annotated[Scalar, Quantity("", 0, 10, "times every kinematic error")]
     joint_offset: Annotated[
         Vec,
-        Quantity("rad", -1.5, 1.5, "true minus reported joint at the home pose, left by homing", joints=_REVOLUTE),
-        Quantity("m", -0.1, 0.1, "true minus reported joint at the home pose, left by homing", joints=LINEAR),
+        Quantity(
+            "rad",
+            -1.5,
+            1.5,
+            "true minus reported joint at the home pose, left by homing",
+            joints=_REVOLUTE,
+        ),
+        Quantity(
+            "m",
+            -0.1,
+            0.1,
+            "true minus reported joint at the home pose, left by homing",
+            joints=LINEAR,
+        ),
     ]
     ratio_error: Annotated[
         Vec,
-        Quantity("", -0.5, 0.5, "by what share more than its software believes a joint moves: radius of its drum"),
+        Quantity(
+            "",
+            -0.5,
+            0.5,
+            "by what share more than its software believes a joint moves: radius of its drum",
+        ),
     ]
     links: LinkErrors
     registered: Annotated[  # int32
@@ -61,7 +82,8 @@ class KinematicErrors:
             "",
             0,
             1,
-            "true tips are told 1: in the frame in which they agree best with reported ones, 0: in the arm's frame 0",
+            "true tips are told 1: in the frame in which they agree best with reported ones, 0: in"
+            " the arm's frame 0",
             whole=True,
         ),
     ]
@@ -87,10 +109,11 @@ MEASURED = {
 }
 """Standard deviation of each error where a campaign draws them (normal, mean 0); rad, m and shares.
 
-How large they are beside each other is *assumed*: homing against stops leaves more than machining does. Their common
-factor is fitted to the first half of a recording, `ravenjax.calibration.tip_error`. A recording of one arm in a part of
-its workspace cannot tell them one by one: what is told is the tip's error after registration. The shoulder has no
-offset, which would turn the frame and nothing else; the jaws have none, since they do not move their axis.
+How large they are beside each other is *assumed*: homing against stops leaves more than machining
+does. Their common factor is fitted to the first half of a recording,
+`ravenjax.calibration.tip_error`. A recording of one arm in a part of its workspace cannot tell them
+one by one: what is told is the tip's error after registration. The shoulder has no offset, which
+would turn the frame and nothing else; the jaws have none, since they do not move their axis.
 """
 
 
@@ -112,7 +135,9 @@ def gain(errors: KinematicErrors) -> Vec:
 
 
 def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
-    """Where the links are (7, rad and m) when the software reports `reported` and cables are not stretched."""
+    """Where the links are (7, rad and m) when the software reports `reported` and cables are not
+    stretched.
+    """
     out = []
     for joint, home, offset, error in zip(
         reported, limits.HOME_JPOS, errors.joint_offset, errors.ratio_error, strict=True

@@ -1,27 +1,29 @@
-"""The nominal model: what the instrument would do if nothing went wrong. Euler-Lagrange at joint torque level.
+"""The nominal model: what the instrument would do if nothing went wrong. Euler-Lagrange at joint
+torque level.
 
     M(q) q'' + C(q, q') q' + G(q) = tau - Kv q' - Kc sign(q')   first five joints; jaws locked in M
     tau = kp (q_d - q) - kd q' + G(q)                            insertion: + ki times the integral of (q_d - q)
     q'' = kp (q_d - q) - kd q'                                   each jaw, a double integrator
 
-PD on joints 1, 2, 4-7 and PID on joint 3, as the Raven-II surgical training simulator has it; its gains are not
-published.
+PD on joints 1, 2, 4-7 and PID on joint 3, as the Raven-II surgical training simulator has it; its
+gains are not published.
 
-Gains, chosen once: the model has no rotors, so its loop is made dynamically similar to the robot's. The control
-software's PD acts on a motor of inertia Im with viscous friction tau_v; reflected link inertia adds little. Per unit
-of joint inertia I (the diagonal of M at the home pose) the model gets the same natural frequency, damping and
-friction dead band:
+Gains, chosen once: the model has no rotors, so its loop is made dynamically similar to the robot's.
+The control software's PD acts on a motor of inertia Im with viscous friction tau_v; reflected link
+inertia adds little. Per unit of joint inertia I (the diagonal of M at the home pose) the model gets
+the same natural frequency, damping and friction dead band:
 
     kp = I KP g / J,  kd = I KD g / J,  Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
-with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real torque, and Im,
-tau, F and the reaction share rho of the robot's parameter set (`parameter_sets.nominal`). Nothing is fitted to a
-published outcome. `Kv` and `Kc` of a jaw are zero but for the viscous part, which is in its kd. ki: the robot's
-insertion has no integral; a slow one (time constant 4 s) removes the dead band's remainder without changing the lag on
-surgical motion.
+with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real
+torque, and Im, tau, F and the reaction share rho of the robot's parameter set
+(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
+zero but for the viscous part, which is in its kd. ki: the robot's insertion has no integral; a slow
+one (time constant 4 s) removes the dead band's remainder without changing the lag on surgical
+motion.
 
 Integration is linearly implicit in gains and friction: stable at 1 kHz for any of them.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -79,16 +81,35 @@ class NominalParams:
             why=_STABLE,
         ),
     ]
-    ki: Annotated[Scalar, Quantity("N/(m s)", 0, 1e6, "integral gain of the nominal model's insertion", why=_STABLE)]
+    ki: Annotated[
+        Scalar,
+        Quantity("N/(m s)", 0, 1e6, "integral gain of the nominal model's insertion", why=_STABLE),
+    ]
     kv: Annotated[  # 5: no jaws
         Vec,
-        Quantity("N m s/rad; insertion N s/m", 0, 1e6, "viscous friction of the nominal model's joints", why=OPPOSES),
+        Quantity(
+            "N m s/rad; insertion N s/m",
+            0,
+            1e6,
+            "viscous friction of the nominal model's joints",
+            why=OPPOSES,
+        ),
     ]
     kc: Annotated[  # 5: no jaws
-        Vec, Quantity("N m; insertion N", 0, 1e6, "dry friction of the nominal model's joints", why=OPPOSES)
+        Vec,
+        Quantity(
+            "N m; insertion N", 0, 1e6, "dry friction of the nominal model's joints", why=OPPOSES
+        ),
     ]
     mass_scale: Annotated[
-        Scalar, Quantity("", 0.01, 100, "times masses and inertias of the nominal model", why="masses are positive")
+        Scalar,
+        Quantity(
+            "",
+            0.01,
+            100,
+            "times masses and inertias of the nominal model",
+            why="masses are positive",
+        ),
     ]
     resync: Annotated[  # int32; 1: where it is measured
         Scalar,
@@ -96,7 +117,8 @@ class NominalParams:
             "",
             0,
             1,
-            "while the pedal is up the nominal model 1: stands where the robot is, 0: stays where it was",
+            "while the pedal is up the nominal model 1: stands where the robot is, 0: stays where"
+            " it was",
             whole=True,
         ),
     ]
@@ -119,11 +141,18 @@ class NominalOutput:
     jpos_d: Vec  # rad; insertion m
 
 
-def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT) -> NominalParams:
-    """The gains derived above, for a robot with the mechanics `parameter_set` (`parameter_sets.Name`)."""
+def params(
+    setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
+) -> NominalParams:
+    """The gains derived above, for a robot with the mechanics `parameter_set`
+    (`parameter_sets.Name`).
+    """
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
     counts = (published.CONTROLLER_TORQUE_PER_COUNT,) * 3 + (published.TOOL_TORQUE_PER_COUNT,) * 4
-    gain = [real / stated * g for real, stated, g in zip(values.torque_per_count, counts, values.gain, strict=True)]
+    gain = [
+        real / stated * g
+        for real, stated, g in zip(values.torque_per_count, counts, values.gain, strict=True)
+    ]
     inertia, share = values.motor_inertia, values.reaction_scale
     dry, viscous = values.motor_coulomb, values.motor_viscous
     link_dry, link_viscous = values.link_coulomb, values.link_viscous
@@ -155,25 +184,39 @@ def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> 
     dtype = setup.precision.real
     jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
-    return NominalState(jpos=jpos, jvel=still, integral=still[0], target=nominal_target.init(setup, arm, jpos))
+    return NominalState(
+        jpos=jpos, jvel=still, integral=still[0], target=nominal_target.init(setup, arm, jpos)
+    )
 
 
 def step(
-    setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, clean: Clean, measured: Vec
+    setup: RavenSetup,
+    arm: ArmName,
+    params: NominalParams,
+    state: NominalState,
+    clean: Clean,
+    measured: Vec,
 ) -> tuple[NominalState, NominalOutput]:
-    """One tick (1 ms) of the model under the operator's clean command; it holds still while the pedal is up.
+    """One tick (1 ms) of the model under the operator's clean command; it holds still while the
+    pedal is up.
 
-    measured: the robot's joints as its control software has them (rad, m). With each lift of the pedal the robot takes
-    its measured pose, which hangs a little below the desired one, for the desired one, and sags on;
-    `NominalParams.resync` lets the model go along, so that clutching adds up to no error of its own.
+    measured: the robot's joints as its control software has them (rad, m). With each lift of the
+    pedal the robot takes its measured pose, which hangs a little below the desired one, for the
+    desired one, and sags on; `NominalParams.resync` lets the model go along, so that clutching adds
+    up to no error of its own.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
     state = NominalState(
-        jpos=where(stands, measured, state.jpos), jvel=state.jvel, integral=state.integral, target=state.target
+        jpos=where(stands, measured, state.jpos),
+        jvel=state.jvel,
+        integral=state.integral,
+        target=state.target,
     )
     target = nominal_target.step(setup, arm, params.target, state.target, clean, state.jpos)
     moved = track(setup, arm, params, state, target.jpos_d)
-    still = NominalState(jpos=state.jpos, jvel=state.jvel * 0.0, integral=state.integral, target=target)
+    still = NominalState(
+        jpos=state.jpos, jvel=state.jvel * 0.0, integral=state.integral, target=target
+    )
     state = where(clean.engaged != 0, _with_target(moved, target), still)
     state = NominalState(
         jpos=cast(state.jpos, setup.precision.real),
@@ -194,7 +237,9 @@ def observe(arm: ArmName, state: NominalState) -> NominalOutput:
     )
 
 
-def track(setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec) -> NominalState:
+def track(
+    setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
+) -> NominalState:
     """The dynamics alone: one tick towards the joint target `jpos_d` (rad, m)."""
     dt = TICK_S
     jpos, jvel = state.jpos, state.jvel
@@ -203,8 +248,11 @@ def track(setup: RavenSetup, arm: ArmName, params: NominalParams, state: Nominal
     # Jaws are locked: at their home angles, where their few grams sit about the same axis.
     locked = Vec((*jpos[:LAGRANGE], *limits.HOME_JPOS[LAGRANGE:]))
     turning = Vec((*jvel[:LAGRANGE], 0.0, 0.0))
-    # The controller's G(q) cancels the model's to the last digit: both are left out, whatever gravity is.
-    mass, bias = link_dynamics.mass_matrix_and_bias(setup, arm, locked, turning, Vec.full(3, 0.0), params.mass_scale)
+    # The controller's G(q) cancels the model's to the last digit: both are left out, whatever
+    # gravity is.
+    mass, bias = link_dynamics.mass_matrix_and_bias(
+        setup, arm, locked, turning, Vec.full(3, 0.0), params.mass_scale
+    )
 
     system, right = [], []
     for i in range(LAGRANGE):

@@ -1,8 +1,10 @@
-"""What the nominal model is asked to do: the operator's clean input accumulated into a pose, solved for joints.
+"""What the nominal model is asked to do: the operator's clean input accumulated into a pose, solved
+for joints.
 
-The model hears the operator before any fault does: increments add up as in the robot, its own inverse kinematics runs
-with its own joints as reference, targets are clamped to the software's joint limits and re-anchored where they clamp.
-While the pedal is up the model holds, and the target is where it stands, as the robot's is.
+The model hears the operator before any fault does: increments add up as in the robot, its own
+inverse kinematics runs with its own joints as reference, targets are clamped to the software's
+joint limits and re-anchored where they clamp. While the pedal is up the model holds, and the target
+is where it stands, as the robot's is.
 """
 
 from __future__ import annotations
@@ -23,8 +25,12 @@ UM_PER_M = 1e6
 class TargetParams:
     """Where targets are clamped: the software's joint limits, the same for every arm."""
 
-    lower: Annotated[Vec, limits.position("lower soft limit of the nominal model's target")]  # 5: no jaws
-    upper: Annotated[Vec, limits.position("upper soft limit of the nominal model's target")]  # 5: no jaws
+    lower: Annotated[
+        Vec, limits.position("lower soft limit of the nominal model's target")
+    ]  # 5: no jaws
+    upper: Annotated[
+        Vec, limits.position("upper soft limit of the nominal model's target")
+    ]  # 5: no jaws
 
 
 def params(setup: RavenSetup) -> TargetParams:
@@ -35,9 +41,12 @@ def params(setup: RavenSetup) -> TargetParams:
 
 @record
 class Clean:
-    """The operator's command of this tick for one arm, as the console makes it, before anything can corrupt it."""
+    """The operator's command of this tick for one arm, as the console makes it, before anything
+    can corrupt it.
+    """
 
-    delta_um: Vec  # 3, um, int32: ITP-frame increment, or position in frame 0 where Setup.console is "absolute"
+    # 3, um, int32: ITP-frame increment, or position in frame 0 where Setup.console is "absolute"
+    delta_um: Vec
     quat: Vec  # x, y, z, w: ITP-frame increment, or orientation in frame 0
     grasp_mrad: Scalar  # mrad, int32: increment (positive closes), or opening
     engaged: Scalar  # 1: pedal down, int32 or bool
@@ -63,9 +72,16 @@ def init(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
 
 
 def step(
-    setup: RavenSetup, arm: ArmName, params: TargetParams, state: TargetState, clean: Clean, jpos: Vec
+    setup: RavenSetup,
+    arm: ArmName,
+    params: TargetParams,
+    state: TargetState,
+    clean: Clean,
+    jpos: Vec,
 ) -> TargetState:
-    """One tick: the target after the operator's command, for a model that stands at `jpos` (rad, m)."""
+    """One tick: the target after the operator's command, for a model that stands at `jpos` (rad,
+    m).
+    """
     engaged = clean.engaged != 0
     position_um, quat, grasp_mrad = _moved(setup, arm, state, clean)
     pose = kinematics.Pose(
@@ -89,10 +105,14 @@ def step(
     return where(~engaged | (reachable & clamped), restarted, fresh)
 
 
-def _moved(setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean) -> tuple[Vec, Vec, Scalar]:
+def _moved(
+    setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean
+) -> tuple[Vec, Vec, Scalar]:
     if setup.console == "absolute":
         return clean.delta_um, clean.quat, clean.grasp_mrad
-    gain, lowest_deg = (1, -10.0) if setup.software == "raven2" else (2, -30.0)  # local_io.cpp of either
+    gain, lowest_deg = (
+        (1, -10.0) if setup.software == "raven2" else (2, -30.0)
+    )  # local_io.cpp of either
     lowest, highest = int(math.radians(lowest_deg) * 1000.0), int(math.radians(90.0) * 1000.0)
     position_um = state.position_um + mapping.position_from_itp(arm, clean.delta_um)
     quat = mapping.quat_mul(mapping.quat_from_itp(arm, clean.quat), state.quat)
@@ -103,7 +123,9 @@ def _moved(setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean) ->
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Joints within the limits, and whether any was at or beyond one. Jaws keep the unclamped yaw."""
+    """Joints within the limits, and whether any was at or beyond one. Jaws keep the unclamped
+    yaw.
+    """
     angles, reached = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         reached = reached | (jpos[i] <= low) | (jpos[i] >= high)

@@ -1,7 +1,7 @@
 """Every set of mechanical parameters that a campaign can choose by name, of seven joints each.
 
-The authors' sets give joints 1-3 and share documented values for the tool (`published`); `power_consistent` is a robot
-of its own (`power_consistent`).
+The authors' sets give joints 1-3 and share documented values for the tool (`published`);
+`power_consistent` is a robot of its own (`power_consistent`).
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ def nominal(name: str) -> str:
 
 
 def tells_tension(name: str) -> bool:
-    """Whether the cables of the set of that name carry what statics allow, so that a strength in N can be exceeded.
+    """Whether the cables of the set of that name carry what statics allow, so that a strength in N
+    can be exceeded.
 
     With the authors' law a motor pulls twelve times as hard at its cable as it can.
     """
@@ -87,15 +88,21 @@ def _seven(positioning: tuple[float, ...], tool: float) -> tuple[float, ...]:
 
 
 POWER_CONSISTENT = ParameterSet(
-    torque_per_count=_seven((published.CONTROLLER_TORQUE_PER_COUNT,) * 3, published.TOOL_TORQUE_PER_COUNT),
+    torque_per_count=_seven(
+        (published.CONTROLLER_TORQUE_PER_COUNT,) * 3, published.TOOL_TORQUE_PER_COUNT
+    ),
     gain=(1.0,) * 7,
     bias=power_consistent.BIAS,
     motor_inertia=_seven((power_consistent.MOTOR_INERTIA,) * 3, published.TOOL_MOTOR_INERTIA),
     motor_coulomb=power_consistent.MOTOR_COULOMB,
     motor_viscous=power_consistent.MOTOR_VISCOUS,
     reaction_scale=_seven((GP42,) * 3, published.TOOL_GEARBOX),
-    torque_limit=_seven((power_consistent.RE40_TORQUE_LIMIT,) * 3, power_consistent.RE30_TORQUE_LIMIT),
-    stall_torque=_seven((power_consistent.RE40_STALL_TORQUE,) * 3, power_consistent.RE30_STALL_TORQUE),
+    torque_limit=_seven(
+        (power_consistent.RE40_TORQUE_LIMIT,) * 3, power_consistent.RE30_TORQUE_LIMIT
+    ),
+    stall_torque=_seven(
+        (power_consistent.RE40_STALL_TORQUE,) * 3, power_consistent.RE30_STALL_TORQUE
+    ),
     back_emf=_seven((power_consistent.RE40_BACK_EMF,) * 3, power_consistent.RE30_BACK_EMF),
     stiffness=_seven(published.parameter_set("traj3").stiffness, published.TOOL_CABLE_STIFFNESS),
     damping=_seven(published.parameter_set("traj3").damping, published.TOOL_CABLE_DAMPING),

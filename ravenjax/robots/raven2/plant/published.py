@@ -1,14 +1,17 @@
-"""Motor, cable and friction values: the authors' published sets for joints 1-3, documented values for joints 4-7.
+"""Motor, cable and friction values: the authors' published sets for joints 1-3, documented values
+for joints 4-7.
 
-Joints 1-3: CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp and Li_DYN/Matlab (main.m, main.cpp, global_vars.m). Each set
-is a multiple of one base. Inputs are stored in *drive form*: motor torque in the positive motor direction is `gain *
-(torque per count) * (command, positive for positive torque) + bias`; the authors write the negative of it for the
-gold arm, whose positive counts drive the motor backwards.
+Joints 1-3: CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp and Li_DYN/Matlab (main.m, main.cpp,
+global_vars.m). Each set is a multiple of one base. Inputs are stored in *drive form*: motor torque
+in the positive motor direction is `gain * (torque per count) * (command, positive for positive
+torque) + bias`; the authors write the negative of it for the gold arm, whose positive counts drive
+the motor backwards.
 
-Units follow the authors' motor equation, in which torques are those after the gearbox while the inertia and the
-velocity are the motor shaft's: `Im mdd = drive - tau_c sgn(md) - tau_v md - reaction`. Statics would have the cable's
-reaction 12.25 times larger, so a stalled motor pulls that much harder here than a real one, and the link's weight is
-felt that much less: `bias` stands in for it.
+Units follow the authors' motor equation, in which torques are those after the gearbox while the
+inertia and the velocity are the motor shaft's: `Im mdd = drive - tau_c sgn(md) - tau_v md -
+reaction`. Statics would have the cable's reaction 12.25 times larger, so a stalled motor pulls that
+much harder here than a real one, and the link's weight is felt that much less: `bias` stands in for
+it.
 """
 
 from __future__ import annotations
@@ -20,8 +23,12 @@ from ravenjax.errors import UserError, suggestion
 Three = tuple[float, float, float]
 
 AMPLIFIER_VOLTS_PER_COUNT = 0.0003051804379  # Li_DYN/Matlab/main.m
-TORQUE_PER_COUNT = AMPLIFIER_VOLTS_PER_COUNT * 1.1442 * 0.0640 * 12.25  # N m after gearbox per count, main.m
-OLD_TORQUE_PER_COUNT = 2.579399807733391e-4  # N m per count, main.cpp: the same with the datasheet's 0.0603 N m/A
+TORQUE_PER_COUNT = (
+    AMPLIFIER_VOLTS_PER_COUNT * 1.1442 * 0.0640 * 12.25
+)  # N m after gearbox per count, main.m
+OLD_TORQUE_PER_COUNT = (
+    2.579399807733391e-4  # N m per count, main.cpp: the same with the datasheet's 0.0603 N m/A
+)
 CONTROLLER_TORQUE_PER_COUNT = 0.0603 * 12.25 / 2730.0  # raven2: motor.h, defines.h
 
 MOTOR_INERTIA = 2.847e-4  # kg m2 in the authors' mixed units
@@ -52,7 +59,8 @@ def _times(base: Three, factor: Three) -> Three:
     return (base[0] * factor[0], base[1] * factor[1], base[2] * factor[2])
 
 
-# Active input, two_arm_dyn.cpp: u = (k DAC + b) g with b = (-1.153*.0416138, -.9*.0697023, +.4*.0391082); drive = -u.
+# Active input, two_arm_dyn.cpp: u = (k DAC + b) g with b = (-1.153*.0416138, -.9*.0697023,
+# +.4*.0391082); drive = -u.
 _ACTIVE_GAIN: Three = (0.9, 1.0, 0.9)
 _ACTIVE_BIAS: Three = (0.9 * 1.153 * 0.0416138, 0.9 * 0.0697023, -0.9 * 0.4 * 0.0391082)
 
@@ -83,8 +91,16 @@ def _set(
 
 # Sets A to E state no input of their own: they get the active one.
 SETS: dict[str, PublishedSet] = {
-    "traj3": _set((0.5, 1.75, 1.0), (13.0, 13.5, 4.0), link_viscous=(1.0, 0.5, 1.0), stiffness=(1.0, 2.0, 1.0)),
-    "A": _set((0.9, 1.2, 2.0), (2.0, 12.0, 2.0), (1.0, 1.0, 10.0), (1.0, 1.0, 10.0), damping=(1.0, 1.2, 1.0)),
+    "traj3": _set(
+        (0.5, 1.75, 1.0), (13.0, 13.5, 4.0), link_viscous=(1.0, 0.5, 1.0), stiffness=(1.0, 2.0, 1.0)
+    ),
+    "A": _set(
+        (0.9, 1.2, 2.0),
+        (2.0, 12.0, 2.0),
+        (1.0, 1.0, 10.0),
+        (1.0, 1.0, 10.0),
+        damping=(1.0, 1.2, 1.0),
+    ),
     "B": _set((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),
     "C": _set((0.75, 2.0, 0.8), (1.0, 15.0, 5.0), (1.0, 1.0, 0.2), (1.0, 0.5, 0.1)),
     "D": _set((0.45, 1.75, 1.0), (14.0, 14.5, 5.3), link_viscous=(1.0, 0.5, 1.0)),
@@ -114,33 +130,50 @@ SETS: dict[str, PublishedSet] = {
 
 
 def parameter_set(name: str, others: tuple[str, ...] = ()) -> PublishedSet:
-    """The published set of that name, or a UserError that lists the names, those of `others` too."""
+    """The published set of that name, or a UserError that lists the names, those of `others`
+    too.
+    """
     if name not in SETS:
         names = (*others, *SETS)
-        raise UserError(f"unknown parameter set {name!r}: expected one of {', '.join(names)}{suggestion(name, names)}")
+        raise UserError(
+            f"unknown parameter set {name!r}: expected one of"
+            f" {', '.join(names)}{suggestion(name, names)}"
+        )
     return SETS[name]
 
 
 # --- Joints 4-7: roll, wrist, grasp1, grasp2
-# -------------------------------------------------------------------------- The same equation in the same units.
-# Multiplying the shaft equation of an RE30 by its gearbox ratio N makes torques those after the gearbox, the inertia
+# -------------------------------------------------------------------------- The same equation in
+# the same units.
+# Multiplying the shaft equation of an RE30 by its gearbox ratio N makes torques those after the
+# gearbox, the inertia
 # N J and the cable's reaction N times the shaft's: the authors' form with reaction scale N.
 
 TOOL_GEARBOX = 26.0 / 7.0  # GP32, raven2: defines.h
 TOOL_ROTOR_INERTIA = 33.5e-7  # kg m2, maxon RE 30, 60 W (catalogue, torque constant 53.8 mN m/A)
-TOOL_GEAR_INERTIA = 0.8e-7  # kg m2 at the shaft, maxon GP 32, one stage (catalogue class 0.7 to 1.5 g cm2)
-TOOL_MOTOR_INERTIA = TOOL_GEARBOX * (TOOL_ROTOR_INERTIA + TOOL_GEAR_INERTIA)  # kg m2 in the equation's units
-TOOL_TORQUE_PER_COUNT = 0.0538 * TOOL_GEARBOX / 5461.0  # N m after gearbox per count, raven2: motor.h, defines.h
+TOOL_GEAR_INERTIA = (
+    0.8e-7  # kg m2 at the shaft, maxon GP 32, one stage (catalogue class 0.7 to 1.5 g cm2)
+)
+TOOL_MOTOR_INERTIA = TOOL_GEARBOX * (
+    TOOL_ROTOR_INERTIA + TOOL_GEAR_INERTIA
+)  # kg m2 in the equation's units
+TOOL_TORQUE_PER_COUNT = (
+    0.0538 * TOOL_GEARBOX / 5461.0
+)  # N m after gearbox per count, raven2: motor.h, defines.h
 
-# About a third of the RE30's no-load loss (78 mA x 53.8 mN m/A x 3.714 = 16 mN m after the gearbox) is dry.
+# About a third of the RE30's no-load loss (78 mA x 53.8 mN m/A x 3.714 = 16 mN m after the gearbox)
+# is dry.
 TOOL_MOTOR_COULOMB = 0.006  # N m
-# The published wrist and jaw gains have KD = 0, which a tool tolerates only because its drive damps itself: the value
+# The published wrist and jaw gains have KD = 0, which a tool tolerates only because its drive damps
+# itself: the value
 # that gives KP = 0.05 N m/rad on this inertia a damping ratio of 0.3.
 TOOL_MOTOR_VISCOUS = 2.0 * 0.3 * (0.05 * TOOL_MOTOR_INERTIA) ** 0.5  # N m s/rad
-# Wire rope of 0.61 mm: metal area 0.16 mm2, about 100 GPa, 1.5 m from capstan to wrist: E A / L a side.
+# Wire rope of 0.61 mm: metal area 0.16 mm2, about 100 GPa, 1.5 m from capstan to wrist: E A / L a
+# side.
 TOOL_CABLE_STIFFNESS = 100e9 * 0.16e-6 / 1.5  # N/m
 # Loss time of the authors' shoulder cable, be/ke = 5.6 ms.
 TOOL_CABLE_DAMPING = TOOL_CABLE_STIFFNESS * 4000.0 / 720e3  # N s/m
-# Pulleys and sheath of an instrument; assumption: a few mN m, well below the 70 mN m at which homing sees a hard stop.
+# Pulleys and sheath of an instrument; assumption: a few mN m, well below the 70 mN m at which
+# homing sees a hard stop.
 TOOL_LINK_COULOMB = 0.004  # N m
 TOOL_LINK_VISCOUS = 1e-4  # N m s/rad

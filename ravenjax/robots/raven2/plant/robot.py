@@ -1,18 +1,20 @@
 """The virtual robot: one arm's seven motors, cables, links and encoders, one millisecond a tick.
 
-Per substep, linearly implicit and without iteration: link inertia and bias forces once, at the start; cable stiffness
-and damping, viscous and dry friction at the end. Motors are eliminated one by one, which leaves one symmetric system
-in the joint accelerations:
+Per substep, linearly implicit and without iteration: link inertia and bias forces once, at the
+start; cable stiffness and damping, viscous and dry friction at the end. Motors are eliminated one
+by one, which leaves one symmetric system in the joint accelerations:
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
-Where the instrument touches something (`contact`), that force and its loss with speed are part of both sides.
+Where the instrument touches something (`contact`), that force and its loss with speed are part of
+both sides.
 
-It is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's grams need no small step.
+It is unconditionally stable: the authors' insertion cable (-1943 /s) and the instrument's grams
+need no small step.
 
-State is offsets from where the run began: motor angles as whole encoder counts and a fraction, cable stretch by
-itself, and the links follow from both. No small difference of large numbers is ever formed, so float32 loses nothing
-that an encoder sees.
+State is offsets from where the run began: motor angles as whole encoder counts and a fraction,
+cable stretch by itself, and the links follow from both. No small difference of large numbers is
+ever formed, so float32 loses nothing that an encoder sees.
 """
 
 from __future__ import annotations
@@ -60,7 +62,9 @@ def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
     return PlantSignal(current_cmd, brakes, one, one, one, Vec.full(N, 0.0))
 
 
-def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT) -> PlantParams:
+def params(
+    setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
+) -> PlantParams:
     """Documented values; `parameter_set` names one of `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_set)
     return PlantParams(
@@ -88,8 +92,11 @@ def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.
         cable_stiffness_scale=1.0,
         motor_constant_scale=1.0,
         mass_scale=1.0,
-        gravity=Vec((-9.81, 0.0, 0.0)),  # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
-        # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one count of the DAC.
+        gravity=Vec(
+            (-9.81, 0.0, 0.0)
+        ),  # m/s2; magnitude of Li_DYN, direction of both Li_DYN and grav_comp.cpp
+        # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one
+        # count of the DAC.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
         torque_noise=published.CONTROLLER_TORQUE_PER_COUNT if setup.noise else 0.0,
         noise_key=np.uint32(0),
@@ -97,25 +104,33 @@ def params(setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.
 
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
-    """At rest, brakes on, each cable stretched by its share of gravity. The software takes the links to be at `jpos0`
-    (rad, m), where they are but for their errors."""
+    """At rest, brakes on, each cable stretched by its share of gravity. The software takes the
+    links to be at `jpos0` (rad, m), where they are but for their errors."""
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype = setup.precision.real
     jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
     links = kinematic_errors.true_joints(errors, jpos0)
     at_rest = Vec.full(N, 0.0)
-    _, weight = link_dynamics.mass_matrix_and_bias(setup, arm, links, at_rest, params.gravity, params.mass_scale)
+    _, weight = link_dynamics.mass_matrix_and_bias(
+        setup, arm, links, at_rest, params.gravity, params.mass_scale
+    )
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(N))
     carried = geometry.carried(weight)
     stretch = Vec(
-        cables.resting_stretch(cables.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i])
+        cables.resting_stretch(
+            cables.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i]
+        )
         for i in range(N)
     )
-    motors = tuple(encoders.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch)
+    motors = tuple(
+        encoders.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch
+    )
     fractions = Vec(motor.fraction * encoders.RAD_PER_COUNT for motor in motors)
     zero = jnp.int32(0)
     return PlantState(
-        motors=tuple(encoders.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors),
+        motors=tuple(
+            encoders.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors
+        ),
         stretch=cast(stretch, dtype),
         mvel=still,
         jvel=still,
@@ -136,14 +151,17 @@ def step(
     signal: PlantSignal,
     touched: contact.ContactParams | None = None,
 ) -> tuple[PlantState, PlantOutput]:
-    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick reads `PlantOutput`.
+    """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick
+    reads `PlantOutput`.
 
     touched: of what the instrument touches; None: nothing is there.
     """
     begun = _begin(setup, arm, params, state, signal)
     for _ in range(setup.substeps):
         step_s = TICK_S / setup.substeps
-        ready = _prepared(setup, arm, params, begun.state, signal, begun.drive, begun.holding, step_s, touched)
+        ready = _prepared(
+            setup, arm, params, begun.state, signal, begun.drive, begun.holding, step_s, touched
+        )
         gained = solve_spd(ready.system, ready.right)
         touch = None if ready.tips is None else contact.felt(ready.tips, gained)
         begun.take(*_moved(params, begun.state, ready, gained, step_s), touch)
@@ -160,7 +178,10 @@ def step_all(
     """`step` of every arm."""
     if touched is not None and len(setup.arms) == 2:
         return step_together(setup, params, states, signals, touched)
-    return tuple(step(setup, arm, params[i], states[i], signals[i], touched) for i, arm in enumerate(setup.arms))
+    return tuple(
+        step(setup, arm, params[i], states[i], signals[i], touched)
+        for i, arm in enumerate(setup.arms)
+    )
 
 
 def step_together(
@@ -172,13 +193,17 @@ def step_together(
 ) -> tuple[tuple[PlantState, PlantOutput], ...]:
     """`step` of two arms whose instruments touch tissue and each other.
 
-    The force between the two is solved with both arms' equations: it is the same on both, whatever each gives way.
+    The force between the two is solved with both arms' equations: it is the same on both, whatever
+    each gives way.
     """
     arms = setup.arms
     one, other = begun = [_begin(setup, arms[i], params[i], states[i], signals[i]) for i in (0, 1)]
     step_s = TICK_S / setup.substeps
     for _ in range(setup.substeps):
-        jpos = [_jpos(_coupling(setup, arms[i], params[i]), begun[i].state, setup.precision.real) for i in (0, 1)]
+        jpos = [
+            _jpos(_coupling(setup, arms[i], params[i]), begun[i].state, setup.precision.real)
+            for i in (0, 1)
+        ]
         ends = (one.state.jvel, other.state.jvel)
         pair = contact.meeting((arms[0], arms[1]), touched, (jpos[0], jpos[1]), ends, step_s)
         ready = [
@@ -212,7 +237,9 @@ def step_together(
 class _Begun:
     """A tick under way."""
 
-    def __init__(self, state: PlantState, drive: Vec, holding: Scalar, brake_state: brakes.BrakeState) -> None:
+    def __init__(
+        self, state: PlantState, drive: Vec, holding: Scalar, brake_state: brakes.BrakeState
+    ) -> None:
         self.state, self.drive, self.holding, self.brakes = state, drive, holding, brake_state
         self.carried: list[Vec] = []
         self.touches: list[contact.Touch | None] = []
@@ -224,7 +251,9 @@ class _Begun:
         self.touches.append(touch)
 
 
-def _begin(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal) -> _Begun:
+def _begin(
+    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
+) -> _Begun:
     brake_state, holding = brakes.step(setup, params.brakes, state.brakes, signal.brakes)
     brake_state = cast(brake_state, "int32")
     return _Begun(state, _drive(setup, arm, params, state, signal), holding, brake_state)
@@ -261,20 +290,35 @@ def _mean(touches: Sequence[contact.Touch | None]) -> contact.Touch | None:
 
 
 def observe(
-    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, cable_scale: Vec | None = None
+    setup: RavenSetup,
+    arm: ArmName,
+    params: PlantParams,
+    state: PlantState,
+    cable_scale: Vec | None = None,
 ) -> PlantOutput:
-    """What can be seen of a state: encoders, and the truth. cable_scale: as in `PlantSignal`; None: whole cables."""
+    """What can be seen of a state: encoders, and the truth. cable_scale: as in `PlantSignal`;
+    None: whole cables.
+    """
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
-        cables.tension(_stiffness(params, i, scale[i]), 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0) for i in range(N)
+        cables.tension(
+            _stiffness(params, i, scale[i]), 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0
+        )
+        for i in range(N)
     )
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
     turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
-    counts = [motor.count + reference for motor, reference in zip(state.motors, state.count_ref, strict=True)]
+    counts = [
+        motor.count + reference
+        for motor, reference in zip(state.motors, state.count_ref, strict=True)
+    ]
     if setup.noise:
         counts = [
-            count + encoders.noise_counts(params.encoder_noise, params.noise_key, state.tick, _channel(arm, i))
+            count
+            + encoders.noise_counts(
+                params.encoder_noise, params.noise_key, state.tick, _channel(arm, i)
+            )
             for i, count in enumerate(counts)
         ]
     return PlantOutput(
@@ -299,7 +343,9 @@ def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
 
 
 class _Prepared(NamedTuple):
-    """One arm's equations of a substep: `system` gained = `right`, and what goes on from what the joints gain."""
+    """One arm's equations of a substep: `system` gained = `right`, and what goes on from what
+    the joints gain.
+    """
 
     system: tuple[Vec, ...]  # 7 of 7, lower triangle
     right: Vec  # 7, N m, N
@@ -322,11 +368,15 @@ def _prepared(
     touched: contact.ContactParams | None,
     pushed: Vec | None = None,
 ) -> _Prepared:
-    """The equations of the coming `dt` (s). pushed: what the other instrument puts on the joints, N m, N."""
+    """The equations of the coming `dt` (s). pushed: what the other instrument puts on the
+    joints, N m, N.
+    """
     geometry = _coupling(setup, arm, params)
     motor = params.actuators
     jpos, jvel = _jpos(geometry, state, setup.precision.real), state.jvel
-    mass, bias = link_dynamics.mass_matrix_and_bias(setup, arm, jpos, jvel, params.gravity, params.mass_scale)
+    mass, bias = link_dynamics.mass_matrix_and_bias(
+        setup, arm, jpos, jvel, params.gravity, params.mass_scale
+    )
     friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
     link_speed = geometry.motors(jvel)
     scale = _whole(state, signal.cable_scale)
@@ -374,16 +424,26 @@ def _prepared(
         viscous = params.link_viscous[i] * friction[i]
         stop = stops.contact(params.stops, i, jpos[i], jvel[i], dt)
         system[i][i] = system[i][i] + (viscous + stop.damping)
-        force = add(sub(loads[i], bias[i]), signal.external_torque[i]) - viscous * jvel[i] + stop.force
-        stick = coulomb_damping(params.link_coulomb[i] * friction[i], system[i][i] * jvel[i] + force, system[i][i])
+        force = (
+            add(sub(loads[i], bias[i]), signal.external_torque[i]) - viscous * jvel[i] + stop.force
+        )
+        stick = coulomb_damping(
+            params.link_coulomb[i] * friction[i], system[i][i] * jvel[i] + force, system[i][i]
+        )
         system[i][i] = system[i][i] + stick
         right.append(force - stick * jvel[i])
 
-    return _Prepared(tuple(Vec(row) for row in system), Vec(right), geometry, link_speed, springs, solved, tips)
+    return _Prepared(
+        tuple(Vec(row) for row in system), Vec(right), geometry, link_speed, springs, solved, tips
+    )
 
 
-def _moved(params: PlantParams, state: PlantState, ready: _Prepared, gained: Vec, dt: float) -> tuple[PlantState, Vec]:
-    """The state after `dt` (s), and what each cable carried in it, N. gained: speed of the joints, rad/s and m/s."""
+def _moved(
+    params: PlantParams, state: PlantState, ready: _Prepared, gained: Vec, dt: float
+) -> tuple[PlantState, Vec]:
+    """The state after `dt` (s), and what each cable carried in it, N. gained: speed of the
+    joints, rad/s and m/s.
+    """
     pulled = ready.geometry.motors(gained)
     mvel, stretch, motors, carried = [], [], [], []
     for i, item in enumerate(ready.solved):
@@ -412,7 +472,9 @@ def _parted(params: PlantParams, intact: Vec | None, carried: Sequence[Scalar]) 
     """Which cables are whole after they carried that, N; None where none can part."""
     if intact is None:
         return None
-    overloaded = Vec(carried).map(lambda force, strength: jnp.abs(force) > strength, params.cable_strength)
+    overloaded = Vec(carried).map(
+        lambda force, strength: jnp.abs(force) > strength, params.cable_strength
+    )
     return intact.map(lambda whole, over: jnp.where(over, 0.0, whole), overloaded)
 
 
@@ -426,8 +488,12 @@ def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
     return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
-def _drive(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal) -> Vec:
-    """Motor torques (N m after gearbox, positive motor direction) of the DAC command, constant over the tick."""
+def _drive(
+    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
+) -> Vec:
+    """Motor torques (N m after gearbox, positive motor direction) of the DAC command, constant
+    over the tick.
+    """
     motor = params.actuators
     signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
     drive = []
@@ -440,7 +506,9 @@ def _drive(setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantSta
         )
         if setup.noise:
             channel = _channel(arm, TORQUE_CHANNEL + i)
-            torque = torque + params.torque_noise * counter_random.normal(params.noise_key, state.tick, channel)
+            torque = torque + params.torque_noise * counter_random.normal(
+                params.noise_key, state.tick, channel
+            )
         drive.append(torque)
     return Vec(drive)
 

@@ -1,9 +1,10 @@
 """Hard stops of the joints: one-sided stiff springs, implicit like the cables.
 
-Positions are those the control software homes against (raven2: defines.h, homing.cpp, tools.cpp): shoulder 0 deg,
-elbow 137.5 deg, insertion 0.562 m, the tool's own angles. The other ends of the first three joints are not published:
-the soft limit plus the margin that the published end of elbow and insertion has. Stiffness is an assumption: metal on
-rubber, stiffer than the cable that presses the joint against it.
+Positions are those the control software homes against (raven2: defines.h, homing.cpp, tools.cpp):
+shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, the tool's own angles. The other ends of the
+first three joints are not published: the soft limit plus the margin that the published end of elbow
+and insertion has. Stiffness is an assumption: metal on rubber, stiffer than the cable that presses
+the joint against it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,13 @@ class StopParams:
     upper: Annotated[Vec, limits.position("upper hard stop of the joint")]
     stiffness: Annotated[
         Vec,
-        Quantity("N m/rad; insertion N/m", 0, 1e8, "stiffness of the hard stop; 0: no stop", why="a stop pushes back"),
+        Quantity(
+            "N m/rad; insertion N/m",
+            0,
+            1e8,
+            "stiffness of the hard stop; 0: no stop",
+            why="a stop pushes back",
+        ),
     ]
 
 
@@ -45,7 +52,9 @@ def params(tool: str) -> StopParams:
     low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
     return StopParams(
         lower=Vec((low[0], low[1] - _MARGIN[1], low[2] - _MARGIN[2], *instrument.hard_min)),
-        upper=Vec((high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *instrument.hard_max)),
+        upper=Vec(
+            (high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *instrument.hard_max)
+        ),
         stiffness=Vec((1e5, 1e5, 1e6, 20.0, 20.0, 20.0, 20.0)),
     )
 

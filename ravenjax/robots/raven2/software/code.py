@@ -1,4 +1,6 @@
-"""The control software as a transition: traced and made ready once a setup, shared by all who run it."""
+"""The control software as a transition: traced and made ready once a setup, shared by all who
+run it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,12 @@ import numpy as np
 
 from ravenjax.engines.cpu.jit import Objects
 from ravenjax.engines.cpu.record_kind import RecordKind
-from ravenjax.engines.cpu.transition import Compiled, Interpreted, StateTransition, TransitionMachine
+from ravenjax.engines.cpu.transition import (
+    Compiled,
+    Interpreted,
+    StateTransition,
+    TransitionMachine,
+)
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import silence
@@ -25,8 +32,8 @@ ARITHMETICS = ("compiled", "interpreted")
 
 @dataclasses.dataclass(frozen=True)
 class SoftwareCode:
-    """The software of one setup, ready to run: transition "cycle" is one millisecond, "receive" takes one packet that
-    arrives before the last of a cycle."""
+    """The software of one setup, ready to run: transition "cycle" is one millisecond, "receive"
+    takes one packet that arrives before the last of a cycle."""
 
     machine: TransitionMachine
     transitions: dict[str, StateTransition]  # what it is made of
@@ -67,12 +74,16 @@ def code(setup: RavenSetup, params: RecordKind, state: RecordKind, arithmetic: s
 def example_inputs(setup: RavenSetup) -> control.Inputs:
     """Inputs of the right types."""
     flags = (np.int32(1),) * len(setup.arms)
-    return control.Inputs(silence(setup), UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in flags), flags), flags)
+    return control.Inputs(
+        silence(setup), UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in flags), flags), flags
+    )
 
 
 def objects() -> Objects | None:
     """Where compiled code outlives the process."""
-    from ravenjax.campaign import compile_cache  # no campaign, but the folder where any compiled code is kept
+    from ravenjax.campaign import (
+        compile_cache,
+    )  # no campaign, but the folder where any compiled code is kept
 
     return compile_cache.objects()
 

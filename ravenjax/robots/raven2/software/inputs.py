@@ -1,4 +1,5 @@
-"""What a caller hands to `ControlSoftware`, checked: each error names the argument, what was got and what is expected.
+"""What a caller hands to `ControlSoftware`, checked: each error names the argument, what was got
+and what is expected.
 
 Numbers come back as Python numbers; the printed code gives them their types.
 """
@@ -28,7 +29,10 @@ def known(what: str, word: Any, words: Iterable[str]) -> Any:
     """The word, if it is one of `words`."""
     words = list(words)
     if not isinstance(word, str) or word not in words:
-        raise UserError(f"{what} is {shown(word)}, expected one of {', '.join(words)}{suggestion(str(word), words)}")
+        raise UserError(
+            f"{what} is {shown(word)}, expected one of"
+            f" {', '.join(words)}{suggestion(str(word), words)}"
+        )
     return word
 
 
@@ -46,7 +50,9 @@ def arm_names(given: Any) -> tuple[Any, ...]:
 def tool_names(given: Any, arms: Sequence[str]) -> tuple[str, ...]:
     """One tool per arm."""
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-        raise UserError(f"tools is {shown(given)}, expected a list with one tool per arm {list(arms)}")
+        raise UserError(
+            f"tools is {shown(given)}, expected a list with one tool per arm {list(arms)}"
+        )
     tools = tuple(given)
     if len(tools) != len(arms):
         raise UserError(f"tools has {len(tools)} entries, expected one tool per arm {list(arms)}")
@@ -65,17 +71,22 @@ def counts(what: str, given: Any, arms: int, repeated: bool = False) -> list[lis
         if repeated and array.shape in ((), (7,)):
             array = np.broadcast_to(array, (arms, 7))
     except ValueError:  # rows of different lengths
-        raise UserError(f"{what} is {shown(given)}, expected one row of 7 counts per arm ({arms}) {order}") from None
+        raise UserError(
+            f"{what} is {shown(given)}, expected one row of 7 counts per arm ({arms}) {order}"
+        ) from None
     if array.shape != (arms, 7) or array.dtype.kind not in "iu":
         raise UserError(
-            f"{what} has shape {array.shape} of {array.dtype}, expected integers [arms, 7] = [{arms}, 7]; give one "
-            f"row of counts per arm {order}"
+            f"{what} has shape {array.shape} of {array.dtype}, expected integers [arms, 7] ="
+            f" [{arms}, 7]; give one row of counts per arm {order}"
         )
     rows: list[list[int]] = array.tolist()
     for arm, row in enumerate(rows):
         if max(row) > INT32[1] or min(row) < INT32[0]:
             joint = next(i for i, count in enumerate(row) if not INT32[0] <= count <= INT32[1])
-            raise UserError(f"{what}[{arm}][{joint}] ({JOINTS[joint]}) is {row[joint]}, expected a number of 32 bits")
+            raise UserError(
+                f"{what}[{arm}][{joint}] ({JOINTS[joint]}) is {row[joint]}, expected a number of 32"
+                " bits"
+            )
     return rows
 
 
@@ -105,7 +116,9 @@ def each(what: str, entries: Any, arms: int) -> tuple[Any, ...]:
         entries = entries.tolist()
     values = tuple(entries) if isinstance(entries, list | tuple) else (entries,) * arms
     if len(values) != arms:
-        raise UserError(f"{what} has {len(values)} entries, expected one number or one per arm ({arms})")
+        raise UserError(
+            f"{what} has {len(values)} entries, expected one number or one per arm ({arms})"
+        )
     return values
 
 
@@ -122,7 +135,10 @@ def flags(what: str, given: Any, arms: int) -> list[int]:
 def packet(setup: RavenSetup, given: Packet) -> Packet:
     """A packet's numbers; quaternions may hold any number, NaN among them, as a datagram may."""
     arms = len(setup.arms)
-    deltas, quats = (_rows(f"packet.{name}", getattr(given, name), arms, n) for name, n in (("delta", 3), ("quat", 4)))
+    deltas, quats = (
+        _rows(f"packet.{name}", getattr(given, name), arms, n)
+        for name, n in (("delta", 3), ("quat", 4))
+    )
     openings = _row("packet.grasp", given.grasp, arms, "numbers, one an arm")
     return Packet(
         received=flag("packet.received", given.received),
@@ -142,7 +158,9 @@ def _rows(what: str, given: Any, arms: int, length: int) -> list[Any]:
 
 def _row(what: str, given: Any, length: int, entries: str) -> Any:
     if not isinstance(given, list | tuple | np.ndarray) or len(given) != length:
-        got = f"has {len(given)} entries" if isinstance(given, list | tuple) else f"is {shown(given)}"
+        got = (
+            f"has {len(given)} entries" if isinstance(given, list | tuple) else f"is {shown(given)}"
+        )
         raise UserError(f"{what} {got}, expected a list of {length} {entries}")
     return given
 
@@ -162,11 +180,13 @@ def joints(what: str, given: Any, arms: int) -> list[list[float]]:
     try:
         array = np.asarray(given)
     except ValueError:  # rows of different lengths
-        raise UserError(f"{what} is {shown(given)}, expected one row of 7 joints per arm ({arms}) {order}") from None
+        raise UserError(
+            f"{what} is {shown(given)}, expected one row of 7 joints per arm ({arms}) {order}"
+        ) from None
     if array.shape != (arms, 7) or array.dtype.kind not in "iuf":
         raise UserError(
-            f"{what} has shape {array.shape} of {array.dtype}, expected numbers [arms, 7] = [{arms}, 7]; give one row "
-            f"of joints per arm {order}"
+            f"{what} has shape {array.shape} of {array.dtype}, expected numbers [arms, 7] ="
+            f" [{arms}, 7]; give one row of joints per arm {order}"
         )
     rows: list[list[float]] = array.astype(np.float64).tolist()
     angle, travel = limits.position("position of the joint")
@@ -175,7 +195,8 @@ def joints(what: str, given: Any, arms: int) -> list[list[float]]:
             quantity, hint = (travel, "millimetres") if joint in LINEAR else (angle, "degrees")
             if not quantity.low <= value <= quantity.high:
                 raise UserError(
-                    f"{what}[{arm}] ({joint}) is {value}, expected {quantity.low:g}..{quantity.high:g} {quantity.unit}"
-                    f"; give {'m' if joint in LINEAR else 'rad'}, not {hint}"
+                    f"{what}[{arm}] ({joint}) is {value}, expected"
+                    f" {quantity.low:g}..{quantity.high:g} {quantity.unit}; give"
+                    f" {'m' if joint in LINEAR else 'rad'}, not {hint}"
                 )
     return rows

@@ -41,8 +41,12 @@ class Outputs:
 
     @functools.cached_property
     def signals(self) -> control.ControlSignals:
-        """Everything that crossed the seams of the control software, each number an array [cycles]."""
-        return jax.tree.unflatten(self._kind.tree, [self._column(k) for k in range(len(self._kind.types))])
+        """Everything that crossed the seams of the control software, each number an array
+        [cycles].
+        """
+        return jax.tree.unflatten(
+            self._kind.tree, [self._column(k) for k in range(len(self._kind.types))]
+        )
 
     def _column(self, k: int) -> np.ndarray:
         return column(self._kind, self._rows, k)

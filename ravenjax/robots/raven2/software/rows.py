@@ -1,4 +1,5 @@
-"""What enters the control software in one cycle, as a row of bytes that compiled code reads where it stands.
+"""What enters the control software in one cycle, as a row of bytes that compiled code reads where
+it stands.
 
 A datagram lies in it as it came over the wire: nobody unpacks it.
 """
@@ -23,9 +24,13 @@ _MOVES, _TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
 
 
 def row_type(setup: RavenSetup) -> np.dtype:
-    """One row; quaternions in the width that they are evaluated in, which is a datagram's own in the original."""
+    """One row; quaternions in the width that they are evaluated in, which is a datagram's own in
+    the original.
+    """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
-    fields: list[Any] = [(name, wide if name in _TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr]
+    fields: list[Any] = [
+        (name, wide if name in _TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
+    ]
     row: list[Any] = [
         ("size", "<i4"),  # before the packet: aligns the quaternions
         ("packet", fields),
@@ -43,7 +48,8 @@ def row_layout(setup: RavenSetup, inputs: Inputs) -> RowLayout:
     row = row_type(setup)
     places = _offsets(row)
     wire = {
-        name: (places["packet"] + offset, row["packet"][name].base) for name, offset in _offsets(row["packet"]).items()
+        name: (places["packet"] + offset, row["packet"][name].base)
+        for name, offset in _offsets(row["packet"]).items()
     }
     slots = [ARMS.index(arm) for arm in setup.arms]
 
@@ -65,7 +71,9 @@ def row_layout(setup: RavenSetup, inputs: Inputs) -> RowLayout:
             grasp=tuple(of_packet("grasp", slot) for slot in slots),
             surgeon_mode=of_packet("surgeon_mode"),
         ),
-        UsbIn(tuple(numbers("enc_val", 7 * i, 7) for i in arms), tuple(numbers("pins", 0, len(slots)))),
+        UsbIn(
+            tuple(numbers("enc_val", 7 * i, 7) for i in arms), tuple(numbers("pins", 0, len(slots)))
+        ),
         tuple(numbers("read_ok", 0, len(slots))),
     )
     types = tuple(str(leaf.dtype) for leaf in jax.tree.leaves(inputs))
@@ -106,7 +114,9 @@ class InputRows:
         self._came(cycle, 0, self._still_bytes)
 
     def datagram(self, data: bytes | bytearray | memoryview, cycle: int = 0) -> None:
-        """A packet of increments in a datagram of any length; what a short one lacks reads 0, and it is dropped."""
+        """A packet of increments in a datagram of any length; what a short one lacks reads 0,
+        and it is dropped.
+        """
         size = len(data)
         if size != _WIRE:
             data = bytes(data[:_WIRE]).ljust(_WIRE, b"\0")

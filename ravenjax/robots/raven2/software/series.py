@@ -1,4 +1,6 @@
-"""What a caller hands to `ControlSoftware.run`, checked: whole arrays at once, with the errors of `inputs`."""
+"""What a caller hands to `ControlSoftware.run`, checked: whole arrays at once, with the errors
+of `inputs`.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,9 @@ def counts(what: str, given: Any, arms: int) -> np.ndarray:
     array = _array(what, given, f"expected integers [cycles, arms, 7] = [.., {arms}, 7]")
     if array.ndim != 3 or array.shape[1:] != (arms, 7) or array.dtype.kind not in "iu":
         raise UserError(
-            f"{what} has shape {array.shape} of {array.dtype}, expected integers [cycles, arms, 7] = [.., {arms}, 7]; "
-            f"give one row of counts per cycle and arm in the order {', '.join(JOINTS)}"
+            f"{what} has shape {array.shape} of {array.dtype}, expected integers [cycles, arms, 7]"
+            f" = [.., {arms}, 7]; give one row of counts per cycle and arm in the order"
+            f" {', '.join(JOINTS)}"
         )
     return _within(what, array, *INT32)
 
@@ -41,9 +44,12 @@ def packets(given: Any, cycles: int) -> Sequence[Any]:
     if given is None:
         return (None,) * cycles
     if not isinstance(given, list | tuple) or len(given) != cycles:
-        got = f"has {len(given)} entries" if isinstance(given, list | tuple) else f"is {shown(given)}"
+        got = (
+            f"has {len(given)} entries" if isinstance(given, list | tuple) else f"is {shown(given)}"
+        )
         raise UserError(
-            f"packets {got}, expected a list with one entry a cycle ({cycles}): a datagram, a Packet, a list or None"
+            f"packets {got}, expected a list with one entry a cycle ({cycles}): a datagram, a"
+            " Packet, a list or None"
         )
     return given
 

@@ -1,9 +1,11 @@
-"""Where the control software starts: a state that stands at given encoder counts, or one that was saved.
+"""Where the control software starts: a state that stands at given encoder counts, or one that was
+saved.
 
-Homing is not simulated. The state at a pose is the one that the original has when it stood there in E-stop: measured
-pose, desired pose and accumulators are one, so that the first pedal-down asks for what is there. One number is set
-that the original might have otherwise: the accumulated jaw opening, which it resets only where it is more than 45 deg
-off (raven2: local_io.cpp). After homing in that place the two agree.
+Homing is not simulated. The state at a pose is the one that the original has when it stood there in
+E-stop: measured pose, desired pose and accumulators are one, so that the first pedal-down asks for
+what is there. One number is set that the original might have otherwise: the accumulated jaw
+opening, which it resets only where it is more than 45 deg off (raven2: local_io.cpp). After homing
+in that place the two agree.
 """
 
 from __future__ import annotations
@@ -33,18 +35,26 @@ def one_of(**starts: Any) -> str | None:
     """Which of the ways to start is given; None: the home pose."""
     names = [name for name, value in starts.items() if value is not None]
     if len(names) > 1:
-        raise UserError(f"{' and '.join(names)} are given, expected one of {', '.join(starts)}; leave the others out")
+        raise UserError(
+            f"{' and '.join(names)} are given, expected one of {', '.join(starts)}; leave the"
+            " others out"
+        )
     return names[0] if names else None
 
 
-def encoders_at(setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]) -> list[list[int]]:
+def encoders_at(
+    setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]
+) -> list[list[int]]:
     """The counts [arms, 7] nearest to joints [arms, 7], rad and m."""
 
     def of_arm(arm: ArmName, tool: str, offsets: Vec, joints: Sequence[float]) -> list[int]:
         motors = transmission.motor_from_joint(arm, tool, Vec(joints), software=setup.software)
         signs = transmission.encoder_signs(arm, tool, setup.software)
         numbers = zip(motors, signs, offsets, strict=True)
-        return [round(float(sign) * (float(m) / float(RAD_PER_COUNT) + int(offset))) for m, sign, offset in numbers]
+        return [
+            round(float(sign) * (float(m) / float(RAD_PER_COUNT) + int(offset)))
+            for m, sign, offset in numbers
+        ]
 
     offsets = [estimator.enc_offset for estimator in params.estimator]
     return [of_arm(*each) for each in zip(setup.arms, setup.tools, offsets, jpos, strict=True)]
@@ -59,11 +69,15 @@ def at_encoders(
     encoders: Sequence[Sequence[int]],
 ) -> control.ControlState:
     """`state`, but at rest where the encoders [arms, 7] say."""
-    stopped = replace(state, state_machine=replace(state.state_machine, runlevel=np.int32(run_levels.E_STOP)))
+    stopped = replace(
+        state, state_machine=replace(state.state_machine, runlevel=np.int32(run_levels.E_STOP))
+    )
     rows = InputRows(setup)
     rows.silence()
     rows.enc_val[0], rows.read_ok[0] = encoders, 1
-    memory = transition.Memory(fixed, states.row(stopped), rows.bytes, transition.rows(code.signals.layout, 1))
+    memory = transition.Memory(
+        fixed, states.row(stopped), rows.bytes, transition.rows(code.signals.layout, 1)
+    )
     code.machine.bind("cycle", memory)()
     after: control.ControlState = states.read(memory.state)
     signals: control.ControlSignals = code.signals.read(memory.leaving[0])
@@ -80,7 +94,8 @@ def at_encoders(
             arms=tuple(replace(accumulator, pose=there.pos) for there, accumulator, _ in arms),
         ),
         motor_control=tuple(
-            replace(old, mpos_d=measured.mpos) for old, (*_, measured) in zip(state.motor_control, arms, strict=True)
+            replace(old, mpos_d=measured.mpos)
+            for old, (*_, measured) in zip(state.motor_control, arms, strict=True)
         ),
     )
 
@@ -90,7 +105,8 @@ def saved(states: RecordKind, given: Any) -> control.ControlState:
     leaves, tree = jax.tree_util.tree_flatten_with_path(given)
     if not isinstance(given, control.ControlState) or tree != states.tree:
         raise UserError(
-            f"state is {shown(given)}, expected the `state` of a ControlSoftware of the same software, arms and console"
+            f"state is {shown(given)}, expected the `state` of a ControlSoftware of the same"
+            " software, arms and console"
         )
     numbers = [
         _number(f"state{jax.tree_util.keystr(path)}", dtype, x)

@@ -1,8 +1,9 @@
-"""Cartesian control: measured tip pose, desired tip pose, inverse kinematics with joint limits -> jpos_d.
+"""Cartesian control: measured tip pose, desired tip pose, inverse kinematics with joint limits ->
+jpos_d.
 
-raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order; where one has no acceptable solution, it
-and those after it keep their last jpos_d, without any stop. A target beyond a joint limit is clamped, and the desired
-pose becomes that of the clamped joints.
+raven2: r2_kinematics.cpp, rt_raven.cpp. Arms are solved in mechanism order; where one has no
+acceptable solution, it and those after it keep their last jpos_d, without any stop. A target beyond
+a joint limit is clamped, and the desired pose becomes that of the clamped joints.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ class Arm:
     pos_d: StoredPose
     jpos_d: Vec  # 7, rad and m, held while inverse kinematics rejects
     ik_reject: CheckHistory  # margin: pi minus the cost of the best solution
-    joint_limit: CheckHistory  # margin: distance to the nearer limit as a fraction of the joint's range
+    joint_limit: (
+        CheckHistory  # margin: distance to the nearer limit as a fraction of the joint's range
+    )
 
 
 State = tuple[Arm, ...]
@@ -44,15 +47,21 @@ State = tuple[Arm, ...]
 class CartesianParams:
     """Software joint limits, the same for every arm, as float32 numbers."""
 
-    lower: Annotated[Vec, limits.position("lower soft limit of the joint in the control software")]  # 5: no jaws
-    upper: Annotated[Vec, limits.position("upper soft limit of the joint in the control software")]  # 5: no jaws
+    lower: Annotated[
+        Vec, limits.position("lower soft limit of the joint in the control software")
+    ]  # 5: no jaws
+    upper: Annotated[
+        Vec, limits.position("upper soft limit of the joint in the control software")
+    ]  # 5: no jaws
 
 
 def params(setup: RavenSetup) -> CartesianParams:
     """The software's own limits: those of the first mechanism's tool serve every arm."""
     number = np.dtype(setup.precision.wide).type
     ranges, _ = joint_limits(setup)
-    return CartesianParams(Vec(number(low) for low, _ in ranges), Vec(number(high) for _, high in ranges))
+    return CartesianParams(
+        Vec(number(low) for low, _ in ranges), Vec(number(high) for _, high in ranges)
+    )
 
 
 def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
@@ -68,7 +77,9 @@ def init(setup: RavenSetup, jpos: tuple[Vec, ...]) -> State:
 
 
 def measure(setup: RavenSetup, arm: ArmName, jpos: Vec) -> StoredPose:
-    """Pose of the tip at measured joints, as stored. The jaws' difference and sum are rounded before they are used."""
+    """Pose of the tip at measured joints, as stored. The jaws' difference and sum are rounded
+    before they are used.
+    """
     pose = evaluation(setup).forward(arm, wide(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
@@ -94,9 +105,16 @@ def sense(setup: RavenSetup, state: State, jpos: tuple[Vec, ...]) -> State:
 
 
 def solve(
-    setup: RavenSetup, params: CartesianParams, state: State, tick: Scalar, active: Scalar, jpos: tuple[Vec, ...]
+    setup: RavenSetup,
+    params: CartesianParams,
+    state: State,
+    tick: Scalar,
+    active: Scalar,
+    jpos: tuple[Vec, ...],
 ) -> tuple[State, Scalar]:
-    """Inverse kinematics of all arms where `active`; returns the state and whether any target was clamped (bool)."""
+    """Inverse kinematics of all arms where `active`; returns the state and whether any target
+    was clamped (bool).
+    """
     forward, inverse, *_ = evaluation(setup)
     proceed = active
     clamped = []
@@ -132,9 +150,11 @@ def solve(
     return tuple(arms), reduce(lambda a, b: a | b, clamped)
 
 
-def _clamp(setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar, Scalar]:
-    """Shoulder to wrist within their software limits and yaw above its lower one; whether any was at or beyond its
-    limit; the smallest distance to one, as a fraction of the joint's range."""
+def _clamp(
+    setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar
+) -> tuple[Vec, Scalar, Scalar]:
+    """Shoulder to wrist within their software limits and yaw above its lower one; whether any was
+    at or beyond its limit; the smallest distance to one, as a fraction of the joint's range."""
     values, at_limit, spares = [], [], []
     _, lowest_yaw = joint_limits(setup)
     for value, low, high in zip(jpos[:5], params.lower, params.upper, strict=True):

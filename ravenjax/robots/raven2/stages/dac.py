@@ -1,4 +1,6 @@
-"""Torque to DAC (raven2: t_to_DAC_val.cpp, utils.cpp): float32, truncated toward zero, saturated to 16 bits."""
+"""Torque to DAC (raven2: t_to_DAC_val.cpp, utils.cpp): float32, truncated toward zero, saturated
+to 16 bits.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from ravenjax.robots.raven2.setup import RavenSetup
 HIGHEST, LOWEST = 32767, -32768
 
 
-def step(setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
+def step(
+    setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, enabled: Scalar, otherwise: Vec
+) -> Vec:
     """DAC counts (7 int32) of capstan torques (N m) where `enabled`, elsewhere `otherwise`."""
     amps = stored.amps_per_torque(arm, tool, setup.software)
 

@@ -1,7 +1,7 @@
 """Estimator: motor positions and velocities from encoder counts, joints by forward cable coupling.
 
-raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts; the 2015 fork differentiates
-them after a third-order Butterworth low-pass of 120 Hz.
+raven2: state_estimate.cpp, fwd_cable_coupling.cpp. raven2 differentiates the raw counts; the 2015
+fork differentiates them after a third-order Butterworth low-pass of 120 Hz.
 """
 
 from __future__ import annotations
@@ -44,8 +44,12 @@ class EstimatorParams:
 @record
 class EstimatorState:
     started: Scalar  # int32 flag; the first sample fills the history
-    inputs: tuple[Vec, ...]  # latest first: unfiltered motor angles, rad; one of them in raven2, three in the fork
-    outputs: tuple[Vec, ...]  # latest first: filtered motor angles, rad; none in raven2, three in the fork
+    inputs: tuple[
+        Vec, ...
+    ]  # latest first: unfiltered motor angles, rad; one of them in raven2, three in the fork
+    outputs: tuple[
+        Vec, ...
+    ]  # latest first: filtered motor angles, rad; none in raven2, three in the fork
 
 
 def params(setup: RavenSetup, arm: ArmName) -> EstimatorParams:
@@ -61,28 +65,45 @@ def init(setup: RavenSetup) -> EstimatorState:
 
 
 def step(
-    setup: RavenSetup, arm: ArmName, tool: str, params: EstimatorParams, state: EstimatorState, enc_val: Vec
+    setup: RavenSetup,
+    arm: ArmName,
+    tool: str,
+    params: EstimatorParams,
+    state: EstimatorState,
+    enc_val: Vec,
 ) -> tuple[EstimatorState, Vec, Vec]:
     """One sample of one arm; returns the state, mpos (rad) and mvel (rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
     counts = narrow(setup, enc_val) * signs
     angle = narrow(setup, RAD_PER_COUNT * wide(setup, counts - narrow(setup, params.enc_offset)))
     started = state.started != 0
-    filled = [old.map(lambda a, b: jnp.where(started, a, b), angle) for old in (*state.inputs, *state.outputs)]
+    filled = [
+        old.map(lambda a, b: jnp.where(started, a, b), angle)
+        for old in (*state.inputs, *state.outputs)
+    ]
     if setup.software == "raven2":
         (previous,) = filled
-        return EstimatorState(state.started | 1, (angle,), ()), angle, (angle - previous) / stored.PERIOD
+        return (
+            EstimatorState(state.started | 1, (angle,), ()),
+            angle,
+            (angle - previous) / stored.PERIOD,
+        )
     inputs, outputs = filled[:3], filled[3:]
     position = angle * LOW_PASS_INPUT[0]
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), filled, strict=True):
         position = position + history * gain
     velocity = (position - outputs[0]) / stored.PERIOD
-    return EstimatorState(state.started | 1, (angle, *inputs[:2]), (position, *outputs[:2])), position, velocity
+    return (
+        EstimatorState(state.started | 1, (angle, *inputs[:2]), (position, *outputs[:2])),
+        position,
+        velocity,
+    )
 
 
 def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
-    """Joint positions (rad, m). Products with a reciprocal ratio and sums in the wide type, products of a coupling
-    constant and a rounded joint in the narrow one, one rounding per joint."""
+    """Joint positions (rad, m). Products with a reciprocal ratio and sums in the wide type,
+    products of a coupling constant and a rounded joint in the narrow one, one rounding per joint.
+    """
     per, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
     motor = wide(setup, mpos)
@@ -96,7 +117,9 @@ def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
 
     shoulder = rounded(per[0] * motor[0])
     elbow = rounded(per[1] * motor[1] - wide(setup, stored.C01 * shoulder))
-    insertion = rounded(per[2] * motor[2] - wide(setup, stored.C02 * shoulder) - wide(setup, stored.C12 * elbow))
+    insertion = rounded(
+        per[2] * motor[2] - wide(setup, stored.C02 * shoulder) - wide(setup, stored.C12 * elbow)
+    )
     roll = rounded(tool_joint(3))
     wrist = rounded(tool_joint(4))
     grasp1, grasp2 = tool_joint(5), tool_joint(6)
@@ -107,6 +130,8 @@ def joints(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
 
 
 def joint_velocities(setup: RavenSetup, mvel: Vec) -> Vec:
-    """Joint velocities (rad/s, m/s): without coupling, and 0 for the tool joints, as the original leaves them."""
+    """Joint velocities (rad/s, m/s): without coupling, and 0 for the tool joints, as the
+    original leaves them.
+    """
     zero = narrow(setup, 0.0)
     return Vec((*(mvel[i] / stored.TR[i] for i in range(3)), *(zero,) * 4))

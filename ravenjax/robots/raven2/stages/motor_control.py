@@ -1,7 +1,7 @@
 """Motor control: inverse cable coupling, motor-position PID, gravity compensation -> tau_d.
 
-raven2: inv_cable_coupling.cpp, pid_control.cpp, grav_comp.cpp, rt_raven.cpp; params/r2params.yaml. In the 2015 fork the
-gravity torque never reaches tau_d.
+raven2: inv_cable_coupling.cpp, pid_control.cpp, grav_comp.cpp, rt_raven.cpp; params/r2params.yaml.
+In the 2015 fork the gravity torque never reaches tau_d.
 """
 
 from __future__ import annotations
@@ -27,12 +27,22 @@ def _gain(unit: str, meaning: str) -> Quantity:
 
 @record
 class MotorControlParams:
-    """Of seven motors: gains on their angles, of torque after the gearbox. No integral clamp and no anti-windup."""
+    """Of seven motors: gains on their angles, of torque after the gearbox. No integral clamp and
+    no anti-windup.
+    """
 
-    kp: Annotated[Vec, _gain("N m/rad", "proportional gain of the motor controller")]  # raven2: params/r2params.yaml
-    kd: Annotated[Vec, _gain("N m s/rad", "derivative gain of the motor controller")]  # the same file
-    ki: Annotated[Vec, _gain("N m/(rad s)", "integral gain of the motor controller")]  # the same file
-    mvel_d: Annotated[Vec, Quantity("rad/s", -1e4, 1e4, "desired motor velocity, 0 in raven2")]  # where nothing sets it
+    kp: Annotated[
+        Vec, _gain("N m/rad", "proportional gain of the motor controller")
+    ]  # raven2: params/r2params.yaml
+    kd: Annotated[
+        Vec, _gain("N m s/rad", "derivative gain of the motor controller")
+    ]  # the same file
+    ki: Annotated[
+        Vec, _gain("N m/(rad s)", "integral gain of the motor controller")
+    ]  # the same file
+    mvel_d: Annotated[
+        Vec, Quantity("rad/s", -1e4, 1e4, "desired motor velocity, 0 in raven2")
+    ]  # where nothing sets it
 
 
 @record
@@ -65,13 +75,19 @@ def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlS
     """At rest on `jpos`, nothing integrated."""
     number = np.dtype(setup.precision.narrow).type
     rest, zero = Vec(number(float(j)) for j in jpos), number(0.0)
-    positioning = targets(setup, arm, tool, rest, Vec.full(7, zero))  # the tool motors then follow the insertion motor
+    positioning = targets(
+        setup, arm, tool, rest, Vec.full(7, zero)
+    )  # the tool motors then follow the insertion motor
     motors = targets(setup, arm, tool, rest, positioning)
-    return MotorControlState(motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero))
+    return MotorControlState(
+        motors.map(number), Vec.full(7, zero), Vec.full(7, zero), Vec.full(3, zero)
+    )
 
 
 def targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
-    """Desired motor positions (rad): joints' shares narrow, the *measured* insertion motor's share wide."""
+    """Desired motor positions (rad): joints' shares narrow, the *measured* insertion motor's
+    share wide.
+    """
     ratio, kappa = stored.TR, stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
     shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos_d
@@ -109,8 +125,8 @@ def torques(
 ) -> MotorControlState:
     """Capstan torques of one arm; `measured` is (jpos, mpos, mvel).
 
-    PID in pedal-down (also while soft-E-stopped: only the DAC is zeroed then), plus gravity wherever `active` (run
-    level 2 and above); below that everything keeps its last value.
+    PID in pedal-down (also while soft-E-stopped: only the DAC is zeroed then), plus gravity
+    wherever `active` (run level 2 and above); below that everything keeps its last value.
     """
     jpos, mpos, mvel = measured
     error = mpos_d - mpos
@@ -122,7 +138,9 @@ def torques(
         lift = gravity(setup, arm, jpos)
         tau = Vec((*(Vec(tau[:3]) + lift), *tau[3:]))
         tau_g = where(active, lift, tau_g)
-    return MotorControlState(where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g)
+    return MotorControlState(
+        where(active, mpos_d, state.mpos_d), integral, where(active, tau, state.tau_d), tau_g
+    )
 
 
 def gravity(setup: RavenSetup, arm: ArmName, jpos: Vec) -> Vec:

@@ -1,7 +1,8 @@
 """Network: which datagrams reach the robot. Size and sequence rules (raven2: network_layer.cpp).
 
-The sequence number is unsigned on the wire; here it is an int32 whose bits are compared as unsigned. The checksum
-exists but is not verified. A datagram longer than the structure is cut and accepted, a shorter one is dropped.
+The sequence number is unsigned on the wire; here it is an int32 whose bits are compared as
+unsigned. The checksum exists but is not verified. A datagram longer than the structure is cut and
+accepted, a shorter one is dropped.
 """
 
 from __future__ import annotations
@@ -37,12 +38,18 @@ def init(setup: RavenSetup) -> NetworkState:
 
 
 def _below(a: Scalar, b: Scalar) -> Scalar:
-    """a < b of the bits as unsigned numbers: flipping the top bit maps their order onto that of int32."""
+    """a < b of the bits as unsigned numbers: flipping the top bit maps their order onto that of
+    int32.
+    """
     return (a ^ INT32_MIN) < (b ^ INT32_MIN)
 
 
-def step(setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet) -> tuple[NetworkState, Scalar]:
-    """Apply the rules to the packet of this cycle; returns the state and whether it is accepted (bool)."""
+def step(
+    setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
+) -> tuple[NetworkState, Scalar]:
+    """Apply the rules to the packet of this cycle; returns the state and whether it is accepted
+    (bool).
+    """
     received = packet.received != 0
     spare = packet.size - SIZE_BYTES[setup.console]
     short = received & (spare < 0)
@@ -53,17 +60,22 @@ def step(setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet) -
     accepted = numbered & (number == last + 1)
     skip = numbered & _below(last + 1, number)
     duplicate = numbered & (number == last)
-    behind = numbered & _below(number, last) & ~accepted  # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
+    behind = (
+        numbered & _below(number, last) & ~accepted
+    )  # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
     far = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
     reset = behind & far
     new_last = jnp.where(accepted | skip | reset, number, last)
     margin = jnp.where(received, real(setup, spare), np.inf)
-    return NetworkState(
-        new_last,
-        check.update(state.size, tick, short, margin),
-        check.update(state.zero, tick, zero),
-        check.update(state.skip, tick, skip),
-        check.update(state.duplicate, tick, duplicate),
-        check.update(state.reset, tick, reset),
-        check.update(state.out_of_sequence, tick, behind & ~far),
-    ), accepted
+    return (
+        NetworkState(
+            new_last,
+            check.update(state.size, tick, short, margin),
+            check.update(state.zero, tick, zero),
+            check.update(state.skip, tick, skip),
+            check.update(state.duplicate, tick, duplicate),
+            check.update(state.reset, tick, reset),
+            check.update(state.out_of_sequence, tick, behind & ~far),
+        ),
+        accepted,
+    )

@@ -1,9 +1,10 @@
 """Overdrive detection: the only check on the DAC commands (raven2: overdrive_detect.cpp).
 
-Per mechanism and joint, in order; grasp2 (index 7 of the original's eight) is never looked at. Over the instant limit,
-the joint's command becomes 0 and the soft E-stop is raised; the other joints are still written in that cycle. Over the
-joint's own limit, the policy decides: none, clip, or a counter shared by all joints and arms that nothing but a trip or
-an instant trip resets. The 2015 fork clips at every run level and has no policies.
+Per mechanism and joint, in order; grasp2 (index 7 of the original's eight) is never looked at. Over
+the instant limit, the joint's command becomes 0 and the soft E-stop is raised; the other joints are
+still written in that cycle. Over the joint's own limit, the policy decides: none, clip, or a
+counter shared by all joints and arms that nothing but a trip or an instant trip resets. The 2015
+fork clips at every run level and has no policies.
 """
 
 from __future__ import annotations
@@ -33,13 +34,17 @@ LEVELS: dict[str, tuple[int, ...]] = {
     "advanced": (5000, 5000, 4000, 3000, 3000, 3800, 3800),
     "fork2015": (10000, 10000, 8000, 6000, 2700, 4800, 4800),
 }
-"""DAC counts per joint by safety level; raven2: defines.h, init.cpp, and the same files of the 2015 fork."""
+"""DAC counts per joint by safety level; raven2: defines.h, init.cpp, and the same files of the
+2015 fork.
+"""
 
 MAX_INST_DAC = {"raven2": 20000, "fork2015": 12000}
 """DAC counts; raven2: defines.h."""
 
 HARD_SAMPLES = 10
-"""The shared counter trips on the next over-limit sample above this; raven2: overdrive_detect.cpp."""
+"""The shared counter trips on the next over-limit sample above this; raven2:
+overdrive_detect.cpp.
+"""
 
 CHECKED_JOINTS = 6
 
@@ -52,14 +57,20 @@ class OverdriveParams:
             "",
             0,
             2,
-            "overdrive policy: 0 no_regulation, 1 soft_regulation (clips), 2 hard_regulation (stops after ten)",
+            "overdrive policy: 0 no_regulation, 1 soft_regulation (clips), 2 hard_regulation (stops"
+            " after ten)",
             whole=True,
         ),
     ]
     dac_max: Annotated[  # 7, int32; that of grasp2 is unused, as in the original
         Vec,
         Quantity(
-            "counts", 0, 2**15, "command to which the overdrive check clips", whole=True, why="a magnitude of 16 bits"
+            "counts",
+            0,
+            2**15,
+            "command to which the overdrive check clips",
+            whole=True,
+            why="a magnitude of 16 bits",
         ),
     ]
     max_inst_dac: Annotated[  # int32
@@ -79,15 +90,23 @@ class OverdriveParams:
 class OverdriveState:
     counter: Scalar  # int32 over-limit samples, shared by all joints and arms
     instant: CheckHistory  # margin: counts below the instant limit
-    clip: CheckHistory  # a tick in which some command was clipped; margin: counts below the joint limit
+    # a tick in which some command was clipped; margin: counts below the joint limit
+    clip: CheckHistory
     hard: CheckHistory  # the shared counter tripped; margin: samples left
 
 
-def params(setup: RavenSetup, level: str | None = None, policy: int = SOFT_REGULATION) -> OverdriveParams:
-    """The limits of a safety level; the default is "moderate" for raven2 and the fork's own table for the fork."""
+def params(
+    setup: RavenSetup, level: str | None = None, policy: int = SOFT_REGULATION
+) -> OverdriveParams:
+    """The limits of a safety level; the default is "moderate" for raven2 and the fork's own
+    table for the fork.
+    """
     level = level or ("moderate" if setup.software == "raven2" else "fork2015")
     if level not in LEVELS:
-        raise UserError(f"overdrive level is {level!r}, expected one of {', '.join(LEVELS)}{suggestion(level, LEVELS)}")
+        raise UserError(
+            f"overdrive level is {level!r}, expected one of"
+            f" {', '.join(LEVELS)}{suggestion(level, LEVELS)}"
+        )
     limits = Vec(np.int32(limit) for limit in LEVELS[level])
     return OverdriveParams(np.int32(policy), limits, np.int32(MAX_INST_DAC[setup.software]))
 
@@ -105,7 +124,9 @@ def step(
     runlevel: Scalar,
     current_cmd: tuple[Vec, ...],
 ) -> tuple[OverdriveState, tuple[Vec, ...], Scalar]:
-    """Check the commands of all arms; returns the state, the commands to write and whether to raise the soft E-stop."""
+    """Check the commands of all arms; returns the state, the commands to write and whether to
+    raise the soft E-stop.
+    """
     fork = setup.software == "fork2015"
     regulated = (runlevel == runlevel) if fork else (runlevel >= 1)
     soft = regulated if fork else regulated & (params.policy == SOFT_REGULATION)
@@ -114,7 +135,9 @@ def step(
     instants, clips, trips, sizes, spares, checked = [], [], [], [], [], []
     for commands in current_cmd:
         joints = []
-        for command, limit in zip(commands[:CHECKED_JOINTS], params.dac_max[:CHECKED_JOINTS], strict=True):
+        for command, limit in zip(
+            commands[:CHECKED_JOINTS], params.dac_max[:CHECKED_JOINTS], strict=True
+        ):
             size = jnp.abs(command)
             instant = size > params.max_inst_dac
             over = (size > limit) & ~instant
@@ -148,8 +171,8 @@ def step(
 
 
 def _counted(counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar) -> tuple[Scalar, Scalar]:
-    """The shared counter after one joint, and whether it trips on it; under the other policies a joint over its limit
-    resets it."""
+    """The shared counter after one joint, and whether it trips on it; under the other policies a
+    joint over its limit resets it."""
     counting = over & hard
     trip = counting & (counter > HARD_SAMPLES)
     restarted = instant | trip | (over & ~hard)

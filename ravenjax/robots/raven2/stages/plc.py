@@ -1,18 +1,22 @@
-"""The programmable logic controller between control computer and motor power. A documented assumption.
+"""The programmable logic controller between control computer and motor power. A documented
+assumption.
 
-No source publishes the PLC's program: start and E-stop buttons, brake relays and watchdog time-out live there. What the
-control software implies (raven2: defines.h, state_machine.cpp, update_atmel_io.cpp) and what is assumed here:
+No source publishes the PLC's program: start and E-stop buttons, brake relays and watchdog time-out
+live there. What the control software implies (raven2: defines.h, state_machine.cpp,
+update_atmel_io.cpp) and what is assumed here:
 
-- it puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a number);
-- E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop button is out; it is pressed
-  automatically where `auto_start` says so, never after a trip;
-- INIT to PEDAL_UP (2) when the software reports READY; PEDAL_UP to PEDAL_DOWN (3) while the foot pedal pin is set and
-  the software is ready, back to PEDAL_UP otherwise;
-- any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its 50 ms periods, or by the
-  E-stop button. A trip latches: a person must press start;
-- it has the output pins of each USB board: it misses the watchdog of any board, and pedal and READY count where all
-  boards say so;
-- brakes are commanded on in E-STOP and PEDAL_UP. Their relay delay belongs to the virtual robot's brakes.
+- it puts a run level on its pins PS0, PS1 (bits 6 and 7 of the input byte; bits 7..6 read as a
+  number);
+- E-STOP (0) to INIT (1) by the start button, while the watchdog lives and the E-stop button is out;
+  it is pressed automatically where `auto_start` says so, never after a trip;
+- INIT to PEDAL_UP (2) when the software reports READY; PEDAL_UP to PEDAL_DOWN (3) while the foot
+  pedal pin is set and the software is ready, back to PEDAL_UP otherwise;
+- any level to E-STOP when the watchdog pin has had no edge for longer than 1.5 of its 50 ms
+  periods, or by the E-stop button. A trip latches: a person must press start;
+- it has the output pins of each USB board: it misses the watchdog of any board, and pedal and READY
+  count where all boards say so;
+- brakes are commanded on in E-STOP and PEDAL_UP. Their relay delay belongs to the virtual robot's
+  brakes.
 """
 
 from __future__ import annotations
@@ -41,13 +45,17 @@ CAUSE_NONE, CAUSE_WATCHDOG, CAUSE_BUTTON = 0, 1, 2
 @record
 class PlcParams:
     watchdog_ticks: Annotated[  # int32; assumption: 1.5 periods of 50 ms
-        Scalar, Quantity("ms", 1, HOUR_MS, "without a watchdog edge before the PLC trips", whole=True)
+        Scalar,
+        Quantity("ms", 1, HOUR_MS, "without a watchdog edge before the PLC trips", whole=True),
     ]
     auto_start: Annotated[  # int32; assumption: 1
         Scalar, Quantity("", 0, 1, "1: the start button is pressed by itself, 0: never", whole=True)
     ]
     start_ticks: Annotated[  # int32; assumption: 100 (two periods)
-        Scalar, Quantity("ms", 0, HOUR_MS, "of living watchdog in E-stop before start is pressed", whole=True)
+        Scalar,
+        Quantity(
+            "ms", 0, HOUR_MS, "of living watchdog in E-stop before start is pressed", whole=True
+        ),
     ]
 
 
@@ -59,7 +67,9 @@ class PlcState:
     quiet_ticks: tuple[Scalar, ...]  # ms since its last edge, int32
     alive_ticks: Scalar  # ms in E-STOP with a living watchdog, int32
     trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
-    watchdog_lost: CheckHistory  # trips by the watchdog; margin: ms left before one, negative: tripped
+    watchdog_lost: (
+        CheckHistory  # trips by the watchdog; margin: ms left before one, negative: tripped
+    )
 
 
 @record
@@ -80,8 +90,11 @@ def params(setup: RavenSetup) -> PlcParams:
     return PlcParams(watchdog_ticks=75, auto_start=1, start_ticks=100)
 
 
-def init(setup: RavenSetup, params: PlcParams, runlevel: int = PEDAL_UP, boards: int = 1) -> PlcState:
-    """Starts in `runlevel`: PEDAL_UP for a robot that is homed and ready, E_STOP for one just switched on.
+def init(
+    setup: RavenSetup, params: PlcParams, runlevel: int = PEDAL_UP, boards: int = 1
+) -> PlcState:
+    """Starts in `runlevel`: PEDAL_UP for a robot that is homed and ready, E_STOP for one just
+    switched on.
 
     boards: those whose pins may differ; 1 where all are written alike.
     """
@@ -107,7 +120,9 @@ def brakes_commanded(runlevel: Scalar) -> Scalar:
     return as_int((runlevel == E_STOP) | (runlevel == PEDAL_UP))
 
 
-def step(setup: RavenSetup, params: PlcParams, state: PlcState, signal: PlcSignal) -> tuple[PlcState, PlcOutput]:
+def step(
+    setup: RavenSetup, params: PlcParams, state: PlcState, signal: PlcSignal
+) -> tuple[PlcState, PlcOutput]:
     """One tick: read the software's pins, decide the run level."""
     common_pins = reduce(operator.and_, signal.output_pins)
     pedal = (common_pins >> PIN_FP) & 1
@@ -146,7 +161,10 @@ def step(setup: RavenSetup, params: PlcParams, state: PlcState, signal: PlcSigna
         alive_ticks=as_int(alive_ticks),
         trip_cause=as_int(jnp.where(tripped_now, cause, latched)),
         watchdog_lost=check.update(
-            state.watchdog_lost, state.tick, tripped_now & ~button, jnp.where(watched, real(setup, margin), jnp.inf)
+            state.watchdog_lost,
+            state.tick,
+            tripped_now & ~button,
+            jnp.where(watched, real(setup, margin), jnp.inf),
         ),
     )
     return state, PlcOutput(runlevel=runlevel, brakes=brakes_commanded(runlevel))

@@ -1,8 +1,9 @@
 """State machine: run level from the PLC's pins, initialisation sublevels, soft E-stop flag.
 
-raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the process starts as if it had
-completed, in cartesian mode, so sublevel 3 sets `initialized` and the PLC may go on to pedal-up. After an E-stop the
-robot passes sublevels 0, 1, 2 (11 cycles) and 3 again, as it does on the real one when its mode is cartesian.
+raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the process
+starts as if it had completed, in cartesian mode, so sublevel 3 sets `initialized` and the PLC may
+go on to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3 again, as it
+does on the real one when its mode is cartesian.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 MISMATCHES = 4
-"""Cycles in which the pins must ask for another level before it is adopted; raven2: state_machine.cpp."""
+"""Cycles in which the pins must ask for another level before it is adopted; raven2:
+state_machine.cpp.
+"""
 
 SETTLING_CYCLES = 11
 """Cycles of sublevel 2; raven2: init.cpp."""
@@ -29,7 +32,8 @@ SETTLING_CYCLES = 11
 @record
 class StateMachineParams:
     plc_obeyed: Annotated[  # int32; 0 in the simulator builds of the 2015 fork
-        Scalar, Quantity("", 0, 1, "1: the software looks at the PLC's pins, 0: it does not", whole=True)
+        Scalar,
+        Quantity("", 0, 1, "1: the software looks at the PLC's pins, 0: it does not", whole=True),
     ]
 
 
@@ -55,10 +59,14 @@ def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
     ready = runlevel > E_STOP
     sublevel = 3 if ready else 0
     zero, unseen = np.int32(0), check.init(setup)
-    return StateMachineState(np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen)
+    return StateMachineState(
+        np.int32(runlevel), np.int32(sublevel), np.int32(ready), zero, zero, zero, unseen, unseen
+    )
 
 
-def desired_runlevel(params: StateMachineParams, state: StateMachineState, pins: tuple[Scalar, ...]) -> Scalar:
+def desired_runlevel(
+    params: StateMachineParams, state: StateMachineState, pins: tuple[Scalar, ...]
+) -> Scalar:
     """The run level that the input pins ask for: bits 7..6 as a number, the lowest over boards."""
     levels = [(byte >> 6) & 3 for byte in pins]
     lowest = levels[0]
@@ -68,7 +76,9 @@ def desired_runlevel(params: StateMachineParams, state: StateMachineState, pins:
 
 
 def adopt(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
-    """Adopt the desired run level on the fourth mismatching cycle, counted over all cycles since the last adoption."""
+    """Adopt the desired run level on the fourth mismatching cycle, counted over all cycles since
+    the last adoption.
+    """
     mismatch = desired != state.runlevel
     count = state.mismatches + as_int(mismatch)
     changed = mismatch & (count >= MISMATCHES)
@@ -86,7 +96,9 @@ def adopt(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachi
 
 
 def initialise(setup: RavenSetup, state: StateMachineState) -> tuple[StateMachineState, Scalar]:
-    """Advance the sublevels; also whether the desired pose follows the last measured one in this cycle (bool)."""
+    """Advance the sublevels; also whether the desired pose follows the last measured one in this
+    cycle (bool).
+    """
     level, sub = state.runlevel, state.sublevel
     in_init = level == INIT
     start = in_init & (sub == 0)
@@ -99,11 +111,16 @@ def initialise(setup: RavenSetup, state: StateMachineState) -> tuple[StateMachin
     after = jnp.where(start, 1, jnp.where(prepare, 2, jnp.where(settle & settled, 3, sub)))
     ready = jnp.where(in_init & (sub == 3), 1, jnp.where(level == E_STOP, 0, state.initialized))
     follow = settle | (prepare & (state.initialized == 0))
-    return replace(state, sublevel=after, initialized=ready, settling=jnp.where(settled, 0, settling)), follow
+    return (
+        replace(state, sublevel=after, initialized=ready, settling=jnp.where(settled, 0, settling)),
+        follow,
+    )
 
 
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
-    """Set the flag: it acts on the watchdog at once, on the DACs from the next cycle, until run level 0 is entered."""
+    """Set the flag: it acts on the watchdog at once, on the DACs from the next cycle, until run
+    level 0 is entered.
+    """
     return replace(
         state,
         soft_estopped=state.soft_estopped | as_int(tripped),

@@ -1,8 +1,9 @@
-"""Teleoperation: the accumulator between packets and the desired pose (raven2: local_io.cpp, mapping.cpp).
+"""Teleoperation: the accumulator between packets and the desired pose (raven2: local_io.cpp,
+mapping.cpp).
 
-Increments add up here at every run level; the device takes the sum over in pedal-down whenever the update flag is set.
-Whenever the desired pose is set by something else (pedal up, joint limit, initialisation), the accumulator's origin is
-reset to it, so the console slips instead of jumping.
+Increments add up here at every run level; the device takes the sum over in pedal-down whenever the
+update flag is set. Whenever the desired pose is set by something else (pedal up, joint limit,
+initialisation), the accumulator's origin is reset to it, so the console slips instead of jumping.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 GRASP_RESET_MRAD = 785
-"""The accumulated opening is only reset when it is more than 45 deg = 785.4 mrad off; raven2: local_io.cpp."""
+"""The accumulated opening is only reset when it is more than 45 deg = 785.4 mrad off; raven2:
+local_io.cpp.
+"""
 
 NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
@@ -37,10 +40,15 @@ class TeleoperationParams:
     grasp_gain: Annotated[  # raven2: local_io.cpp
         Scalar, Quantity("", -100, 100, "jaw opening per grasp increment of a packet", whole=True)
     ]
-    grasp_min_mrad: Annotated[Scalar, Quantity("mrad", -6300, 6300, "smallest jaw opening", whole=True)]
-    grasp_max_mrad: Annotated[Scalar, Quantity("mrad", -6300, 6300, "largest jaw opening", whole=True)]
+    grasp_min_mrad: Annotated[
+        Scalar, Quantity("mrad", -6300, 6300, "smallest jaw opening", whole=True)
+    ]
+    grasp_max_mrad: Annotated[
+        Scalar, Quantity("mrad", -6300, 6300, "largest jaw opening", whole=True)
+    ]
     timeout_ticks: Annotated[  # raven2: local_io.cpp
-        Scalar, Quantity("ms", 0, HOUR_MS, "silence of the console that lifts the pedal", whole=True)
+        Scalar,
+        Quantity("ms", 0, HOUR_MS, "silence of the console that lifts the pedal", whole=True),
     ]
 
 
@@ -86,9 +94,15 @@ def _quaternion(setup: RavenSetup, pose: StoredPose) -> Vec:
 
 
 def accumulate(
-    setup: RavenSetup, params: TeleoperationParams, state: TeleoperationState, accepted: Scalar, packet: Packet
+    setup: RavenSetup,
+    params: TeleoperationParams,
+    state: TeleoperationState,
+    accepted: Scalar,
+    packet: Packet,
 ) -> TeleoperationState:
-    """Take over an accepted packet: add its increments, or its poses where the console sends absolute ones."""
+    """Take over an accepted packet: add its increments, or its poses where the console sends
+    absolute ones.
+    """
     take = _taken_absolute if setup.console == "absolute" else _added
     after = per_arm(setup, lambda i, arm: take(setup, arm, params, state.arms[i], packet, i))
     return replace(
@@ -101,12 +115,22 @@ def accumulate(
 
 
 def _added(
-    setup: RavenSetup, arm: ArmName, params: TeleoperationParams, old: Accumulator, packet: Packet, i: int
+    setup: RavenSetup,
+    arm: ArmName,
+    params: TeleoperationParams,
+    old: Accumulator,
+    packet: Packet,
+    i: int,
 ) -> Accumulator:
-    increment = mapping.rotation_from_itp(arm, mapping.matrix_from_quat(wide(setup, packet.quat[i])))
-    # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, cast to INT32_MIN.
+    increment = mapping.rotation_from_itp(
+        arm, mapping.matrix_from_quat(wide(setup, packet.quat[i]))
+    )
+    # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN, cast
+    # to INT32_MIN.
     moves = mapping.position_from_itp(arm, packet.delta[i])
-    moves = moves.map(lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment)
+    moves = moves.map(
+        lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN), increment
+    )
     quaternion = mapping.quat_mul(evaluation(setup).quat_from_matrix(increment), old.quaternion)
     opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
     opening = jnp.where(
@@ -119,7 +143,12 @@ def _added(
 
 
 def _taken_absolute(
-    setup: RavenSetup, arm: ArmName, params: TeleoperationParams, old: Accumulator, packet: Packet, i: int
+    setup: RavenSetup,
+    arm: ArmName,
+    params: TeleoperationParams,
+    old: Accumulator,
+    packet: Packet,
+    i: int,
 ) -> Accumulator:
     rotation = narrow(setup, mapping.matrix_from_quat(wide(setup, packet.quat[i])))
     return Accumulator(StoredPose(packet.delta[i], rotation, packet.grasp[i]), old.quaternion)
@@ -133,7 +162,9 @@ def hand_over(
     pedal_down: Scalar,
     desired: tuple[StoredPose, ...],
 ) -> tuple[TeleoperationState, tuple[StoredPose, ...]]:
-    """Once a cycle: the master timeout, then the device's desired poses (the sum, in pedal-down, if it was updated)."""
+    """Once a cycle: the master timeout, then the device's desired poses (the sum, in pedal-down,
+    if it was updated).
+    """
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
     engaged = state.surgeon_mode != 0
@@ -154,13 +185,17 @@ def hand_over(
 def reset_origin(
     setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: tuple[StoredPose, ...]
 ) -> TeleoperationState:
-    """Where `reset`, restart every arm's accumulator from the desired pose; this counts as an update."""
+    """Where `reset`, restart every arm's accumulator from the desired pose; this counts as an
+    update.
+    """
 
     def restarted(i: int, _: ArmName) -> Accumulator:
         old, new = state.arms[i], desired[i]
         far = jnp.abs(old.pose.grasp_mrad - new.grasp_mrad) > GRASP_RESET_MRAD
         opening = jnp.where(far, new.grasp_mrad, old.pose.grasp_mrad)
-        fresh = Accumulator(StoredPose(new.position_um, new.rotation, opening), _quaternion(setup, new))
+        fresh = Accumulator(
+            StoredPose(new.position_um, new.rotation, opening), _quaternion(setup, new)
+        )
         return where(reset, fresh, old)
 
     return replace(state, arms=per_arm(setup, restarted), updated=state.updated | as_int(reset))

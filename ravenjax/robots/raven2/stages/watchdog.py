@@ -24,7 +24,11 @@ def init(setup: RavenSetup) -> WatchdogState:
 
 
 def step(
-    state: WatchdogState, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized: Scalar
+    state: WatchdogState,
+    soft_estopped: Scalar,
+    runlevel: Scalar,
+    surgeon_mode: Scalar,
+    initialized: Scalar,
 ) -> tuple[WatchdogState, Scalar]:
     """One cycle; returns the state and the output byte (int32)."""
     silent = soft_estopped != 0

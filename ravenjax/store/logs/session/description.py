@@ -1,6 +1,7 @@
 """session.json: what a training session was, in its folder beside session.mcap and hazards.csv.
 
-Written aside and renamed, so that a reader never meets half of it; "ended" stays null until the session is over.
+Written aside and renamed, so that a reader never meets half of it; "ended" stays null until the
+session is over.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ VERSION = 1
 
 
 def write(folder: Path, header: Mapping[str, Any]) -> None:
-    """Create the folder if need be and replace its session.json. StoreError where the disk refuses."""
+    """Create the folder if need be and replace its session.json. StoreError where the disk
+    refuses.
+    """
     require_writable(folder)
     content = {"version": VERSION, **header}
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -26,23 +29,34 @@ def write(folder: Path, header: Mapping[str, Any]) -> None:
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """The session of a folder. StoreError where there is none, it is damaged, or newer than this reader."""
+    """The session of a folder. StoreError where there is none, it is damaged, or newer than this
+    reader.
+    """
     path = Path(folder) / FILE
     try:
         header = parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise StoreError(
-            f"{folder}: is not the folder of a session, it holds no {FILE}. Give a folder that `ravenjax train` wrote."
+            f"{folder}: is not the folder of a session, it holds no {FILE}. Give a folder that"
+            " `ravenjax train` wrote."
         ) from error
     except OSError as error:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
     except ValueError as error:
-        raise StoreError(f"{path}: is not valid JSON ({error}); the recording beside it holds a copy") from error
+        raise StoreError(
+            f"{path}: is not valid JSON ({error}); the recording beside it holds a copy"
+        ) from error
     if not isinstance(header, dict):
-        raise StoreError(f"{path}: holds {type(header).__name__}, expected a table of keys such as scenario and seed")
+        raise StoreError(
+            f"{path}: holds {type(header).__name__}, expected a table of keys such as scenario and"
+            " seed"
+        )
     version = header.get("version")
     if not isinstance(version, int) or version > VERSION:
-        raise StoreError(f"{path}: version {version!r}, expected {VERSION} or less; read it with a newer ravenjax")
+        raise StoreError(
+            f"{path}: version {version!r}, expected {VERSION} or less; read it with a newer"
+            " ravenjax"
+        )
     _require_shape(path, header)
     return header
 
@@ -56,14 +70,20 @@ def _require_shape(path: Path, header: dict[str, Any]) -> None:
         SessionHeader.model_validate(header)
     except ValidationError as error:
         first = error.errors()[0]
-        key, expected = ".".join(map(str, first["loc"])), str(first["msg"]).removeprefix("Input should be ")
+        key, expected = (
+            ".".join(map(str, first["loc"])),
+            str(first["msg"]).removeprefix("Input should be "),
+        )
         raise StoreError(
-            f"{path}: {key}: got {shown(first['input'])}, expected {expected}; the recording beside it holds a copy"
+            f"{path}: {key}: got {shown(first['input'])}, expected {expected}; the recording beside"
+            " it holds a copy"
         ) from None
 
 
 def update(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Change some keys of the folder's session.json, tables key by key, and return the whole. One writer at a time."""
+    """Change some keys of the folder's session.json, tables key by key, and return the whole.
+    One writer at a time.
+    """
     header = _merged(read(folder), changes)
     write(folder, header)
     return header
@@ -73,5 +93,7 @@ def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     out = dict(old)
     for key, value in new.items():
         mine = out.get(key)
-        out[key] = _merged(mine, value) if isinstance(mine, dict) and isinstance(value, Mapping) else value
+        out[key] = (
+            _merged(mine, value) if isinstance(mine, dict) and isinstance(value, Mapping) else value
+        )
     return out

@@ -1,4 +1,6 @@
-"""What readers take from a session.json, and of which type each key is; the file holds more keys than these."""
+"""What readers take from a session.json, and of which type each key is; the file holds more keys
+than these.
+"""
 
 from __future__ import annotations
 

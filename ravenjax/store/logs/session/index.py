@@ -1,6 +1,8 @@
-"""The index of a recording while it is written: on disk, for MCAP's writer keeps a kilobyte of memory for each chunk.
+"""The index of a recording while it is written: on disk, for MCAP's writer keeps a kilobyte of
+memory for each chunk.
 
-A recording has a chunk every few milliseconds, and an hour of them would be 300 MB of memory beside the session.
+A recording has a chunk every few milliseconds, and an hour of them would be 300 MB of memory beside
+the session.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ class _Record:
 
 
 class SpilledIndex:
-    """What stands in for the writer's list of its chunks: entries go to an unnamed file, which ends with the writer."""
+    """What stands in for the writer's list of its chunks: entries go to an unnamed file, which
+    ends with the writer.
+    """
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115  as long as the recording
@@ -48,6 +52,8 @@ class SpilledIndex:
 
 
 def spill(writer: Writer) -> None:
-    """Let `writer` keep its index on disk; where a later version of it keeps none under this name, nothing changes."""
+    """Let `writer` keep its index on disk; where a later version of it keeps none under this
+    name, nothing changes.
+    """
     if getattr(writer, _KEPT, None) == []:
         setattr(writer, _KEPT, SpilledIndex())

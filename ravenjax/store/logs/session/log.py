@@ -1,4 +1,5 @@
-"""A training session's recording, session.mcap: written while it happens, read back even where it was cut short.
+"""A training session's recording, session.mcap: written while it happens, read back even where it
+was cut short.
 
 Profile ros2, CDR, for each arm (arm1 is gold, arm2 green) `STANDARD_HZ` times a second
 
@@ -8,14 +9,16 @@ Profile ros2, CDR, for each arm (arm1 is gold, arm2 green) `STANDARD_HZ` times a
     /armN/haptic_cf                            geometry_msgs/WrenchStamped  force of the cue
     /tf                                        tf2_msgs/TFMessage          frames as in a trace (`trace.log`)
 
-every millisecond /ravenjax/signals, a flat message with every channel of the session as float32, exactly as it was;
-/ravenjax/events, std_msgs/String, one JSON object each, and the same in words on /ravenjax/log, rcl_interfaces/Log. A
-message's time is the session's start plus a millisecond a row, its sequence number the number of the row, so that rows
-which were lost leave a gap instead of shifting the rest.
+every millisecond /ravenjax/signals, a flat message with every channel of the session as float32,
+exactly as it was; /ravenjax/events, std_msgs/String, one JSON object each, and the same in words on
+/ravenjax/log, rcl_interfaces/Log. A message's time is the session's start plus a millisecond a row,
+its sequence number the number of the row, so that rows which were lost leave a gap instead of
+shifting the rest.
 
-A block of rows is one chunk that is handed to the operating system at once: a killed recorder loses what it had not
-yet written, never what it had. What a power cut loses is the operating system's affair.
-"""
+A block of rows is one chunk that is handed to the operating system at once: a killed recorder loses
+what it had not yet written, never what it had. What a power cut loses is the operating system's
+affair.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -43,8 +46,17 @@ TICK_NS = 1_000_000
 STANDARD_HZ = 100
 _EVERY = 1000 // STANDARD_HZ
 
-_STATES = {"measured_js": "jpos", "setpoint_js": "jpos_d", "true_js": "link_jpos", "model_js": "model_jpos"}
-_TIPS = {"measured": ("position", "jpos"), "true": ("tip", "link_jpos"), "model": ("model_tip", "model_jpos")}
+_STATES = {
+    "measured_js": "jpos",
+    "setpoint_js": "jpos_d",
+    "true_js": "link_jpos",
+    "model_js": "model_jpos",
+}
+_TIPS = {
+    "measured": ("position", "jpos"),
+    "true": ("tip", "link_jpos"),
+    "model": ("model_tip", "model_jpos"),
+}
 """Where a tip is, and the joints at which its orientation is taken."""
 _PLAIN = ("scenario", "seed", "robot", "engine", "code_hash", "started")
 """What of the header is in the metadata under its own name, too."""
@@ -62,7 +74,9 @@ class SessionWriter:
         try:
             self._file = open(path, "wb")  # noqa: SIM115  closed by close()
         except OSError as error:
-            raise StoreError(f"{path}: the recording cannot be written ({error.strerror or error})") from error
+            raise StoreError(
+                f"{path}: the recording cannot be written ({error.strerror or error})"
+            ) from error
         self._start_ns = _start_ns(header)
         self._standard = _Standard(names, header.get("bases") or {})
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
@@ -71,15 +85,19 @@ class SessionWriter:
         self._writer.start(profile="ros2", library="ravenjax")
         self._metadata = _metadata(names, header)
         self._writer.add_metadata(METADATA, self._metadata)
-        self._signals, *channels = topics.register(self._writer, [self._flat, *topics.events(), *self._standard.topics])
+        self._signals, *channels = topics.register(
+            self._writer, [self._flat, *topics.events(), *self._standard.topics]
+        )
         self._events, self._channels = channels[:2], channels[2:]
         self._next = 0
         self._file.flush()
 
     def add(self, first: int, rows: np.ndarray, events: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Write rows float32 [n, names], the first of them number `first`, and the events that came with them.
+        """Write rows float32 [n, names], the first of them number `first`, and the events that came
+        with them.
 
-        They are with the operating system when it returns. Raises StoreError where the disk refuses.
+        They are with the operating system when it returns. Raises StoreError where the disk
+        refuses.
         """
         self._next = first + len(rows)
         numbers = np.arange(first, self._next)
@@ -103,8 +121,8 @@ class SessionWriter:
             ) from error
 
     def close(self) -> None:
-        """Write the index; the seeking readers of other tools open the file from then on. What the session was stands
-        at both ends of the file, since without it no row can be read."""
+        """Write the index; the seeking readers of other tools open the file from then on. What the
+        session was stands at both ends of the file, since without it no row can be read."""
         self._writer.add_metadata(METADATA, self._metadata)
         self._writer.finish()
         self._file.close()
@@ -134,12 +152,15 @@ class SessionLog:
 
 
 def read(path: Path) -> SessionLog:
-    """The recording of a session, as much as is there. Raises StoreError where it is no recording of a session."""
+    """The recording of a session, as much as is there. Raises StoreError where it is no
+    recording of a session.
+    """
     content = mcap_records.scan(path)
     metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
     if "channels" not in metadata:
         raise StoreError(
-            f"{path}: is no recording of a session, it names no channels; expected the {FILE} of a session's folder"
+            f"{path}: is no recording of a session, it names no channels; expected the {FILE} of a"
+            " session's folder"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
     kinds = {channel.id: channel.topic for channel in content.channels}
@@ -155,7 +176,15 @@ def read(path: Path) -> SessionLog:
         elif topic == EVENTS:
             events.append(json.loads(cdr.read_string(message)))
     rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
-    return SessionLog(header, names, np.array(numbers, np.int64), rows, events, content.complete, content.lost_bytes)
+    return SessionLog(
+        header,
+        names,
+        np.array(numbers, np.int64),
+        rows,
+        events,
+        content.complete,
+        content.lost_bytes,
+    )
 
 
 class _Tip(NamedTuple):
@@ -170,10 +199,14 @@ class _Tip(NamedTuple):
 class _Standard:
     """The standard topics that the channels allow, and how rows fill them."""
 
-    def __init__(self, names: Sequence[str], bases: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
+    def __init__(
+        self, names: Sequence[str], bases: Mapping[str, Mapping[str, Sequence[float]]]
+    ) -> None:
         """bases: `origin` and `quaternion` of each arm's frame 0 in the world."""
         self._place = {name: i for i, name in enumerate(names)}
-        self._numbers: list[tuple[Topic, np.ndarray, int]] = []  # topic, places in a row, zeros after them
+        self._numbers: list[
+            tuple[Topic, np.ndarray, int]
+        ] = []  # topic, places in a row, zeros after them
         self._tips: list[_Tip] = []
         for arm in ARM_TOPICS:
             for name, channel in _STATES.items():
@@ -182,13 +215,22 @@ class _Standard:
             if (force := self._places(arm, "force", 3)) is not None:
                 self._numbers.append((topics.wrench(arm, "haptic_cf"), force, 3))
             for name, (channel, joint_channel) in _TIPS.items():
-                position, joints = self._places(arm, channel, 3), self._places(arm, joint_channel, len(JOINTS))
+                position, joints = (
+                    self._places(arm, channel, 3),
+                    self._places(arm, joint_channel, len(JOINTS)),
+                )
                 if position is not None and joints is not None:
                     self._tips.append(_Tip(arm, name, position, joints))
         if self._tips:
-            quaternions(np.eye(3)[None])  # imports what it needs: a recording that began must not wait for it
-        standing = [arm for arm in ARM_TOPICS if arm in bases and any(tip.arm == arm for tip in self._tips)]
-        self._bases = np.array([[*bases[arm]["origin"], *bases[arm]["quaternion"]] for arm in standing]).reshape(-1, 7)
+            quaternions(
+                np.eye(3)[None]
+            )  # imports what it needs: a recording that began must not wait for it
+        standing = [
+            arm for arm in ARM_TOPICS if arm in bases and any(tip.arm == arm for tip in self._tips)
+        ]
+        self._bases = np.array(
+            [[*bases[arm]["origin"], *bases[arm]["quaternion"]] for arm in standing]
+        ).reshape(-1, 7)
         self._poses = [topics.pose(tip.arm, f"{tip.name}_cp") for tip in self._tips]
         pairs = [(topics.WORLD, topics.base(arm)) for arm in standing]
         pairs += [(topics.base(tip.arm), topics.tip(tip.arm, tip.name)) for tip in self._tips]
@@ -199,7 +241,10 @@ class _Standard:
         """Of rows [n, names] the numbers [n, k] of each topic, in the order of `topics`."""
         for topic, places, zeros in self._numbers:
             values = rows[:, places]
-            yield topic, np.concatenate([values, np.zeros((len(rows), zeros))], axis=1) if zeros else values
+            yield (
+                topic,
+                np.concatenate([values, np.zeros((len(rows), zeros))], axis=1) if zeros else values,
+            )
         if not self._tips:
             return
         rotation = np.empty((len(rows), len(self._tips), 3, 3))
@@ -225,7 +270,9 @@ def _metadata(names: Sequence[str], header: Mapping[str, Any]) -> dict[str, str]
         plain["scenario"] = scenario.get("name", "")
     plain["session"] = header.get("name", "")
     plain["version"] = (header.get("versions") or {}).get("ravenjax", "")
-    plain["hazards"] = json.dumps([hazard.get("title", "") for hazard in header.get("hazards") or ()])
+    plain["hazards"] = json.dumps(
+        [hazard.get("title", "") for hazard in header.get("hazards") or ()]
+    )
     return {name: str(value) for name, value in plain.items()} | {
         "header": json.dumps(header),
         "channels": json.dumps(list(names)),

@@ -1,4 +1,6 @@
-"""Events of a training session in words, for the log of its recording. Kinds: `ravenjax.trainer.protocol.messages`."""
+"""Events of a training session in words, for the log of its recording. Kinds:
+`ravenjax.trainer.protocol.messages`.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,18 @@ _TEXTS: dict[str, Callable[[Event], str]] = {
     "hazard_armed": lambda e: f"hazard {e['number']} is armed",
     "hazard_struck": lambda e: f"hazard {e['number']} strikes",
     "knowable": lambda e: f"hazard {e['number']} can be known from now on, by {e['by']}",
-    "cue": lambda e: f"haptic cue on the {e['arm']} arm" + (" without a hazard" if e["number"] < 0 else ""),
+    "cue": lambda e: (
+        f"haptic cue on the {e['arm']} arm" + (" without a hazard" if e["number"] < 0 else "")
+    ),
     "stray": lambda e: f"true tip of the {e['arm']} arm {e['mm']:g} mm off",
-    "response": lambda e: f"operator responds: {e['what']}" + ("" if e["ok"] else ", not the right response"),
+    "response": lambda e: (
+        f"operator responds: {e['what']}" + ("" if e["ok"] else ", not the right response")
+    ),
     "hazard_over": lambda e: f"hazard {e['number']} is over: {e['outcome']}",
     "target": lambda e: f"next target: {e['target']}",
-    "level": lambda e: f"level {e['level']} of {e['of']}, {e['in_a_row']} of {e['needs']} rounds in a row",
+    "level": lambda e: (
+        f"level {e['level']} of {e['of']}, {e['in_a_row']} of {e['needs']} rounds in a row"
+    ),
     "task_done": lambda _: "task done",
     "note": lambda e: f"note: {e['text']}",
     "overrun": lambda e: f"{e['late_ticks']} late ticks",
@@ -50,7 +58,9 @@ def text(event: Event) -> str:
     try:
         return _TEXTS[event["kind"]](event)
     except (KeyError, TypeError, ValueError):
-        words = ", ".join(f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick"))
+        words = ", ".join(
+            f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick")
+        )
         return f"{event['kind']}: {words}" if words else str(event["kind"])
 
 

@@ -1,4 +1,6 @@
-"""One run's time series as a CSV file: a row a millisecond, a column a number, its unit in the column's name."""
+"""One run's time series as a CSV file: a row a millisecond, a column a number, its unit in the
+column's name.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from ravenjax.vocabulary.robot import Robot
 
 
 def write(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robots.USUAL) -> None:
-    """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; empty where there is none.
+    """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; empty where
+    there is none.
 
     Numbers are in single precision, seven digits, as a campaign computes them.
     Raises StoreError where the series do not have the same number of ticks or the disk refuses.
@@ -27,11 +30,15 @@ def write(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robots.US
     columns: dict[str, pa.Array] = {"time_s": pa.array(np.arange(ticks) / 1000)}
     for name, values in arrays.items():
         flat = np.ascontiguousarray(values.reshape(ticks, -1).T)
-        for (scalar, unit), numbers in zip(time_series.scalars(robot, name, values.shape[1:]), flat, strict=True):
+        for (scalar, unit), numbers in zip(
+            time_series.scalars(robot, name, values.shape[1:]), flat, strict=True
+        ):
             label = f"{scalar} [{unit}]" if unit not in ("", "1") else scalar
             columns[label] = pa.array(_short(numbers), from_pandas=True)
     table = pa.table(columns)
-    write_aside(path, lambda target: csv.write_csv(table, target, csv.WriteOptions(quoting_style="none")))
+    write_aside(
+        path, lambda target: csv.write_csv(table, target, csv.WriteOptions(quoting_style="none"))
+    )
 
 
 def _short(numbers: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """One run's full time series as an MCAP file: profile ros2, CRTK topic names, standard messages.
 
-Opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2, as in the CRTK interface of
-raven2. Poses are in frame 0 of their arm, `armN_base`; /tf carries the frames
+Opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2, as in
+the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_base`; /tf carries the frames
 
     world -> armN_base -> armN_tip_measured, armN_tip_true, armN_tip_model
 
@@ -12,11 +12,12 @@ Series are those of `time_series`, each optional: of each arm
     /armN/golden_tip                                     geometry_msgs/PointStamped: its orientation is not kept
     /armN/haptic_cf                                      geometry_msgs/WrenchStamped, device units
 
-A tip whose rotation is not among the series is a point, `/armN/model_tip`, instead of a pose. What happened is on
-/ravenjax/events (std_msgs/String, one JSON object each) and in words on /ravenjax/log (rcl_interfaces/Log). Every
-series without a topic of its own, [T] or [T, k], becomes one or k named float64 of the flat message on
-/ravenjax/signals; so do the true tip and the golden run's.
-"""
+A tip whose rotation is not among the series is a point, `/armN/model_tip`, instead of a pose. What
+happened is on /ravenjax/events (std_msgs/String, one JSON object each) and in words on
+/ravenjax/log (rcl_interfaces/Log). Every series without a topic of its own, [T] or [T, k], becomes
+one or k named float64 of the flat message on /ravenjax/signals; so do the true tip and the golden
+run's.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ from ravenjax.store.logs.orientation import quaternions
 from ravenjax.store.logs.topics import Topic
 from ravenjax.vocabulary.robot import Robot
 
-CHUNK_BYTES = 64 * 1024  # a kill loses at most one chunk, a few ticks; the library's default of 1 MiB nearly a second
+CHUNK_BYTES = (
+    64 * 1024
+)  # a kill loses at most one chunk, a few ticks; the library's default of 1 MiB nearly a second
 TICK_NS = 1_000_000  # ns, one control tick
 METADATA = "ravenjax"
 
@@ -53,7 +56,9 @@ _TIPS = {
 }
 _FRAMES = ("measured", "true", "model")
 _FORCE = "haptic_force"
-_TOPIC_SERIES = {name for names in (*_JOINT_STATES.values(), *_TIPS.values()) for name in names} | {_FORCE}
+_TOPIC_SERIES = {name for names in (*_JOINT_STATES.values(), *_TIPS.values()) for name in names} | {
+    _FORCE
+}
 _ALSO_SIGNALS = {"tip", "golden_tip"}
 
 
@@ -73,16 +78,22 @@ def write(
     events: Sequence[Mapping[str, Any]] = (),
     robot: Robot = robots.USUAL,
 ) -> None:
-    """Write the time series of one run, one message per topic and millisecond, first tick at time 0.
+    """Write the time series of one run, one message per topic and millisecond, first tick at time
+    0.
 
-    `metadata` (run id, fault, ...) becomes the file's metadata record "ravenjax". bases: of each arm; without one its
-    base is the root of its frames. events: each has "tick" (ms), "kind", "text" and "level" of topics.LEVELS. Raises
-    StoreError where the series do not have the same number of ticks or the disk refuses.
+    `metadata` (run id, fault, ...) becomes the file's metadata record "ravenjax". bases: of each
+    arm; without one its base is the root of its frames. events: each has "tick" (ms), "kind",
+    "text" and "level" of topics.LEVELS. Raises StoreError where the series do not have the same
+    number of ticks or the disk refuses.
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check(arrays, str(path))
     time_ns = np.arange(ticks, dtype=np.int64) * TICK_NS
-    filled = [*_arm_topics(robot, arrays), *_frames(robot, arrays, bases or {}), *_signals(robot, arrays)]
+    filled = [
+        *_arm_topics(robot, arrays),
+        *_frames(robot, arrays, bases or {}),
+        *_signals(robot, arrays),
+    ]
     messages = [topic.encode(time_ns, values) for topic, values in filled]
 
     def fill(target: Path) -> None:
@@ -120,24 +131,44 @@ class _EventWriter:
 
 
 def _of_arm(arrays: Mapping[str, np.ndarray], arm: str) -> dict[str, np.ndarray]:
-    return {name.removeprefix(f"{arm}/"): values for name, values in arrays.items() if name.startswith(f"{arm}/")}
+    return {
+        name.removeprefix(f"{arm}/"): values
+        for name, values in arrays.items()
+        if name.startswith(f"{arm}/")
+    }
 
 
-def _arm_topics(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
+def _arm_topics(
+    robot: Robot, arrays: Mapping[str, np.ndarray]
+) -> Iterator[tuple[Topic, np.ndarray]]:
     for arm in robot.arms:
         own = _of_arm(arrays, arm)
         for name, series in _JOINT_STATES.items():
             if series[0] in own:
                 present = [one is not None and one in own for one in series]
-                values = [own[one] for one, there in zip(series, present, strict=True) if there and one is not None]
-                yield topics.joint_state(arm, name, robot.joints, *present), np.concatenate(values, axis=1)
+                values = [
+                    own[one]
+                    for one, there in zip(series, present, strict=True)
+                    if there and one is not None
+                ]
+                yield (
+                    topics.joint_state(arm, name, robot.joints, *present),
+                    np.concatenate(values, axis=1),
+                )
         for name, (place, _) in _TIPS.items():
             if place in own:
                 pose = _pose(own, name)
-                topic = topics.point(arm, f"{name}_tip") if pose is None else topics.pose(arm, f"{name}_cp")
+                topic = (
+                    topics.point(arm, f"{name}_tip")
+                    if pose is None
+                    else topics.pose(arm, f"{name}_cp")
+                )
                 yield topic, own[place].astype(float) if pose is None else pose
         if _FORCE in own:
-            yield topics.wrench(arm, "haptic_cf"), np.concatenate([own[_FORCE], np.zeros_like(own[_FORCE])], axis=1)
+            yield (
+                topics.wrench(arm, "haptic_cf"),
+                np.concatenate([own[_FORCE], np.zeros_like(own[_FORCE])], axis=1),
+            )
 
 
 def _pose(own: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
@@ -145,7 +176,9 @@ def _pose(own: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
     place, rotation = _TIPS[name]
     if place not in own or rotation not in own:
         return None
-    return np.concatenate([own[place], quaternions(own[rotation].reshape(-1, 3, 3))], axis=1, dtype=float)
+    return np.concatenate(
+        [own[place], quaternions(own[rotation].reshape(-1, 3, 3))], axis=1, dtype=float
+    )
 
 
 def _frames(

@@ -14,7 +14,9 @@ class TipCourse:
     arm: str
     recorded_s: np.ndarray  # [T]
     recorded: np.ndarray  # [T, 3] every sample of the file
-    replayed_s: np.ndarray  # [ticks] where in the recording the hands are in each millisecond of the campaign
+    replayed_s: (
+        np.ndarray
+    )  # [ticks] where in the recording the hands are in each millisecond of the campaign
     replayed: np.ndarray  # [ticks, 3]; no ticks where nothing can be replayed
     outside: tuple[tuple[float, float], ...]  # stretches that the arm cannot reach
     gaps: tuple[tuple[float, float], ...]  # stretches without samples

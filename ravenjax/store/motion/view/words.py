@@ -31,13 +31,18 @@ def rows(summary: MotionSummary) -> list[tuple[str, str]]:
 
 
 def changes(summary: MotionSummary) -> list[str]:
-    """What was done to the motion beyond its timing, a phrase each; empty where the tip moves as recorded."""
+    """What was done to the motion beyond its timing, a phrase each; empty where the tip moves as
+    recorded.
+    """
     phrases = []
     if summary.cutoff_hz is not None:
         removed = max((one.removed_largest_mm or 0.0 for one in summary.arms), default=0.0)
         phrases.append(f"a low-pass of {summary.cutoff_hz:g} Hz removed up to {removed:.2g} mm")
     if summary.spikes and summary.spike_treatment == "remove":
-        phrases.append(f"{len(summary.spikes)} jump{'s were' if len(summary.spikes) > 1 else ' was'} interpolated over")
+        phrases.append(
+            f"{len(summary.spikes)} jump{'s were' if len(summary.spikes) > 1 else ' was'}"
+            " interpolated over"
+        )
     if summary.slow_down != 1.0:
         phrases.append(f"it is replayed {summary.slow_down:g} times slower")
     if summary.end_s is not None:
@@ -58,7 +63,11 @@ def listed(names: Sequence[str], most: int = MOST) -> str:
 def stretches(spans: Sequence[tuple[float, float]], most: int = MOST) -> str:
     """[1.200, 3.450], .. s, as `window_s` takes them."""
     more = f" and {len(spans) - most} more" if len(spans) > most else ""
-    return ", ".join(f"[{begin:.3f}, {end:.3f}]" for begin, end in spans[:most]) + f" s{more}" if spans else "none"
+    return (
+        ", ".join(f"[{begin:.3f}, {end:.3f}]" for begin, end in spans[:most]) + f" s{more}"
+        if spans
+        else "none"
+    )
 
 
 def _count(rows: int) -> str:
@@ -68,12 +77,18 @@ def _count(rows: int) -> str:
 def _time(summary: MotionSummary) -> str:
     low, median, high = summary.steps_ms
     even = high - low < 1e-3 * median
-    spread = f"every {median:.4g} ms" if even else f"{low:.3g} to {high:.3g} ms apart, {median:.4g} at the median"
-    resampled = "" if even and abs(median - 1.0) < 1e-6 else "; interpolated by time to 1,000 a second"
+    spread = (
+        f"every {median:.4g} ms"
+        if even
+        else f"{low:.3g} to {high:.3g} ms apart, {median:.4g} at the median"
+    )
+    resampled = (
+        "" if even and abs(median - 1.0) < 1e-6 else "; interpolated by time to 1,000 a second"
+    )
     between = f"; {summary.rate_hz / 1000.0:.3g} rows a millisecond, those between are not used"
     return (
-        f"{summary.clock}: {summary.rate_hz:.4g} rows a second ({spread}), {summary.duration_s:.3f} s in all"
-        f"{resampled}{between if summary.rate_hz > 1001.0 else ''}"
+        f"{summary.clock}: {summary.rate_hz:.4g} rows a second ({spread}), {summary.duration_s:.3f}"
+        f" s in all{resampled}{between if summary.rate_hz > 1001.0 else ''}"
     )
 
 
@@ -81,7 +96,10 @@ def _gaps(summary: MotionSummary) -> str:
     if not summary.gaps or summary.gap_s is None:
         return f"none; up to {summary.max_gap_s:g} s would be bridged (operator.max_gap_s)"
     many = f"{summary.gaps} step{'s' if summary.gaps > 1 else ''} of more than three usual ones"
-    longest = f"the longest {summary.gap_s:.3f} s after row {summary.gap_row} ({summary.gap_begin_s:.3f} s)"
+    longest = (
+        f"the longest {summary.gap_s:.3f} s after row {summary.gap_row}"
+        f" ({summary.gap_begin_s:.3f} s)"
+    )
     bridged = "bridged by interpolation" if summary.gap_s <= summary.max_gap_s else "not replayed"
     return f"{many}, {longest}: {bridged} (operator.max_gap_s = {summary.max_gap_s:g})"
 
@@ -91,23 +109,35 @@ def _spikes(summary: MotionSummary) -> str:
         return "none of more than 1 mm at more than 0.5 m/s"
     gone = any("without coming back" in one for one in summary.spikes)
     what = {
-        "remove": "interpolated over" + (", or outside what is replayed where it does not come back" if gone else ""),
+        "remove": (
+            "interpolated over"
+            + (", or outside what is replayed where it does not come back" if gone else "")
+        ),
         "replay": "replayed as recorded",
         "refuse": "outside what is replayed",
     }[summary.spike_treatment]
-    return f"{len(summary.spikes)} {what} (operator.spikes = {summary.spike_treatment!r}): " + listed(summary.spikes)
+    return (
+        f"{len(summary.spikes)} {what} (operator.spikes = {summary.spike_treatment!r}): "
+        + listed(summary.spikes)
+    )
 
 
 def _filter(summary: MotionSummary) -> str:
     if summary.cutoff_hz is None:
-        return "none: tremor and noise are replayed as recorded (operator.cutoff_hz = 5 would remove what is faster)"
+        return (
+            "none: tremor and noise are replayed as recorded (operator.cutoff_hz = 5 would remove"
+            " what is faster)"
+        )
     parts = [
         f"{one.removed_rms_mm:.3g} mm rms of {one.arm}, at most {one.removed_largest_mm:.3g} mm at "
         f"{one.removed_largest_s:.3f} s"
         for one in summary.arms
         if one.removed_rms_mm is not None
     ]
-    return f"{summary.cutoff_hz:g} Hz without phase (operator.cutoff_hz); it removed {'; '.join(parts)}"
+    return (
+        f"{summary.cutoff_hz:g} Hz without phase (operator.cutoff_hz); it removed"
+        f" {'; '.join(parts)}"
+    )
 
 
 def _columns(summary: MotionSummary) -> str:
@@ -122,18 +152,29 @@ def _inside(one: ArmSummary) -> str:
 
 
 def _outside(summary: MotionSummary) -> str:
-    share = f"{100 * summary.outside_share:.2g} % of the recording cannot be replayed (outside a limit, gap or jump)"
-    return f"{share}, the longest first: {stretches(summary.outside, 4)}; nothing of it is in what is replayed"
+    share = (
+        f"{100 * summary.outside_share:.2g} % of the recording cannot be replayed (outside a limit,"
+        " gap or jump)"
+    )
+    return (
+        f"{share}, the longest first: {stretches(summary.outside, 4)}; nothing of it is in what is"
+        " replayed"
+    )
 
 
 def _window(summary: MotionSummary) -> str:
     begin, end = summary.window_s
     share = (end - begin) / summary.duration_s if summary.duration_s else 1.0
-    why = "operator.window_s" if summary.window_stated else "from the first row; operator.window_s chooses"
+    why = (
+        "operator.window_s"
+        if summary.window_stated
+        else "from the first row; operator.window_s chooses"
+    )
     slow = f", {summary.slow_down:g} times slower than recorded" if summary.slow_down != 1.0 else ""
     return (
-        f"{begin:.3f} to {end:.3f} s of the recording, {100 * share:.3g} % of it ({why}){slow}: {summary.rest_s:g} s "
-        f"at rest, up to speed within {summary.run_up_s:g} s, {summary.campaign_s:.3f} s in all"
+        f"{begin:.3f} to {end:.3f} s of the recording, {100 * share:.3g} % of it ({why}){slow}:"
+        f" {summary.rest_s:g} s at rest, up to speed within {summary.run_up_s:g} s,"
+        f" {summary.campaign_s:.3f} s in all"
     )
 
 
@@ -142,23 +183,33 @@ def _end(summary: MotionSummary) -> str:
         return "the recording does not end before the campaign"
     if summary.turns:
         often = f"{summary.turns} time{'s' if summary.turns > 1 else ''}"
-        return f"played in the other direction from {summary.end_s:.3f} s of the campaign on, {often}"
+        return (
+            f"played in the other direction from {summary.end_s:.3f} s of the campaign on, {often}"
+        )
     return f"hands rest from {summary.end_s:.3f} s of the campaign on (operator.at_end = 'hold')"
 
 
 def _pedal(summary: MotionSummary) -> str:
-    source = "as recorded" if summary.pedal == "recorded" else "none recorded: down from 0.2 s of the campaign on"
+    source = (
+        "as recorded"
+        if summary.pedal == "recorded"
+        else "none recorded: down from 0.2 s of the campaign on"
+    )
     return f"{source}; down for {100 * summary.pedal_down:.1f} % of the campaign"
 
 
 def _scale(summary: MotionSummary) -> str:
     as_recorded = (
-        f"the tip moves as recorded at operator.scale = {summary.scale:g}, hands {1 / summary.scale:.4g} times as far"
+        f"the tip moves as recorded at operator.scale = {summary.scale:g}, hands"
+        f" {1 / summary.scale:.4g} times as far"
     )
     if summary.scales is None or set(summary.scales) == {summary.scale}:
         return as_recorded
     least, greatest = (value / summary.scale for value in summary.scales)
-    return f"{as_recorded}; the campaign varies the scale: the tip moves {least:.3g} to {greatest:.3g} times as far"
+    return (
+        f"{as_recorded}; the campaign varies the scale: the tip moves {least:.3g} to {greatest:.3g}"
+        " times as far"
+    )
 
 
 def _tip(one: ArmSummary) -> str:
@@ -170,4 +221,8 @@ def _tip_parts(one: ArmSummary) -> Iterator[str]:
     yield f"path {one.path_mm:.4g} mm, at most {one.fastest_mm_s:.3g} mm/s"
     yield f"{one.distance_mm[0]:.0f} to {one.distance_mm[1]:.0f} mm from the remote centre"
     for what, source in (("orientation", one.orientation), ("jaws", one.jaws)):
-        yield f"{what} as recorded" if source == "recorded" else f"{what} not recorded: as after homing"
+        yield (
+            f"{what} as recorded"
+            if source == "recorded"
+            else f"{what} not recorded: as after homing"
+        )

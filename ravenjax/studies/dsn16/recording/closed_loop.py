@@ -1,8 +1,10 @@
-"""The virtual robot in the closed loop of the 2015 fork, asked for what a recorded one was asked for.
+"""The virtual robot in the closed loop of the 2015 fork, asked for what a recorded one was asked
+for.
 
-The public recording (CSLDepend/raven2_sim) holds 21 s of a real gold arm in pedal-down teleoperation: motors of
-shoulder, elbow and insertion at 1 kHz, and their DAC. What the robot was asked to do is not in it, but its PD law can
-be inverted: mpos_d = mpos + (tau + KD mvel) / KP. It lies where the environment variable RAVENJAX_DATA says.
+The public recording (CSLDepend/raven2_sim) holds 21 s of a real gold arm in pedal-down
+teleoperation: motors of shoulder, elbow and insertion at 1 kHz, and their DAC. What the robot was
+asked to do is not in it, but its PD law can be inverted: mpos_d = mpos + (tau + KD mvel) / KP. It
+lies where the environment variable RAVENJAX_DATA says.
 """
 
 from __future__ import annotations
@@ -29,11 +31,18 @@ DATA, FILE = "RAVENJAX_DATA", "recording_gold_joints123.parquet"
 JOINTS = ("shoulder", "elbow", "insertion")
 SETUP = RavenSetup(software="fork2015", precision=REFERENCE)
 ARM, TOOL = "gold", "r_grasper"
-TOOL_POSE = (0.0, 0.0, math.radians(45), math.radians(45))  # rad; the recording has no tool joints: held at home
+TOOL_POSE = (
+    0.0,
+    0.0,
+    math.radians(45),
+    math.radians(45),
+)  # rad; the recording has no tool joints: held at home
 KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
 TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fork
 CONTROLLER = Controller(Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD)), Vec.full(7, 0.0), filtered=True)
-"""Without the integral that `position_loop.FORK2015` has at the tool: the recording has no tool joints to drive."""
+"""Without the integral that `position_loop.FORK2015` has at the tool: the recording has no tool
+joints to drive.
+"""
 
 Rows = Literal["asked", "dac"]
 """What drives motors 1-3: desired angles (rad) in closed loop, DAC counts in open loop."""
@@ -82,7 +91,9 @@ def motors(three: np.ndarray, still: bool = False) -> Vec:
 
 
 def started(params: robot.PlantParams, angle: np.ndarray, speed: np.ndarray) -> robot.PlantState:
-    """Brakes off, motors at `angle` (rad, 3) and `speed` (rad/s, 3), links where loaded cables then hold them."""
+    """Brakes off, motors at `angle` (rad, 3) and `speed` (rad/s, 3), links where loaded cables
+    then hold them.
+    """
     slack = transmission.joint_from_motor(ARM, TOOL, motors(angle), "fork2015")
     stretch = robot.init(SETUP, ARM, params, slack).stretch
     jpos0 = slack - transmission.joint_from_motor(ARM, TOOL, stretch, "fork2015")
@@ -93,22 +104,33 @@ def started(params: robot.PlantParams, angle: np.ndarray, speed: np.ndarray) -> 
 
 
 def closed_loop(
-    asked: np.ndarray, first_angle: np.ndarray, first_speed: np.ndarray, parameter_set: str = "traj3"
+    asked: np.ndarray,
+    first_angle: np.ndarray,
+    first_speed: np.ndarray,
+    parameter_set: str = "traj3",
 ) -> dict[str, np.ndarray]:
-    """The fork's loop on the virtual robot: filtered encoders, PD, truncation; `asked` motor angles (rad, [T, 3]).
+    """The fork's loop on the virtual robot: filtered encoders, PD, truncation; `asked` motor angles
+    (rad, [T, 3]).
 
-    mpos and mvel [T, 7] (rad, rad/s), jpos [T, 7] (rad and m, of the links), dac [T, 7] (counts). Needs 64 bits.
+    mpos and mvel [T, 7] (rad, rad/s), jpos [T, 7] (rad and m, of the links), dac [T, 7] (counts).
+    Needs 64 bits.
     """
     run = jax.jit(loop("asked", robot.params(SETUP, ARM, parameter_set)))
-    mpos, jpos, counts, speed = run(jnp.asarray(first_angle), jnp.asarray(first_speed), jnp.asarray(asked))
-    return {name: np.asarray(x) for name, x in (("mpos", mpos), ("jpos", jpos), ("dac", counts), ("mvel", speed))}
+    mpos, jpos, counts, speed = run(
+        jnp.asarray(first_angle), jnp.asarray(first_speed), jnp.asarray(asked)
+    )
+    return {
+        name: np.asarray(x)
+        for name, x in (("mpos", mpos), ("jpos", jpos), ("dac", counts), ("mvel", speed))
+    }
 
 
 def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
-    """(first angle, first speed [3], rows [T, 3]) -> (mpos, jpos, dac, mvel), each [T, 7], to be compiled.
+    """(first angle, first speed [3], rows [T, 3]) -> (mpos, jpos, dac, mvel), each [T, 7], to be
+    compiled.
 
-    rows: what is in them; the tool's motors are held at home by their controller. cables: times the stiffness and
-    damping of every cable; 0 with `replay.bare_rotors`.
+    rows: what is in them; the tool's motors are held at home by their controller. cables: times the
+    stiffness and damping of every cable; 0 with `replay.bare_rotors`.
     """
     of_loop = replace(position_loop.params(params), cables=cables)
     pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
@@ -121,8 +143,15 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
         def written(counts: Vec) -> Vec:
             return Vec((*row, *counts[3:])) if rows == "dac" else counts
 
-        state, out, cycle = position_loop.cycle(SETUP, ARM, CONTROLLER, of_loop, state, desired, written)
-        return state, (jnp.stack(out.mpos), jnp.stack(out.jpos), jnp.stack(cycle.counts), jnp.stack(cycle.speed))
+        state, out, cycle = position_loop.cycle(
+            SETUP, ARM, CONTROLLER, of_loop, state, desired, written
+        )
+        return state, (
+            jnp.stack(out.mpos),
+            jnp.stack(out.jpos),
+            jnp.stack(cycle.counts),
+            jnp.stack(cycle.speed),
+        )
 
     def run(angle, speed, rows):
         start = position_loop.start(SETUP, ARM, CONTROLLER, started(params, angle, speed))

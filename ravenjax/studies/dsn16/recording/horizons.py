@@ -1,9 +1,11 @@
-"""How far predictions of a recorded robot err after 20, 50 and 128 ms and over a whole stretch, beside null models.
+"""How far predictions of a recorded robot err after 20, 50 and 128 ms and over a whole stretch,
+beside null models.
 
-The one definition for every comparison with a recording. Each prediction starts from the recorded joints and speeds of
-a stretch that no parameter was fitted to. A null model knows nothing of the arm: it holds the position or the velocity,
-or it is a bare rotor, a motor with viscous friction whose cables are all cut. Errors are of motors, at the joint. One
-recording of one robot is no sample: means and largest errors have no interval.
+The one definition for every comparison with a recording. Each prediction starts from the recorded
+joints and speeds of a stretch that no parameter was fitted to. A null model knows nothing of the
+arm: it holds the position or the velocity, or it is a bare rotor, a motor with viscous friction
+whose cables are all cut. Errors are of motors, at the joint. One recording of one robot is no
+sample: means and largest errors have no interval.
 """
 
 from __future__ import annotations
@@ -41,12 +43,16 @@ def models(setup: RavenSetup, arm: ArmName) -> list[Model]:
     """The virtual robot with each set, and the bare rotors of each."""
     sets = {name: robot.params(setup, arm, name) for name in SETS}
     robots = [Model(f"virtual robot, {name}", params, 1.0) for name, params in sets.items()]
-    rotors = [Model(f"{ROTORS}, {name}", replay.bare_rotors(params), 0.0) for name, params in sets.items()]
+    rotors = [
+        Model(f"{ROTORS}, {name}", replay.bare_rotors(params), 0.0) for name, params in sets.items()
+    ]
     return [*robots, *rotors]
 
 
 class RecordedStretch(NamedTuple):
-    """A part of a recording that nothing was fitted to; [n, joints] each, rows `period_ms` apart."""
+    """A part of a recording that nothing was fitted to; [n, joints] each, rows `period_ms`
+    apart.
+    """
 
     angle: np.ndarray  # by the motors, in the unit of its joint
     speed: np.ndarray  # the same per s, from the row and earlier ones
@@ -95,7 +101,9 @@ def held(part: RecordedStretch) -> tuple[Predictor, Predictor]:
 
         return run
 
-    return Predictor(NO_LOOP, HELD_POSITION, ahead(0.0)), Predictor(NO_LOOP, HELD_VELOCITY, ahead(1.0))
+    return Predictor(NO_LOOP, HELD_POSITION, ahead(0.0)), Predictor(
+        NO_LOOP, HELD_VELOCITY, ahead(1.0)
+    )
 
 
 def compare(part: RecordedStretch, models: Sequence[Predictor]) -> list[HorizonError]:
@@ -105,11 +113,15 @@ def compare(part: RecordedStretch, models: Sequence[Predictor]) -> list[HorizonE
     for loop, model, ahead in (*models, *held(part)):
         short = ahead(part.starts, max(ends))
         for horizon, end in zip(HORIZONS_MS, ends, strict=True):
-            errors.append(_error(loop, model, horizon, short[:, end - 1] - part.angle[part.starts + end]))
+            errors.append(
+                _error(loop, model, horizon, short[:, end - 1] - part.angle[part.starts + end])
+            )
         whole = ahead(np.zeros(1, int), len(part.angle) - 1)[0]
         errors.append(_error(loop, model, None, whole - part.angle[1:]))
     return errors
 
 
 def _error(loop: str, model: str, horizon_ms: int | None, apart: np.ndarray) -> HorizonError:
-    return HorizonError(loop, model, horizon_ms, np.abs(apart).mean(axis=0), np.abs(apart).max(axis=0))
+    return HorizonError(
+        loop, model, horizon_ms, np.abs(apart).mean(axis=0), np.abs(apart).max(axis=0)
+    )

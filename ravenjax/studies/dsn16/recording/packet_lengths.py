@@ -1,4 +1,6 @@
-"""How many control cycles a packet of the console lasts, from recordings; see `ravenjax.vocabulary.packets`."""
+"""How many control cycles a packet of the console lasts, from recordings; see
+`ravenjax.vocabulary.packets`.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +10,26 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.studies.dsn16.recording.closed_loop import KP, JointRecording
 
 RAD_PER_COUNT = 1.0 / (np.array(transmission.COUNTS_PER_NM[:3]) * KP)
-"""Motor angle that one DAC count stands for: what truncation leaves uncertain of `JointRecording.asked`."""
+"""Motor angle that one DAC count stands for: what truncation leaves uncertain of
+`JointRecording.asked`.
+"""
 
 SAME_COUNTS = 1.02
-"""Two truncated numbers differ by less than one count where what they are of is the same; a little for printing."""
+"""Two truncated numbers differ by less than one count where what they are of is the same; a
+little for printing.
+"""
 
 HALF_WINDOW = 10
-"""Rows on each side over which the speed is averaged that tells a hand at rest from a packet that repeats."""
+"""Rows on each side over which the speed is averaged that tells a hand at rest from a packet
+that repeats.
+"""
 
 
 def of_robot(recording: JointRecording, counts_per_ms: float = 5.0) -> np.ndarray:
     """Cycles that each desired position stands while the arm moves, int [packets].
 
-    counts_per_ms: the fastest motor moves by so many RAD_PER_COUNT, so that a step of the hand shows in the DAC.
+    counts_per_ms: the fastest motor moves by so many RAD_PER_COUNT, so that a step of the hand
+    shows in the DAC.
     """
     change = np.diff(recording.asked, axis=0) / RAD_PER_COUNT
     repeats = np.all(np.abs(change) <= SAME_COUNTS, axis=1)
@@ -30,7 +39,9 @@ def of_robot(recording: JointRecording, counts_per_ms: float = 5.0) -> np.ndarra
 
 
 def of_positions(position: np.ndarray, um_per_ms: float = 10.0) -> np.ndarray:
-    """The same of desired positions at 1 kHz (um, [T, 3]) while the hand moves faster than `um_per_ms`."""
+    """The same of desired positions at 1 kHz (um, [T, 3]) while the hand moves faster than
+    `um_per_ms`.
+    """
     repeats = np.all(np.diff(position, axis=0) == 0, axis=1)
     far = np.linalg.norm(position[2 * HALF_WINDOW :] - position[: -2 * HALF_WINDOW], axis=1)
     return run_lengths(repeats, np.pad(far / (2 * HALF_WINDOW) > um_per_ms, HALF_WINDOW))

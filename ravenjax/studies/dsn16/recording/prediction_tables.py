@@ -11,11 +11,12 @@ from ravenjax.studies.dsn16.recording.horizons import HorizonError, RecordedStre
 from ravenjax.studies.framework.study import Table
 
 NOTE = (
-    f"On the half of the recording that no parameter was fitted to. Every {horizons.EVERY_MS} ms a prediction starts "
-    "from the recorded joints and speeds; whole: one prediction from the beginning of that half to its end. Closed "
-    "loop: asked for what the recorded robot was asked for; open loop: the motors get the recorded DAC. A null model "
-    "knows nothing of the arm; bare rotors are motors with viscous friction whose cables are all cut. Mean of the "
-    "absolute errors, then the largest. One recording is no sample, so there is no interval."
+    f"On the half of the recording that no parameter was fitted to. Every {horizons.EVERY_MS} ms a"
+    " prediction starts from the recorded joints and speeds; whole: one prediction from the"
+    " beginning of that half to its end. Closed loop: asked for what the recorded robot was asked"
+    " for; open loop: the motors get the recorded DAC. A null model knows nothing of the arm; bare"
+    " rotors are motors with viscous friction whose cables are all cut. Mean of the absolute"
+    " errors, then the largest. One recording is no sample, so there is no interval."
 )
 
 
@@ -35,19 +36,24 @@ def table(title: str, part: RecordedStretch, errors: Sequence[HorizonError]) -> 
 
 
 def sentences(part: RecordedStretch, errors: Sequence[HorizonError]) -> Iterator[str]:
-    """Of each virtual robot in each loop: where it predicts better than a held velocity, and than every null model."""
+    """Of each virtual robot in each loop: where it predicts better than a held velocity, and
+    than every null model.
+    """
     by_name = {(one.loop, one.model, one.horizon_ms): one for one in errors}
     for (loop, model), mine in _robots(errors).items():
         where = []
         for one in mine:
             velocity = by_name[horizons.NO_LOOP, horizons.HELD_VELOCITY, one.horizon_ms]
             where.append(f"{_when(one)} at {_joints(part, one.mean < velocity.mean)}")
-        best = sum(int((one.mean < np.min([null.mean for null in _nulls(errors, one)], axis=0)).sum()) for one in mine)
+        best = sum(
+            int((one.mean < np.min([null.mean for null in _nulls(errors, one)], axis=0)).sum())
+            for one in mine
+        )
         cells = len(mine) * len(part.units)
         yield (
-            f"{model[0].upper()}{model[1:]}, {loop}: its mean error is smaller than that of a held velocity "
-            f"{'; '.join(where)}. It is smaller than that of every null model in {best} of {cells} comparisons, one a "
-            "joint and horizon."
+            f"{model[0].upper()}{model[1:]}, {loop}: its mean error is smaller than that of a held"
+            f" velocity {'; '.join(where)}. It is smaller than that of every null model in {best}"
+            f" of {cells} comparisons, one a joint and horizon."
         )
 
 
@@ -63,7 +69,11 @@ def _robots(errors: Sequence[HorizonError]) -> dict[tuple[str, str], list[Horizo
 def _nulls(errors: Sequence[HorizonError], beside: HorizonError) -> list[HorizonError]:
     """Null models at the same horizon, in the same loop or in none."""
     loops = (beside.loop, horizons.NO_LOOP)
-    return [one for one in errors if _is_null(one) and one.horizon_ms == beside.horizon_ms and one.loop in loops]
+    return [
+        one
+        for one in errors
+        if _is_null(one) and one.horizon_ms == beside.horizon_ms and one.loop in loops
+    ]
 
 
 def _is_null(one: HorizonError) -> bool:

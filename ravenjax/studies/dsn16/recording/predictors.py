@@ -1,4 +1,6 @@
-"""The virtual robots and their bare rotors as predictors of the recorded joints 1-3, in closed and in open loop."""
+"""The virtual robots and their bare rotors as predictors of the recorded joints 1-3, in closed
+and in open loop.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,14 @@ from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.studies.dsn16.recording import closed_loop, horizons
 from ravenjax.studies.dsn16.recording.closed_loop import JointRecording, Rows
-from ravenjax.studies.dsn16.recording.horizons import CLOSED, OPEN, Ahead, Model, Predictor, RecordedStretch
+from ravenjax.studies.dsn16.recording.horizons import (
+    CLOSED,
+    OPEN,
+    Ahead,
+    Model,
+    Predictor,
+    RecordedStretch,
+)
 
 TO_JOINT = np.array((180.0 / math.pi, 180.0 / math.pi, 1e3)) / np.array(transmission.TR[:3])
 """deg, deg and mm of the joint per rad of its motor."""
@@ -35,7 +44,9 @@ def of(log: JointRecording) -> list[Predictor]:
     predictors = []
     for rows, name in LOOPS.items():
         run = _compiled(rows)
-        predictors += [Predictor(name, model.name, _ahead(log, rows, model, run)) for model in models]
+        predictors += [
+            Predictor(name, model.name, _ahead(log, rows, model, run)) for model in models
+        ]
     return predictors
 
 
@@ -53,7 +64,11 @@ def _ahead(log: JointRecording, rows: Rows, model: Model, run: Callable[..., jax
 
     def ahead(starts: np.ndarray, length: int) -> np.ndarray:
         windows = np.stack([inputs[start : start + length] for start in starts])
-        motors = run(model.params, model.cables, *map(jnp.asarray, (log.angle[starts], log.speed[starts], windows)))
+        motors = run(
+            model.params,
+            model.cables,
+            *map(jnp.asarray, (log.angle[starts], log.speed[starts], windows)),
+        )
         return np.asarray(motors)[:, :, :3] * TO_JOINT
 
     return ahead

@@ -1,4 +1,6 @@
-"""Drawings of the burst study: the paper's Figures 4 and 5 for every constant, and each band over the constants."""
+"""Drawings of the burst study: the paper's Figures 4 and 5 for every constant, and each band
+over the constants.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.studies.framework.drawing import FAULT, MUTED, PREDICTED, PUBLISHED, THRESHOLD, WIDTH_IN
+from ravenjax.studies.framework.drawing import (
+    FAULT,
+    MUTED,
+    PREDICTED,
+    PUBLISHED,
+    THRESHOLD,
+    WIDTH_IN,
+)
 from ravenjax.studies.framework.literature import Published
 from ravenjax.studies.framework.study import Drawing
 from ravenjax.studies.seed.burst.events import EVENTS, FAULT_TICKS, BurstEvent, BurstRun, Criteria
@@ -18,21 +27,27 @@ SHOWN = 1500.0
 """Constants drawn, at most; beyond it the first burst stops the robot."""
 
 
-def drawings(bursts: Mapping[Motion, Sequence[BurstRun]], published: Published, rules: Criteria) -> tuple[Drawing, ...]:
+def drawings(
+    bursts: Mapping[Motion, Sequence[BurstRun]], published: Published, rules: Criteria
+) -> tuple[Drawing, ...]:
     """Of the runs of group "burst" by motion; those of the first motion hold their series."""
     first = next(iter(bursts))
     return (
         Drawing(
             "figures_4_5",
-            f"After the paper's Figures 4 and 5: the four bursts, one a column, with motion {first[0]} {first[1]}. "
-            "Each line is one constant, drawn until the robot stops; shaded: the fault. Dark: the published peak of "
-            "the tip error and the published pulse of the cue, placed at the published lag.",
-            lambda figure: _events(figure, [one for one in bursts[first] if abs(one.value) <= SHOWN], published),
+            "After the paper's Figures 4 and 5: the four bursts, one a column, with motion"
+            f" {first[0]} {first[1]}. Each line is one constant, drawn until the robot stops;"
+            " shaded: the fault. Dark: the published peak of the tip error and the published pulse"
+            " of the cue, placed at the published lag.",
+            lambda figure: _events(
+                figure, [one for one in bursts[first] if abs(one.value) <= SHOWN], published
+            ),
         ),
         Drawing(
             "constants",
-            "Every burst of every motion over the constant (light dots), medians (dark dots), the acceptance bands, "
-            "and the published readings as dark lines. Bottom: in how many motions all four bursts meet each band.",
+            "Every burst of every motion over the constant (light dots), medians (dark dots), the"
+            " acceptance bands, and the published readings as dark lines. Bottom: in how many"
+            " motions all four bursts meet each band.",
             lambda figure: _constants(figure, bursts, published, rules),
         ),
     )
@@ -49,7 +64,9 @@ def _events(figure: Any, runs: Sequence[BurstRun], published: Published) -> None
     for number, column in enumerate(rows.T):
         for one in sorted(runs, key=lambda one: -abs(one.value)):
             if number < len(one.events) and (curves := one.events[number].curves) is not None:
-                for axes, series in zip(column, (curves.shoulder_deg, curves.error_mm, curves.force), strict=True):
+                for axes, series in zip(
+                    column, (curves.shoulder_deg, curves.error_mm, curves.force), strict=True
+                ):
                     axes.plot(curves.time_s, series, color=colours(scale(one.value)), lw=0.7)
         for axes in column:
             axes.axvspan(0.0, FAULT_TICKS / 1e3, color=FAULT, alpha=0.08, lw=0, zorder=0)
@@ -59,11 +76,15 @@ def _events(figure: Any, runs: Sequence[BurstRun], published: Published) -> None
         column[-1].set_xlim(-0.1, 0.8)
     rows[1, 0].set_ylim(0.0, 12.0)
     for axes, words in zip(
-        rows[:, 0], ("shoulder, degrees\nfrom the onset", "tip error, mm", "cue, device units"), strict=True
+        rows[:, 0],
+        ("shoulder, degrees\nfrom the onset", "tip error, mm", "cue, device units"),
+        strict=True,
     ):
         axes.set_ylabel(words)
     figure.align_ylabels(rows[:, 0])
-    figure.colorbar(ScalarMappable(scale, colours), ax=rows, label="DAC constant, counts", aspect=45, pad=0.015)
+    figure.colorbar(
+        ScalarMappable(scale, colours), ax=rows, label="DAC constant, counts", aspect=45, pad=0.015
+    )
 
 
 def _published(column: Any, number: int, published: Published) -> None:
@@ -73,10 +94,14 @@ def _published(column: Any, number: int, published: Published) -> None:
     column[1].plot((0.0, 0.8), (peak, peak), color=PUBLISHED, lw=1.4)
     lasting = published.value(f"pulse.{number}.end_s") - published.value(f"pulse.{number}.begin_s")
     force = published.value(f"pulse.{number}.force")
-    column[2].plot((lag, lag, lag + lasting, lag + lasting), (0.0, force, force, 0.0), color=PUBLISHED, lw=1.4)
+    column[2].plot(
+        (lag, lag, lag + lasting, lag + lasting), (0.0, force, force, 0.0), color=PUBLISHED, lw=1.4
+    )
 
 
-def _constants(figure: Any, bursts: Mapping[Motion, Sequence[BurstRun]], published: Published, rules: Criteria) -> None:
+def _constants(
+    figure: Any, bursts: Mapping[Motion, Sequence[BurstRun]], published: Published, rules: Criteria
+) -> None:
     figure.set_size_inches(WIDTH_IN, 8.6)
     panels = figure.subplots(5, 1, sharex=True, height_ratios=(1.2, 1, 1, 1, 1.3))
     runs = [one for of_motion in bursts.values() for one in of_motion if abs(one.value) <= SHOWN]
@@ -111,7 +136,9 @@ def _constants(figure: Any, bursts: Mapping[Motion, Sequence[BurstRun]], publish
 def _dots(axes: Any, runs: Sequence[BurstRun], of: Callable[[BurstEvent], float]) -> None:
     by_value: dict[float, list[float]] = {}
     for one in runs:
-        by_value.setdefault(one.value, []).extend(v for v in map(of, one.events) if not math.isnan(v))
+        by_value.setdefault(one.value, []).extend(
+            v for v in map(of, one.events) if not math.isnan(v)
+        )
     for value, dots in by_value.items():
         axes.plot([value] * len(dots), dots, "o", color=PREDICTED, ms=2, alpha=0.18, mew=0)
     there = sorted(value for value, dots in by_value.items() if dots)
@@ -123,10 +150,15 @@ def _met(axes: Any, runs: Sequence[BurstRun], rules: Criteria, motions: int) -> 
     values = sorted({one.value for one in runs})
     names = [*rules.tests, "all of A4"]
     tests = [*rules.tests.values(), rules.all_of_a4]
-    shares = [[np.mean([holds(one) for one in runs if one.value == value]) for value in values] for holds in tests]
+    shares = [
+        [np.mean([holds(one) for one in runs if one.value == value]) for value in values]
+        for holds in tests
+    ]
     half = (values[1] - values[0]) / 2.0
     edges = [values[0] - half, *(value + half for value in values)]
-    image = axes.pcolormesh(edges, range(len(names) + 1), shares, cmap="Blues", vmin=0.0, vmax=1.0, linewidth=0)
+    image = axes.pcolormesh(
+        edges, range(len(names) + 1), shares, cmap="Blues", vmin=0.0, vmax=1.0, linewidth=0
+    )
     image.set_edgecolor("face")
     axes.set_yticks([place + 0.5 for place in range(len(names))], names)
     axes.invert_yaxis()

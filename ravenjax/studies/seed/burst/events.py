@@ -1,7 +1,8 @@
-"""What a burst of the training-simulator paper does, measured on time series: tip error, rebound, cue, jump, stop.
+"""What a burst of the training-simulator paper does, measured on time series: tip error, rebound,
+cue, jump, stop.
 
-An event lasts from the onset of the fault for EVENT_TICKS, or until the robot stops: afterwards the nominal model goes
-on and the tip error says nothing.
+An event lasts from the onset of the fault for EVENT_TICKS, or until the robot stops: afterwards the
+nominal model goes on and the tip error says nothing.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ REACH_TICKS = FAULT_TICKS + 50
 REBOUND_TICKS = 300
 """After the farthest point."""
 JUMP_UM = 100.0
-"""Step of the measured tip in 1 ms, twice running, the golden run's not: the published analysis code (DSN 2016)."""
+"""Step of the measured tip in 1 ms, twice running, the golden run's not: the published analysis
+code (DSN 2016).
+"""
 DRAWN_TICKS = range(-100, 800, 5)
 """Ticks of an event that are drawn, from its onset."""
 
@@ -84,8 +87,13 @@ class Criteria:
 
 
 def criteria(published: Published) -> Criteria:
-    """The bands of the file of published numbers, each asked of all four bursts; one cut short has no rebound."""
-    bands = {name: published.band(name) for name in ("a4.peak", "a4.rebound", "a4.rebound_ms", "a5.onset")}
+    """The bands of the file of published numbers, each asked of all four bursts; one cut short
+    has no rebound.
+    """
+    bands = {
+        name: published.band(name)
+        for name in ("a4.peak", "a4.rebound", "a4.rebound_ms", "a5.onset")
+    }
 
     def within(name: str, of: Callable[[BurstEvent], float]) -> Callable[[BurstRun], bool]:
         low, high = bands[name]
@@ -101,7 +109,9 @@ def criteria(published: Published) -> Criteria:
         "peaks": within("a4.peak", lambda event: event.peak_mm),
         "rebounds": within("a4.rebound", lambda event: event.rebound_deg),
         "rebound times": within("a4.rebound_ms", lambda event: event.rebound_ms),
-        "stop in the fourth": lambda run: len(run.events) == EVENTS and run.cause == STOP and run.events[-1].cut,
+        "stop in the fourth": lambda run: (
+            len(run.events) == EVENTS and run.cause == STOP and run.events[-1].cut
+        ),
     }
     return Criteria(a4 | {"cue onsets": within("a5.onset", lambda event: event.cue_s)}, tuple(a4))
 
@@ -109,7 +119,8 @@ def criteria(published: Published) -> Criteria:
 def run(row: Row, series: Series, golden_um: np.ndarray, drawn: bool = False) -> BurstRun:
     """Measure a run by its row of the result table and its series.
 
-    golden_um: measured tip of the golden run, um [ticks, 3]. drawn: keep the series of its events for a figure.
+    golden_um: measured tip of the golden run, um [ticks, 3]. drawn: keep the series of its events
+    for a figure.
     """
     active = np.asarray(series["fault_active"], bool)
     end = len(active)
@@ -118,7 +129,11 @@ def run(row: Row, series: Series, golden_um: np.ndarray, drawn: bool = False) ->
     onsets = [tick for tick in rises(active) if tick < stop]
     jumps = jump_ticks(series["position"] * 1e6, golden_um)
     pulses = rises(series["cue_force"] > 0.0)
-    outside = [t for t in pulses if t < stop and not any(onset <= t < onset + EVENT_TICKS for onset in onsets)]
+    outside = [
+        t
+        for t in pulses
+        if t < stop and not any(onset <= t < onset + EVENT_TICKS for onset in onsets)
+    ]
     return BurstRun(
         group=str(row["group"]),
         value=float(row["fault0_value"]),
@@ -137,7 +152,9 @@ def run(row: Row, series: Series, golden_um: np.ndarray, drawn: bool = False) ->
 
 
 def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent:
-    """The burst from tick `onset` on, watched until tick `end`; `jumps`: ticks of all jumps of the run."""
+    """The burst from tick `onset` on, watched until tick `end`; `jumps`: ticks of all jumps of
+    the run.
+    """
     force = series["cue_force"][onset:end]
     felt = np.flatnonzero(force > 0.0)
     shoulder = np.degrees(series["jpos"][onset:end, SHOULDER].astype(float))
@@ -156,7 +173,9 @@ def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent
 
 
 def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
-    """How far (deg) and how long (ms) a joint goes back from the farthest point that a burst drove it to; [ticks]."""
+    """How far (deg) and how long (ms) a joint goes back from the farthest point that a burst
+    drove it to; [ticks].
+    """
     away = shoulder_deg - shoulder_deg[0]
     far = int(np.argmax(np.abs(away[:REACH_TICKS])))
     back = (away[far] - away[far : far + REBOUND_TICKS]) * np.sign(away[far])
@@ -166,7 +185,9 @@ def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
 
 def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
     """Ticks at which the second of two long steps in a row ends; both [ticks, 3], um."""
-    long, usual = (np.linalg.norm(np.diff(tip, axis=0), axis=1) > JUMP_UM for tip in (position_um, golden_um))
+    long, usual = (
+        np.linalg.norm(np.diff(tip, axis=0), axis=1) > JUMP_UM for tip in (position_um, golden_um)
+    )
     over = long & ~usual
     return np.flatnonzero(over[1:] & over[:-1]) + 2
 

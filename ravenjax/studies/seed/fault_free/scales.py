@@ -1,4 +1,6 @@
-"""Fault-free tip error of the training simulator at four teleoperation scales (IROS 2016, Figure 3; targets A5, A6)."""
+"""Fault-free tip error of the training simulator at four teleoperation scales (IROS 2016, Figure
+3; targets A5, A6).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ import numpy as np
 from ravenjax.robots.raven2.plant import published
 from ravenjax.studies.framework import literature
 from ravenjax.studies.framework.series import Recorder
-from ravenjax.studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
+from ravenjax.studies.framework.study import (
+    Context,
+    Findings,
+    Line,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
 from ravenjax.studies.seed.fault_free import drawings
 from ravenjax.studies.seed.fault_free.segments import Growth, RunSegment, growth, segment, spread
 from ravenjax.studies.seed.motions import MOTIONS, Motion, over_kinds, overrides, variant
@@ -25,21 +35,33 @@ EVERY_CYCLE, BURSTS = "a packet each cycle", "packets in bursts"
 """The campaign's groups with other lengths of packets."""
 
 NOISE = "noise"
-"""The campaign's group with noise of encoders and motors in the sizes that the robot has by itself."""
+"""The campaign's group with noise of encoders and motors in the sizes that the robot has by
+itself.
+"""
 
 SETTINGS: dict[str, tuple[str, str]] = {
     **{
         f"set {name}": (f"campaign.parameter_set={name}", f"the authors' law and their set {name}")
         for name in published.SETS
     },
-    "software fork2015": ("campaign.software=fork2015", "the control software of the 2015 simulator fork"),
+    "software fork2015": (
+        "campaign.software=fork2015",
+        "the control software of the 2015 simulator fork",
+    ),
 }
-"""What only a campaign of its own can answer otherwise: its override, its question. Run for the first motion alone."""
+"""What only a campaign of its own can answer otherwise: its override, its question. Run for the
+first motion alone.
+"""
 
 
 def _variants() -> tuple[Variant, ...]:
     modelled = [
-        Variant(variant(motion), CAMPAIGN, overrides(motion), "" if motion == MOTIONS[0] else "another motion")
+        Variant(
+            variant(motion),
+            CAMPAIGN,
+            overrides(motion),
+            "" if motion == MOTIONS[0] else "another motion",
+        )
         for motion in MOTIONS
     ]
     few = (*overrides(MOTIONS[0]), f"campaign.limit={len(SCALES)}")
@@ -67,21 +89,31 @@ class Setting:
 
     def all_segments(self, field: str = "mean_mm") -> dict[Motion, float]:
         """Mean over the four scales, of each motion."""
-        return self.by_motion(lambda segments: float(np.mean([getattr(segments[s], field) for s in SCALES])))
+        return self.by_motion(
+            lambda segments: float(np.mean([getattr(segments[s], field) for s in SCALES]))
+        )
 
     def lines(self, field: str, of: str) -> dict[Motion, float]:
-        """Slope, value at zero or explained share of a straight line through the four scales, of each motion."""
-        return self.by_motion(lambda found: getattr(growth(SCALES, [getattr(found[s], field) for s in SCALES]), of))
+        """Slope, value at zero or explained share of a straight line through the four scales, of
+        each motion.
+        """
+        return self.by_motion(
+            lambda found: getattr(growth(SCALES, [getattr(found[s], field) for s in SCALES]), of)
+        )
 
     def line(self, field: str, of: str) -> StudyEstimate:
         """Its mean over kinds of motion."""
         return over_kinds(self.lines(field, of))
 
     def explained(self, field: str) -> StudyEstimate:
-        """Share of the variance that a line explains: mean over kinds, least and largest of a motion."""
+        """Share of the variance that a line explains: mean over kinds, least and largest of a
+        motion.
+        """
         low, high = spread(self.lines(field, "explained").values())
         mean = self.line(field, "explained")
-        return dataclasses.replace(mean, low=low, high=high, of=f"{mean.of}, least and largest of a motion")
+        return dataclasses.replace(
+            mean, low=low, high=high, of=f"{mean.of}, least and largest of a motion"
+        )
 
     @property
     def every(self) -> list[RunSegment]:
@@ -98,7 +130,9 @@ def compare(context: Context) -> Findings:
     return Findings(
         lines=lines,
         tables=(
-            _sensitivity(settings, published.band("a6.mean"), _published_growth(published, "mean").slope),
+            _sensitivity(
+                settings, published.band("a6.mean"), _published_growth(published, "mean").slope
+            ),
             _readings(modelled),
             _motions(modelled),
         ),
@@ -108,7 +142,9 @@ def compare(context: Context) -> Findings:
 
 
 def _measured(context: Context) -> dict[str, Setting]:
-    """Settings by name, the modelled one first, those of the campaign's groups before those of campaigns."""
+    """Settings by name, the modelled one first, those of the campaign's groups before those of
+    campaigns.
+    """
     recorder = Recorder()
     by_setting: dict[str, dict[Motion, dict[float, RunSegment]]] = {}
     for motion in MOTIONS:
@@ -122,7 +158,11 @@ def _measured(context: Context) -> dict[str, Setting]:
 
 def _inside(settings: Mapping[str, Setting], band: tuple[float, float]) -> list[str]:
     """Settings other than the modelled one whose mean of all segments is in the band, with it."""
-    means = {name: over_kinds(setting.all_segments()).value for name, setting in settings.items() if name != MODELLED}
+    means = {
+        name: over_kinds(setting.all_segments()).value
+        for name, setting in settings.items()
+        if name != MODELLED
+    }
     return [f"{name} {mean:.2f} mm" for name, mean in means.items() if band[0] <= mean <= band[1]]
 
 
@@ -132,7 +172,10 @@ def _acceptance(
     fits = {kind: _published_growth(published, kind) for kind in ("peak", "mean")}
     means = [published.value(f"fault_free.mean.{s:g}") for s in SCALES]
     cues = sum(segment.pulses > 0 for segment in noisy.every)
-    scales = ", ".join(f"{scale:g}" for scale in sorted({s.scale for s in noisy.every if s.pulses})) or "none"
+    scales = (
+        ", ".join(f"{scale:g}" for scale in sorted({s.scale for s in noisy.every if s.pulses}))
+        or "none"
+    )
     explained = published.band("a6.explained")
     return (
         Line(
@@ -142,8 +185,8 @@ def _acceptance(
             over_kinds(modelled.all_segments()),
             published.band("a6.mean"),
             "A6",
-            "the nominal model's gains, the latency of packets and the motion are not published; inside the band with "
-            + "; ".join(inside),
+            "the nominal model's gains, the latency of packets and the motion are not published;"
+            " inside the band with " + "; ".join(inside),
         ),
         *(
             Line(
@@ -164,8 +207,8 @@ def _acceptance(
             StudyEstimate(cues, n=len(noisy.every), of="segments, noise on"),
             (1, np.inf),
             "A5",
-            f"at scale {scales}; without noise {sum(s.pulses > 0 for s in modelled.every)} of {len(modelled.every)}: "
-            "compare the two before calling it the noise's doing",
+            f"at scale {scales}; without noise {sum(s.pulses > 0 for s in modelled.every)} of"
+            f" {len(modelled.every)}: compare the two before calling it the noise's doing",
         ),
         *(
             Line(
@@ -182,7 +225,10 @@ def _acceptance(
                 "mm",
                 StudyEstimate(fits[kind].at_zero, of="four readings of Figure 3"),
                 modelled.line(f"{kind}_mm", "at_zero"),
-                reason=f"the model begins at the true tip, encoders see it {modelled.every[0].rest_mm:.2f} mm away",
+                reason=(
+                    "the model begins at the true tip, encoders see it"
+                    f" {modelled.every[0].rest_mm:.2f} mm away"
+                ),
             )
             for kind in ("peak", "mean")
         ),
@@ -196,23 +242,34 @@ def _published_growth(published: literature.Published, kind: str) -> Growth:
 def _linear_reason(kind: str) -> str:
     if kind == "mean":
         return "dry friction and the offset at rest do not shrink with the scale"
-    return "at scale 0.2 the fault-free command of fast motions is clipped by the overdrive check: the peaks bend up"
+    return (
+        "at scale 0.2 the fault-free command of fast motions is clipped by the overdrive check: the"
+        " peaks bend up"
+    )
 
 
 def _by_scale(modelled: Setting, published: literature.Published) -> tuple[Line, ...]:
     lines = []
     for kind in ("peak", "mean"):
         for scale in SCALES:
-            low, high = spread(getattr(segments[scale], f"{kind}_mm") for segments in modelled.segments.values())
+            low, high = spread(
+                getattr(segments[scale], f"{kind}_mm") for segments in modelled.segments.values()
+            )
             read = published.estimate(f"fault_free.{kind}.{scale:g}")
-            where = "within" if low <= read.value <= high else "above" if read.value > high else "below"
+            where = (
+                "within" if low <= read.value <= high else "above" if read.value > high else "below"
+            )
             reason = f"published value {where} the {low:.2f} to {high:.2f} mm of single motions"
             predicted = modelled.at(scale, f"{kind}_mm")
-            lines.append(Line(f"{kind} tip error, scale {scale:g}", "mm", read, predicted, reason=reason))
+            lines.append(
+                Line(f"{kind} tip error, scale {scale:g}", "mm", read, predicted, reason=reason)
+            )
     return tuple(lines)
 
 
-def _sensitivity(settings: Mapping[str, Setting], band: tuple[float, float], published_slope: float) -> Table:
+def _sensitivity(
+    settings: Mapping[str, Setting], band: tuple[float, float], published_slope: float
+) -> Table:
     modelled = settings[MODELLED]
     rows = []
     for name, setting in settings.items():
@@ -247,9 +304,10 @@ def _sensitivity(settings: Mapping[str, Setting], band: tuple[float, float], pub
             "segments that ended in a stop",
         ),
         tuple(rows),
-        "One thing is changed at a time. Intervals (95 %, t) are over kinds of motion, not over ticks or seeds; rows "
-        "without one were run with the first motion alone. Peaks are means over kinds of motion. A segment that ends "
-        f"in a stop is measured until then. Published slope of the means: {published_slope:.1f} mm.",
+        "One thing is changed at a time. Intervals (95 %, t) are over kinds of motion, not over"
+        " ticks or seeds; rows without one were run with the first motion alone. Peaks are means"
+        " over kinds of motion. A segment that ends in a stop is measured until then. Published"
+        f" slope of the means: {published_slope:.1f} mm.",
     )
 
 
@@ -269,7 +327,10 @@ def _readings(modelled: Setting) -> Table:
     ]
     columns = ("tip error", *(f"mean at {scale:g}, mm" for scale in SCALES), "all segments, mm")
     return Table(
-        "Which tip error is meant", columns, tuple(rows), "The paper does not say whether it means the true tip."
+        "Which tip error is meant",
+        columns,
+        tuple(rows),
+        "The paper does not say whether it means the true tip.",
     )
 
 
@@ -283,9 +344,17 @@ def _motions(modelled: Setting) -> Table:
         )
         for (kind, seed), segments in modelled.segments.items()
     ]
-    columns = ("motion", *(f"peak at {s:g}" for s in SCALES), *(f"mean at {s:g}" for s in SCALES), "cue pulses")
+    columns = (
+        "motion",
+        *(f"peak at {s:g}" for s in SCALES),
+        *(f"mean at {s:g}" for s in SCALES),
+        "cue pulses",
+    )
     return Table(
-        "Each motion as modelled, mm", columns, tuple(rows), "A segment is 10 s of motion, a cue pulls above 3 mm."
+        "Each motion as modelled, mm",
+        columns,
+        tuple(rows),
+        "A segment is 10 s of motion, a cue pulls above 3 mm.",
     )
 
 
@@ -293,26 +362,47 @@ def _notes(settings: Mapping[str, Setting], inside: Sequence[str]) -> tuple[str,
     modelled = settings[MODELLED]
     mean = {name: over_kinds(setting.all_segments()).value for name, setting in settings.items()}
     rest = modelled.every[0].rest_mm
-    clipped = {name: [s for s in setting.every if s.stop_ms >= 0] for name, setting in settings.items()}
+    clipped = {
+        name: [s for s in setting.every if s.stop_ms >= 0] for name, setting in settings.items()
+    }
     stops = "; ".join(
-        f"{name} {len(stopped)} of {len(settings[name].every)}" for name, stopped in clipped.items() if stopped
+        f"{name} {len(stopped)} of {len(settings[name].every)}"
+        for name, stopped in clipped.items()
+        if stopped
     )
     return (
-        "No parameter was chosen for agreement. The nominal model's gains follow from the robot's own, so that both "
-        "are dynamically alike; the paper's model has gains of its own, which it does not print. Motions are generated "
-        "ones, the paper's is a person's hand.",
-        f"Mean of all segments: {mean[MODELLED]:.2f} mm as modelled. Settings with a mean inside the band, one changed "
-        f"at a time: {'; '.join(inside) or 'none that was tried'}. A model that is stiffer or softer than the robot, "
-        "or hears the operator earlier, leaves it in proportion to speed, and so to scale; dry friction and the "
-        f"{rest:.2f} mm at rest between true and measured tip (cables stretched by gravity, encoders on the motors) do "
-        "not grow with the scale.",
-        "Friction, mass, cables, motors and noise of the robot, each within its uncertainty, move the mean by "
-        f"{_change(settings, mean, ('robot ', 'cable ', 'motor ', NOISE))}; the published parameter sets by "
-        f"{_change(settings, mean, ('set ',))} (first motion alone; the nominal model keeps its own parameters).",
-        "A6 says 'about linear' without a number; that a line should explain 0.9 of the variance is this study's "
-        "reading, and the peaks lie close to it.",
-        "The text's 2.43 +- 1.72 mm does not fit the paper's own plot, whose four means are 0.3 to 1.4 mm.",
-        _packets_note({name: settings[name] for name in (MODELLED, EVERY_CYCLE, BURSTS) if name in settings}, mean),
+        (
+            "No parameter was chosen for agreement. The nominal model's gains follow from the"
+            " robot's own, so that both are dynamically alike; the paper's model has gains of its"
+            " own, which it does not print. Motions are generated ones, the paper's is a person's"
+            " hand."
+        ),
+        (
+            f"Mean of all segments: {mean[MODELLED]:.2f} mm as modelled. Settings with a mean"
+            " inside the band, one changed at a time:"
+            f" {'; '.join(inside) or 'none that was tried'}. A model that is stiffer or softer than"
+            " the robot, or hears the operator earlier, leaves it in proportion to speed, and so"
+            f" to scale; dry friction and the {rest:.2f} mm at rest between true and measured tip"
+            " (cables stretched by gravity, encoders on the motors) do not grow with the scale."
+        ),
+        (
+            "Friction, mass, cables, motors and noise of the robot, each within its uncertainty,"
+            f" move the mean by {_change(settings, mean, ('robot ', 'cable ', 'motor ', NOISE))};"
+            f" the published parameter sets by {_change(settings, mean, ('set ',))} (first motion"
+            " alone; the nominal model keeps its own parameters)."
+        ),
+        (
+            "A6 says 'about linear' without a number; that a line should explain 0.9 of the"
+            " variance is this study's reading, and the peaks lie close to it."
+        ),
+        (
+            "The text's 2.43 +- 1.72 mm does not fit the paper's own plot, whose four means are 0.3"
+            " to 1.4 mm."
+        ),
+        _packets_note(
+            {name: settings[name] for name in (MODELLED, EVERY_CYCLE, BURSTS) if name in settings},
+            mean,
+        ),
         *((f"Segments that ended in a stop by the robot's own check: {stops}.",) if stops else ()),
     )
 
@@ -320,10 +410,11 @@ def _notes(settings: Mapping[str, Setting], inside: Sequence[str]) -> tuple[str,
 def _packets_note(lengths: Mapping[str, Setting], mean: Mapping[str, float]) -> str:
     """What hangs on how long packets last, in words."""
     return (
-        "How long a packet lasted is not published; packets last as on a recorded arm, while the hand keeps its speed. "
-        "A packet each control cycle was assumed before. Mean of all segments, and segments with a cue: "
-        f"{'; '.join(f'{name} {mean[name]:.3f} mm, {_cues(setting)}' for name, setting in lengths.items())}. Every run "
-        "draws its own."
+        "How long a packet lasted is not published; packets last as on a recorded arm, while the"
+        " hand keeps its speed. A packet each control cycle was assumed before. Mean of all"
+        " segments, and segments with a cue:"
+        f" {'; '.join(f'{name} {mean[name]:.3f} mm, {_cues(setting)}' for name, setting in lengths.items())}."  # noqa: E501
+        " Every run draws its own."
     )
 
 
@@ -332,7 +423,9 @@ def _cues(setting: Setting) -> str:
     return f"{sum(s.pulses > 0 for s in setting.every)} of {len(setting.every)}"
 
 
-def _change(settings: Mapping[str, Setting], mean: Mapping[str, float], prefixes: tuple[str, ...]) -> str:
+def _change(
+    settings: Mapping[str, Setting], mean: Mapping[str, float], prefixes: tuple[str, ...]
+) -> str:
     """Range of changes against the same motions as modelled, of settings whose names begin so."""
     own = settings[MODELLED].all_segments()
     names = [name for name in settings if name.startswith(prefixes)]
@@ -346,14 +439,24 @@ def _mm(value: float) -> str:
 
 def _with_interval(estimate: StudyEstimate, sign: str = "") -> str:
     value = f"{estimate.value:{sign}.2f}"
-    return value if math.isnan(estimate.low) else f"{value} ({estimate.low:{sign}.2f} to {estimate.high:{sign}.2f})"
+    return (
+        value
+        if math.isnan(estimate.low)
+        else f"{value} ({estimate.low:{sign}.2f} to {estimate.high:{sign}.2f})"
+    )
 
 
 STUDY = Study(
     name="seed_fault_free",
     title="Fault-free tip error of the training simulator",
-    source="Li et al., A Hardware-in-the-loop Simulator for Safety Training in Robotic Surgery, IROS 2016, Figure 3",
-    question="How far does the robot leave its nominal model when nothing is wrong, and does that grow with the scale?",
+    source=(
+        "Li et al., A Hardware-in-the-loop Simulator for Safety Training in Robotic Surgery, IROS"
+        " 2016, Figure 3"
+    ),
+    question=(
+        "How far does the robot leave its nominal model when nothing is wrong, and does that grow"
+        " with the scale?"
+    ),
     variants=_variants(),
     compare=compare,
     targets=("A5", "A6"),

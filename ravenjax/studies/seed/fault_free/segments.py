@@ -1,8 +1,9 @@
-"""Fault-free segments of the training-simulator paper: tip error of one motion at one teleoperation scale.
+"""Fault-free segments of the training-simulator paper: tip error of one motion at one teleoperation
+scale.
 
-Tip error is what the cue sees, the distance from the tip that the control software measures to the nominal model's. Two
-other readings of the paper stand beside it: the true tip's distance, and the measured one if both had begun at the same
-place (its vector at rest taken off).
+Tip error is what the cue sees, the distance from the tip that the control software measures to the
+nominal model's. Two other readings of the paper stand beside it: the true tip's distance, and the
+measured one if both had begun at the same place (its vector at rest taken off).
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import numpy as np
 from ravenjax.studies.framework.series import Row, Series, rises
 
 REST_TICKS = 500
-"""The hand rests so long at the beginning of every generated motion, pedal down from tick 200 on."""
+"""The hand rests so long at the beginning of every generated motion, pedal down from tick 200
+on.
+"""
 DRAWN_EVERY = 20
 """Ticks between drawn points; each is the largest error among them."""
 
@@ -74,7 +77,11 @@ def growth(scales: Sequence[float], values: Sequence[float]) -> Growth:
     x, y = np.asarray(scales, float), np.asarray(values, float)
     slope, at_zero = np.polyfit(x, y, 1)
     rest, about = y - slope * x - at_zero, y - y.mean()
-    return Growth(float(slope), float(at_zero), float(1.0 - rest @ rest / (about @ about)) if about.any() else 1.0)
+    return Growth(
+        float(slope),
+        float(at_zero),
+        float(1.0 - rest @ rest / (about @ about)) if about.any() else 1.0,
+    )
 
 
 def spread(values: Iterable[float]) -> tuple[float, float]:

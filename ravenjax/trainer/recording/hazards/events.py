@@ -1,4 +1,6 @@
-"""Hazards of a session that was cut short, reconstructed from its recording: there is no hazards.csv then."""
+"""Hazards of a session that was cut short, reconstructed from its recording: there is no
+hazards.csv then.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,8 @@ from ravenjax.trainer.recording.reader import Recording
 def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[HazardRow]:
     """A row for each hazard that was armed, as far as events and curves tell; in order of arming.
 
-    Outcome and score are empty where the hazard was still at work when the recording broke off. Distances are the
-    largest of any arm from the strike until the hazard was over.
+    Outcome and score are empty where the hazard was still at work when the recording broke off.
+    Distances are the largest of any arm from the strike until the hazard was over.
     """
     listed = {int(one["number"]): one for one in header.get("hazards") or [] if "number" in one}
     rows: list[dict[str, Any]] = []
@@ -33,7 +35,9 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
     return [HazardRow(**row) for row in rows]
 
 
-def _armed(event: Mapping[str, Any], listed: Mapping[str, Any], header: Mapping[str, Any]) -> dict[str, Any]:
+def _armed(
+    event: Mapping[str, Any], listed: Mapping[str, Any], header: Mapping[str, Any]
+) -> dict[str, Any]:
     scenario = header.get("scenario")
     table = scenario if isinstance(scenario, dict) else {}
     return dict.fromkeys((*NUMBERS, "over_ms")) | {
@@ -68,7 +72,10 @@ def _take(row: dict[str, Any], event: Mapping[str, Any]) -> None:
     elif row["struck_ms"] is None:
         return
     elif kind == "knowable":
-        row |= {"knowable_ms": float(event.get("ms", tick)), "knowable_by": str(event.get("by", ""))}
+        row |= {
+            "knowable_ms": float(event.get("ms", tick)),
+            "knowable_by": str(event.get("by", "")),
+        }
     elif kind == "cue" and event.get("number", -1) >= 0 and row["cue_ms"] is None:
         row["cue_ms"] = tick
     elif kind in verdict.RESPONSES:
@@ -76,11 +83,19 @@ def _take(row: dict[str, Any], event: Mapping[str, Any]) -> None:
     elif kind == "unintended_motion" and not row["arm"]:
         row["arm"] = str(event.get("arm", ""))
     elif kind == "response" and not row["response_ok"]:
-        row |= {"response": str(event.get("what", "")), "response_ms": tick, "response_ok": bool(event.get("ok"))}
+        row |= {
+            "response": str(event.get("what", "")),
+            "response_ms": tick,
+            "response_ok": bool(event.get("ok")),
+        }
         row["reaction_ms"] = None if event.get("ms") is None else float(event["ms"])
     elif kind == "hazard_over":
         words = {name: event[name] for name in ("motion_hazard", "halted") if name in event}
-        row |= {"over_ms": tick, "outcome": str(event.get("outcome", "")), "score": event.get("score")} | words
+        row |= {
+            "over_ms": tick,
+            "outcome": str(event.get("outcome", "")),
+            "score": event.get("score"),
+        } | words
 
 
 def _respond(row: dict[str, Any], response: str, ms: float, check: str) -> None:
@@ -119,12 +134,16 @@ def _measure(row: dict[str, Any], recording: Recording) -> None:
         follows = (recording["live"] != 0) & (recording["pedal"] != 0)
         pressed = np.logical_and.accumulate(recording["pedal"][inside] != 0)
         by_itself = (
-            pressed & ~live if row["response"] != "stop" else pressed & ~live & (time[inside] < row["response_ms"])
+            pressed & ~live
+            if row["response"] != "stop"
+            else pressed & ~live & (time[inside] < row["response_ms"])
         )
         row["halted"] = bool(follows[before].any() and by_itself.any())
         if limit is not None:
             stopped = row["check_response"] == "stopped"
-            row["motion_hazard"] = motion_hazard(first_ms, row["halted_ms"], row["golden_halted_ms"], stopped)
+            row["motion_hazard"] = motion_hazard(
+                first_ms, row["halted_ms"], row["golden_halted_ms"], stopped
+            )
 
 
 def _worst(recording: Recording, channel: str, inside: np.ndarray) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""hazards.csv read back: one row for each hazard of a session; its columns are described in `judge.episode`."""
+"""hazards.csv read back: one row for each hazard of a session; its columns are described in
+`judge.episode`.
+"""
 
 from __future__ import annotations
 
@@ -48,12 +50,19 @@ def read(folder: Path) -> list[HazardRow]:
     wanted = [one.name for one in dataclasses.fields(HazardRow)]
     if former := _FORMER.intersection(columns):
         raise StoreError(
-            f"{path}: was written by an earlier version of ravenjax, which named or defined outcomes differently (it "
-            f"has the column {min(former)}). The file is fine: read it with the version that session.json names"
+            f"{path}: was written by an earlier version of ravenjax, which named or defined"
+            f" outcomes differently (it has the column {min(former)}). The file is fine: read it"
+            " with the version that session.json names"
         )
     if missing := [name for name in wanted if name not in columns]:
-        raise StoreError(f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train` writes")
-    rows = [_hazard(path, i + 2, {name: line[name] or "" for name in wanted}) for i, line in enumerate(lines)]
+        raise StoreError(
+            f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train`"
+            " writes"
+        )
+    rows = [
+        _hazard(path, i + 2, {name: line[name] or "" for name in wanted})
+        for i, line in enumerate(lines)
+    ]
     return sorted(rows, key=lambda one: (one.struck_ms is None, one.struck_ms or 0.0, one.number))
 
 
@@ -74,7 +83,9 @@ def _hazard(path: Path, line: int, cells: dict[str, str]) -> HazardRow:
         values[name] = cells[name].strip().lower() in ("true", "1", "yes")
     number = _number(path, line, "number", cells["number"])
     if number is None:
-        raise StoreError(f"{path}: line {line}: number is empty, expected the hazard's number in session.json")
+        raise StoreError(
+            f"{path}: line {line}: number is empty, expected the hazard's number in session.json"
+        )
     values["number"] = int(number)
     return HazardRow(**values)  # type: ignore[arg-type]
 
@@ -83,5 +94,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float | None:
     try:
         value = float(text) if text.strip() else None
     except ValueError:
-        raise StoreError(f"{path}: line {line}: {name} is {text!r}, expected a number or nothing") from None
+        raise StoreError(
+            f"{path}: line {line}: {name} is {text!r}, expected a number or nothing"
+        ) from None
     return value if value is None or abs(value) < float("inf") else None

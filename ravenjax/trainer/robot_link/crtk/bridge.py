@@ -48,12 +48,16 @@ class BridgeOptions:
     tools: tuple[str, ...]
     grasp_gain: int
     contact: bool  # whether the force of what the robot touches is known
-    tells: Connection  # the process says here that it speaks (None), or why it does not, or no longer
+    tells: (
+        Connection  # the process says here that it speaks (None), or why it does not, or no longer
+    )
     hertz: float = HERTZ
 
 
 def run(options: BridgeOptions) -> None:
-    """Speak until the process is terminated or the robot's is gone. The entry point of a spawned process."""
+    """Speak until the process is terminated or the robot's is gone. The entry point of a spawned
+    process.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the robot's to take
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # others are told that the topics are gone
     try:
@@ -68,7 +72,9 @@ def run(options: BridgeOptions) -> None:
         end.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
 
     arms, tools, gain = options.arms, options.tools, options.grasp_gain
-    interpreter = Interpreter(arms, tools, transport.types, gain, contact=options.contact, refused=refused)
+    interpreter = Interpreter(
+        arms, tools, transport.types, gain, contact=options.contact, refused=refused
+    )
     options.tells.send(None)
     try:
         _work(transport, end, interpreter, options.hertz)
@@ -79,7 +85,9 @@ def run(options: BridgeOptions) -> None:
         end.close()
 
 
-def connect(ros: Ros, published: list[names.RosTopic], subscribed: list[names.RosTopic]) -> Transport:
+def connect(
+    ros: Ros, published: list[names.RosTopic], subscribed: list[names.RosTopic]
+) -> Transport:
     """The transport of this ROS. UserError where it cannot be had."""
     if ros == "ros2":
         from ravenjax.trainer.robot_link.crtk.dds import DdsTransport

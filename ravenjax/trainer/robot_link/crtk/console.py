@@ -1,4 +1,6 @@
-"""CRTK as a console of a robot's realtime loop: a process beside it speaks, the loop looks into shared memory."""
+"""CRTK as a console of a robot's realtime loop: a process beside it speaks, the loop looks into
+shared memory.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ class RobotTraits(NamedTuple):
 class CrtkConsole:
     """As `realtime.loop.Console`."""
 
-    def __init__(self, end: LoopEnd, answers: Connection, ros: Ros, say: Callable[[str], None] = print) -> None:
+    def __init__(
+        self, end: LoopEnd, answers: Connection, ros: Ros, say: Callable[[str], None] = print
+    ) -> None:
         """answers: where the process says why it ends. say: is told once that it has."""
         self._end, self._ros, self._say = end, ros, say
         self._answers: Connection | None = answers
@@ -48,8 +52,9 @@ class CrtkConsole:
                 why = "the process that speaks it is gone"
             self._answers = None
             self._say(
-                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, nothing is told or heard there any "
-                "more, and the robot goes on; CRTK comes back when ravenjax is started anew"
+                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, nothing is told"
+                " or heard there any more, and the robot goes on; CRTK comes back when ravenjax is"
+                " started anew"
             )
         return self._end.poll()
 
@@ -65,7 +70,9 @@ def spawn(
     robot: RobotTraits,
     say: Callable[[str], None] = print,
 ) -> CrtkConsole:
-    """Start the process and wait until it speaks; `say` is told where it ends. UserError where it cannot start."""
+    """Start the process and wait until it speaks; `say` is told where it ends. UserError where
+    it cannot start.
+    """
     end = LoopEnd(layout)
     stack.callback(end.close)
     answer, tells = multiprocessing.Pipe(duplex=False)
@@ -80,13 +87,17 @@ def spawn(
         trouble = answer.recv()
     except EOFError:
         process.join(processes.STARTING_S)
-        raise UserError(f"the process that speaks CRTK ended with code {process.exitcode}; see above") from None
+        raise UserError(
+            f"the process that speaks CRTK ended with code {process.exitcode}; see above"
+        ) from None
     if trouble:
         raise UserError(trouble)
     return CrtkConsole(end, answer, ros, say)
 
 
 def traits(blueprint: Blueprint, elsewhere: bool = False) -> RobotTraits:
-    """Those of a robot. elsewhere: it is not this one that is driven, and nobody tells what it touches."""
+    """Those of a robot. elsewhere: it is not this one that is driven, and nobody tells what it
+    touches.
+    """
     gain = int(blueprint.plan.program.params.control.teleoperation.grasp_gain)
     return RobotTraits(blueprint.setup.tools, gain, blueprint.setup.contact and not elsewhere)

@@ -1,8 +1,10 @@
-"""ROS 2 without a ROS installation: DDS by the `cyclonedds` wheel, names and qualities of service as ROS 2 has them.
+"""ROS 2 without a ROS installation: DDS by the `cyclonedds` wheel, names and qualities of service
+as ROS 2 has them.
 
 A topic `arm1/measured_js` is `rt/arm1/measured_js` there, `sensor_msgs/msg/JointState` is
-`sensor_msgs::msg::dds_::JointState_`, bytes are CDR. What is published is reliable, so that readers of either kind
-match; servo commands are read as best effort, so that a late one is never sent again.
+`sensor_msgs::msg::dds_::JointState_`, bytes are CDR. What is published is reliable, so that readers
+of either kind match; servo commands are read as best effort, so that a late one is never sent
+again.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ class DdsTransport:
 
     ros: messages.Ros = "ros2"
 
-    def __init__(self, published: Sequence[RosTopic], subscribed: Sequence[RosTopic], name: str = "ravenjax") -> None:
+    def __init__(
+        self, published: Sequence[RosTopic], subscribed: Sequence[RosTopic], name: str = "ravenjax"
+    ) -> None:
         """UserError where the wheel or a sound domain is missing."""
         _require()
         from cyclonedds.domain import DomainParticipant
@@ -51,9 +55,14 @@ class DdsTransport:
             self._writers[one.name] = DataWriter(self._participant, topic, quality), data, one.kind
         for one in subscribed:
             topic = DdsTopic(self._participant, f"rt/{one.name}", _data_type(one.kind))
-            for latched in {False, one.latched}:  # who wants to hear the last one does not match who does not keep it
+            for latched in {
+                False,
+                one.latched,
+            }:  # who wants to hear the last one does not match who does not keep it
                 quality = _quality(reliable=not one.name.endswith(SERVO), latched=latched)
-                self._readers.append((one.name, one.kind, DataReader(self._participant, topic, quality)))
+                self._readers.append(
+                    (one.name, one.kind, DataReader(self._participant, topic, quality))
+                )
 
     def publish(self, name: str, message: Any) -> None:
         """Send a message of `types` to whoever reads the topic."""
@@ -81,7 +90,11 @@ class DdsTransport:
 
     def writers(self, name: str) -> int:
         """How many publish what is subscribed to under this name."""
-        return sum(len(reader.get_matched_publications()) for one, _, reader in self._readers if one == name)
+        return sum(
+            len(reader.get_matched_publications())
+            for one, _, reader in self._readers
+            if one == name
+        )
 
     def connected(self) -> bool:
         """Whether anybody publishes any of the topics that are heard."""
@@ -107,7 +120,8 @@ def _require() -> None:
         import cyclonedds  # noqa: F401
     except ImportError as error:
         raise UserError(
-            f"ROS 2 needs the package cyclonedds ({error}): install it with `pip install 'ravenjax[ros2]'`"
+            f"ROS 2 needs the package cyclonedds ({error}): install it with `pip install"
+            " 'ravenjax[ros2]'`"
         ) from None
 
 
@@ -116,7 +130,11 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
     from cyclonedds.util import duration
 
     return Qos(
-        Policy.Reliability.Reliable(duration(milliseconds=1)) if reliable else Policy.Reliability.BestEffort,
+        (
+            Policy.Reliability.Reliable(duration(milliseconds=1))
+            if reliable
+            else Policy.Reliability.BestEffort
+        ),
         Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(1 if latched else DEPTH),
         Policy.DataRepresentation(use_cdrv0_representation=True),
@@ -125,7 +143,9 @@ def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
 
 @cache
 def _data_type(kind: str) -> Any:
-    """The type for DDS, built from the definition in `messages`; a sample holds the bytes that those make."""
+    """The type for DDS, built from the definition in `messages`; a sample holds the bytes that
+    those make.
+    """
     from cyclonedds.idl import IdlStruct
     from cyclonedds.idl.annotations import final
 

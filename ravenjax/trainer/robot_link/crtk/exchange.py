@@ -1,7 +1,9 @@
-"""Between the realtime loop and the process that speaks CRTK: rows of the robot one way, commands the other.
+"""Between the realtime loop and the process that speaks CRTK: rows of the robot one way, commands
+the other.
 
-Both are rings in shared memory, so that neither ever waits for the other. A row is that of a `Frame`, the wall clock at
-its tick, and the number of the last command that the loop had taken before it.
+Both are rings in shared memory, so that neither ever waits for the other. A row is that of a
+`Frame`, the wall clock at its tick, and the number of the last command that the loop had taken
+before it.
 """
 
 from __future__ import annotations
@@ -56,7 +58,9 @@ class LoopEnd:
     def tell(self, row: np.ndarray) -> None:
         """A tick's row, float32."""
         self._bytes[: self._tail] = row.view(np.uint8)
-        _TAIL.pack_into(self._bytes.data, self._tail, time.time_ns(), time.monotonic_ns(), self.taken)
+        _TAIL.pack_into(
+            self._bytes.data, self._tail, time.time_ns(), time.monotonic_ns(), self.taken
+        )
         self.rows.put(self._bytes)
 
     def close(self) -> None:

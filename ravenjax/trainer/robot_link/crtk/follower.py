@@ -1,9 +1,11 @@
-"""From poses that an arm is to take to the increments that its control software takes, which knows nothing else.
+"""From poses that an arm is to take to the increments that its control software takes, which knows
+nothing else.
 
-The software adds up increments: whole micrometres, turns, milliradians of the jaws. The follower keeps the same sum,
-from where the software stood when the pedal went down, and sends what is missing, no faster than `DriveLimits`. Where
-the software stands elsewhere once all has arrived (it clamps at joint limits, and lets its console slip), the follower
-takes that over and drops its target.
+The software adds up increments: whole micrometres, turns, milliradians of the jaws. The follower
+keeps the same sum, from where the software stood when the pedal went down, and sends what is
+missing, no faster than `DriveLimits`. Where the software stands elsewhere once all has arrived (it
+clamps at joint limits, and lets its console slip), the follower takes that over and drops its
+target.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ class DriveLimits:
     speed_um_ms: float = 200.0  # 0.2 m/s; recorded teleoperation stays below 232 um per ms
     turn_rad_ms: float = 4e-3
     grasp_mrad_ms: float = 4.0
-    farthest_m: float = 0.075  # a pose farther from where the arm is wanted now is refused, as raven2's CRTK does
+    farthest_m: float = (
+        0.075  # a pose farther from where the arm is wanted now is refused, as raven2's CRTK does
+    )
     slip_um: float = 20.0  # what rounding cannot explain
     slip_rad: float = 2e-3
 
@@ -62,7 +66,9 @@ STILL = ArmIncrement((0, 0, 0), LEVEL, 0)
 class SetpointFollower:
     """Of one arm."""
 
-    def __init__(self, arm: ArmName, grasp_gain: int = 1, limits: DriveLimits | None = None) -> None:
+    def __init__(
+        self, arm: ArmName, grasp_gain: int = 1, limits: DriveLimits | None = None
+    ) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment, the software's."""
         self._gain = grasp_gain
         self._axes = np.array(ITP_AXES[arm], float)
@@ -84,7 +90,10 @@ class SetpointFollower:
         """Go there; False where that is too far at once, or the pedal is up."""
         if self.sum is None:
             return False
-        if np.linalg.norm(target.position_um - self.sum.position_um) > self._limits.farthest_m * 1e6:
+        if (
+            np.linalg.norm(target.position_um - self.sum.position_um)
+            > self._limits.farthest_m * 1e6
+        ):
             return False
         self.target = target
         return True
@@ -96,7 +105,11 @@ class SetpointFollower:
         off = np.abs(at.position_um - self.sum.position_um).max()
         turned = _angle(_between(self.sum.quat, at.quat))
         jaws = abs(at.grasp_mrad - self.sum.grasp_mrad) * 1e-3
-        if off > self._limits.slip_um or turned > self._limits.slip_rad or jaws > self._limits.slip_rad:
+        if (
+            off > self._limits.slip_um
+            or turned > self._limits.slip_rad
+            or jaws > self._limits.slip_rad
+        ):
             self.slips += 1
             self.engage(at)
 
@@ -111,7 +124,11 @@ class SetpointFollower:
         delta = np.rint(missing if length <= most else missing * (most / length))
         turn = _between(quat, self.target.quat)
         angle = _angle(turn)
-        turn = LEVEL if angle < 1e-6 else _share(turn, min(1.0, limits.turn_rad_ms * elapsed_ms / angle))
+        turn = (
+            LEVEL
+            if angle < 1e-6
+            else _share(turn, min(1.0, limits.turn_rad_ms * elapsed_ms / angle))
+        )
         most = limits.grasp_mrad_ms * elapsed_ms
         steps = round(min(max(self.target.grasp_mrad - grasp, -most), most) / self._gain)
         if not delta.any() and turn == LEVEL and not steps:
@@ -127,7 +144,9 @@ class SetpointFollower:
 def setpoint(position_m: np.ndarray, rotation: np.ndarray, grasp_rad: float) -> Setpoint:
     """Of a pose in frame 0, m, and the jaws' opening."""
     with at_once():
-        x, y, z, w = map(float, quat_from_matrix(Vec(Vec(row) for row in np.asarray(rotation).tolist())))
+        x, y, z, w = map(
+            float, quat_from_matrix(Vec(Vec(row) for row in np.asarray(rotation).tolist()))
+        )
     return Setpoint(np.asarray(position_m) * 1e6, unit((x, y, z, w)), grasp_rad * 1e3)
 
 

@@ -1,7 +1,9 @@
-"""Where CRTK has an arm's poses: in the base frame of raven2's own CRTK interface, fixed to frame 0 of the arm.
+"""Where CRTK has an arm's poses: in the base frame of raven2's own CRTK interface, fixed to frame 0
+of the arm.
 
-A point p of frame 0 is BASE p there, a rotation R is BASE R: the axes of the jaws stay as they are. Source: raven2
-`src/raven/crtk_motion_api.cpp`; its `params/raven_*_crtk.yaml` give poses to check with.
+A point p of frame 0 is BASE p there, a rotation R is BASE R: the axes of the jaws stay as they are.
+Source: raven2 `src/raven/crtk_motion_api.cpp`; its `params/raven_*_crtk.yaml` give poses to check
+with.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ def from_frame0(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> Tip
     """The pose, position m [3], rotation [3, 3], as CRTK tells it."""
     x, y, z = (BASE[arm] @ position).tolist()
     with at_once():
-        qx, qy, qz, qw = map(float, quat_from_matrix(Vec(Vec(row) for row in (BASE[arm] @ rotation).tolist())))
+        qx, qy, qz, qw = map(
+            float, quat_from_matrix(Vec(Vec(row) for row in (BASE[arm] @ rotation).tolist()))
+        )
     return TipPose((x, y, z), (qx, qy, qz, qw))
 
 
@@ -47,10 +51,11 @@ def reached(arm: ArmName, jpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pressing(frame: Frame, arm: ArmName) -> np.ndarray:
-    """The force that the instrument exerts on what it touches, N, frame 0: against the one that it feels.
+    """The force that the instrument exerts on what it touches, N, frame 0: against the one that it
+    feels.
 
-    CRTK's `servo_cf` is a force of the robot on its environment, and its `measured_cf` the Jacobian's of the measured
-    joint efforts, which hold that force.
+    CRTK's `servo_cf` is a force of the robot on its environment, and its `measured_cf` the
+    Jacobian's of the measured joint efforts, which hold that force.
     """
     return -frame[f"{arm}/contact"].astype(float) + 0.0  # no -0
 
@@ -67,8 +72,12 @@ class ArmReading(NamedTuple):
     angular: np.ndarray  # [3] rad/s, of the jaws' frame
 
 
-def read(arm: ArmName, tool: str, jpos: np.ndarray, jpos_d: np.ndarray, mvel: np.ndarray) -> ArmReading:
-    """What an arm does: joints at `jpos`, wanted at `jpos_d`, rad and m, motors at `mvel`, rad/s; each [7]."""
+def read(
+    arm: ArmName, tool: str, jpos: np.ndarray, jpos_d: np.ndarray, mvel: np.ndarray
+) -> ArmReading:
+    """What an arm does: joints at `jpos`, wanted at `jpos_d`, rad and m, motors at `mvel`,
+    rad/s; each [7].
+    """
     with at_once():
         jvel = np.array(transmission.joint_from_motor(arm, tool, Vec(map(float, mvel))), float)
         jacobian = np.array(kinematics.jacobian(arm, Vec(map(float, jpos))), float)

@@ -1,7 +1,7 @@
 """What CRTK's messages mean for the robot, and what the robot's rows are as CRTK's messages.
 
-No transport, clock or process is touched here: messages and rows go in with their time, messages and commands of
-`protocol.messages` come out.
+No transport, clock or process is touched here: messages and rows go in with their time, messages
+and commands of `protocol.messages` come out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,12 @@ from ravenjax.robots.raven2.geometry.limits import soft_limits
 from ravenjax.trainer.protocol.messages import STALE_MS
 from ravenjax.trainer.robot_link.crtk import follower, frames, messages
 from ravenjax.trainer.robot_link.crtk.exchange import RobotRow
-from ravenjax.trainer.robot_link.crtk.follower import SETTLED_TICKS, STILL, Setpoint, SetpointFollower
+from ravenjax.trainer.robot_link.crtk.follower import (
+    SETTLED_TICKS,
+    STILL,
+    Setpoint,
+    SetpointFollower,
+)
 from ravenjax.trainer.robot_link.crtk.frames import BASE, ArmReading
 from ravenjax.trainer.robot_link.crtk.messages import MessageTypes
 from ravenjax.trainer.robot_link.crtk.names import ARM_NAMES, arm_topic, frame_id
@@ -38,9 +43,13 @@ class _Arm:
         self.name: ArmName = arm
         self.follower = SetpointFollower(arm, grasp_gain)
         limits = soft_limits(tool)
-        self.lower, self.upper = (np.array(side[:5], float) for side in (limits.lower, limits.upper))
+        self.lower, self.upper = (
+            np.array(side[:5], float) for side in (limits.lower, limits.upper)
+        )
         self.jpos_d = np.zeros(7)  # as the software wants it
-        self.joints: np.ndarray | None = None  # last goal in joint space, what relative ones count from
+        self.joints: np.ndarray | None = (
+            None  # last goal in joint space, what relative ones count from
+        )
         self.move: Trajectory | None = None
 
     def within(self, jpos: np.ndarray) -> bool:
@@ -69,7 +78,8 @@ class Interpreter:
         contact: bool = False,
         refused: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """tools: one an arm. console: whose commands these are. contact: whether the robot tells of its force.
+        """tools: one an arm. console: whose commands these are. contact: whether the robot tells of
+        its force.
 
         refused: told why a message was not followed."""
         self.state = OperatingState()
@@ -94,7 +104,14 @@ class Interpreter:
     def hear(self, name: str, message: Any, now_ms: float) -> None:
         """A message that came for a topic of `names.subscribed`."""
         place, _, word = name.partition("/")
-        arm = next((self._arms[one] for one, alias in ARM_NAMES.items() if alias == place and one in self._arms), None)
+        arm = next(
+            (
+                self._arms[one]
+                for one, alias in ARM_NAMES.items()
+                if alias == place and one in self._arms
+            ),
+            None,
+        )
         if name == "state_command" or (arm is not None and word == "state_command"):
             self._command(message.string.strip(), now_ms)
         elif place == "console":
@@ -155,7 +172,9 @@ class Interpreter:
                 self._refuse(f"{word}: a joint would leave its limits")
                 return
             if word == "move_jp":
-                arm.move = Trajectory(arm.jpos_d if arm.joints is None else arm.joints, joints, now_ms)
+                arm.move = Trajectory(
+                    arm.jpos_d if arm.joints is None else arm.joints, joints, now_ms
+                )
                 arm.joints = joints
                 return
             goal = arm.goal(joints)
@@ -202,7 +221,9 @@ class Interpreter:
         self._drove = drives
 
     def commands(self, now_ms: float) -> list[dict[str, Any]]:
-        """What the robot is asked for now: orders, and the increments since the last call with the pedal."""
+        """What the robot is asked for now: orders, and the increments since the last call with
+        the pedal.
+        """
         elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
         self._stepped_ms = now_ms
         self._moves = False
@@ -221,7 +242,12 @@ class Interpreter:
             }
         self.state.is_busy = any(arm.move is not None for arm in self._arms.values())
         orders, self._orders = self._orders, []
-        increments = {"type": "increments", "source": "crtk", "pedal": self.state.pedal, "arms": arms}
+        increments = {
+            "type": "increments",
+            "source": "crtk",
+            "pedal": self.state.pedal,
+            "arms": arms,
+        }
         return [{**one, "console": self._console} for one in (*orders, increments)]
 
     def note_sent(self, number: int) -> None:
@@ -233,7 +259,11 @@ class Interpreter:
 
     def states(self, stamp_ns: int) -> list[Message]:
         """The operating state, where it has changed or was asked about."""
-        now = (self.state.state, self.state.is_homed, self.state.is_busy or self.state.runlevel == 1)
+        now = (
+            self.state.state,
+            self.state.is_homed,
+            self.state.is_busy or self.state.runlevel == 1,
+        )
         if now == self._told and not self._answer:
             return []
         self._told, self._answer = now, False
@@ -244,7 +274,10 @@ class Interpreter:
     def readings(self, row: RobotRow) -> list[Message]:
         """Everything measured and wanted, and ravenstate over ROS 1."""
         types, frame, arms = self._types, row.frame, tuple(self._arms)
-        channels = [np.array([frame[f"{arm}/{name}"] for arm in arms]) for name in ("jpos", "jpos_d", "mvel")]
+        channels = [
+            np.array([frame[f"{arm}/{name}"] for arm in arms])
+            for name in ("jpos", "jpos_d", "mvel")
+        ]
         read = [frames.read(*one) for one in zip(arms, self._tools, *channels, strict=True)]
         messages_out: list[Message] = []
         for arm, jpos, jpos_d, one in zip(arms, channels[0], channels[1], read, strict=True):
@@ -253,10 +286,15 @@ class Interpreter:
             wanted = types.joint_state(header, JOINTS, jpos_d)
             poses = [
                 frames.from_frame0(arm, position, rotation)
-                for position, rotation in ((one.position, one.rotation), (one.position_d, one.rotation_d))
+                for position, rotation in (
+                    (one.position, one.rotation),
+                    (one.position_d, one.rotation_d),
+                )
             ]
             turned, force = BASE[arm], self._force(arm, frame)
-            jaw = types.joint_state(header, ("jaw",), (jpos[5] + jpos[6],), (one.jvel[5] + one.jvel[6],))
+            jaw = types.joint_state(
+                header, ("jaw",), (jpos[5] + jpos[6],), (one.jvel[5] + one.jvel[6],)
+            )
             jaw_d = types.joint_state(header, ("jaw",), (jpos_d[5] + jpos_d[6],))
             words = {
                 "measured_js": measured,
@@ -281,7 +319,10 @@ class Interpreter:
 
     def _raven_state(self, row: RobotRow, read: list[ArmReading]) -> Any:
         frame = row.frame
-        wide = {name: np.zeros(16, np.float32) for name in ("mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d")}
+        wide = {
+            name: np.zeros(16, np.float32)
+            for name in ("mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d")
+        }
         dac, pos, pos_d = np.zeros(16, np.int32), np.zeros(6, np.int32), np.zeros(6, np.int32)
         ori, ori_d = np.zeros(18, np.float32), np.zeros(18, np.float32)
         grasp_d, jac_vel = np.zeros(2, np.float32), np.zeros(12, np.float32)
@@ -290,10 +331,14 @@ class Interpreter:
             places = 8 * slot + np.array([0, 1, 2, 4, 5, 6, 7])  # number 3 is not connected
             jpos_d = frame[f"{arm}/jpos_d"].astype(float)
             with at_once():
-                mpos_d = np.array(transmission.motor_from_joint(arm, tool, Vec(jpos_d.tolist())), float)
+                mpos_d = np.array(
+                    transmission.motor_from_joint(arm, tool, Vec(jpos_d.tolist())), float
+                )
             own = {"jvel": one.jvel, "mpos_d": mpos_d}
             for name, values in wide.items():
-                values[places] = _PER_DEGREE * (own[name] if name in own else frame[f"{arm}/{name}"])
+                values[places] = _PER_DEGREE * (
+                    own[name] if name in own else frame[f"{arm}/{name}"]
+                )
             dac[places] = frame[f"{arm}/dac"]
             three = slice(3 * slot, 3 * slot + 3)
             pos[three], pos_d[three] = np.rint(one.position * 1e6), np.rint(one.position_d * 1e6)

@@ -1,8 +1,8 @@
 """Messages of CRTK and of raven2, as ROS 1 and ROS 2 write them.
 
-The common ones (`sensor_msgs/JointState` and so on) are those of the distributions, by `rosbags`; what CRTK and raven2
-define of their own is written down here. A message of ROS 1 and the same of ROS 2 have the same fields, but for the
-number in the header of ROS 1.
+The common ones (`sensor_msgs/JointState` and so on) are those of the distributions, by `rosbags`;
+what CRTK and raven2 define of their own is written down here. A message of ROS 1 and the same of
+ROS 2 have the same fields, but for the number in the header of ROS 1.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ RAVEN_STATE = "raven_2/msg/raven_state"
 OWN = {
     OPERATING_STATE: "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n",
     STRING: "std_msgs/Header header\nstring string\n",
-    RAVEN_STATE: """std_msgs/Header hdr
+    RAVEN_STATE: (
+        """std_msgs/Header hdr
 int32 runlevel
 int32 sublevel
 int32 last_seq
@@ -51,7 +52,8 @@ float32[2] grasp_d
 float32[16] encoffsets
 float32[12] jac_vel
 float32[12] jac_f
-""",
+"""
+    ),
 }
 """Sources: crtk_msgs; raven2 `msg/raven_state.msg`."""
 _NONE = np.zeros(0)
@@ -68,7 +70,9 @@ class MessageTypes:
     """The types of one ROS: makes messages, and bytes of them."""
 
     def __init__(self, ros: Ros, other: Mapping[str, str] | None = None) -> None:
-        """other: definitions in place of those above, with those of their parts as ROS 1 sends them."""
+        """other: definitions in place of those above, with those of their parts as ROS 1 sends
+        them.
+        """
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self.ros: Ros = ros
@@ -76,9 +80,13 @@ class MessageTypes:
         for kind, text in (OWN | dict(other or {})).items():
             if kind != RAVEN_STATE or ros == "ros1":
                 types = get_types_from_msg(text, kind)
-                self.store.register({name: one for name, one in types.items() if name not in self.store.types})
+                self.store.register(
+                    {name: one for name, one in types.items() if name not in self.store.types}
+                )
         self._serialize = self.store.serialize_ros1 if ros == "ros1" else self.store.serialize_cdr
-        self._deserialize = self.store.deserialize_ros1 if ros == "ros1" else self.store.deserialize_cdr
+        self._deserialize = (
+            self.store.deserialize_ros1 if ros == "ros1" else self.store.deserialize_cdr
+        )
 
     def encode(self, message: Any, kind: str) -> bytes:
         """The bytes of a message: CDR with its head, or ROS 1's own."""
@@ -109,7 +117,9 @@ class MessageTypes:
     ) -> Any:
         """Joints: rad, insertion m, per s."""
         there = _NONE if velocity is None else np.asarray(velocity, float)
-        return self.store.types[JOINT_STATE](header, list(names), np.asarray(position, float), there, _NONE)
+        return self.store.types[JOINT_STATE](
+            header, list(names), np.asarray(position, float), there, _NONE
+        )
 
     def pose(self, header: Any, pose: TipPose) -> Any:
         """A pose, m."""
@@ -119,16 +129,22 @@ class MessageTypes:
         """A pose without a header."""
         types = self.store.types
         point = types["geometry_msgs/msg/Point"](*pose.position)
-        return types["geometry_msgs/msg/Pose"](point, types["geometry_msgs/msg/Quaternion"](*pose.quat))
+        return types["geometry_msgs/msg/Pose"](
+            point, types["geometry_msgs/msg/Quaternion"](*pose.quat)
+        )
 
     def twist(self, header: Any, linear: np.ndarray, angular: np.ndarray) -> Any:
         """A velocity: m/s, rad/s."""
-        twist = self.store.types["geometry_msgs/msg/Twist"](self._vector(linear), self._vector(angular))
+        twist = self.store.types["geometry_msgs/msg/Twist"](
+            self._vector(linear), self._vector(angular)
+        )
         return self.store.types[TWIST](header, twist)
 
     def wrench(self, header: Any, force: np.ndarray) -> Any:
         """A force without a torque."""
-        wrench = self.store.types["geometry_msgs/msg/Wrench"](self._vector(force), self._vector(np.zeros(3)))
+        wrench = self.store.types["geometry_msgs/msg/Wrench"](
+            self._vector(force), self._vector(np.zeros(3))
+        )
         return self.store.types[WRENCH](header, wrench)
 
     def operating_state(self, header: Any, state: str, is_homed: bool, is_busy: bool) -> Any:
@@ -154,7 +170,9 @@ def types(ros: Ros) -> MessageTypes:
 
 
 def pose_of(message: Any) -> TipPose | None:
-    """The pose in a `PoseStamped`, its quaternion at length 1; None where it is none or not finite."""
+    """The pose in a `PoseStamped`, its quaternion at length 1; None where it is none or not
+    finite.
+    """
     point, turn = message.pose.position, message.pose.orientation
     position, quat = (point.x, point.y, point.z), (turn.x, turn.y, turn.z, turn.w)
     length = math.hypot(*quat)

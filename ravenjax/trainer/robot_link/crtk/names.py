@@ -19,7 +19,9 @@ class RosTopic(NamedTuple):
     name: str  # without a slash before it
     kind: str  # of `messages`
     latched: bool = False  # who comes later hears the last one too
-    as_published: bool = False  # versions of the type differ: its publisher says how it is defined (ROS 1)
+    as_published: bool = (
+        False  # versions of the type differ: its publisher says how it is defined (ROS 1)
+    )
 
 
 def frame_id(arm: ArmName) -> str:
@@ -32,17 +34,23 @@ def arm_topic(arm: ArmName, word: str) -> str:
     return f"{ARM_NAMES[arm]}/{word}"
 
 
-def published(arms: Sequence[ArmName], raven_state: bool = False, contact: bool = False) -> list[RosTopic]:
+def published(
+    arms: Sequence[ArmName], raven_state: bool = False, contact: bool = False
+) -> list[RosTopic]:
     """What a robot with these arms tells.
 
     raven_state: in raven2's message too. contact: its force on what it touches.
     """
     topics = [RosTopic("operating_state", messages.OPERATING_STATE, latched=True)]
     for arm in arms:
-        topics += [RosTopic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE, latched=True)]
+        topics += [
+            RosTopic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE, latched=True)
+        ]
         joints = ("measured_js", "setpoint_js", "jaw/measured_js", "jaw/setpoint_js")
         topics += [RosTopic(arm_topic(arm, word), messages.JOINT_STATE) for word in joints]
-        topics += [RosTopic(arm_topic(arm, word), messages.POSE) for word in ("measured_cp", "setpoint_cp")]
+        topics += [
+            RosTopic(arm_topic(arm, word), messages.POSE) for word in ("measured_cp", "setpoint_cp")
+        ]
         topics += [RosTopic(arm_topic(arm, "measured_cv"), messages.TWIST)]
         topics += [RosTopic(arm_topic(arm, "cue_cf"), messages.WRENCH)]
         if contact:
@@ -77,6 +85,11 @@ def reported(arms: Sequence[ArmName], raven_state: bool) -> list[RosTopic]:
         return [RosTopic("ravenstate", messages.RAVEN_STATE, as_published=True)]
     topics: list[RosTopic] = []
     for arm in arms:
-        topics += [RosTopic(arm_topic(arm, word), messages.JOINT_STATE) for word in ("measured_js", "setpoint_js")]
-        topics += [RosTopic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE, latched=True)]
+        topics += [
+            RosTopic(arm_topic(arm, word), messages.JOINT_STATE)
+            for word in ("measured_js", "setpoint_js")
+        ]
+        topics += [
+            RosTopic(arm_topic(arm, "operating_state"), messages.OPERATING_STATE, latched=True)
+        ]
     return topics

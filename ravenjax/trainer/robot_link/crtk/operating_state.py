@@ -5,13 +5,15 @@
     PAUSED     powered, but the pedal is up
     FAULT      stopped by anything else: a check of the robot, an E-stop, a link that is lost
 
-Commands are those of CRTK's table, and what is invalid there changes nothing. `enable` homes a stopped robot anew, as
-`home` does; a robot without power has lost its homing, so that `unhome` is `disable`.
+Commands are those of CRTK's table, and what is invalid there changes nothing. `enable` homes a
+stopped robot anew, as `home` does; a robot without power has lost its homing, so that `unhome` is
+`disable`.
 
-A pedal that is held down by a command must be held by somebody. It comes up, and stays up until `resume`, when nobody
-publishes commands any more, `STALE_MS` after the last of a stream of servo commands, and `IDLE_MS` after the last word
-of any kind, the robot's own time-out. An E-stop takes every wish back, a foot that is still on a pedal among them.
-"""
+A pedal that is held down by a command must be held by somebody. It comes up, and stays up until
+`resume`, when nobody publishes commands any more, `STALE_MS` after the last of a stream of servo
+commands, and `IDLE_MS` after the last word of any kind, the robot's own time-out. An E-stop takes
+every wish back, a foot that is still on a pedal among them.
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ from ravenjax.trainer.protocol.messages import STALE_MS
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 Order = Literal["estop", "restart"]
 IDLE_MS = 5000
-"""raven2 `local_io.cpp`: the robot lifts the pedal of a console that was silent for so many cycles."""
+"""raven2 `local_io.cpp`: the robot lifts the pedal of a console that was silent for so many
+cycles.
+"""
 REFUSED_MS = 500
 """A pedal that the robot does not follow for so long does not count: another console drives."""
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
@@ -45,7 +49,9 @@ class OperatingState:
         self._clutched = False  # the pedal was down when the clutch was stepped on
         self._streams = False  # servo commands came since the pedal went down
         self._servo_ms = self._word_ms = self._down_ms = self._up_ms = float("-inf")
-        self.other_drives = False  # another console holds the pedal: nothing is to be had before it lets go
+        self.other_drives = (
+            False  # another console holds the pedal: nothing is to be had before it lets go
+        )
 
     @property
     def state(self) -> State:
@@ -106,11 +112,18 @@ class OperatingState:
         return []
 
     def foot(self, present: bool | None, clutch: bool | None, now_ms: float) -> None:
-        """The operator steps on a pedal or off it: who is there drives, and does not while the clutch is held."""
+        """The operator steps on a pedal or off it: who is there drives, and does not while the
+        clutch is held.
+        """
         self._word_ms = now_ms
         if present is not None:
             steps_on, self._present = present and not self._present, present
-            if steps_on and not self._clutch and self.state in ("PAUSED", "DISABLED") and self.is_homed:
+            if (
+                steps_on
+                and not self._clutch
+                and self.state in ("PAUSED", "DISABLED")
+                and self.is_homed
+            ):
                 self._disabled = False
                 self._press(now_ms)
             elif not present:
@@ -134,8 +147,12 @@ class OperatingState:
         self._word_ms = now_ms
         self._streams = False
 
-    def observe(self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False) -> None:
-        """What the robot is in now, and whether anybody could command it. lost: nothing is heard of it."""
+    def observe(
+        self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
+    ) -> None:
+        """What the robot is in now, and whether anybody could command it. lost: nothing is heard
+        of it.
+        """
         was_stopped = self._stopped or self.runlevel == E_STOP
         if lost and not self._lost:
             self._release("lost")  # who had not enabled it has not to anew once it is heard again

@@ -1,6 +1,8 @@
-"""ROS 1 by the system's rospy: a node of its own, run by the Python that has it, beside this process.
+"""ROS 1 by the system's rospy: a node of its own, run by the Python that has it, beside this
+process.
 
-Only bytes pass between the two: `messages` makes and reads them here, so that the node needs no message packages.
+Only bytes pass between the two: `messages` makes and reads them here, so that the node needs no
+message packages.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ class Ros1Transport:
 
     ros: messages.Ros = "ros1"
 
-    def __init__(self, published: Sequence[RosTopic], subscribed: Sequence[RosTopic], name: str = "ravenjax") -> None:
+    def __init__(
+        self, published: Sequence[RosTopic], subscribed: Sequence[RosTopic], name: str = "ravenjax"
+    ) -> None:
         """UserError where rospy or its master is missing."""
         self.types = messages.types("ros1")
         self.unsent = 0
@@ -59,7 +63,9 @@ class Ros1Transport:
         }
         content = json.dumps(table).encode()
         try:
-            os.write(self._into, HEAD.pack(TABLE, len(content)) + content)  # blocks until it is taken
+            os.write(
+                self._into, HEAD.pack(TABLE, len(content)) + content
+            )  # blocks until it is taken
             self._await()
         except BaseException:
             self.close()
@@ -111,7 +117,9 @@ class Ros1Transport:
         self._connected = table.get("connected", self._connected)
         if "defined" in table:
             number, _, definition = table["defined"]
-            self._defined[number] = messages.MessageTypes("ros1", {self._heard[number].kind: definition})
+            self._defined[number] = messages.MessageTypes(
+                "ros1", {self._heard[number].kind: definition}
+            )
 
     def _write(self) -> None:
         try:
@@ -130,7 +138,9 @@ class Ros1Transport:
             except BlockingIOError:
                 break
             if not content:
-                raise UserError(f"the node of ROS 1 has ended (code {self._node.wait()}); its words stand above")
+                raise UserError(
+                    f"the node of ROS 1 has ended (code {self._node.wait()}); its words stand above"
+                )
             self._bytes += content
         chunks: list[tuple[int, bytes]] = []
         at = 0
@@ -170,8 +180,8 @@ class Ros1Transport:
 
 
 _HELP = (
-    "start `roscore`, or give ROS_MASTER_URI; on Debian and Ubuntu `apt-get install python3-rospy python3-roslaunch` "
-    f"brings rospy and roscore, and {PYTHON} names another Python that has it"
+    "start `roscore`, or give ROS_MASTER_URI; on Debian and Ubuntu `apt-get install python3-rospy"
+    f" python3-roslaunch` brings rospy and roscore, and {PYTHON} names another Python that has it"
 )
 
 
@@ -186,7 +196,9 @@ def _python() -> str:
         tried.append(python)
         try:
             command = [python, "-c", "import rospy"]
-            trial = subprocess.run(command, capture_output=True, env=_environment(), timeout=PATIENCE_S, check=False)
+            trial = subprocess.run(
+                command, capture_output=True, env=_environment(), timeout=PATIENCE_S, check=False
+            )
         except (OSError, subprocess.TimeoutExpired):
             continue
         if trial.returncode == 0:
@@ -195,8 +207,14 @@ def _python() -> str:
 
 
 def _environment() -> dict[str, str]:
-    """Without this Python's own paths, which are not for another; those of a ROS that was sourced stay."""
+    """Without this Python's own paths, which are not for another; those of a ROS that was
+    sourced stay.
+    """
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     ros = os.pathsep.join(path for path in paths if path.startswith("/opt/ros"))
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("PYTHONPATH", "PYTHONHOME")
+    }
     return environment | {"PYTHONPATH": ros, "PYTHONUNBUFFERED": "1"}

@@ -1,13 +1,14 @@
 """The node of ROS 1: run by the Python that has rospy, which needs nothing of ravenjax.
 
-Bytes of messages come in on the standard input and go out by ROS; what ROS brings goes out on the standard output.
-Each is preceded by its topic's number (uint16) and its length (uint32), little-endian. Number 65535 is that of tables,
-in JSON. The first thing to come in names what there is to do:
+Bytes of messages come in on the standard input and go out by ROS; what ROS brings goes out on the
+standard output. Each is preceded by its topic's number (uint16) and its length (uint32),
+little-endian. Number 65535 is that of tables, in JSON. The first thing to come in names what there
+is to do:
 
     {"name": ..., "published": [[topic, type, md5, definition, latched], ...], "subscribed": [...]}
 
-Out go {"ready": true}, {"error": text}, {"connected": how many publish what is heard}, and, of a topic whose md5 is
-empty, {"defined": [number, type, definition]} as its publisher has it.
+Out go {"ready": true}, {"error": text}, {"connected": how many publish what is heard}, and, of a
+topic whose md5 is empty, {"defined": [number, type, definition]} as its publisher has it.
 """
 
 import json
@@ -72,7 +73,15 @@ def main():
 
     rospy.init_node(table["name"], anonymous=True, disable_signals=True)
     publishers = [
-        (rospy.Publisher(topic, message_class(kind, md5, text), queue_size=QUEUE, latch=latched, tcp_nodelay=True))
+        (
+            rospy.Publisher(
+                topic,
+                message_class(kind, md5, text),
+                queue_size=QUEUE,
+                latch=latched,
+                tcp_nodelay=True,
+            )
+        )
         for topic, kind, md5, text, latched in table["published"]
     ]
     subscribers = []

@@ -1,8 +1,9 @@
 """A robot elsewhere that tells of itself over ROS and is driven over ITP, as a real Raven is.
 
-Over ROS 1 it is raven2's `ravenstate` that is heard, in whichever version its publisher has it, over ROS 2 CRTK's
-`measured_js`, `setpoint_js` and `operating_state` of each arm. What a session asks beside motion is `state_command`:
-an E-stop is `disable`, a restart is `home`. Hazards cannot be armed there.
+Over ROS 1 it is raven2's `ravenstate` that is heard, in whichever version its publisher has it,
+over ROS 2 CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. What a session
+asks beside motion is `state_command`: an E-stop is `disable`, a restart is `home`. Hazards cannot
+be armed there.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ class RosRobot:
         clock: Callable[[], int] = time.monotonic_ns,
         say: Callable[[str], None] = print,
     ) -> None:
-        """tools: one an arm. say: is told where ROS is lost. UserError where the host has no address."""
+        """tools: one an arm. say: is told where ROS is lost. UserError where the host has no
+        address.
+        """
         self._arms, self._transport, self._clock = tuple(arms), transport, clock
         self._say = say
         self._console: socket.socket = connected_console(host, itp_port)
@@ -64,10 +67,14 @@ class RosRobot:
     @staticmethod
     def topics(arms: Sequence[ArmName], ros: Ros) -> tuple[list[RosTopic], list[RosTopic]]:
         """What such a robot is told, and what is heard of it."""
-        return [RosTopic("state_command", messages.STRING)], names.reported(arms, raven_state=ros == "ros1")
+        return [RosTopic("state_command", messages.STRING)], names.reported(
+            arms, raven_state=ros == "ros1"
+        )
 
     def exchange(self, datagram: bytes) -> JointReport | None:
-        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the first."""
+        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the
+        first.
+        """
         try:
             self._console.send(datagram)
         except OSError:
@@ -84,7 +91,9 @@ class RosRobot:
         word = _ORDERS.get(str(content.get("order")))
         if word is not None and not self.lost:
             types = self._transport.types
-            self._transport.publish("state_command", types.string(types.header(time.time_ns(), ""), word))
+            self._transport.publish(
+                "state_command", types.string(types.header(time.time_ns(), ""), word)
+            )
 
     def answers(self) -> list[dict[str, Any]]:
         """None ever come."""
@@ -107,7 +116,10 @@ class RosRobot:
             return self._transport.poll()
         except UserError as error:
             self.lost = True
-            self._say(f"nothing is heard of the robot any more: {error}; it counts as stopped. Start the session anew")
+            self._say(
+                f"nothing is heard of the robot any more: {error}; it counts as stopped. Start the"
+                " session anew"
+            )
             return []
 
     def _take_raven_state(self, message: Any) -> None:
@@ -123,7 +135,11 @@ class RosRobot:
             if counts is None:
                 counts = getattr(message, "current_cmd", np.zeros(16))
             there["dac"] = np.asarray(counts)[at]
-        self._publish(int(stamp.sec) * 10**9 + int(stamp.nanosec), int(message.runlevel), int(message.last_seq))
+        self._publish(
+            int(stamp.sec) * 10**9 + int(stamp.nanosec),
+            int(message.runlevel),
+            int(message.last_seq),
+        )
 
     def _take(self, name: str, message: Any) -> None:
         alias, _, word = name.partition("/")
@@ -141,7 +157,9 @@ class RosRobot:
                 there["jpos"] = jpos
                 motors = self._motors[arm]
                 there["mpos"] = motors @ np.array(jpos)
-                there["mvel"] = motors @ np.array(messages.numbers_of(message.velocity, 7) or (0.0,) * 7)
+                there["mvel"] = motors @ np.array(
+                    messages.numbers_of(message.velocity, 7) or (0.0,) * 7
+                )
                 with at_once():
                     tip = kinematics.forward(arm, Vec(jpos)).position
                 there["position_um"] = np.rint(np.array(tip, float) * 1e6)

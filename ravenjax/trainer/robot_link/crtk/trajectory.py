@@ -1,4 +1,6 @@
-"""The way of `move_jp`: from joints to joints without a jerk, all at once, as fast as the slowest joint may."""
+"""The way of `move_jp`: from joints to joints without a jerk, all at once, as fast as the
+slowest joint may.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,10 @@ class Trajectory:
         """start, goal: [7], rad, insertion m."""
         self._start, self.goal, self._begins_ms = start, goal, begins_ms
         way = np.abs(goal - start)
-        speed, acceleration = _PEAK_SPEED * way / FASTEST, np.sqrt(_PEAK_ACCELERATION * way / STRONGEST)
+        speed, acceleration = (
+            _PEAK_SPEED * way / FASTEST,
+            np.sqrt(_PEAK_ACCELERATION * way / STRONGEST),
+        )
         self.seconds = float(max(speed.max(), acceleration.max()))
 
     def at(self, now_ms: float) -> tuple[np.ndarray, bool]:

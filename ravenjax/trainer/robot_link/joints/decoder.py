@@ -39,7 +39,11 @@ class Decoder:
             if len(data) - at < HEAD.size:
                 break
             magic, version, size = HEAD.unpack_from(data, at)
-            whole = HEAD.size + CRC.size <= size <= LONGEST if magic == TEXT_MAGIC else size == RECORD.itemsize
+            whole = (
+                HEAD.size + CRC.size <= size <= LONGEST
+                if magic == TEXT_MAGIC
+                else size == RECORD.itemsize
+            )
             if version != VERSION or not whole:
                 at, self.skipped = at + 1, self.skipped + 1
                 continue
@@ -57,7 +61,9 @@ class Decoder:
 
     def _next_magic(self, at: int) -> int:
         """Where the next record may begin: a magic, or the tail that may become one."""
-        places = [place for place in (self._bytes.find(m, at) for m in (MAGIC, TEXT_MAGIC)) if place >= 0]
+        places = [
+            place for place in (self._bytes.find(m, at) for m in (MAGIC, TEXT_MAGIC)) if place >= 0
+        ]
         if places:
             return min(places)
         end = len(self._bytes)

@@ -1,6 +1,8 @@
-"""What a robot reports once a millisecond, as bytes of fixed layout: `RECORD`, and text records on the same stream.
+"""What a robot reports once a millisecond, as bytes of fixed layout: `RECORD`, and text records on
+the same stream.
 
-Everything is little-endian and packed. A stream may be joined anywhere: `joint_decoder` finds the next whole record.
+Everything is little-endian and packed. A stream may be joined anywhere: `joint_decoder` finds the
+next whole record.
 
     RECORD        offset  type    what
     magic              0  4 bytes "RVNJ"
@@ -24,7 +26,7 @@ Everything is little-endian and packed. A stream may be joined anywhere: `joint_
     TEXT: magic "RVNA", version, size as above, then a JSON object in UTF-8, then crc32.
 
 Names and units are those of raven2's `ravenstate`, without its factor of 180/pi.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -103,7 +105,16 @@ class Reporter:
             if frame.number(name):
                 flags |= bit
         runlevel, surgeon_mode = int(frame.number("runlevel")), int(frame.number("surgeon_mode"))
-        head = (MAGIC, VERSION, RECORD.itemsize, tick % 2**32, runlevel, surgeon_mode & 0xFF, flags, last_seq % 2**32)
+        head = (
+            MAGIC,
+            VERSION,
+            RECORD.itemsize,
+            tick % 2**32,
+            runlevel,
+            surgeon_mode & 0xFF,
+            flags,
+            last_seq % 2**32,
+        )
         _NUMBERS.pack_into(self._record, 0, *head)
         for joints, sources, whole, position, dac in self._arms:
             np.take(frame.row, sources, out=joints)
@@ -147,7 +158,8 @@ class JointReport:
         return tuple(arm for i, arm in enumerate(ARMS) if flags >> ARM_SHIFT + i & 1)
 
     def fill(self, frame: Frame) -> None:
-        """Write what is reported into the channels of `frame`; arms that the frame lacks are left out.
+        """Write what is reported into the channels of `frame`; arms that the frame lacks are left
+        out.
 
         Where links and tip truly are is not reported: they count as where they were measured.
         """
@@ -155,7 +167,10 @@ class JointReport:
         for name, bit in FLAGS.items():
             frame[name] = bool(flags & bit)
         frame["plc_runlevel"] = flags >> PLC_SHIFT & 3
-        frame["runlevel"], frame["surgeon_mode"] = self.record["runlevel"], self.record["surgeon_mode"]
+        frame["runlevel"], frame["surgeon_mode"] = (
+            self.record["runlevel"],
+            self.record["surgeon_mode"],
+        )
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
         for arm in self.arms:
             if arm in frame.layout.arms:
@@ -171,6 +186,8 @@ def encode_text(content: dict[str, Any]) -> bytes:
     text = json.dumps(content, separators=(",", ":")).encode()
     size = HEAD.size + len(text) + CRC.size
     if size > LONGEST:
-        raise ValueError(f"text of {len(text)} bytes, expected at most {LONGEST - HEAD.size - CRC.size}")
+        raise ValueError(
+            f"text of {len(text)} bytes, expected at most {LONGEST - HEAD.size - CRC.size}"
+        )
     whole = HEAD.pack(TEXT_MAGIC, VERSION, size) + text
     return whole + CRC.pack(zlib.crc32(whole))

@@ -1,12 +1,14 @@
-"""The robot's joint state over TCP, and orders back: one server, several listeners, and nobody is waited for.
+"""The robot's joint state over TCP, and orders back: one server, several listeners, and nobody is
+waited for.
 
-To a listener: `record.RECORD`s, one a millisecond, and text records that greet it and answer its orders. One that
-reads too slowly loses whole records, never parts of one. From a listener: orders, one JSON object a line,
+To a listener: `record.RECORD`s, one a millisecond, and text records that greet it and answer its
+orders. One that reads too slowly loses whole records, never parts of one. From a listener: orders,
+one JSON object a line,
 
     {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, reset
 
-`token` is needed unless the listener is on the same machine. A line that is no JSON object ends the connection: it is
-no console's, but perhaps a web page's that knocks on local ports.
+`token` is needed unless the listener is on the same machine. A line that is no JSON object ends the
+connection: it is no console's, but perhaps a web page's that knocks on local ports.
 """
 
 from __future__ import annotations
@@ -50,13 +52,26 @@ class ListenerOrder:
 class JointServer:
     """One TCP port. `poll` and `publish` are called once a tick and never wait."""
 
-    def __init__(self, greeting: dict[str, Any], host: str, port: int = JOINT_PORT, token: str | None = None) -> None:
-        """greeting: the first text record of each listener. port 0: any free one. UserError where it cannot be had."""
+    def __init__(
+        self, greeting: dict[str, Any], host: str, port: int = JOINT_PORT, token: str | None = None
+    ) -> None:
+        """greeting: the first text record of each listener. port 0: any free one. UserError
+        where it cannot be had.
+        """
         self._greeting, self._token = encode_text(greeting), token
         self._socket = _listening(host, port)
         self.listeners: list[Listener] = []
         self.counts: dict[str, int] = dict.fromkeys(
-            ("listeners", "turned_away", "records", "records_dropped", "orders", "orders_refused", "garbled"), 0
+            (
+                "listeners",
+                "turned_away",
+                "records",
+                "records_dropped",
+                "orders",
+                "orders_refused",
+                "garbled",
+            ),
+            0,
         )
 
     @property
@@ -68,7 +83,9 @@ class JointServer:
         """Let in who knocks, and hear the orders that have arrived."""
         self._let_in()
         return [
-            ListenerOrder(listener, content) for listener in list(self.listeners) for content in self._heard(listener)
+            ListenerOrder(listener, content)
+            for listener in list(self.listeners)
+            for content in self._heard(listener)
         ]
 
     def publish(self, record: bytes) -> None:
@@ -82,8 +99,13 @@ class JointServer:
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
         """Tell who gave an order that it was carried out, or why not."""
         kind = order.content.get("order")
-        reply: dict[str, Any] = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
-        self._push(order.listener, encode_text(reply if error is None else reply | {"error": error}))
+        reply: dict[str, Any] = {
+            "answer": kind if isinstance(kind, str) else None,
+            "ok": error is None,
+        }
+        self._push(
+            order.listener, encode_text(reply if error is None else reply | {"error": error})
+        )
 
     def close(self) -> None:
         """End all connections and give the port back."""
@@ -144,7 +166,9 @@ class JointServer:
                 orders.append(order)
             else:
                 self.counts["orders_refused"] += 1
-                refusal = "not from this machine: start the robot with a token and give the same one here"
+                refusal = (
+                    "not from this machine: start the robot with a token and give the same one here"
+                )
                 self.answer(ListenerOrder(listener, order), refusal)
         return orders if len(rest) <= LONGEST_LINE else self._garbled(listener, orders)
 
@@ -180,8 +204,8 @@ def _listening(host: str, port: int) -> socket.socket:
         endpoint = socket.create_server((host, port), backlog=MOST_CLIENTS)
     except (OSError, OverflowError) as error:
         raise UserError(
-            f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot may hold it. "
-            "Give another port, or 0 for any free one"
+            f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot may"
+            " hold it. Give another port, or 0 for any free one"
         ) from None
     endpoint.setblocking(False)
     return endpoint

@@ -1,4 +1,6 @@
-"""What a worker is given to pack chunks with, and dies of or stops at. Imported by worker processes."""
+"""What a worker is given to pack chunks with, and dies of or stops at. Imported by worker
+processes.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,12 @@ from typing import Any
 from ravenjax.store import parts, schema
 
 
-def pack(columns: Mapping[str, Any], shape: schema.Shape, dies: Mapping[int, int], notes: Path, way: str) -> Any:
-    """As the runner's into tables, but the chunk that begins with row r kills its worker the first `dies[r]` times."""
+def pack(
+    columns: Mapping[str, Any], shape: schema.Shape, dies: Mapping[int, int], notes: Path, way: str
+) -> Any:
+    """As the runner's into tables, but the chunk that begins with row r kills its worker the
+    first `dies[r]` times.
+    """
     _die(columns, dies, notes, way)
     return schema.conform(columns, shape)
 

@@ -1,4 +1,6 @@
-"""Chunks in other hands: handed out once, taken back, tried alone, given up and named; nobody waits for nothing."""
+"""Chunks in other hands: handed out once, taken back, tried alone, given up and named; nobody
+waits for nothing.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,10 @@ def test_a_chunk_that_always_fails_is_given_up_by_name_and_the_others_are_not():
             delivered.append(one.rows)
             attempts.delivered()
     assert delivered == [rows for rows in CHUNKS if rows.start != 30]
-    with pytest.raises(UserError, match=rf"(?s)1 chunk\(s\) failed {ATTEMPTS} times.*rows 30 to 39: worker .* SIGSEGV"):
+    with pytest.raises(
+        UserError,
+        match=rf"(?s)1 chunk\(s\) failed {ATTEMPTS} times.*rows 30 to 39: worker .* SIGSEGV",
+    ):
         attempts.conclude()
     progress.tell("stopped")
     assert told[-1].failures == {"worker killed by SIGSEGV": 10}
@@ -111,7 +116,9 @@ def test_many_workers_that_die_at_random_deliver_everything_once(seed):
             if not held:
                 return
             with lock:
-                dies = chance.random() < 0.3 and all(deaths[one.rows] < ATTEMPTS - 1 for one in held)
+                dies = chance.random() < 0.3 and all(
+                    deaths[one.rows] < ATTEMPTS - 1 for one in held
+                )
                 if dies:
                     for one in held:
                         deaths[one.rows] += 1

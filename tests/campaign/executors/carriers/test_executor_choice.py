@@ -17,7 +17,12 @@ from ravenjax.errors import UserError
 
 @pytest.mark.parametrize(
     ("given", "name", "workers"),
-    [((), "local", 1), ((None, 3), "processes", 3), (("processes",), "processes", None), (("local", 1), "local", 1)],
+    [
+        ((), "local", 1),
+        ((None, 3), "processes", 3),
+        (("processes",), "processes", None),
+        (("local", 1), "local", 1),
+    ],
 )
 def test_the_executor_that_is_meant(given, name, workers):
     found = choice.executor(*given)
@@ -70,7 +75,10 @@ def test_a_worker_has_a_gpu(monkeypatch):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5, GPU-7")
     assert placement.visible_gpus(2) == ["5", "GPU-7"]
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
-    named = [seat.environment["CUDA_VISIBLE_DEVICES"] for seat in placement.seats(None, placement.visible_gpus(3))]
+    named = [
+        seat.environment["CUDA_VISIBLE_DEVICES"]
+        for seat in placement.seats(None, placement.visible_gpus(3))
+    ]
     assert named == ["0", "1", "2"]
     assert all(not seat.environment for seat in placement.seats(2, []))
 

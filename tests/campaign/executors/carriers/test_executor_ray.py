@@ -77,7 +77,9 @@ def test_workers_that_are_killed_three_times_make_the_same_folder(cluster, tmp_p
                 os.kill(there[0], signal.SIGKILL)
 
     ran = executor.Ray(2, made.address)
-    runner.run_campaign(tiny.config(**SIZE), tmp_path / "there", "simd", executor=ran, on_progress=kill)
+    runner.run_campaign(
+        tiny.config(**SIZE), tmp_path / "there", "simd", executor=ran, on_progress=kill
+    )
     assert len(killed) == 3 and tiny.digest(tmp_path / "there") == tiny.digest(tmp_path / "here")
 
 
@@ -90,7 +92,9 @@ def test_a_task_has_the_coordinators_environment(monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", "--xla_flag")
     monkeypatch.delenv("JAX_PLATFORMS", raising=False)
     assert executor.environment("simd") == {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": "--xla_flag"} | {
-        name: value for name, value in executor.environment("xla").items() if name == "RAVENJAX_CACHE"
+        name: value
+        for name, value in executor.environment("xla").items()
+        if name == "RAVENJAX_CACHE"
     }
     assert "JAX_PLATFORMS" not in executor.environment("xla")
     monkeypatch.setenv("JAX_PLATFORMS", "cuda")

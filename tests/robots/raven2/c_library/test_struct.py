@@ -1,4 +1,6 @@
-"""C structs of records: their members lie where compiled code looks for them, said by a C compiler."""
+"""C structs of records: their members lie where compiled code looks for them, said by a C
+compiler.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,9 @@ def test_members_lie_where_code_finds_them(tmp_path_factory, first, narrow, wide
 
 
 def test_a_struct_as_it_reads():
-    kind = RecordKind(Outer(Vec((np.float32(1),) * 3), (Inner(np.int32(1), None),) * 2, np.float64(1)))
+    kind = RecordKind(
+        Outer(Vec((np.float32(1),) * 3), (Inner(np.int32(1), None),) * 2, np.float64(1))
+    )
     text = struct("thing", members(kind, ARMS), kind.layout.bytes, "A thing.", {"first": "rad"})
     assert text.splitlines() == [
         "/* A thing. */",

@@ -1,4 +1,6 @@
-"""First and last tick of windows that count packets, or time in pedal-down, by runs of whole robots."""
+"""First and last tick of windows that count packets, or time in pedal-down, by runs of whole
+robots.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,14 @@ HARMLESS = {"site": "jvel", "channel": "elbow", "effect": "offset", "value": 1.0
 WINDOWS = [
     {"trigger": trigger, "start_ms": start, "duration_ms": duration, "every_ms": every}
     for trigger in ("packet", "pedal")
-    for start, duration, every in [(0, 1, 0), (0, 5, 0), (1, 1, 0), (300, 40, 0), (90, 20, 130), (1650, 30, 0)]
+    for start, duration, every in [
+        (0, 1, 0),
+        (0, 5, 0),
+        (1, 1, 0),
+        (300, 40, 0),
+        (90, 20, 130),
+        (1650, 30, 0),
+    ]
 ] + [{"trigger": "pedal", "start_ms": 100, "duration_ms": "end"}]
 
 
@@ -26,7 +35,9 @@ def windows_of(campaign=None, motion="clutched", **sections):
     raw = {
         "campaign": {"name": "windows", "duration_s": TICKS / 1000, **(campaign or {})},
         "operator": {"motion": motion},
-        "group": [{"name": "g", "design": "list", "fault": [{**HARMLESS, **WINDOWS[0]}], "run": []}],
+        "group": [
+            {"name": "g", "design": "list", "fault": [{**HARMLESS, **WINDOWS[0]}], "run": []}
+        ],
         **sections,
     }
     raw["group"][0]["run"] = [{"fault": [window]} for window in WINDOWS]
@@ -43,10 +54,17 @@ def ends_of(ready, observe=1):
     "case",
     [
         pytest.param({}, id="clutched"),
-        pytest.param({"motion": "suture", "parameters": {"network.cycles_per_packet": 3}}, id="three cycles a packet"),
+        pytest.param(
+            {"motion": "suture", "parameters": {"network.cycles_per_packet": 3}},
+            id="three cycles a packet",
+        ),
         pytest.param({"campaign": {"software": "fork2015"}}, id="no PLC"),
         pytest.param(
-            {"campaign": {"software": "fork2015"}, "parameters": {"control.state_machine.plc_obeyed": 1}}, id="PLC"
+            {
+                "campaign": {"software": "fork2015"},
+                "parameters": {"control.state_machine.plc_obeyed": 1},
+            },
+            id="PLC",
         ),
     ],
 )
@@ -55,7 +73,9 @@ def test_windows_are_known_to_the_tick(case):
     opens = first >= 0
     assert opens.any()
     np.testing.assert_array_equal(ready.acts, np.where(opens, first, TICKS))
-    np.testing.assert_array_equal(ends_of(ready), np.where(opens, np.minimum(last + 2, TICKS), TICKS))
+    np.testing.assert_array_equal(
+        ends_of(ready), np.where(opens, np.minimum(last + 2, TICKS), TICKS)
+    )
 
 
 @pytest.mark.parametrize("packets", ["measured", "bursts"])
@@ -66,9 +86,13 @@ def test_windows_of_packets_that_are_drawn_are_bounded(packets):
     ends, counts = ends_of(ready), np.array([window["trigger"] == "packet" for window in WINDOWS])
     longest = ready.config.longest_packet
     assert (ends[opens] >= np.minimum(last[opens] + 2, TICKS)).all()
-    np.testing.assert_array_equal(ends[counts], np.where(opens, np.minimum(last + 2, TICKS), TICKS)[counts])
+    np.testing.assert_array_equal(
+        ends[counts], np.where(opens, np.minimum(last + 2, TICKS), TICKS)[counts]
+    )
     once = ~counts & opens & np.array([not window.get("every_ms") for window in WINDOWS])
-    assert (ends[once] < last[once] + 2 + longest).all(), "the pedal of such a run by a packet at most"
+    assert (ends[once] < last[once] + 2 + longest).all(), (
+        "the pedal of such a run by a packet at most"
+    )
 
 
 def test_an_operator_who_slows_down_moves_the_pedal():

@@ -33,7 +33,9 @@ def test_same_seed_same_motion(name):
 
 @pytest.mark.parametrize("name", MOVING)
 def test_seeds_differ(name):
-    assert (motions.generate(name, 5.0, seed=1).table() != motions.generate(name, 5.0, seed=2).table()).any()
+    assert (
+        motions.generate(name, 5.0, seed=1).table() != motions.generate(name, 5.0, seed=2).table()
+    ).any()
 
 
 @pytest.mark.parametrize("duration, rows", [(3.0, 3000), (0.001, 1), (2.9995, 3000), (40.0, 40000)])
@@ -60,10 +62,12 @@ def test_surgical_in_speed_and_size(name):
 
 @pytest.mark.parametrize("name", MOVING)
 def test_twice_differentiable(name):
-    """Steps of the acceleration shrink with the time step: none is a jump of velocity or acceleration.
+    """Steps of the acceleration shrink with the time step: none is a jump of velocity or
+    acceleration.
 
-    Peak jerk of a minimum-jerk move of 25 mm in 1 s is 1.5 m/s3, of the shortest one (0.25 s) some 100 m/s3: an
-    acceleration then changes by at most 0.1 m/s2 within a millisecond; a kink in velocity of 1 mm/s would be 1 m/s2.
+    Peak jerk of a minimum-jerk move of 25 mm in 1 s is 1.5 m/s3, of the shortest one (0.25 s) some
+    100 m/s3: an acceleration then changes by at most 0.1 m/s2 within a millisecond; a kink in
+    velocity of 1 mm/s would be 1 m/s2.
     """
     tip = tip_path(motions.generate(name, 20.0, seed=2), "gold")
     acceleration = np.diff(tip, n=2, axis=0) * 1e6  # m/s2
@@ -98,7 +102,9 @@ def test_green_is_gold_mirrored():
 
 @pytest.fixture(scope="module")
 def solve():
-    """Joints [T, 7] and status [T] of the control software's own inverse kinematics along a path."""
+    """Joints [T, 7] and status [T] of the control software's own inverse kinematics along a
+    path.
+    """
 
     def along(arm, start, rotation, position, quat):
         def step(reference, now):
@@ -121,7 +127,9 @@ def solve():
             position = np.array(home.position) + tip_path(motion, arm, scale)
             quat = np.concatenate([motion.quat[:, i, :3] @ axes.T, motion.quat[:, i, 3:]], axis=1)
             thin = slice(None, None, 5)  # 5 ms apart is dense enough for a pose
-            return jax.tree.map(np.asarray, jitted(arm, start, jnp.array(home.rotation), position[thin], quat[thin]))
+            return jax.tree.map(
+                np.asarray, jitted(arm, start, jnp.array(home.rotation), position[thin], quat[thin])
+            )
 
     return run
 
@@ -136,7 +144,9 @@ def long_motion(name, seed):
 @pytest.mark.parametrize("scale", [0.1, 0.2])
 @pytest.mark.parametrize("arm", BOTH)
 def test_reachable_inside_the_soft_limits(solve, arm, scale):
-    """At twice the nominal scale nothing is rejected or clamped; at the nominal one there is a margin of 10 degrees."""
+    """At twice the nominal scale nothing is rejected or clamped; at the nominal one there is a
+    margin of 10 degrees.
+    """
     soft = limits.soft_limits("r_grasper")
     margin = np.radians(10.0) if scale == 0.1 else 0.0
     for name in MOVING:
@@ -146,7 +156,9 @@ def test_reachable_inside_the_soft_limits(solve, arm, scale):
             for j in (0, 1, 3, 4):
                 assert joints[:, j].min() > soft.lower[j] + margin, (name, seed, j)
                 assert joints[:, j].max() < soft.upper[j] - margin, (name, seed, j)
-            assert soft.lower[2] < joints[:, 2].min() and joints[:, 2].max() < 0.44  # m; the remote centre is at 0.457
+            assert (
+                soft.lower[2] < joints[:, 2].min() and joints[:, 2].max() < 0.44
+            )  # m; the remote centre is at 0.457
 
 
 def test_unknown_name():

@@ -31,7 +31,9 @@ def packets(setup, motion, scale):
         row, before = operator.lookup(table, k), operator.lookup(table, k - 1)
         return operator.packet(setup, params, row, before, k + 1)
 
-    return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(len(motion), dtype=jnp.int32)))
+    return jax.tree.map(
+        np.asarray, jax.jit(jax.vmap(one))(jnp.arange(len(motion), dtype=jnp.int32))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +54,17 @@ def test_lookup_takes_rows_and_clips():
 def test_lookup_is_one_indexing_per_column():
     table = tuple(jnp.zeros(50, jnp.float32) for _ in columns(BOTH))
     jaxpr = jax.make_jaxpr(operator.lookup)(table, jnp.int32(3))
-    indexed = [e.primitive.name for e in jaxpr.eqns if e.primitive.name in ("gather", "dynamic_slice")]
+    indexed = [
+        e.primitive.name for e in jaxpr.eqns if e.primitive.name in ("gather", "dynamic_slice")
+    ]
     assert indexed == ["dynamic_slice"] * len(columns(BOTH))
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.1, 0.2])
 def test_increments_add_up_to_the_scaled_hand(motion, scale):
-    """No drift: after any packet the sum is the truncated scaled position, so it is within 1 um of it."""
+    """No drift: after any packet the sum is the truncated scaled position, so it is within 1 um
+    of it.
+    """
     sent = packets(make_setup(), motion, scale)
     for i in range(2):
         total = np.cumsum(np.stack(sent.delta[i], axis=1), axis=0)
@@ -75,7 +81,9 @@ def test_increment_quaternions_compose_to_the_hand(motion):
         for step in steps:
             turn = step * turn
         apart = (turn * Rotation.from_quat(motion.quat[-1, i]).inv()).magnitude()
-        assert apart < 2e-5  # float32 columns: 6e-8 a tick over 6000 ticks, as a random walk and its bias
+        assert (
+            apart < 2e-5
+        )  # float32 columns: 6e-8 a tick over 6000 ticks, as a random walk and its bias
         assert np.abs(np.linalg.norm(np.stack(sent.quat[i], axis=1), axis=1) - 1.0).max() < 3e-7
 
 
@@ -91,9 +99,10 @@ def test_header(motion):
     assert (sent.sequence == np.arange(1, len(motion) + 1)).all()
     assert (sent.size == 124).all() and (sent.received == 1).all()
     assert (sent.surgeon_mode[:200] == 0).all() and (sent.surgeon_mode[200:] == 1).all()
-    assert {x.dtype.name for x in (sent.sequence, sent.size, sent.surgeon_mode, sent.grasp[0], sent.delta[0][0])} == {
-        "int32"
-    }
+    assert {
+        x.dtype.name
+        for x in (sent.sequence, sent.size, sent.surgeon_mode, sent.grasp[0], sent.delta[0][0])
+    } == {"int32"}
 
 
 def test_pedal_up_sends_no_motion():
@@ -120,13 +129,24 @@ def test_absolute_packets_are_the_pose_in_frame_0(motion, arm):
     with jax.enable_x64(True):
         sent = packets(make_setup("absolute", REFERENCE), motion, 0.1)
     sign = 1 if arm == "gold" else -1
-    start = np.array([-77946.997893, sign * -25265.555299, 13225.627957])  # home; raven2's own kinematics
+    start = np.array(
+        [-77946.997893, sign * -25265.555299, 13225.627957]
+    )  # home; raven2's own kinematics
     axes = np.array(ITP_AXES[arm])
     expected = start + motion.position_um[:, i].astype(np.float32) * 0.1 @ axes.T
-    assert np.abs(np.stack(sent.delta[i], axis=1) - np.trunc(expected)).max() <= 1  # a truncation at a whole number
+    assert (
+        np.abs(np.stack(sent.delta[i], axis=1) - np.trunc(expected)).max() <= 1
+    )  # a truncation at a whole number
     assert (sent.size == 204).all()
-    home = Rotation.from_quat([float(c) for c in operator.params(make_setup(), motion.start_jpos).start_quat[i]])
-    last = Rotation.from_matrix(axes) * Rotation.from_quat(motion.quat[-1, i]) * Rotation.from_matrix(axes).inv() * home
+    home = Rotation.from_quat(
+        [float(c) for c in operator.params(make_setup(), motion.start_jpos).start_quat[i]]
+    )
+    last = (
+        Rotation.from_matrix(axes)
+        * Rotation.from_quat(motion.quat[-1, i])
+        * Rotation.from_matrix(axes).inv()
+        * home
+    )
     assert (last * Rotation.from_quat([c[-1] for c in sent.quat[i]]).inv()).magnitude() < 1e-6
     assert sent.grasp[i][0] == 1570
 
@@ -168,7 +188,9 @@ def numbers(vecs):
 
 @pytest.mark.slow
 def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
-    """Increments follow the plan and the strays: after any packet the sum is the truncated scaled hand."""
+    """Increments follow the plan and the strays: after any packet the sum is the truncated
+    scaled hand.
+    """
     setup = make_setup(precision=REFERENCE)
     with jax.enable_x64(True):
         table = tuple(jnp.asarray(column) for column in motion.table().T)
@@ -178,7 +200,10 @@ def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
             stray = rng.uniform(-50.0, 50.0, (2, 3))
             hands = operator.strayed(hands, vectors(*stray))
             rows = [operator.lookup(table, k), operator.lookup(table, k - 1)]
-            row, before = operator.moved(rows[0], hands.offset), operator.moved(rows[1], hands.offset_before)
+            row, before = (
+                operator.moved(rows[0], hands.offset),
+                operator.moved(rows[1], hands.offset_before),
+            )
             total += numbers(operator.packet(setup, params, row, before, k + 1).delta)
             hands = operator.sent(hands, jnp.bool_(True))
         begun = np.trunc(motion.position_um[299].astype(np.float32).astype(float) * 0.1)
@@ -192,7 +217,9 @@ def test_between_packets_the_hands_wait_to_be_sent():
     with jax.enable_x64(True):
         hands = operator.strayed(operator.at_plan(setup), vectors((1, 2, 3), (4, 5, 6)))
         assert (numbers(operator.sent(hands, jnp.bool_(False)).offset_before) == 0.0).all()
-        assert (numbers(operator.sent(hands, jnp.bool_(True)).offset_before) == [[1, 2, 3], [4, 5, 6]]).all()
+        assert (
+            numbers(operator.sent(hands, jnp.bool_(True)).offset_before) == [[1, 2, 3], [4, 5, 6]]
+        ).all()
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.2])
@@ -202,6 +229,10 @@ def test_hands_that_steer_tips_ask_them_there(motion, scale):
     with jax.enable_x64(True):
         params = operator.params(setup, motion.start_jpos, scale)
         hands = operator.steered(setup, params, operator.at_plan(setup), vectors(*tips))
-        np.testing.assert_allclose(numbers(operator.tip_offset(setup, params, hands)), tips, atol=1e-15)
+        np.testing.assert_allclose(
+            numbers(operator.tip_offset(setup, params, hands)), tips, atol=1e-15
+        )
         axes = np.array(ITP_AXES["gold"])
-        np.testing.assert_allclose(numbers(hands.offset)[0], axes.T @ tips[0] * 1e6 / scale, rtol=1e-12)
+        np.testing.assert_allclose(
+            numbers(hands.offset)[0], axes.T @ tips[0] * 1e6 / scale, rtol=1e-12
+        )

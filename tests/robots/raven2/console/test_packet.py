@@ -49,7 +49,25 @@ def test_bytes_match_struct():
     sent = packet.encode(example(), ("gold", "green"))
     numbers = [1, -40, -2, 50, 3, -60]
     expected = struct.pack(
-        "<3I6i8d6i", 7, 0, 0, *numbers, 0.0, 0.5, 0.0, 0.5, 0.6, 0.5, 0.8, 0.5, 0, 0, 9, -8, 1, 1 + 7 + sum(numbers)
+        "<3I6i8d6i",
+        7,
+        0,
+        0,
+        *numbers,
+        0.0,
+        0.5,
+        0.0,
+        0.5,
+        0.6,
+        0.5,
+        0.8,
+        0.5,
+        0,
+        0,
+        9,
+        -8,
+        1,
+        1 + 7 + sum(numbers),
     )
     assert sent == expected
 

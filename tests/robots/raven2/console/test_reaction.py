@@ -26,10 +26,14 @@ def params(action, **changes):
     return replace(reaction.params(SETUP), action=jnp.int32(ACTIONS.index(action)), **changes)
 
 
-def felt(force, tick, tip=(0.0, 0.0, 0.0), model=(0.0, 0.0, 0.0), off_plan=(0.0, 0.0, 0.0), down=True):
+def felt(
+    force, tick, tip=(0.0, 0.0, 0.0), model=(0.0, 0.0, 0.0), off_plan=(0.0, 0.0, 0.0), down=True
+):
     three = lambda values: (Vec(jnp.float64(v) for v in values),)  # noqa: E731
     force = (jnp.float64(force),)
-    return reaction.OperatorSenses(force, three(tip), three(model), three(off_plan), jnp.bool_(down), jnp.int32(tick))
+    return reaction.OperatorSenses(
+        force, three(tip), three(model), three(off_plan), jnp.bool_(down), jnp.int32(tick)
+    )
 
 
 def after_pull(action, **changes):
@@ -66,7 +70,9 @@ def test_an_operator_without_a_device_never_acts():
 
 def test_release_holds_from_its_packet_on_and_not_in_older_ones():
     asked, state = after_pull("release")
-    released = [bool(reaction.pace(SETUP, asked, state, jnp.int32(k)).released) for k in (389, 390, 1000)]
+    released = [
+        bool(reaction.pace(SETUP, asked, state, jnp.int32(k)).released) for k in (389, 390, 1000)
+    ]
     assert released == [False, True, True]
 
 
@@ -80,7 +86,9 @@ def test_slowed_hands_fall_behind_in_proportion(slow_to):
 
 @pytest.mark.slow
 def test_correction_goes_to_where_the_instrument_was_meant_to_be():
-    """A robot 4 mm off that follows its hands: the remaining distance shrinks by exp(-t/0.2 s), at most 50 mm/s."""
+    """A robot 4 mm off that follows its hands: the remaining distance shrinks by exp(-t/0.2 s),
+    at most 50 mm/s.
+    """
     asked, state = after_pull("correct")
     offset, moved = np.array([0.004, 0.0, 0.0]), np.zeros(3)
     distances = []

@@ -15,7 +15,12 @@ from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.dynamics import arm_model, rigid_program
-from ravenjax.robots.raven2.dynamics.link_dynamics import FUNCTIONS, links, mass_matrix_and_bias, program
+from ravenjax.robots.raven2.dynamics.link_dynamics import (
+    FUNCTIONS,
+    links,
+    mass_matrix_and_bias,
+    program,
+)
 from ravenjax.robots.raven2.dynamics.rigid_tree import read_tree
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -24,11 +29,15 @@ AXES = np.eye(3)
 
 
 def random_tree(rng: np.random.Generator, bodies: int) -> mujoco.MjModel:
-    """Fixed base in a random pose; bodies with 0-2 joints each, half of the axes along coordinates, valid inertias."""
+    """Fixed base in a random pose; bodies with 0-2 joints each, half of the axes along
+    coordinates, valid inertias.
+    """
     spec = mujoco.MjSpec()
     nodes = [spec.worldbody.add_body(name="base", pos=rng.normal(size=3), quat=rng.normal(size=4))]
     for i in range(bodies):
-        body = nodes[rng.integers(len(nodes))].add_body(name=f"b{i}", pos=rng.normal(size=3), quat=rng.normal(size=4))
+        body = nodes[rng.integers(len(nodes))].add_body(
+            name=f"b{i}", pos=rng.normal(size=3), quat=rng.normal(size=4)
+        )
         body.explicitinertial = True
         body.mass, body.ipos = rng.uniform(0.1, 2.0), rng.normal(size=3)
         body.iquat, body.inertia = rng.normal(size=4), rng.uniform(1.0, 1.9, size=3)
@@ -45,7 +54,9 @@ def random_tree(rng: np.random.Generator, bodies: int) -> mujoco.MjModel:
     return spec.compile()
 
 
-def mujoco_answer(model: mujoco.MjModel, qpos, qvel) -> tuple[np.ndarray, np.ndarray, mujoco.MjData]:
+def mujoco_answer(
+    model: mujoco.MjModel, qpos, qvel
+) -> tuple[np.ndarray, np.ndarray, mujoco.MjData]:
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = qpos, qvel
     mujoco.mj_forward(model, data)
@@ -86,7 +97,10 @@ def test_other_joint_types_are_refused():
     base = spec.worldbody.add_body(name="base")
     body = base.add_body(name="floating", mass=1, inertia=(1, 1, 1), explicitinertial=True)
     body.add_joint(name="ball", type=mujoco.mjtJoint.mjJNT_BALL)
-    with pytest.raises(ValueError, match=r"joint 'ball' of body 'floating' is of type mjJNT_BALL.*hinges and slides"):
+    with pytest.raises(
+        ValueError,
+        match=r"joint 'ball' of body 'floating' is of type mjJNT_BALL.*hinges and slides",
+    ):
         read_tree(spec.compile(), "base")
 
 
@@ -99,7 +113,9 @@ def stacked(setup: RavenSetup, arm, mass_scale=1.0):
     """Arrays (qpos, qvel, gravity) with a leading axis -> M and bias."""
 
     def one(qpos, qvel, gravity):
-        mass, bias = mass_matrix_and_bias(setup, arm, Vec(qpos), Vec(qvel), Vec(gravity), mass_scale)
+        mass, bias = mass_matrix_and_bias(
+            setup, arm, Vec(qpos), Vec(qvel), Vec(gravity), mass_scale
+        )
         rows = [[jnp.asarray(x, qpos.dtype) for x in row] for row in mass]
         return jnp.array(rows), jnp.array(list(bias))
 
@@ -143,9 +159,13 @@ def test_mjx_equals_unrolled(arm):
 
 def test_mass_scale_leaves_the_spindles_alone():
     arguments = UNROLLED, "gold", Vec.full(7, 0.3), Vec.full(7, 0.2), Vec((-9.8, 0.0, 0.0))
-    (mass, bias), (scaled_mass, scaled_bias) = (mass_matrix_and_bias(*arguments, scale) for scale in (1.0, 2.0))
+    (mass, bias), (scaled_mass, scaled_bias) = (
+        mass_matrix_and_bias(*arguments, scale) for scale in (1.0, 2.0)
+    )
     spindles = np.diag([link.armature for link in links("gold")])
-    np.testing.assert_allclose(np.array(scaled_mass) - spindles, 2 * (np.array(mass) - spindles), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.array(scaled_mass) - spindles, 2 * (np.array(mass) - spindles), rtol=1e-12
+    )
     np.testing.assert_allclose(np.array(scaled_bias), 2 * np.array(bias), rtol=1e-12)
 
 
@@ -158,15 +178,21 @@ def test_structural_zeros_and_constants_are_python_numbers():
 
     jax.make_jaxpr(look)(Vec.full(7, 0.3), Vec.full(7, 0.0), Vec.full(3, 0.0))
     mass = seen["mass"]
-    assert mass[5][6] == mass[6][5] == 0.0 and type(mass[5][6]) is float  # the jaws meet in the wrist only
-    assert type(mass[2][2]) is float and mass[2][2] == pytest.approx(0.407, abs=1e-12)  # kg, raven2_sim: Li_DYN
+    assert (
+        mass[5][6] == mass[6][5] == 0.0 and type(mass[5][6]) is float
+    )  # the jaws meet in the wrist only
+    assert type(mass[2][2]) is float and mass[2][2] == pytest.approx(
+        0.407, abs=1e-12
+    )  # kg, raven2_sim: Li_DYN
 
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_operation_count(arm):
     """M and bias stay below 800 operations, with the solve below 1000 (one arm, seven joints)."""
     written = program(arm, (None,) * 17)
-    assert sum(written.operations[i].name not in ("input", "constant") for i in written.needed()) < 800
+    assert (
+        sum(written.operations[i].name not in ("input", "constant") for i in written.needed()) < 800
+    )
 
     def acceleration(qpos, qvel, gravity, torque):
         mass, bias = mass_matrix_and_bias(UNROLLED, arm, qpos, qvel, gravity)
@@ -175,7 +201,15 @@ def test_operation_count(arm):
     seven = Vec.full(7, 0.3)
     jaxpr = jax.make_jaxpr(acceleration)(seven, seven, Vec.full(3, 1.0), seven)
     assert len(jaxpr.eqns) < 1000
-    assert {e.primitive.name for e in jaxpr.eqns} <= {"add", "sub", "mul", "div", "neg", "sin", "cos"}
+    assert {e.primitive.name for e in jaxpr.eqns} <= {
+        "add",
+        "sub",
+        "mul",
+        "div",
+        "neg",
+        "sin",
+        "cos",
+    }
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 9])

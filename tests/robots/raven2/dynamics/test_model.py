@@ -1,4 +1,6 @@
-"""models/raven2/raven2.xml: the DH kinematics of the control software and the dynamics of the authors."""
+"""models/raven2/raven2.xml: the DH kinematics of the control software and the dynamics of the
+authors.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from ravenjax.robots.raven2.geometry import kinematics
 
 ROOT = Path(__file__).resolve().parents[4]
 
-# Check values: q, qdot, (M11, M12, M13, M22), G, bias of raven2_sim: Li_DYN/two_arm_dyn.cpp, evaluated.
+# Check values: q, qdot, (M11, M12, M13, M22), G, bias of raven2_sim: Li_DYN/two_arm_dyn.cpp,
+# evaluated.
 M23, M33 = -4.827707615e-05, 0.407
 CHECKS = [
     (
@@ -78,7 +81,9 @@ def test_joints_are_those_of_the_control_software(model):
     degrees = [(0, 90), (45, 135), None, (-182, 182), (-70, 70), (-105, 105), (-105, 105)]
     for arm in ARMS:
         for low_high, span in zip(degrees, model.jnt_range[own(arm)], strict=True):
-            np.testing.assert_allclose(span, np.radians(low_high) if low_high else (0.23, 0.56), rtol=1e-12)
+            np.testing.assert_allclose(
+                span, np.radians(low_high) if low_high else (0.23, 0.56), rtol=1e-12
+            )
     assert not model.geom_contype.any() and not model.geom_conaffinity.any()
 
 
@@ -92,11 +97,17 @@ def test_tip_site_is_dh_frame_6(model, arm):
         to_base = base.xmat.reshape(3, 3).T
         qpos = data.qpos[own(arm)]
         yaw = (qpos[6] - qpos[5]) / 2
-        turn = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
+        turn = np.array(
+            [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]
+        )
         with jax.enable_x64(True):
             pose = kinematics.forward(arm, Vec(np.float64(x) for x in qpos))
-        np.testing.assert_allclose(to_base @ (tip.xpos - base.xpos), np.array(pose.position), atol=1e-9)
-        np.testing.assert_allclose(to_base @ tip.xmat.reshape(3, 3) @ turn, np.array(pose.rotation), atol=1e-9)
+        np.testing.assert_allclose(
+            to_base @ (tip.xpos - base.xpos), np.array(pose.position), atol=1e-9
+        )
+        np.testing.assert_allclose(
+            to_base @ tip.xmat.reshape(3, 3) @ turn, np.array(pose.rotation), atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -105,8 +116,9 @@ def test_tip_site_is_dh_frame_6(model, arm):
 def test_first_three_joints_are_the_authors(model, arm, check, offset_deg):
     """M, gravity and bias of joints 1-3, tool at rest in its reference pose, both arms.
 
-    The authors' q1 is the DH angle theta1 = jpos - 155 deg under gravity along -x0, or (their reading of the same
-    formulas) jpos - 180 deg with gravity turned by 25 deg about z0. M and the velocity terms do not tell the two apart.
+    The authors' q1 is the DH angle theta1 = jpos - 155 deg under gravity along -x0, or (their
+    reading of the same formulas) jpos - 180 deg with gravity turned by 25 deg about z0. M and the
+    velocity terms do not tell the two apart.
     """
     q, rate, (m11, m12, m13, m22), gravity_torque, bias = check
     data = mujoco.MjData(model)
@@ -152,7 +164,9 @@ def test_turning_the_tool_hardly_moves_the_authors_mass_matrix(model, arm):
 
 
 def test_scene_at_home(model):
-    """Gravity is -x0 of both arms, the arms are mirror images, and the tips meet just above the tissue."""
+    """Gravity is -x0 of both arms, the arms are mirror images, and the tips meet just above the
+    tissue.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
     mujoco.mj_forward(model, data)
@@ -178,6 +192,10 @@ def test_committed_files_are_what_the_builder_writes(tmp_path):
     for fresh in sorted(tmp_path.rglob("*.*")):
         committed = ROOT / "models" / "raven2" / fresh.relative_to(tmp_path)
         old, new = committed.read_text(encoding="utf-8"), fresh.read_text(encoding="utf-8")
-        assert NUMBER.sub("#", old) == NUMBER.sub("#", new), f"{committed} differs: run python {builder}"
+        assert NUMBER.sub("#", old) == NUMBER.sub("#", new), (
+            f"{committed} differs: run python {builder}"
+        )
         numbers = [np.array(NUMBER.findall(text), dtype=float) for text in (old, new)]
-        np.testing.assert_allclose(*numbers, rtol=1e-9, atol=1.1e-5 if fresh.suffix == ".obj" else 1e-12)
+        np.testing.assert_allclose(
+            *numbers, rtol=1e-9, atol=1.1e-5 if fresh.suffix == ".obj" else 1e-12
+        )

@@ -1,4 +1,6 @@
-"""The original's kinematics step by step on 4 x 4 matrices, as plainly as possible: an oracle for the fast ones."""
+"""The original's kinematics step by step on 4 x 4 matrices, as plainly as possible: an oracle
+for the fast ones.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,15 @@ import numpy as np
 D = np.pi / 180
 LA12, LA23, D4, LW = 75 * D, 52 * D, -0.47, 0.013
 GM1, GM2, GM3, GM4 = np.sin(LA12), np.cos(LA12), np.sin(LA23), np.cos(LA23)
-ALPHA = {"gold": np.array([0, 75, 128, 0, 90, 90]) * D, "green": np.array([180, 75, 52, 0, 90, 90]) * D}
+ALPHA = {
+    "gold": np.array([0, 75, 128, 0, 90, 90]) * D,
+    "green": np.array([180, 75, 52, 0, 90, 90]) * D,
+}
 THETA3 = {"gold": 90 * D, "green": -90 * D}
-OFFSET = {"gold": np.array([205, 180, 0, 0, -90, 0]) * D, "green": np.array([25, 0, 0, 0, -90, 0]) * D}
+OFFSET = {
+    "gold": np.array([205, 180, 0, 0, -90, 0]) * D,
+    "green": np.array([25, 0, 0, 0, -90, 0]) * D,
+}
 ZERO = np.zeros(5)  # theta1, theta2, theta4, theta5, theta6 as initialised
 
 
@@ -23,7 +31,14 @@ def wrapped(angle: float) -> float:
 
 def link(alpha: float, a: float, theta: float, d: float) -> np.ndarray:
     ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array([[ct, -st, 0, a], [st * ca, ct * ca, -sa, -sa * d], [st * sa, ct * sa, ca, ca * d], [0, 0, 0, 1]])
+    return np.array(
+        [
+            [ct, -st, 0, a],
+            [st * ca, ct * ca, -sa, -sa * d],
+            [st * sa, ct * sa, ca, ca * d],
+            [0, 0, 0, 1],
+        ]
+    )
 
 
 def links(arm: str, theta: np.ndarray) -> list[np.ndarray]:
@@ -104,8 +119,12 @@ def solutions(arm: str, t06: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     return theta, valid, 0
 
 
-def inverse(arm: str, t06: np.ndarray, grasp: float, jpos_ref: np.ndarray) -> tuple[int, float, np.ndarray | None]:
-    """Status (0, -1, -2 where taken in spite of the return code -2), cost and joints, None if rejected."""
+def inverse(
+    arm: str, t06: np.ndarray, grasp: float, jpos_ref: np.ndarray
+) -> tuple[int, float, np.ndarray | None]:
+    """Status (0, -1, -2 where taken in spite of the return code -2), cost and joints, None if
+    rejected.
+    """
     theta, valid, code = solutions(arm, t06)
     reference = theta_of(arm, jpos_ref)
     best, least = None, 32765.0

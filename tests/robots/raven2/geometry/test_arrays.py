@@ -20,7 +20,9 @@ def test_any_leading_axes_there_and_back(arm):
     position, rotation = arrays.forward_kinematics(JPOS, arm)
     assert position.shape == (2, 3, 3) and rotation.shape == (2, 3, 3, 3)
     assert position.dtype == rotation.dtype == np.float64
-    jpos_d, status = arrays.inverse_kinematics(position, rotation, JPOS[..., 5] + JPOS[..., 6], JPOS, arm)
+    jpos_d, status = arrays.inverse_kinematics(
+        position, rotation, JPOS[..., 5] + JPOS[..., 6], JPOS, arm
+    )
     assert status.shape == (2, 3) and status.dtype.kind == "i" and (status == 0).all()
     np.testing.assert_allclose(jpos_d, JPOS, atol=1e-9)
     single = arrays.forward_kinematics(JPOS[1, 2], arm)
@@ -38,7 +40,9 @@ def test_arguments_broadcast():
 def test_rejected_poses_are_nan():
     position, rotation = arrays.forward_kinematics(HOME, "gold")
     far = HOME + np.array([0, 0, 0.05, 0, 0, 0, 0])
-    jpos_d, status = arrays.inverse_kinematics(position, rotation, 1.5, np.stack([far, HOME]), "gold")
+    jpos_d, status = arrays.inverse_kinematics(
+        position, rotation, 1.5, np.stack([far, HOME]), "gold"
+    )
     assert status.tolist() == [-1, 0]
     assert np.isnan(jpos_d[0]).all() and np.isfinite(jpos_d[1]).all()
 
@@ -46,7 +50,9 @@ def test_rejected_poses_are_nan():
 @pytest.mark.parametrize("tool", ["r_grasper", "large_needle"])
 def test_transmission_and_gravity(tool):
     mpos = arrays.motor_from_joint(JPOS, "green", tool)
-    np.testing.assert_allclose(mpos, JPOS @ np.array(transmission.motor_matrix("green", tool)).T, atol=1e-9)
+    np.testing.assert_allclose(
+        mpos, JPOS @ np.array(transmission.motor_matrix("green", tool)).T, atol=1e-9
+    )
     np.testing.assert_allclose(arrays.joint_from_motor(mpos, "green", tool), JPOS, atol=1e-12)
     with jax.enable_x64(True):
         expected = gravity.gravity_torque("green", Vec(JPOS[1, 1]))
@@ -64,10 +70,13 @@ def test_global_width_is_left_alone():
 
 
 def test_errors_say_what_is_wrong():
-    with pytest.raises(UserError, match=r"unknown arm 'geen': expected 'gold' or 'green'\. Did you mean 'green'\?"):
+    with pytest.raises(
+        UserError, match=r"unknown arm 'geen': expected 'gold' or 'green'\. Did you mean 'green'\?"
+    ):
         arrays.forward_kinematics(HOME, "geen")
     with pytest.raises(
-        UserError, match=r"jpos has shape \(2, 6\), expected \[\.\.\., 7\] in the order shoulder, elbow"
+        UserError,
+        match=r"jpos has shape \(2, 6\), expected \[\.\.\., 7\] in the order shoulder, elbow",
     ):
         arrays.forward_kinematics(np.zeros((2, 6)), "gold")
     with pytest.raises(UserError, match=r"rotation has shape \(3,\), expected \[\.\.\., 3, 3\]"):
@@ -76,7 +85,9 @@ def test_errors_say_what_is_wrong():
         arrays.gravity_torque(1.0, "gold")
     bad = JPOS.copy()
     bad[1, 0, 2] = np.nan
-    with pytest.raises(UserError, match=r"jpos\[1, 0, 2\] \(insertion\) is nan, expected a finite number"):
+    with pytest.raises(
+        UserError, match=r"jpos\[1, 0, 2\] \(insertion\) is nan, expected a finite number"
+    ):
         arrays.gravity_torque(bad, "gold")
     with pytest.raises(UserError, match=r"grasp is inf, expected a finite number"):
         arrays.inverse_kinematics(np.zeros(3), np.eye(3), np.inf, HOME, "gold")
@@ -126,7 +137,9 @@ def test_what_is_no_rotation_is_refused(rotation, words):
 
 def test_single_precision_and_integers_are_numbers():
     position, rotation = arrays.forward_kinematics(HOME, "gold")
-    jpos_d, status = arrays.inverse_kinematics(position, rotation.astype(np.float32), 1, HOME.astype("f4"), "gold")
+    jpos_d, status = arrays.inverse_kinematics(
+        position, rotation.astype(np.float32), 1, HOME.astype("f4"), "gold"
+    )
     assert status == 0 and np.isfinite(jpos_d).all()
 
 

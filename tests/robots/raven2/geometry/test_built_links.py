@@ -1,4 +1,6 @@
-"""The tip of an arm with links of its own, beside the software's kinematics and a chain of 4 x 4 matrices."""
+"""The tip of an arm with links of its own, beside the software's kinematics and a chain of 4 x 4
+matrices.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ from ravenjax.robots.raven2.geometry import built_links, kinematics
 from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 
 LOW, HIGH = (0.0, 0.8, 0.23, -3.0, -1.2, -1.0, -1.0), (1.6, 2.3, 0.56, 3.0, 1.2, 1.0, 1.0)
-ZEROS = {"gold": (205.0, 180.0, 90.0), "green": (25.0, 0.0, -90.0)}  # deg, theta of the table at joint 0
+ZEROS = {
+    "gold": (205.0, 180.0, 90.0),
+    "green": (25.0, 0.0, -90.0),
+}  # deg, theta of the table at joint 0
 
 
 def by_matrices(arm: str, q: np.ndarray, errors: LinkErrors) -> np.ndarray:
@@ -35,7 +40,11 @@ def by_matrices(arm: str, q: np.ndarray, errors: LinkErrors) -> np.ndarray:
     for alpha, a, theta, d in rows:
         ca, sa, ct, st = math.cos(alpha), math.sin(alpha), math.cos(theta), math.sin(theta)
         about_x = np.array([[1, 0, 0, a], [0, ca, -sa, 0], [0, sa, ca, 0], [0, 0, 0, 1]])
-        chain = chain @ about_x @ np.array([[ct, -st, 0, 0], [st, ct, 0, 0], [0, 0, 1, d], [0, 0, 0, 1]])
+        chain = (
+            chain
+            @ about_x
+            @ np.array([[ct, -st, 0, 0], [st, ct, 0, 0], [0, 0, 1, d], [0, 0, 0, 1]])
+        )
     return chain[:3, 3]
 
 
@@ -55,7 +64,9 @@ def test_links_as_drawn_have_the_software_s_tip(arm) -> None:
     with jax.enable_x64(True):
         for q in np.random.default_rng(2).uniform(LOW, HIGH, (10, 7)):
             tip = np.array(built_links.tip(arm, Vec(q), built_links.as_drawn()))
-            np.testing.assert_allclose(tip, np.array(kinematics.forward(arm, Vec(q)).position), atol=1e-14)
+            np.testing.assert_allclose(
+                tip, np.array(kinematics.forward(arm, Vec(q)).position), atol=1e-14
+            )
 
 
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(LinkErrors)])

@@ -1,4 +1,6 @@
-"""The jaws' rotation in NumPy, beside the robot's own kinematics; names and geometry without jax."""
+"""The jaws' rotation in NumPy, beside the robot's own kinematics; names and geometry without
+jax.
+"""
 
 from __future__ import annotations
 

@@ -38,15 +38,21 @@ def jpos_of(shoulder, elbow, insertion) -> Vec:
 def test_check_values(arm, case):
     joints, effort, torque = CASES[case]
     with jax.enable_x64(True):
-        np.testing.assert_allclose(gravity.joint_gravity_torque(arm, jpos_of(*joints)), effort, atol=1e-11)
-        np.testing.assert_allclose(gravity.gravity_torque(arm, jpos_of(*joints)), torque, atol=1e-11)
+        np.testing.assert_allclose(
+            gravity.joint_gravity_torque(arm, jpos_of(*joints)), effort, atol=1e-11
+        )
+        np.testing.assert_allclose(
+            gravity.gravity_torque(arm, jpos_of(*joints)), torque, atol=1e-11
+        )
 
 
 def height_energy(arm: str, jpos: np.ndarray) -> float:
     """Potential energy (J) of the three links along +x0, from the chain's own matrices."""
     t = oracle.frames(arm, oracle.theta_of(arm, jpos))
     centres = (*gravity.CENTRES[arm], (0.0, 0.0, 0.0))
-    heights = [frame[0, :3] @ centre + frame[0, 3] for frame, centre in zip(t[:3], centres, strict=True)]
+    heights = [
+        frame[0, :3] @ centre + frame[0, 3] for frame, centre in zip(t[:3], centres, strict=True)
+    ]
     return float(np.dot(gravity.MASSES, heights) * gravity.GRAVITY)
 
 
@@ -59,7 +65,9 @@ def test_is_the_gradient_of_potential_energy(arm):
         step = 1e-5 * np.eye(7)[:3]
         slope = [(height_energy(arm, jpos + s) - height_energy(arm, jpos - s)) / 2e-5 for s in step]
         with jax.enable_x64(True):
-            np.testing.assert_allclose(gravity.joint_gravity_torque(arm, Vec(jpos)), slope, atol=1e-9)
+            np.testing.assert_allclose(
+                gravity.joint_gravity_torque(arm, Vec(jpos)), slope, atol=1e-9
+            )
 
 
 def test_the_stored_gravity_is_a_float32():
@@ -67,4 +75,6 @@ def test_the_stored_gravity_is_a_float32():
     with jax.enable_x64(True):
         plain = gravity.gravity_torque("gold", jpos_of(30, 90, 0.4))
         stored = gravity.gravity_torque("gold", jpos_of(30, 90, 0.4), gravity.GRAVITY_AS_STORED)
-    np.testing.assert_allclose(np.array(stored) / plain, gravity.GRAVITY_AS_STORED / 9.8, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.array(stored) / plain, gravity.GRAVITY_AS_STORED / 9.8, rtol=1e-12
+    )

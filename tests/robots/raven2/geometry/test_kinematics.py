@@ -26,7 +26,8 @@ HOME = joints(30, 90, 0.4, 0, 0, 45, 45)
 A = joints(15, 60, 0.30, -40, 20, 30, 50)
 B = joints(75, 120, 0.50, 100, -35, 10, 60)
 
-# raven2 kinematics evaluated apart from this package: position m, whole micrometres, rotation by rows.
+# raven2 kinematics evaluated apart from this package: position m, whole micrometres, rotation by
+# rows.
 VECTORS = {
     ("gold", "home"): (
         HOME,
@@ -90,19 +91,30 @@ SOLUTIONS = """
 -174.235679369096  94.663885480746 0.64 -0.113616026882 -160 10
 """
 
-# A stored state of a real Raven-II: position um, rotation, joints deg (8 slots, insertion in m too times 180/pi).
+# A stored state of a real Raven-II: position um, rotation, joints deg (8 slots, insertion in m too
+# times 180/pi).
 RECORDED = {
     "gold": (
         (-77452, -24161, 13793),
-        "-.968002378941 -.174213960767 .180612385273 -.219871729612 .241933107376 -.945052802563 "
-        ".120945267379 -.954524934292 -.272496551275",
-        "29.9492835999 90.373336792 22.9568557739 0 5.11032962799 4.20706319809 43.4555168152 51.1591072083",
+        (
+            "-.968002378941 -.174213960767 .180612385273 -.219871729612 .241933107376"
+            " -.945052802563 .120945267379 -.954524934292 -.272496551275"
+        ),
+        (
+            "29.9492835999 90.373336792 22.9568557739 0 5.11032962799 4.20706319809 43.4555168152"
+            " 51.1591072083"
+        ),
     ),
     "green": (
         (-77623, 25864, 13439),
-        "-.93315243721 .191262990236 .304376482964 .344187945127 .231027543545 .910033464432 "
-        ".103736370802 .953962624073 -.281414330006",
-        "29.9215259552 90.3847808838 22.9222049713 0 -4.35502958298 -3.17343592644 48.013507843 42.5473213196",
+        (
+            "-.93315243721 .191262990236 .304376482964 .344187945127 .231027543545 .910033464432 "
+            ".103736370802 .953962624073 -.281414330006"
+        ),
+        (
+            "29.9215259552 90.3847808838 22.9222049713 0 -4.35502958298 -3.17343592644 48.013507843"
+            " 42.5473213196"
+        ),
     ),
 }
 
@@ -160,7 +172,9 @@ def compiled(one, arm, *rows, dtype=np.float64):
     count = len(rows[0])
     filled = [np.concatenate([row, np.repeat(row[-1:], -count % ROWS, axis=0)]) for row in rows]
     with jax.enable_x64(dtype == np.float64):
-        parts = [batch(one, arm)(*(row[i : i + ROWS] for row in filled)) for i in range(0, count, ROWS)]
+        parts = [
+            batch(one, arm)(*(row[i : i + ROWS] for row in filled)) for i in range(0, count, ROWS)
+        ]
         return jax.tree.map(lambda *part: np.concatenate(part).astype(np.float64)[:count], *parts)
 
 
@@ -185,7 +199,8 @@ def angle_between(a, b):
     return np.abs((a - b + np.pi) % (2 * np.pi) - np.pi)
 
 
-# --- forward --------------------------------------------------------------------------------------------------------
+# --- forward --------------------------------------------------------------------------------------
+# ------------------
 
 
 @pytest.mark.parametrize(("arm", "case"), VECTORS)
@@ -219,7 +234,8 @@ def test_arms_mirror_each_other():
     jpos = random_joints(50)
     mirror = np.array([1.0, -1.0, 1.0])
     (gold, r_gold), (green, r_green) = (
-        forward(arm, jpos * np.array([1, 1, 1, side, side, side, side])) for arm, side in (("gold", 1), ("green", -1))
+        forward(arm, jpos * np.array([1, 1, 1, side, side, side, side]))
+        for arm, side in (("gold", 1), ("green", -1))
     )
     jaws_apart = forward("green", jpos * np.array([1, 1, 1, -1, 1, -1, -1]))
     np.testing.assert_allclose(jaws_apart[0], gold * mirror, atol=1e-15)
@@ -234,7 +250,8 @@ def test_given_yaw_replaces_that_of_the_jaws():
     np.testing.assert_allclose(np.array(given_yaw.rotation), np.array(same.rotation), atol=1e-15)
 
 
-# --- inverse --------------------------------------------------------------------------------------------------------
+# --- inverse --------------------------------------------------------------------------------------
+# ------------------
 
 
 def test_the_eight_solutions():
@@ -264,7 +281,9 @@ def test_which_solution_is_usual(arm, nearer, farther):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_candidates_equal_the_originals_equations(arm):
-    jpos = np.concatenate([random_joints(150, seed=1), random_joints(150, seed=2, low=[-3] * 7, high=[3] * 7)])
+    jpos = np.concatenate(
+        [random_joints(150, seed=1), random_joints(150, seed=2, low=[-3] * 7, high=[3] * 7)]
+    )
     t06 = np.array([oracle.forward(arm, q) for q in jpos])
     t06[::3, :3, :3] += np.random.default_rng(3).normal(
         0, 0.05, (100, 3, 3)
@@ -282,7 +301,9 @@ def test_candidates_equal_the_originals_equations(arm):
 
 
 def joints_away_from_the_remote_centre(count, seed):
-    """Inside the limits, with both wrists farther than Lw from the remote centre and the roll not at its turn."""
+    """Inside the limits, with both wrists farther than Lw from the remote centre and the roll
+    not at its turn.
+    """
     jpos = random_joints(count, seed)
     shallow, deep = np.minimum(jpos[:, 2], 0.43), np.maximum(jpos[:, 2], 0.51)
     jpos[:, 2] = np.where(jpos[:, 2] < 0.47, shallow, deep)
@@ -307,8 +328,8 @@ def test_4000_round_trips(arm):
 def test_round_trips_in_float32(arm):
     """Rounded poses lead back with the tip within 0.2 um.
 
-    What a rounded position says about an angle gets less as the wrist nears the remote centre; about the roll, as the
-    wrist straightens.
+    What a rounded position says about an angle gets less as the wrist nears the remote centre;
+    about the roll, as the wrist straightens.
     """
     jpos = joints_away_from_the_remote_centre(4000, seed=4)
     p, r = forward(arm, jpos, np.float32)
@@ -326,14 +347,18 @@ def test_round_trips_in_float32(arm):
 
 
 def selections(arm, count, seed, spread, low=LOW, high=HIGH):
-    """Poses, openings and measured joints that are `spread` (share of the range) away, decided by both."""
+    """Poses, openings and measured joints that are `spread` (share of the range) away, decided
+    by both.
+    """
     rng = np.random.default_rng(seed)
     jpos = rng.uniform(low, high, (count, 7))
     reference = jpos + spread * SPAN * rng.normal(size=(count, 7))
     t06 = np.array([oracle.forward(arm, q) for q in jpos])
     opening = rng.uniform(0, 1.5, count)
     got = inverse(arm, t06[:, :3, 3], t06[:, :3, :3], opening, reference)
-    return got, [oracle.inverse(arm, t, g, q) for t, g, q in zip(t06, opening, reference, strict=True)]
+    return got, [
+        oracle.inverse(arm, t, g, q) for t, g, q in zip(t06, opening, reference, strict=True)
+    ]
 
 
 def agree(got, expected):
@@ -348,7 +373,10 @@ def agree(got, expected):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_selection_and_rejection_follow_the_original(arm):
-    statuses = [agree(*selections(arm, 150, 10 + k, spread)) for k, spread in enumerate((0.01, 0.05, 0.2, 1.0))]
+    statuses = [
+        agree(*selections(arm, 150, 10 + k, spread))
+        for k, spread in enumerate((0.01, 0.05, 0.2, 1.0))
+    ]
     assert (statuses[0] == 0).mean() > 0.8 and (statuses[3] == -1).mean() > 0.5
 
 
@@ -363,7 +391,9 @@ def test_at_the_remote_centre_the_originals_leftovers_are_selected(arm):
     t06 = oracle.forward(arm, joints(20, 50, 0.459, 3, 60, 0, 0))
     insertion = -oracle.solutions(arm, t06)[0][0, 2] + 0.47
     assert oracle.solutions(arm, t06)[2] == -2
-    reference = np.array([-oracle.OFFSET[arm][0], -oracle.OFFSET[arm][1], 0.47 - insertion, 0.1, 85 * DEG, 0.1, 0.1])
+    reference = np.array(
+        [-oracle.OFFSET[arm][0], -oracle.OFFSET[arm][1], 0.47 - insertion, 0.1, 85 * DEG, 0.1, 0.1]
+    )
     expected = oracle.inverse(arm, t06, 0.2, reference)
     found, status, *_ = inverse(arm, t06[None, :3, 3], t06[None, :3, :3], [0.2], reference[None])
     assert expected[0] == status[0] == -2
@@ -380,7 +410,9 @@ def test_leftovers_where_the_first_side_fails(arm):
     t06[:3] *= 0.01
     theta, valid, code = oracle.solutions(arm, t06)
     assert code == -2 and not valid[:4].any() and not theta.any()
-    zeros = np.array([-oracle.OFFSET[arm][0], -oracle.OFFSET[arm][1], 0.005, 0.0, 90 * DEG, 0.0, 0.0])
+    zeros = np.array(
+        [-oracle.OFFSET[arm][0], -oracle.OFFSET[arm][1], 0.005, 0.0, 90 * DEG, 0.0, 0.0]
+    )
     found, status, cost, _ = inverse(arm, t06[None, :3, 3], t06[None, :3, :3], [0.0], zeros[None])
     assert status[0] == -2 and cost[0] == pytest.approx(0.25) and found[0][2] == 0.0
 
@@ -389,7 +421,9 @@ def test_leftovers_where_the_first_side_fails(arm):
 @pytest.mark.parametrize("beyond", [0.0, 2e-6, 9e-6, 1.1e-5])
 @pytest.mark.parametrize("end", [1.0, -1.0])
 def test_elbow_stretched_a_little_beyond_its_end(arm, beyond, end):
-    """Poses whose cosine of theta2 is outside [-1, 1] are clamped within 1e-5, invalid farther off."""
+    """Poses whose cosine of theta2 is outside [-1, 1] are clamped within 1e-5, invalid farther
+    off.
+    """
     q = joints(30, 0.0 if (end > 0) == (arm == "green") else 180.0, 0.35, 20, 25, 10, 30)
     t06 = oracle.forward(arm, q)
     wrist = oracle.frames(arm, oracle.theta_of(arm, q))[4][:3, 3]
@@ -445,7 +479,8 @@ def test_a_pose_with_nan_is_rejected():
 @settings(max_examples=100, deadline=None)
 @example(share=[0.0] * 7, nudge=[0.0] * 7)
 @given(
-    share=st.lists(st.floats(0, 1), min_size=7, max_size=7), nudge=st.lists(st.floats(-1, 1), min_size=7, max_size=7)
+    share=st.lists(st.floats(0, 1), min_size=7, max_size=7),
+    nudge=st.lists(st.floats(-1, 1), min_size=7, max_size=7),
 )
 def test_whatever_is_taken_reaches_the_pose(share, nudge):
     """Where the inverse takes a solution, forward of it is the pose."""
@@ -461,7 +496,8 @@ def test_whatever_is_taken_reaches_the_pose(share, nudge):
     assert cost[0] <= np.pi
 
 
-# --- velocities -----------------------------------------------------------------------------------------------------
+# --- velocities -----------------------------------------------------------------------------------
+# ------------------
 
 JACOBIAN_HOME = """
 0.025265555 0.013866632 0.939120457 0 -0.003514898 0
@@ -508,10 +544,13 @@ def test_tip_velocity_is_the_jacobians(arm):
     jpos, jvel = random_joints(40, seed=6), np.random.default_rng(7).normal(size=(40, 7))
     got = compiled(tip_velocity_one, arm, jpos, jvel)
     rates = np.concatenate([jvel[:, :5], (jvel[:, 6:] - jvel[:, 5:6]) / 2], axis=1)
-    np.testing.assert_allclose(got, np.einsum("nij,nj->ni", jacobian(arm, jpos)[:, :3], rates), atol=1e-14)
+    np.testing.assert_allclose(
+        got, np.einsum("nij,nj->ni", jacobian(arm, jpos)[:, :3], rates), atol=1e-14
+    )
 
 
-# --- the rest -------------------------------------------------------------------------------------------------------
+# --- the rest -------------------------------------------------------------------------------------
+# ------------------
 
 
 @given(st.floats(-50, 50))
@@ -527,7 +566,9 @@ def test_inverse_stays_small():
     """The dearest stage of the tick: scalar operations of one arm."""
     pose = jax.eval_shape(lambda q: kinematics.forward("gold", q), Vec(np.float32(x) for x in A))
     numbers = jax.tree.map(lambda s: np.float32(1.0), pose)
-    traced = jax.make_jaxpr(lambda p, q: kinematics.inverse("gold", p, q[5], q))(numbers, Vec(np.float32(x) for x in A))
+    traced = jax.make_jaxpr(lambda p, q: kinematics.inverse("gold", p, q[5], q))(
+        numbers, Vec(np.float32(x) for x in A)
+    )
 
     def operations(jaxpr):
         inner = [v.jaxpr for e in jaxpr.eqns for v in e.params.values() if hasattr(v, "jaxpr")]

@@ -14,7 +14,9 @@ from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import mapping
 
 COMPONENT = st.floats(-1, 1)
-QUATERNION = st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: np.linalg.norm(q) > 0.05)
+QUATERNION = st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(
+    lambda q: np.linalg.norm(q) > 0.05
+)
 
 
 @functools.cache
@@ -35,7 +37,9 @@ def vec(values) -> Vec:
 
 
 def same_rotation(a, b):
-    np.testing.assert_allclose(Rotation.from_quat(a).as_matrix(), Rotation.from_quat(b).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        Rotation.from_quat(a).as_matrix(), Rotation.from_quat(b).as_matrix(), atol=1e-12
+    )
 
 
 def test_axes_of_a_packet():
@@ -60,17 +64,23 @@ def test_an_increments_rotation_by_matrix_and_by_quaternion(arm, quat):
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_zero_quaternion_turns_into_nan(arm):
     assert np.isnan(run(mapping.quat_from_itp, arm, (0.0, 0.0, 0.0, 0.0))).all()
-    np.testing.assert_array_equal(run(mapping.quat_from_itp, arm, (0.0, 0.0, 0.0, 2.0)), (0, 0, 0, 1))
+    np.testing.assert_array_equal(
+        run(mapping.quat_from_itp, arm, (0.0, 0.0, 0.0, 2.0)), (0, 0, 0, 1)
+    )
 
 
 @given(a=QUATERNION, b=QUATERNION)
 def test_product_turns_b_then_a(a, b):
-    same_rotation(run(mapping.quat_mul, a, b), (Rotation.from_quat(a) * Rotation.from_quat(b)).as_quat())
+    same_rotation(
+        run(mapping.quat_mul, a, b), (Rotation.from_quat(a) * Rotation.from_quat(b)).as_quat()
+    )
 
 
 @given(quat=QUATERNION)
 def test_matrix_of_a_quaternion_of_any_length(quat):
-    np.testing.assert_allclose(run(mapping.matrix_from_quat, quat), Rotation.from_quat(quat).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        run(mapping.matrix_from_quat, quat), Rotation.from_quat(quat).as_matrix(), atol=1e-12
+    )
 
 
 @settings(max_examples=200)

@@ -16,7 +16,9 @@ def test_an_arms_frame_is_that_of_the_model(arm):
     body = arm_model.scene().body(arm_model.base(arm))
     origin, rows = scene.frame0(arm)
     assert list(origin) == body.pos.tolist()
-    np.testing.assert_allclose(np.array(rows), Rotation.from_quat(body.quat, scalar_first=True).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        np.array(rows), Rotation.from_quat(body.quat, scalar_first=True).as_matrix(), atol=1e-12
+    )
     assert all(type(x) is float for row in rows for x in row)
 
 

@@ -13,7 +13,17 @@ DEG = np.pi / 180
 
 @pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS.keys())
 def test_soft_limits_lie_inside_the_hard_stops(tool):
-    limits = np.array([tool.roll_limit_deg, tool.wrist_limit_deg, tool.grasp1_limit_deg, tool.grasp2_limit_deg]) * DEG
+    limits = (
+        np.array(
+            [
+                tool.roll_limit_deg,
+                tool.wrist_limit_deg,
+                tool.grasp1_limit_deg,
+                tool.grasp2_limit_deg,
+            ]
+        )
+        * DEG
+    )
     assert (limits < tool.hard_max).all() and (-limits > np.array(tool.hard_min)).all()
     assert tool.wrist_coupling == 0 or tool.style == "dv"
 
@@ -29,17 +39,21 @@ def test_asymmetric_roll_stop():
 
 def test_an_unknown_tool_is_named_with_a_suggestion():
     with pytest.raises(
-        UserError, match=r"unknown tool 'r_graspr': expected one of r_grasper, .*Did you mean 'r_grasper'"
+        UserError,
+        match=r"unknown tool 'r_graspr': expected one of r_grasper, .*Did you mean 'r_grasper'",
     ):
         find_tool("r_graspr")
 
 
 def test_soft_limits():
     present, fork = soft_limits("r_grasper"), soft_limits("r_grasper_B", "fork2015")
-    np.testing.assert_allclose(present.lower, [0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG])
+    np.testing.assert_allclose(
+        present.lower, [0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG]
+    )
     np.testing.assert_allclose(present.upper[:5], [90 * DEG, 135 * DEG, 0.56, 182 * DEG, 70 * DEG])
     assert present.upper[5] is fork.lower[5] is fork.upper[5] is None
     assert (fork.lower[3], fork.upper[3]) == pytest.approx((-150 * DEG, 150 * DEG))
     assert all(
-        low < home < high for low, home, high in zip(present.lower[:5], HOME_JPOS, present.upper[:5], strict=False)
+        low < home < high
+        for low, home, high in zip(present.lower[:5], HOME_JPOS, present.upper[:5], strict=False)
     )

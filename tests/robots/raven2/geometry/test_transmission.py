@@ -24,12 +24,24 @@ DEG = np.pi / 180
 # A stored state of a real Raven-II, 8 slots: joints deg (insertion m times 180/pi) and motors deg.
 RECORDED = {
     "gold": (
-        "29.9492835999 90.373336792 22.9568557739 0 5.11032962799 4.20706319809 43.4555168152 51.1591072083",
-        "4078.98022461 11511.7197266 51634.2617188 0 17779.2304688 17789.4902344 -17360.9101562 18211.6816406",
+        (
+            "29.9492835999 90.373336792 22.9568557739 0 5.11032962799 4.20706319809 43.4555168152"
+            " 51.1591072083"
+        ),
+        (
+            "4078.98022461 11511.7197266 51634.2617188 0 17779.2304688 17789.4902344 -17360.9101562"
+            " 18211.6816406"
+        ),
     ),
     "green": (
-        "29.9215259552 90.3847808838 22.9222049713 0 -4.35502958298 -3.17343592644 48.013507843 42.5473213196",
-        "4075.19995117 11512.6210938 51559.1992188 0 -17749.3496094 -17754.390625 18157.5898438 -17343.2714844",
+        (
+            "29.9215259552 90.3847808838 22.9222049713 0 -4.35502958298 -3.17343592644 48.013507843"
+            " 42.5473213196"
+        ),
+        (
+            "4075.19995117 11512.6210938 51559.1992188 0 -17749.3496094 -17754.390625 18157.5898438"
+            " -17343.2714844"
+        ),
     ),
 }
 
@@ -39,8 +51,16 @@ def seven(text: str) -> np.ndarray:
 
 
 def test_ratios():
-    expected = (136.19625550660794, 121.52207496453373, 2158.590308370044, 5.395176252319110, 8.991960420531850)
-    np.testing.assert_allclose(transmission.TR, (*expected, 8.991960420531850, 8.991960420531850), rtol=1e-14)
+    expected = (
+        136.19625550660794,
+        121.52207496453373,
+        2158.590308370044,
+        5.395176252319110,
+        8.991960420531850,
+    )
+    np.testing.assert_allclose(
+        transmission.TR, (*expected, 8.991960420531850, 8.991960420531850), rtol=1e-14
+    )
     assert pytest.approx(2.9087004405286345, rel=1e-15) == transmission.GB_RATIO
     counts = [3695.806680881308] * 3 + [27328.42436374035] * 4
     np.testing.assert_allclose(transmission.COUNTS_PER_NM, counts, rtol=1e-14)
@@ -58,12 +78,18 @@ def test_matrix_of_the_gold_arm():
     expected = np.diag(transmission.TR)
     expected[1, 0], expected[2, 0], expected[2, 1] = 17.6753858036, 16.831354511, 17.4357692952
     expected[3:, :3] = share * np.array([[1], [1], [-1], [1]])
-    np.testing.assert_allclose(transmission.motor_matrix("gold", "r_grasper"), expected, rtol=1e-10, atol=1e-10)
-    inverse = np.transpose([joint_from_motor("gold", "r_grasper", Vec(motor)) for motor in np.eye(7)])
+    np.testing.assert_allclose(
+        transmission.motor_matrix("gold", "r_grasper"), expected, rtol=1e-10, atol=1e-10
+    )
+    inverse = np.transpose(
+        [joint_from_motor("gold", "r_grasper", Vec(motor)) for motor in np.eye(7)]
+    )
     tool = [-0.0637228757, -0.0382337254, 0.0382337254, -0.0382337254]
     np.testing.assert_allclose(inverse[3:, 2], tool, atol=1e-10)
     np.testing.assert_allclose(
-        np.diag(inverse)[[0, 1, 3, 4]], [0.0073423457663, 0.0082289575807, 0.1853507565, 0.1112104539], atol=1e-10
+        np.diag(inverse)[[0, 1, 3, 4]],
+        [0.0073423457663, 0.0082289575807, 0.1853507565, 0.1112104539],
+        atol=1e-10,
     )
     np.testing.assert_allclose(inverse[1:3, 0], [-0.0010679441917, -4.86249e-5], rtol=2e-6)
     np.testing.assert_allclose(inverse[2, 1:3], [-6.64685e-5, 4.632653061e-4], rtol=2e-6)
@@ -98,18 +124,26 @@ def test_home_in_motor_angles():
 @pytest.mark.parametrize("arm", ARMS)
 def test_recorded_robot(arm):
     jpos, mpos = (seven(text) for text in RECORDED[arm])
-    np.testing.assert_allclose(np.array(joint_from_motor(arm, "r_grasper", Vec(mpos))) / DEG, jpos / DEG, atol=1.6e-4)
+    np.testing.assert_allclose(
+        np.array(joint_from_motor(arm, "r_grasper", Vec(mpos))) / DEG, jpos / DEG, atol=1.6e-4
+    )
 
 
 def test_recorded_joints(shared_data):
-    """Motors of the recorded run lead to joints inside the range that the same run's joint record spans."""
+    """Motors of the recorded run lead to joints inside the range that the same run's joint
+    record spans.
+    """
     import pandas
 
     table = pandas.read_parquet(shared_data("recording_gold_joints123.parquet"))
     motors = table.filter(like="mpos").to_numpy(float) * DEG
     joints = joint_from_motor("gold", "r_grasper", Vec((*motors.T, 0.0, 0.0, 0.0, 0.0)))
-    np.testing.assert_allclose([joints[0].min() / DEG, joints[0].max() / DEG], [24.36, 33.78], atol=0.006)
-    np.testing.assert_allclose([joints[1].min() / DEG, joints[1].max() / DEG], [83.66, 94.40], atol=0.006)
+    np.testing.assert_allclose(
+        [joints[0].min() / DEG, joints[0].max() / DEG], [24.36, 33.78], atol=0.006
+    )
+    np.testing.assert_allclose(
+        [joints[1].min() / DEG, joints[1].max() / DEG], [83.66, 94.40], atol=0.006
+    )
     np.testing.assert_allclose([joints[2].min(), joints[2].max()], [0.3975, 0.4049], atol=6e-5)
 
 
@@ -120,7 +154,9 @@ def test_recorded_joints(shared_data):
 @given(jpos=st.lists(st.floats(-3, 3), min_size=7, max_size=7))
 def test_both_ways(arm, tool, software, jpos):
     mpos = motor_from_joint(arm, tool, Vec(jpos), software=software)
-    np.testing.assert_allclose(mpos, np.array(transmission.motor_matrix(arm, tool, software)) @ jpos, atol=1e-9)
+    np.testing.assert_allclose(
+        mpos, np.array(transmission.motor_matrix(arm, tool, software)) @ jpos, atol=1e-9
+    )
     np.testing.assert_allclose(joint_from_motor(arm, tool, mpos, software), jpos, atol=1e-11)
 
 
@@ -128,7 +164,9 @@ def test_tool_motors_follow_the_measured_insertion_motor():
     near = motor_from_joint("gold", "r_grasper", HOME_JPOS, 900.0)
     own = motor_from_joint("gold", "r_grasper", HOME_JPOS)
     share = (900.0 - own[2]) / transmission.GB_RATIO
-    np.testing.assert_allclose(np.array(near) - own, [0, 0, 0, share, share, -share, share], atol=1e-12)
+    np.testing.assert_allclose(
+        np.array(near) - own, [0, 0, 0, share, share, -share, share], atol=1e-12
+    )
 
 
 SIGNS = [  # arm, tool, software, coupling of the tool motors, torque, encoder
@@ -161,5 +199,9 @@ def test_width_follows_the_input():
     with jax.enable_x64(True):
         for dtype in (np.float32, np.float64):
             jpos = Vec(jax.numpy.asarray(x, dtype) for x in HOME_JPOS)
-            assert {m.dtype for m in motor_from_joint("gold", "large_needle", jpos)} == {np.dtype(dtype)}
-            assert {m.dtype for m in joint_from_motor("gold", "large_needle", jpos)} == {np.dtype(dtype)}
+            assert {m.dtype for m in motor_from_joint("gold", "large_needle", jpos)} == {
+                np.dtype(dtype)
+            }
+            assert {m.dtype for m in joint_from_motor("gold", "large_needle", jpos)} == {
+                np.dtype(dtype)
+            }

@@ -1,4 +1,6 @@
-"""The virtual robot alone: the tick's own behind the USB boards, and a robot of its own to whoever drives it."""
+"""The virtual robot alone: the tick's own behind the USB boards, and a robot of its own to
+whoever drives it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ HOME[2] = 0.4
 
 
 def test_it_moves_as_the_robot_of_a_campaign():
-    """Engines fuse multiply-adds, the robot alone does not: a count or so in 1.5 s of motion of tens of thousands."""
+    """Engines fuse multiply-adds, the robot alone does not: a count or so in 1.5 s of motion of
+    tens of thousands.
+    """
     campaign = {"name": "alone", "duration_s": 1.5, "arms": ["gold", "green"]}
     config = rj.load_campaign({"campaign": campaign, "group": [{"name": "no fault"}]})
     trace, start = rj.simulate(config, 0), plan.make(config).program.params.start
@@ -27,7 +31,9 @@ def test_it_moves_as_the_robot_of_a_campaign():
         encoders.append(reading.encoders)
         levels.append(int(reading.signals.runlevel))
         tips.append(reading.signals.tip)
-    there = trace.enc_val_cnt.values[1:]  # of the tick before: software reads before the robot moves
+    there = trace.enc_val_cnt.values[
+        1:
+    ]  # of the tick before: software reads before the robot moves
     travel = np.ptp(there, axis=0)
     assert travel.max() > 5000
     apart = np.abs(np.array(encoders)[:-1] - there)
@@ -82,12 +88,21 @@ def test_what_it_remembers_is_what_moves_on():
 
 WRONG = [
     (lambda: rj.VirtualRobot(arms=["red"]), "arm is 'red', expected one of gold, green"),
-    (lambda: rj.VirtualRobot(parameter_set="steel"), "parameter_set is 'steel', expected one of power_consistent"),
+    (
+        lambda: rj.VirtualRobot(parameter_set="steel"),
+        "parameter_set is 'steel', expected one of power_consistent",
+    ),
     (lambda: rj.VirtualRobot(runlevel=7), "runlevel is 7, expected a whole number 0..3"),
     (lambda: rj.VirtualRobot(jpos=[[0] * 7]), r"jpos has shape \(1, 7\)"),
     (lambda: rj.VirtualRobot().step(np.zeros((7, 2), int), 0), "dac"),
-    (lambda: rj.VirtualRobot().step(np.zeros((2, 7), int), 256), "output_pins is 256, expected a whole number 0..255"),
-    (lambda: rj.VirtualRobot().step(np.zeros((2, 7), int), 0, 2), "estop_button is 2, expected True or False"),
+    (
+        lambda: rj.VirtualRobot().step(np.zeros((2, 7), int), 256),
+        "output_pins is 256, expected a whole number 0..255",
+    ),
+    (
+        lambda: rj.VirtualRobot().step(np.zeros((2, 7), int), 0, 2),
+        "estop_button is 2, expected True or False",
+    ),
 ]
 
 

@@ -1,4 +1,6 @@
-"""What the control software traces to: primitives, their number, the order of fault sites, stable number types."""
+"""What the control software traces to: primitives, their number, the order of fault sites,
+stable number types.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,50 @@ from ravenjax.robots.raven2.stages.usb import UsbIn
 
 BOTH = {"arms": ("gold", "green"), "tools": ("r_grasper", "r_grasper")}
 ALLOWED = {
-    *("add", "sub", "mul", "div", "neg", "abs", "max", "min", "sqrt", "round", "sin", "cos", "atan2"),
-    *("eq", "ne", "lt", "le", "gt", "ge", "and", "or", "not", "xor", "select_n", "convert_element_type"),
+    *(
+        "add",
+        "sub",
+        "mul",
+        "div",
+        "neg",
+        "abs",
+        "max",
+        "min",
+        "sqrt",
+        "round",
+        "sin",
+        "cos",
+        "atan2",
+    ),
+    *(
+        "eq",
+        "ne",
+        "lt",
+        "le",
+        "gt",
+        "ge",
+        "and",
+        "or",
+        "not",
+        "xor",
+        "select_n",
+        "convert_element_type",
+    ),
     *("shift_left", "shift_right_arithmetic"),
 }
-ORDER = ["packet", "packet_header", "usb_in", "runlevel", "mpos", "mvel", "jpos", "jvel", "pos", "ori", "pos_d"]
+ORDER = [
+    "packet",
+    "packet_header",
+    "usb_in",
+    "runlevel",
+    "mpos",
+    "mvel",
+    "jpos",
+    "jvel",
+    "pos",
+    "ori",
+    "pos_d",
+]
 ORDER += ["ori_d", "jpos_d", "mpos_d", "tau_d", "current_cmd", "usb_out", "pins_out"]
 
 
@@ -34,16 +75,23 @@ def primitives(jaxpr):
     names = set()
     for eqn in jaxpr.eqns:
         inner = eqn.params.get("jaxpr") or eqn.params.get("call_jaxpr")
-        names |= {eqn.primitive.name} if inner is None else primitives(getattr(inner, "jaxpr", inner))
+        names |= (
+            {eqn.primitive.name} if inner is None else primitives(getattr(inner, "jaxpr", inner))
+        )
     return names
 
 
 def inputs(setup):
     arms, zero = range(len(setup.arms)), np.int32(0)
     number = np.dtype(setup.precision.wide).type
-    still, unit = tuple(Vec.full(3, zero) for _ in arms), tuple(Vec(map(number, (0, 0, 0, 1))) for _ in arms)
+    still, unit = (
+        tuple(Vec.full(3, zero) for _ in arms),
+        tuple(Vec(map(number, (0, 0, 0, 1))) for _ in arms),
+    )
     packet = Packet(zero, zero, zero, still, unit, tuple(zero for _ in arms), zero)
-    return control.Inputs(packet, UsbIn(tuple(Vec.full(7, zero) for _ in arms), tuple(arms)), tuple(arms))
+    return control.Inputs(
+        packet, UsbIn(tuple(Vec.full(7, zero) for _ in arms), tuple(arms)), tuple(arms)
+    )
 
 
 def arguments(setup):
@@ -52,11 +100,15 @@ def arguments(setup):
 
 def each_pair():
     """Every combination; those of the fast suite hold every pair of choices."""
-    choices = itertools.product((CAMPAIGN, ORIGINAL), ("raven2", "fork2015"), ("increments", "absolute"))
+    choices = itertools.product(
+        (CAMPAIGN, ORIGINAL), ("raven2", "fork2015"), ("increments", "absolute")
+    )
     for precision, software, console in choices:
         odd = (precision is ORIGINAL) + (software == "fork2015") + (console == "absolute")
         name = f"{'original' if precision is ORIGINAL else 'campaign'}-{software}-{console}"
-        yield pytest.param(precision, software, console, id=name, marks=[pytest.mark.slow] * (odd % 2))
+        yield pytest.param(
+            precision, software, console, id=name, marks=[pytest.mark.slow] * (odd % 2)
+        )
 
 
 @pytest.mark.slow
@@ -65,7 +117,9 @@ def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, softwar
     setup = RavenSetup(**BOTH, software=software, console=console, precision=precision)
     with jax.enable_x64(precision.needs_x64):
         given = arguments(setup)
-        jaxpr, (state, _) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a), return_shape=True)(*given)
+        jaxpr, (state, _) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a), return_shape=True)(
+            *given
+        )
         before = [jnp.asarray(x).dtype for x in jax.tree.leaves(given[1])]
     literal = {"acos"} if precision is ORIGINAL else set()  # the original's own way to theta2
     assert primitives(jaxpr.jaxpr) <= ALLOWED | literal | {"cond"}  # `types.rarely`
@@ -79,7 +133,11 @@ def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, softwar
 def test_the_number_of_operations_stays_low(arms, limit):
     setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
     program = lowering.lower(jax.make_jaxpr(lambda *a: control.cycle(setup, *a))(*arguments(setup)))
-    always = [i for i in regions.arrange(program.operations, program.needed(), program.outputs) if isinstance(i, int)]
+    always = [
+        i
+        for i in regions.arrange(program.operations, program.needed(), program.outputs)
+        if isinstance(i, int)
+    ]
     assert sum(program.operations[i].name not in ("input", "constant") for i in always) < limit
 
 
@@ -114,7 +172,9 @@ def test_a_fault_after_the_checks_reaches_the_boards():
         return tuple(Vec.full(7, jnp.int32(32767)) for _ in signal) if site == "usb_out" else signal
 
     given = arguments(setup)
-    jaxpr, (_, shape) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a, strike), return_shape=True)(*given)
+    jaxpr, (_, shape) = jax.make_jaxpr(
+        lambda *a: control.cycle(setup, *a, strike), return_shape=True
+    )(*given)
     cycle, signals = python.compile(jaxpr), jax.tree.structure(shape)
     numbers = cycle(cycle.represent(jax.tree.leaves(given)))
     arm = jax.tree.unflatten(signals, numbers[-signals.num_leaves :]).arms[0]

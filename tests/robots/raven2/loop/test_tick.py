@@ -25,12 +25,33 @@ from ravenjax.vocabulary.detectors import DetectorUse
 
 EFFECTS = tuple(name for name in effects.EFFECTS if name not in effects.NETWORK_EFFECTS)
 
-ARITHMETIC = {"add", "sub", "mul", "div", "neg", "abs", "sign", "min", "max", "rem", "square", "integer_pow"}
+ARITHMETIC = {
+    "add",
+    "sub",
+    "mul",
+    "div",
+    "neg",
+    "abs",
+    "sign",
+    "min",
+    "max",
+    "rem",
+    "square",
+    "integer_pow",
+}
 FUNCTIONS = {"sqrt", "sin", "cos", "acos", "atan2", "exp", "log", "floor", "round"}
 LOGIC = {"and", "or", "xor", "not", "eq", "ne", "lt", "le", "gt", "ge", "select_n", "is_finite"}
-BITS = {"shift_left", "shift_right_arithmetic", "shift_right_logical", "bitcast_convert_type", "convert_element_type"}
+BITS = {
+    "shift_left",
+    "shift_right_arithmetic",
+    "shift_right_logical",
+    "bitcast_convert_type",
+    "convert_element_type",
+}
 SCALAR_PRIMITIVES = ARITHMETIC | FUNCTIONS | LOGIC | BITS | {"copy"}
-LOOKUP_PRIMITIVES = frozenset(("dynamic_slice", "gather", "squeeze", "slice", "broadcast_in_dim", "clamp"))
+LOOKUP_PRIMITIVES = frozenset(
+    ("dynamic_slice", "gather", "squeeze", "slice", "broadcast_in_dim", "clamp")
+)
 """How JAX writes one number taken from a column of the operator's motion."""
 
 
@@ -50,13 +71,20 @@ SETUPS = {
     "fork, absolute console": RavenSetup(software="fork2015", console="absolute"),
     "noise and substeps": RavenSetup(noise=True, substeps=2),
     "detectors and reaction": RavenSetup(
-        detectors=(DetectorUse("steps", "two", 2, 2), DetectorUse("derivative_sum")), reacts=True, command_delay=2
+        detectors=(DetectorUse("steps", "two", 2, 2), DetectorUse("derivative_sum")),
+        reacts=True,
+        command_delay=2,
     ),
-    "a hand that yields": RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2, hand_yields=True),
+    "a hand that yields": RavenSetup(
+        arms=("gold", "green"), tools=("r_grasper",) * 2, hand_yields=True
+    ),
     "dynamics simulator": RavenSetup(software="fork2015", build="dyn_sim", console="absolute"),
     "every fault site": RavenSetup(injection=everywhere(("gold",))),
     "every fault site, both arms": RavenSetup(
-        arms=("gold", "green"), tools=("r_grasper",) * 2, injection=everywhere(("gold", "green")), cues=3
+        arms=("gold", "green"),
+        tools=("r_grasper",) * 2,
+        injection=everywhere(("gold", "green")),
+        cues=3,
     ),
 }
 
@@ -137,4 +165,9 @@ def test_the_reference_series_holds_what_it_gives_back():
     setup = SETUPS["both arms"]
     numbers = [np.float32(i) for i in range(run.series_length(setup))]
     reference = run.reference_from(setup, numbers)
-    assert [list(v) for v in (*reference.tip, *reference.pos)] == [[0, 1, 2], [6, 7, 8], [3, 4, 5], [9, 10, 11]]
+    assert [list(v) for v in (*reference.tip, *reference.pos)] == [
+        [0, 1, 2],
+        [6, 7, 8],
+        [3, 4, 5],
+        [9, 10, 11],
+    ]

@@ -1,8 +1,10 @@
-"""Derivatives by reverse differentiation through several ticks are those of central differences, in float64.
+"""Derivatives by reverse differentiation through several ticks are those of central differences, in
+float64.
 
-The robot is digital: DAC and encoder counts are whole numbers, and no derivative passes through them. It is that of
-what lies between two roundings, and so are differences by steps so small that no count changes. A gain of the control
-software therefore moves the torque that it asks for, and, as long as no count changes, not the tip.
+The robot is digital: DAC and encoder counts are whole numbers, and no derivative passes through
+them. It is that of what lies between two roundings, and so are differences by steps so small that
+no count changes. A gain of the control software therefore moves the torque that it asks for, and,
+as long as no count changes, not the tip.
 """
 
 from __future__ import annotations
@@ -27,7 +29,11 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import monitor
 
 SETUP = RavenSetup(precision=REFERENCE)
-PARAMETERS = ("plant.gold.friction_scale", "control.motor_control.gold.kp.elbow", "nominal.gold.kp.elbow")
+PARAMETERS = (
+    "plant.gold.friction_scale",
+    "control.motor_control.gold.kp.elbow",
+    "nominal.gold.kp.elbow",
+)
 OUTCOMES = ("tip", "torque", "model")
 WARM_UP = 800  # ticks until the pedal is down, the brakes are off and the hand moves
 TICKS = 3
@@ -52,13 +58,18 @@ class Course(NamedTuple):
     def gradient(self) -> np.ndarray:
         """Derivatives of the sum of all outcomes by `jax.grad`."""
         types = [variable.aval.dtype for variable in self.jaxpr.jaxpr.invars]
-        begin = [jnp.asarray(x, dtype) for x, dtype in zip(self.begin, types[len(PARAMETERS) :], strict=False)]
+        begin = [
+            jnp.asarray(x, dtype)
+            for x, dtype in zip(self.begin, types[len(PARAMETERS) :], strict=False)
+        ]
 
         def total(values: Any) -> Any:
             told: list[Any] = []
             state: list[Any] = begin
             for now in range(WARM_UP, WARM_UP + TICKS):
-                out = evaluate(self.jaxpr.jaxpr, self.jaxpr.consts, [*values, *state, jnp.int32(now)])
+                out = evaluate(
+                    self.jaxpr.jaxpr, self.jaxpr.consts, [*values, *state, jnp.int32(now)]
+                )
                 state, told = out[: len(begin)], out[len(begin) :]
             return sum(told)
 
@@ -66,7 +77,9 @@ class Course(NamedTuple):
 
 
 def evaluate(jaxpr: core.Jaxpr, consts: Any, arguments: list[Any]) -> list[Any]:
-    """A jaxpr operation by operation, calls inlined: nothing of the size of a tick has to be compiled."""
+    """A jaxpr operation by operation, calls inlined: nothing of the size of a tick has to be
+    compiled.
+    """
     known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *arguments], strict=True))
     for equation in jaxpr.eqns:
         given = [x.val if isinstance(x, core.Literal) else known[x] for x in equation.invars]
@@ -104,7 +117,9 @@ def course():
 
         numbers = dict(paths.leaves(params, SETUP))
         values = [float(numbers[path]) for path in PARAMETERS]
-        jaxpr = jax.make_jaxpr(advance)([jnp.float64(value) for value in values], state, jnp.int32(0))
+        jaxpr = jax.make_jaxpr(advance)(
+            [jnp.float64(value) for value in values], state, jnp.int32(0)
+        )
         plain = python.compile(jaxpr)
         flat: list[Any] = jax.tree.leaves(state)
         for now in range(WARM_UP):
@@ -125,8 +140,12 @@ def difference(course: Course, name: str, place: int) -> float:
 
 @pytest.mark.slow
 def test_a_gradient_through_ticks_is_that_of_finite_differences(course):
-    differences = np.array([[difference(course, name, k) for k in range(len(PARAMETERS))] for name in OUTCOMES])
+    differences = np.array(
+        [[difference(course, name, k) for k in range(len(PARAMETERS))] for name in OUTCOMES]
+    )
     own = np.diag(differences)
-    assert (own != 0.0).all(), "friction moves the tip, a gain the torque, the model's gain the model"
+    assert (own != 0.0).all(), (
+        "friction moves the tip, a gain the torque, the model's gain the model"
+    )
     assert (differences == np.diag(own)).all(), "between two roundings nothing else reaches them"
     np.testing.assert_allclose(course.gradient(), own, rtol=1e-4)

@@ -1,4 +1,6 @@
-"""Every number of state and signals keeps its type and shape from tick to tick, in each precision."""
+"""Every number of state and signals keeps its type and shape from tick to tick, in each
+precision.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,13 @@ MOST = RavenSetup(
     command_delay=2,
     noise=True,
 )
-FORK = RavenSetup(arms=("gold", "green"), tools=("r_grasper",) * 2, software="fork2015", console="absolute", cues=2)
+FORK = RavenSetup(
+    arms=("gold", "green"),
+    tools=("r_grasper",) * 2,
+    software="fork2015",
+    console="absolute",
+    cues=2,
+)
 CASES = {
     "float32": dataclasses.replace(MOST, precision=CAMPAIGN),
     "float32, fork": dataclasses.replace(FORK, precision=CAMPAIGN),
@@ -54,7 +62,9 @@ class Number(NamedTuple):
 
 
 class Types(NamedTuple):
-    """Types by the leaf's path: of the state that a run begins with, and of two ticks one after the other."""
+    """Types by the leaf's path: of the state that a run begins with, and of two ticks one after
+    the other.
+    """
 
     start: dict[str, Number]
     states: tuple[dict[str, Number], dict[str, Number]]
@@ -64,7 +74,8 @@ class Types(NamedTuple):
 def by_path(tree: Any) -> dict[str, Number]:
     leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
     return {
-        jax.tree_util.keystr(path): Number(str(leaf.dtype), tuple(leaf.shape), leaf.weak_type) for path, leaf in leaves
+        jax.tree_util.keystr(path): Number(str(leaf.dtype), tuple(leaf.shape), leaf.weak_type)
+        for path, leaf in leaves
     }
 
 
@@ -84,7 +95,9 @@ def types_of(setup: RavenSetup) -> Types:
         traced: Callable[..., Any] = jax.jit(advance)
         first, signals = traced.eval_shape(start, jax.ShapeDtypeStruct((), jnp.int32))
         second, more = traced.eval_shape(first, jax.ShapeDtypeStruct((), jnp.int32))
-        return Types(by_path(start), (by_path(first), by_path(second)), (by_path(signals), by_path(more)))
+        return Types(
+            by_path(start), (by_path(first), by_path(second)), (by_path(signals), by_path(more))
+        )
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -119,4 +132,6 @@ def test_no_number_is_wider_or_narrower_than_its_precision(types, setup):
         others = {number.dtype for number in numbers.values()} - floats
         assert floats <= wanted and widths.real in floats
         assert others <= {"int32", "uint32", "bool"}
-        assert {number.shape for number in numbers.values()} == {()}, "single numbers, as a tick has no axes"
+        assert {number.shape for number in numbers.values()} == {()}, (
+            "single numbers, as a tick has no axes"
+        )

@@ -1,4 +1,6 @@
-"""The original's order of operations against a second writing of it, bit for bit, and against the shared-work one."""
+"""The original's order of operations against a second writing of it, bit for bit, and against
+the shared-work one.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,14 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 from ravenjax.robots.raven2.original import kinematics as original_kinematics
 
 DEG = math.pi / 180
-LOW = (0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG)  # shoulder, elbow, insertion, roll, wrist, yaw
+LOW = (
+    0,
+    45 * DEG,
+    0.23,
+    -182 * DEG,
+    -70 * DEG,
+    -105 * DEG,
+)  # shoulder, elbow, insertion, roll, wrist, yaw
 HIGH = (90 * DEG, 135 * DEG, 0.56, 182 * DEG, 70 * DEG, 105 * DEG)
 HOME = (30 * DEG, 90 * DEG, 0.4, 0.0, 0.0, 0.0)
 
@@ -30,7 +39,9 @@ def number(arm):
 
 @functools.cache
 def printed(function, arm, *sizes):
-    """`function(arm, *Vecs of these sizes)` one operation at a time, as a function of lists of numbers."""
+    """`function(arm, *Vecs of these sizes)` one operation at a time, as a function of lists of
+    numbers.
+    """
     kinds = [Vec.full(size, jax.ShapeDtypeStruct((), np.float64)) for size in sizes]
     with jax.enable_x64(True):
         run = python.compile(jax.make_jaxpr(functools.partial(function, arm))(*kinds))
@@ -60,7 +71,9 @@ def inverse_of(module):
 
 def inverse(arm, pose, ref, module=original_kinematics):
     rotation, position = pose
-    *jpos, status = printed(inverse_of(module), arm, 3, 9, 6)(position, [x for row in rotation for x in row], ref)
+    *jpos, status = printed(inverse_of(module), arm, 3, 9, 6)(
+        position, [x for row in rotation for x in row], ref
+    )
     return jpos, status
 
 
@@ -77,7 +90,9 @@ def expected_inverse(arm, pose, ref):
 def stored(pose):
     """As the control software keeps it: whole micrometres, float32."""
     rotation, position = pose
-    return [[float(np.float32(x)) for x in row] for row in rotation], [int(x * 1e6) / 1e6 for x in position]
+    return [[float(np.float32(x)) for x in row] for row in rotation], [
+        int(x * 1e6) / 1e6 for x in position
+    ]
 
 
 def drawn(rng, low=LOW, high=HIGH):
@@ -87,7 +102,9 @@ def drawn(rng, low=LOW, high=HIGH):
 @pytest.mark.parametrize("arm", ARMS)
 def test_forward_is_the_originals_to_the_last_bit(arm):
     rng = random.Random(1)
-    turns = [drawn(rng, [-18] * 6, [18] * 6) for _ in range(200)]  # up to three turns are taken off one by one
+    turns = [
+        drawn(rng, [-18] * 6, [18] * 6) for _ in range(200)
+    ]  # up to three turns are taken off one by one
     for joints in (HOME, *(drawn(rng) for _ in range(200)), *turns):
         assert forward(arm, joints) == oracle.forward(number(arm), joints), joints
 
@@ -98,9 +115,17 @@ def cases(rng):
     for i in range(400):
         joints = list(HOME) if i % 8 == 0 else drawn(rng)
         if i % 2:
-            joints[4] = rng.choice((0.0, 1e-12, 1e-5, -1.01e-5, 3e-5, -1e-4, 1e-3)) * rng.uniform(0.5, 2)
+            joints[4] = rng.choice((0.0, 1e-12, 1e-5, -1.01e-5, 3e-5, -1e-4, 1e-3)) * rng.uniform(
+                0.5, 2
+            )
         spread = rng.choice((1e-6, 1e-3, 0.05, 0.5))
-        yield joints, [q + rng.uniform(-spread, spread) * (0.05 if k == 2 else 1) for k, q in enumerate(joints)]
+        yield (
+            joints,
+            [
+                q + rng.uniform(-spread, spread) * (0.05 if k == 2 else 1)
+                for k, q in enumerate(joints)
+            ],
+        )
 
 
 @pytest.mark.slow
@@ -152,7 +177,9 @@ def test_both_writings_agree(arm):
     for _ in range(300):
         joints = drawn(rng)
         with jax.enable_x64(True):
-            pose = kinematics.forward(arm, Vec((*map(np.float64, joints[:5]), 0.0, 0.0)), np.float64(joints[5]))
+            pose = kinematics.forward(
+                arm, Vec((*map(np.float64, joints[:5]), 0.0, 0.0)), np.float64(joints[5])
+            )
         rotation, position = forward(arm, joints)
         np.testing.assert_allclose(np.array(pose.position), position, atol=1e-9)
         np.testing.assert_allclose(np.array(pose.rotation), rotation, atol=1e-9)

@@ -64,7 +64,9 @@ def test_quaternions_are_tfs_to_the_last_bit_in_all_four_cases():
         m = rotation(rng).astype(np.float32).astype(float).tolist()
         quat = [float(x) for x in tf.quat_from_matrix(rows(m))]
         assert quat == oracle.quaternion_of(m)
-        assert quat == pytest.approx([float(x) for x in mapping.quat_from_matrix(rows(m))], abs=1e-7)
+        assert quat == pytest.approx(
+            [float(x) for x in mapping.quat_from_matrix(rows(m))], abs=1e-7
+        )
         trace = m[0][0] + m[1][1] + m[2][2]
         pivots.add(3 if trace > 0 else int(np.argmax(np.diag(m))))
     assert pivots == {0, 1, 2, 3}

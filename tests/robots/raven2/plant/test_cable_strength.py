@@ -1,11 +1,23 @@
-"""Cables of the power-consistent robot that part: statics at the stop, what a parted cable leaves, energy."""
+"""Cables of the power-consistent robot that part: statics at the stop, what a parted cable
+leaves, energy.
+"""
 
 from __future__ import annotations
 
 import jax
 import numpy as np
 import pytest
-from plant_runs import N, columns, constant, energy, frictionless, setup, simulate, swings, weightless
+from plant_runs import (
+    N,
+    columns,
+    constant,
+    energy,
+    frictionless,
+    setup,
+    simulate,
+    swings,
+    weightless,
+)
 
 from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
 from ravenjax.numbers.vec import Vec, replace
@@ -23,7 +35,9 @@ def params() -> robot.PlantParams:
 
 
 def pressed(counts: int, one=BREAKING):
-    """The shoulder, at rest on its stop, pressed on it by a command that grows to `counts` and stays."""
+    """The shoulder, at rest on its stop, pressed on it by a command that grows to `counts` and
+    stays.
+    """
     ramp = np.minimum(np.arange(800) / 600.0, 1.0)
     commands = (np.outer(ramp, [counts, 0, 0, 0, 0, 0, 0])).astype(np.int32)
     start = Vec(HOME_JPOS).replace(0, params().stops.lower[0])
@@ -39,13 +53,21 @@ def test_a_constant_torque_parts_the_cable_that_statics_cannot_carry(share, part
     assert np.array(state.intact).tolist() == [0.0 if parts else 1.0, *[1.0] * 6]
     if parts:
         broke = int(np.argmax(carried > cables.POSITIONING_STRENGTH))
-        assert carried[broke] < 1.02 * cables.POSITIONING_STRENGTH  # a slow press does not overshoot
-        assert (carried[broke + 1 :] == 0.0).all() and (columns(out.tension)[broke:, 0] == 0.0).all()
+        assert (
+            carried[broke] < 1.02 * cables.POSITIONING_STRENGTH
+        )  # a slow press does not overshoot
+        assert (carried[broke + 1 :] == 0.0).all() and (
+            columns(out.tension)[broke:, 0] == 0.0
+        ).all()
         commanded = counts * min((broke + 1) / 600.0, 1.0) * TORQUE_PER_COUNT / CAPSTAN_M
         a_tick = counts / 600.0 * TORQUE_PER_COUNT / CAPSTAN_M
-        assert commanded == pytest.approx(cables.POSITIONING_STRENGTH, abs=FRICTION_N + 2.0 * a_tick)
+        assert commanded == pytest.approx(
+            cables.POSITIONING_STRENGTH, abs=FRICTION_N + 2.0 * a_tick
+        )
     else:
-        assert carried[-1] == pytest.approx(share * cables.POSITIONING_STRENGTH, abs=1.1 * FRICTION_N)
+        assert carried[-1] == pytest.approx(
+            share * cables.POSITIONING_STRENGTH, abs=1.1 * FRICTION_N
+        )
 
 
 def test_a_joint_whose_cable_has_parted_feels_its_motor_no_more() -> None:
@@ -53,7 +75,9 @@ def test_a_joint_whose_cable_has_parted_feels_its_motor_no_more() -> None:
         state, _ = pressed(28000)
         assert state.intact[0] == 0.0
         _, idle = simulate(BREAKING, constant([0] * N, 200), params(), state=state)
-        _, driven = simulate(BREAKING, constant([-20000, 0, 0, 0, 0, 0, 0], 200), params(), state=state)
+        _, driven = simulate(
+            BREAKING, constant([-20000, 0, 0, 0, 0, 0, 0], 200), params(), state=state
+        )
     np.testing.assert_allclose(columns(idle.jpos), columns(driven.jpos), rtol=0, atol=1e-12)
     assert abs(columns(driven.mpos)[-1, 0] - columns(idle.mpos)[-1, 0]) > 10.0
 
@@ -76,7 +100,9 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
         coast = constant([0] * N, 300)
         _, whole = simulate(one, coast, free, state=state)
         carried = columns(whole.carried)
-        strength = np.maximum(0.9 * carried.max(axis=0), 1.01 * carried[:20].max(axis=0))  # none parts at once
+        strength = np.maximum(
+            0.9 * carried.max(axis=0), 1.01 * carried[:20].max(axis=0)
+        )  # none parts at once
         weak = replace(free, cable_strength=Vec(strength))
         breakable = replace(state, intact=Vec.full(N, 1.0))
         end, out = simulate(BREAKING, coast, weak, state=breakable)
@@ -98,10 +124,13 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
 @pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
 def test_cables_that_can_part_and_do_not_change_nothing(precision) -> None:
     ticks = np.arange(400)[:, None]
-    command = (np.array([1500, -1500, 1500, 800, -800, 800, -800]) * np.sin(ticks / 30.0)).astype(np.int32)
+    command = (np.array([1500, -1500, 1500, 800, -800, 800, -800]) * np.sin(ticks / 30.0)).astype(
+        np.int32
+    )
     with jax.enable_x64(precision.needs_x64):
         outs = [
-            simulate(setup(precision=precision, cables=how), command, params())[1] for how in ("unwatched", "break")
+            simulate(setup(precision=precision, cables=how), command, params())[1]
+            for how in ("unwatched", "break")
         ]
     np.testing.assert_array_equal(columns(outs[0].enc_val), columns(outs[1].enc_val))
     tolerance = 1e-12 if precision is REFERENCE else 2e-6
@@ -111,15 +140,22 @@ def test_cables_that_can_part_and_do_not_change_nothing(precision) -> None:
 def test_what_a_cable_carries_is_its_stretch_and_its_damping() -> None:
     """By the equation as written, from stretches before and after each step."""
     ticks = np.arange(400)[:, None]
-    command = (np.array([3000, -3000, 3000, 800, -800, 800, -800]) * np.sin(ticks / 30.0)).astype(np.int32)
+    command = (np.array([3000, -3000, 3000, 800, -800, 800, -800]) * np.sin(ticks / 30.0)).astype(
+        np.int32
+    )
     with jax.enable_x64(True):
         _, out = simulate(setup(), command, params())
     values, arm = parameter_sets.parameter_set("power_consistent"), np.array(cables.ARMS_M)
     stretch = arm * columns(out.stretch)
     rate = np.diff(stretch, axis=0) / 1e-3
-    force = 2.0 * np.array(values.stiffness) * np.sinh(stretch[1:]) + 2.0 * np.array(values.damping) * rate
+    force = (
+        2.0 * np.array(values.stiffness) * np.sinh(stretch[1:])
+        + 2.0 * np.array(values.damping) * rate
+    )
     np.testing.assert_allclose(columns(out.carried)[1:], np.abs(force), rtol=1e-4, atol=1e-6)
-    assert (columns(out.carried)[1:] / np.maximum(np.abs(columns(out.tension)[1:]), 1e-9)).max() > 2.0
+    assert (
+        columns(out.carried)[1:] / np.maximum(np.abs(columns(out.tension)[1:]), 1e-9)
+    ).max() > 2.0
 
 
 def test_the_authors_cables_have_no_strength() -> None:

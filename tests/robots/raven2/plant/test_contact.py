@@ -1,4 +1,6 @@
-"""Contact: force against depth as Hertz has it, statics, friction's cone, action and reaction, energy never made."""
+"""Contact: force against depth as Hertz has it, statics, friction's cone, action and reaction,
+energy never made.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def felt(touched, jpos, jvel):
 
 def tip_contact(jpos, jvel=(0.0,) * N):
     with jax.enable_x64(True):
-        found = felt(jax.tree.map(jnp.float64, TOUCH), jnp.asarray(jpos, float), jnp.asarray(jvel, float))
+        found = felt(
+            jax.tree.map(jnp.float64, TOUCH), jnp.asarray(jpos, float), jnp.asarray(jvel, float)
+        )
         return jax.tree.map(np.asarray, found)[0]
 
 
@@ -59,7 +63,9 @@ def test_force_against_depth_is_that_of_hertz(depth_mm) -> None:
     with jax.enable_x64(True):
         jpos = at_depth(depth_mm / 1e3)
     force, rise, *_ = tip_contact(jpos)
-    np.testing.assert_allclose(force, HERTZ * (depth_mm / 1e3) ** 1.5 * np.array(rise), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(
+        force, HERTZ * (depth_mm / 1e3) ** 1.5 * np.array(rise), rtol=1e-6, atol=1e-12
+    )
 
 
 def test_a_sphere_of_2_mm_pressed_1_mm_into_liver_feels_some_hundredths_of_a_newton() -> None:
@@ -77,7 +83,9 @@ def test_pressing_is_harder_leaving_softer_and_nothing_pulls() -> None:
     assert normal[slow].force < normal[still].force < normal[fast].force
     for closing in (slow, still, fast):
         depth = 2e-3 + 1e-3 * closing
-        np.testing.assert_allclose(normal[closing].force, HERTZ * depth**1.5 * (1 + 15.0 * closing), rtol=1e-6)
+        np.testing.assert_allclose(
+            normal[closing].force, HERTZ * depth**1.5 * (1 + 15.0 * closing), rtol=1e-6
+        )
     leaving = min(normal)
     assert leaving < -1 / 15.0 and normal[leaving].force == normal[leaving].rate == 0.0
 
@@ -85,23 +93,33 @@ def test_pressing_is_harder_leaving_softer_and_nothing_pulls() -> None:
 def test_friction_stays_in_its_cone_and_opposes_sliding() -> None:
     rng = np.random.default_rng(0)
     with jax.enable_x64(True):
-        poses = [at_depth(depth, 0.3, roll) for depth, roll in ((1e-3, 0.0), (3e-3, 0.6), (2e-3, -0.9))]
+        poses = [
+            at_depth(depth, 0.3, roll) for depth, roll in ((1e-3, 0.0), (3e-3, 0.6), (2e-3, -0.9))
+        ]
     for jpos in poses * 20:
         jvel = rng.normal(size=N) * np.array([0.1, 0.1, 0.02, 0.5, 0.5, 0.5, 0.5])
         force, rise, law, *_, velocity, _ = tip_contact(jpos, jvel)
-        force, unit, velocity = np.array(force), np.array(rise) / np.linalg.norm(rise), np.array(velocity)
+        force, unit, velocity = (
+            np.array(force),
+            np.array(rise) / np.linalg.norm(rise),
+            np.array(velocity),
+        )
         along = force - unit * (unit @ force)
         assert np.linalg.norm(along) <= 0.2 * (unit @ force) * (1 + 1e-9)
         assert along @ (velocity - unit * (unit @ velocity)) <= 0.0
         assert unit @ force >= 0.0 and law.rate >= 0.0
 
 
-def test_the_surface_is_the_one_of_the_depth_that_is_reported_with_a_ridge_where_the_vessel_is_drawn() -> None:
+def test_the_surface_is_the_one_of_the_depth_that_is_reported_with_a_ridge_where_the_vessel_is_drawn() -> (  # noqa: E501
+    None
+):
     """The force follows the gradient of one potential: `rise` is the derivative of the depth."""
     rng = np.random.default_rng(1)
     with jax.enable_x64(True):
         slope = quickly.jit(jax.grad(lambda p: scene.surface("gold", Vec(p)).depth))
-        of = quickly.jit(lambda p: (scene.surface("gold", Vec(p)), scene.tissue_depth("gold", Vec(p))))
+        of = quickly.jit(
+            lambda p: (scene.surface("gold", Vec(p)), scene.tissue_depth("gold", Vec(p)))
+        )
         origin, rotation = scene.frame0("gold")
         seen = set()
         for x, y in rng.uniform(-0.05, 0.05, (200, 2)):
@@ -110,7 +128,9 @@ def test_the_surface_is_the_one_of_the_depth_that_is_reported_with_a_ridge_where
             seen.add(bool(surface.vessel))
             assert bool(surface.vessel) == (float(surface.depth) > float(depth) + 1e-15)
             assert 0.0 <= float(surface.depth - depth) <= scene.VESSEL_HEIGHT + 1e-12
-            np.testing.assert_allclose(-np.array(slope(jnp.asarray(point))), surface.rise, atol=1e-9)
+            np.testing.assert_allclose(
+                -np.array(slope(jnp.asarray(point))), surface.rise, atol=1e-9
+            )
     assert seen == {True, False}
 
 
@@ -144,11 +164,17 @@ def begun(arms, jpos, jvel, change=lambda p: p):
     one, params, states = stepper(arms, 1)[0], [], []
     for arm, q, v in zip(arms, jpos, jvel, strict=True):
         own = change(weightless(robot.params(one, arm)))
-        own = replace(jax.tree.map(jnp.float64, replace(own, noise_key=0.0)), noise_key=own.noise_key)
+        own = replace(
+            jax.tree.map(jnp.float64, replace(own, noise_key=0.0)), noise_key=own.noise_key
+        )
         state = robot.init(one, arm, own, numbers(q))
         state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)), jvel=numbers(v))
         params.append(own)
-        states.append(replace(state, mvel=numbers(coupling(arm, "r_grasper", "raven2").motors(Vec(map(float, v))))))
+        states.append(
+            replace(
+                state, mvel=numbers(coupling(arm, "r_grasper", "raven2").motors(Vec(map(float, v))))
+            )
+        )
     return tuple(params), tuple(states)
 
 
@@ -157,10 +183,14 @@ def undamped(params):
 
 
 def toward(arm: ArmName, way) -> np.ndarray:
-    """Joint speeds at which the closed jaws go along a way in the world, m/s, by the first three joints."""
+    """Joint speeds at which the closed jaws go along a way in the world, m/s, by the first three
+    joints.
+    """
     tip, _ = instrument.jaw_tips(arm, numbers(CLOSED))
     columns_ = np.array([[*map(float, column)] for column in tip.columns[:3]]).T
-    return np.array([*np.linalg.solve(columns_, np.array(scene.frame0(arm)[1]).T @ np.array(way)), 0, 0, 0, 0])
+    return np.array(
+        [*np.linalg.solve(columns_, np.array(scene.frame0(arm)[1]).T @ np.array(way)), 0, 0, 0, 0]
+    )
 
 
 def stored(arm: ArmName, jpos: np.ndarray) -> np.ndarray:
@@ -169,28 +199,42 @@ def stored(arm: ArmName, jpos: np.ndarray) -> np.ndarray:
     @quickly.jit
     def deep(q):
         return jax.vmap(
-            lambda row: jnp.stack([scene.surface(arm, t.at).depth for t in instrument.jaw_tips(arm, Vec(row))])
+            lambda row: jnp.stack(
+                [scene.surface(arm, t.at).depth for t in instrument.jaw_tips(arm, Vec(row))]
+            )
         )(q)
 
     return 0.4 * HERTZ * (np.maximum(np.asarray(deep(jnp.asarray(jpos))), 0.0) ** 2.5).sum(axis=1)
 
 
 def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_say() -> None:
-    """The tissue's force on the joints is what the cables carry, and the cables carry the motors' torque."""
+    """The tissue's force on the joints is what the cables carry, and the cables carry the
+    motors' torque.
+    """
     with jax.enable_x64(True):
         params, states = begun(("gold",), [at_depth(0.5e-3)], [STILL])
         smooth = replace(TOUCH, friction=0.0)
-        hard = Vec(0.0 if i == 2 else 100.0 for i in range(N))  # all motors but the insertion's stand still
+        hard = Vec(
+            0.0 if i == 2 else 100.0 for i in range(N)
+        )  # all motors but the insertion's stand still
         motor = replace(params[0].actuators, coulomb=hard, viscous=Vec.full(N, 0.005))
         held = replace(
-            params[0], actuators=motor, link_coulomb=Vec.full(N, 0.0), link_viscous=Vec((0.5,) * 3 + (0.005,) * 4)
+            params[0],
+            actuators=motor,
+            link_coulomb=Vec.full(N, 0.0),
+            link_viscous=Vec((0.5,) * 3 + (0.005,) * 4),
         )
-        _, (out,) = simulate(("gold",), 3000, (jax.tree.map(jnp.float64, held),), states, PRESS, smooth)
+        _, (out,) = simulate(
+            ("gold",), 3000, (jax.tree.map(jnp.float64, held),), states, PRESS, smooth
+        )
         jpos, force = columns(out.jpos)[-1], columns(out.touch.force)[-1]
         assert np.abs(columns(out.jvel)[-1]).max() < 0.05 and np.linalg.norm(force) > 0.1
         tips = instrument.jaw_tips("gold", numbers(jpos))
         surfaces = [scene.surface("gold", tip.at) for tip in tips]
-        each = [HERTZ * max(float(s.depth), 0.0) ** 1.5 * np.array([*map(float, s.rise)]) for s in surfaces]
+        each = [
+            HERTZ * max(float(s.depth), 0.0) ** 1.5 * np.array([*map(float, s.rise)])
+            for s in surfaces
+        ]
         np.testing.assert_allclose(force, sum(each), rtol=5e-2)
         load = np.sum(
             [
@@ -210,7 +254,9 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_arm_that_bounces_and_slides_on_tissue_never_gains_energy(seed) -> None:
-    """Links, motors, cables and tissue together, in each tick, from a random state above the tissue."""
+    """Links, motors, cables and tissue together, in each tick, from a random state above the
+    tissue.
+    """
     rng = np.random.default_rng(seed)
     with jax.enable_x64(True):
         jpos = at_depth(-rng.uniform(0, 2e-3), rng.uniform(0, 0.5), rng.uniform(-1, 1))
@@ -238,7 +284,8 @@ def test_two_arms_that_collide_push_each_other_alike_and_gain_no_energy(seed) ->
         np.testing.assert_array_equal(force, outs[1].touch.instrument)
         assert force.max() > 1.0 and force.min() == 0.0
         world = [
-            columns(out.touch.force) @ np.array(scene.frame0(arm)[1]).T for arm, out in zip(ARMS, outs, strict=True)
+            columns(out.touch.force) @ np.array(scene.frame0(arm)[1]).T
+            for arm, out in zip(ARMS, outs, strict=True)
         ]
         np.testing.assert_allclose(world[0], -world[1], atol=1e-9)
         np.testing.assert_allclose(np.linalg.norm(world[0], axis=1), force, atol=1e-9)

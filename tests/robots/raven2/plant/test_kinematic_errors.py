@@ -1,4 +1,6 @@
-"""Kinematic errors: first order by the Jacobian, reports that do not know them, and what drops out without them."""
+"""Kinematic errors: first order by the Jacobian, reports that do not know them, and what drops
+out without them.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def at_start(one: robot.PlantParams, start=START) -> tuple[np.ndarray, np.ndarra
         state = robot.init(setup(), "gold", one, start)
         out = robot.observe(setup(), "gold", one, state)
         signs = transmission.encoder_signs("gold", "r_grasper")
-        mpos = Vec(s * float(c) * transmission.ENCODER_RAD for s, c in zip(signs, out.enc_val, strict=True))
+        mpos = Vec(
+            s * float(c) * transmission.ENCODER_RAD for s, c in zip(signs, out.enc_val, strict=True)
+        )
         reported = transmission.joint_from_motor("gold", "r_grasper", mpos)
         tip = robot.tip("gold", one, state, out.jpos)
         return np.array(reported, float), np.array(out.jpos, float), np.array(tip, float)
@@ -41,7 +45,9 @@ def at_start(one: robot.PlantParams, start=START) -> tuple[np.ndarray, np.ndarra
 def test_an_offset_moves_the_true_tip_by_its_jacobian_and_the_report_not_at_all(joint) -> None:
     offset = 1e-4
     reported, links, tip = at_start(with_errors())
-    reported_too, moved_links, moved_tip = at_start(with_errors(joint_offset=Vec.full(7, 0.0).replace(joint, offset)))
+    reported_too, moved_links, moved_tip = at_start(
+        with_errors(joint_offset=Vec.full(7, 0.0).replace(joint, offset))
+    )
     with jax.enable_x64(True):
         column = np.array(kinematics.jacobian("gold", START), float)[:3, joint]
     assert np.array_equal(reported, reported_too)
@@ -70,7 +76,9 @@ def test_the_scale_is_times_every_error() -> None:
         "ratio_error": Vec.full(7, 0.005),
         "links": replace(built_links.as_drawn(), twist12=0.005),
     }
-    for one, other in zip(at_start(with_errors(scale=0.5, **errors)), at_start(with_errors(**half)), strict=True):
+    for one, other in zip(
+        at_start(with_errors(scale=0.5, **errors)), at_start(with_errors(**half)), strict=True
+    ):
         np.testing.assert_allclose(one, other, atol=1e-15)
 
 
@@ -96,7 +104,9 @@ def test_a_built_coupling_is_the_product_of_its_matrices() -> None:
     np.testing.assert_allclose(one.carried(Vec(x)), np.linalg.solve(matrix.T, x), rtol=1e-9)
     weights = rng.uniform(0.5, 2.0, N)
     lower = np.tril(matrix.T @ np.diag(weights) @ matrix)
-    np.testing.assert_allclose(np.array(one.congruence(Vec(weights)), float), lower, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        np.array(one.congruence(Vec(weights)), float), lower, rtol=1e-9, atol=1e-9
+    )
 
 
 def test_a_moving_arm_keeps_its_drum_s_share() -> None:
@@ -108,7 +118,9 @@ def test_a_moving_arm_keeps_its_drum_s_share() -> None:
     turned, stretch, jpos = (columns(values)[:, 0] for values in (out.mpos, out.stretch, out.jpos))
     wound = (turned - stretch) - (turned - stretch)[0]
     assert abs(jpos[-1] - jpos[0]) > 0.005
-    np.testing.assert_allclose(jpos - jpos[0], 1.05 * wound / transmission.TR[0], rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        jpos - jpos[0], 1.05 * wound / transmission.TR[0], rtol=1e-5, atol=1e-9
+    )
 
 
 def test_an_offset_of_the_shoulder_is_gone_once_registered() -> None:
@@ -122,16 +134,24 @@ def test_an_offset_of_the_shoulder_is_gone_once_registered() -> None:
 
 
 def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
-    """Beside the singular value decomposition of Kabsch, for errors as large as a campaign draws."""
+    """Beside the singular value decomposition of Kabsch, for errors as large as a campaign
+    draws.
+    """
     rng = np.random.default_rng(4)
     with jax.enable_x64(True):
         for _ in range(3):
             errors = _drawn(rng)
-            true = [kinematic_errors.tip("gold", errors, None, kinematic_errors.true_joints(errors, pose))
-                    for pose in registration.POSES]  # fmt: skip
+            true = [
+                kinematic_errors.tip(
+                    "gold", errors, None, kinematic_errors.true_joints(errors, pose)
+                )
+                for pose in registration.POSES
+            ]
             frame = registration.fit("gold", true)
             ours = np.array([[float(x) for x in registration.seen(frame, point)] for point in true])
-            reported = np.array([kinematics.forward("gold", pose).position for pose in registration.POSES], float)
+            reported = np.array(
+                [kinematics.forward("gold", pose).position for pose in registration.POSES], float
+            )
             left = np.square(ours - reported).sum()
             points = np.array(true, float)
             best = _kabsch(points, reported)
@@ -142,7 +162,9 @@ def _drawn(rng: np.random.Generator) -> KinematicErrors:
     from ravenjax.calibration import tip_error
 
     with jax.enable_x64(True):
-        return tip_error.with_values(jax.numpy.asarray(rng.normal(size=len(tip_error.SPREAD)) * tip_error.SPREAD))
+        return tip_error.with_values(
+            jax.numpy.asarray(rng.normal(size=len(tip_error.SPREAD)) * tip_error.SPREAD)
+        )
 
 
 def _kabsch(points: np.ndarray, onto: np.ndarray) -> np.ndarray:

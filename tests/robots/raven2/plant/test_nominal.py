@@ -68,9 +68,15 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
             jaws = HOME_JPOS[5:]
             locked = Vec((*(q[i] for i in range(5)), *jaws))
             turning = Vec((*(v[i] for i in range(5)), 0.0, 0.0))
-            gravity_0 = Vec((-9.81, 0.0, 0.0))  # of no consequence: the controller's G(q) cancels it
-            mass, bias = link_dynamics.mass_matrix_and_bias(SETUP, "gold", locked, turning, gravity_0)
-            _, weight = link_dynamics.mass_matrix_and_bias(SETUP, "gold", locked, Vec.full(7, 0.0), gravity_0)
+            gravity_0 = Vec(
+                (-9.81, 0.0, 0.0)
+            )  # of no consequence: the controller's G(q) cancels it
+            mass, bias = link_dynamics.mass_matrix_and_bias(
+                SETUP, "gold", locked, turning, gravity_0
+            )
+            _, weight = link_dynamics.mass_matrix_and_bias(
+                SETUP, "gold", locked, Vec.full(7, 0.0), gravity_0
+            )
             square = jnp.array([[mass[i][j] for j in range(5)] for i in range(5)])
             return square, jnp.stack(bias)[:5], jnp.stack(weight)[:5]
 
@@ -87,7 +93,9 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
         x = np.concatenate([np.array(HOME_JPOS, float), np.zeros(8)])
         exact = []
         for target in targets:
-            x = solve_ivp(slope, (0, 1e-3), x, "Radau", args=(target,), rtol=1e-6, atol=1e-9).y[:, -1]
+            x = solve_ivp(slope, (0, 1e-3), x, "Radau", args=(target,), rtol=1e-6, atol=1e-9).y[
+                :, -1
+            ]
             exact.append(x[:7])
     travel = np.ptp(targets, axis=0)
     assert (np.abs(ours - np.array(exact)).max(axis=0) < 0.005 * travel).all()
@@ -95,8 +103,12 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
 
 def test_gains_are_the_robots_per_unit_of_inertia() -> None:
     with jax.enable_x64(True):
-        mass, _ = link_dynamics.mass_matrix_and_bias(SETUP, "gold", HOME_JPOS, Vec.full(7, 0.0), Vec((0.0, 0.0, 0.0)))
-        np.testing.assert_allclose(nominal.INERTIA[:5], [float(mass[i][i]) for i in range(5)], rtol=1e-4)
+        mass, _ = link_dynamics.mass_matrix_and_bias(
+            SETUP, "gold", HOME_JPOS, Vec.full(7, 0.0), Vec((0.0, 0.0, 0.0))
+        )
+        np.testing.assert_allclose(
+            nominal.INERTIA[:5], [float(mass[i][i]) for i in range(5)], rtol=1e-4
+        )
     params, motor = nominal.params(SETUP, "gold"), robot.params(SETUP, "gold").actuators
     for i in range(3):
         gain = motor.gain[i] * motor.torque_per_count[i] * transmission.COUNTS_PER_NM[i]
@@ -104,12 +116,16 @@ def test_gains_are_the_robots_per_unit_of_inertia() -> None:
         lag_model = (params.kd[i] + params.kv[i]) / params.kp[i]
         np.testing.assert_allclose(lag_model, lag_robot, rtol=2e-3)
         own = math.sqrt(params.kp[i] / nominal.INERTIA[i])
-        carried = motor.inertia[i] + motor.reaction_scale[i] * float(mass[i][i]) / transmission.TR[i] ** 2
+        carried = (
+            motor.inertia[i] + motor.reaction_scale[i] * float(mass[i][i]) / transmission.TR[i] ** 2
+        )
         np.testing.assert_allclose(own, math.sqrt(nominal.KP[i] * gain / carried), rtol=0.01)
 
 
 def closed_loop_robot(targets: np.ndarray, parameter_set: str) -> np.ndarray:
-    """Links of the virtual robot under the control software's law (gains, coupling, gravity torque, truncation)."""
+    """Links of the virtual robot under the control software's law (gains, coupling, gravity
+    torque, truncation).
+    """
     params = robot.params(SETUP, "gold", parameter_set)
     signs = transmission.tau_signs("gold", "r_grasper")
     reading = transmission.encoder_signs("gold", "r_grasper")
@@ -117,18 +133,29 @@ def closed_loop_robot(targets: np.ndarray, parameter_set: str) -> np.ndarray:
 
     def measure(state):
         out = robot.observe(SETUP, "gold", params, state)
-        return Vec(s * e * transmission.ENCODER_RAD for s, e in zip(reading, out.enc_val, strict=True)), out
+        return (
+            Vec(
+                s * e * transmission.ENCODER_RAD for s, e in zip(reading, out.enc_val, strict=True)
+            ),
+            out,
+        )
 
     def tick(carry, row):
         state, before, integral = carry
         mpos, out = measure(state)
-        mpos_d = transmission.motor_from_joint("gold", "r_grasper", Vec(row[i] for i in range(7)), mpos[2])
+        mpos_d = transmission.motor_from_joint(
+            "gold", "r_grasper", Vec(row[i] for i in range(7)), mpos[2]
+        )
         error = mpos_d - mpos
         integral = integral + error * 1e-3
         tau = error * Vec(nominal.KP) - (mpos - before) * 1e3 * Vec(nominal.KD) + integral * Vec(ki)
         tau = tau + Vec((*gravity.gravity_torque("gold", out.jpos), 0.0, 0.0, 0.0, 0.0))
-        counts = (tau * transmission.COUNTS_PER_NM * signs).map(lambda x: jnp.trunc(x).astype(jnp.int32))
-        state, out = robot.step(SETUP, "gold", params, state, robot.nominal_signal(counts, jnp.int32(0)))
+        counts = (tau * transmission.COUNTS_PER_NM * signs).map(
+            lambda x: jnp.trunc(x).astype(jnp.int32)
+        )
+        state, out = robot.step(
+            SETUP, "gold", params, state, robot.nominal_signal(counts, jnp.int32(0))
+        )
         return (state, mpos, integral), jnp.stack(out.jpos)
 
     start = robot.init(SETUP, "gold", params, HOME_JPOS)
@@ -139,31 +166,51 @@ def closed_loop_robot(targets: np.ndarray, parameter_set: str) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("parameter_set", "lag", "mean_mm", "most_mm"), [("traj3", 0.1, 0.5, 1.0), ("power_consistent", 0.2, 0.8, 1.2)]
+    ("parameter_set", "lag", "mean_mm", "most_mm"),
+    [("traj3", 0.1, 0.5, 1.0), ("power_consistent", 0.2, 0.8, 1.2)],
 )
 def test_it_tracks_like_the_robot(parameter_set, lag, mean_mm, most_mm) -> None:
     """Lags of the positioning joints and the distance of the tips, while both lag by more.
 
-    The fitted dry friction makes the insertion stick, which smooth friction of the model's law does not follow.
+    The fitted dry friction makes the insertion stick, which smooth friction of the model's law does
+    not follow.
     """
 
     def lag_ms(followed: np.ndarray, asked: np.ndarray) -> int:
-        return min(range(200), key=lambda lag: np.mean((followed[lag:] - asked[: len(asked) - lag]) ** 2))
+        return min(
+            range(200), key=lambda lag: np.mean((followed[lag:] - asked[: len(asked) - lag]) ** 2)
+        )
 
     targets = smooth_targets(3000)
     with jax.enable_x64(True):
         links = closed_loop_robot(targets, parameter_set)
         model = by_targets(SETUP, targets, nominal.params(SETUP, "gold", parameter_set))
-        tip = jax.jit(jax.vmap(lambda q: jnp.stack(kinematics.forward("gold", Vec(q[i] for i in range(7))).position)))
-        robot_tip, model_tip, asked_tip = (np.asarray(tip(jnp.asarray(x))) for x in (links, model, targets))
+        tip = jax.jit(
+            jax.vmap(
+                lambda q: jnp.stack(
+                    kinematics.forward("gold", Vec(q[i] for i in range(7))).position
+                )
+            )
+        )
+        robot_tip, model_tip, asked_tip = (
+            np.asarray(tip(jnp.asarray(x))) for x in (links, model, targets)
+        )
     for i in range(3):
-        np.testing.assert_allclose(lag_ms(model[:, i], targets[:, i]), lag_ms(links[:, i], targets[:, i]), rtol=lag)
+        np.testing.assert_allclose(
+            lag_ms(model[:, i], targets[:, i]), lag_ms(links[:, i], targets[:, i]), rtol=lag
+        )
     apart = np.linalg.norm(robot_tip - model_tip, axis=1)
     lagging = np.linalg.norm(robot_tip - asked_tip, axis=1)
     assert apart.mean() < mean_mm / 1e3 < lagging.mean() and apart.max() < most_mm / 1e3
 
 
-def run(setup: RavenSetup, commands: list[nominal_target.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0):
+def run(
+    setup: RavenSetup,
+    commands: list[nominal_target.Clean],
+    start=HOME_JPOS,
+    measured=HOME_JPOS,
+    resync=0,
+):
     params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
     begin = nominal.init(setup, "gold", params, start)
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), begin)
@@ -176,7 +223,9 @@ def run(setup: RavenSetup, commands: list[nominal_target.Clean], start=HOME_JPOS
 @functools.cache
 def compiled_step(setup: RavenSetup):
     """A step of the model, compiled once for all tests of a setup."""
-    return quickly.jit(lambda params, state, command, at: nominal.step(setup, "gold", params, state, command, at))
+    return quickly.jit(
+        lambda params, state, command, at: nominal.step(setup, "gold", params, state, command, at)
+    )
 
 
 @pytest.mark.slow
@@ -187,9 +236,12 @@ def test_it_follows_increments_to_where_they_lead() -> None:
         # ITP axes to frame 0 of gold: (-z, -x, y); um add up as whole numbers.
         expected = start + 300e-6 * np.array([-5, -20, -10])
         np.testing.assert_allclose(np.array(state.target.position_um) * 1e-6, expected, atol=2e-6)
-        # Dry friction of the model's joints: it stops where a spring no longer moves it, 0.3 m from the axes at most.
+        # Dry friction of the model's joints: it stops where a spring no longer moves it, 0.3 m from
+        # the axes at most.
         params = nominal.params(SETUP, "gold")
-        short = sum(float(params.kc[i] / params.kp[i]) * lever for i, lever in enumerate((0.3, 0.3, 1.0)))
+        short = sum(
+            float(params.kc[i] / params.kp[i]) * lever for i, lever in enumerate((0.3, 0.3, 1.0))
+        )
         assert short < 2e-3
         np.testing.assert_allclose(np.array(out.tip_position), expected, atol=short)
         assert np.abs(np.array(out.tip_velocity)).max() < 1e-3
@@ -198,7 +250,9 @@ def test_it_follows_increments_to_where_they_lead() -> None:
 @pytest.mark.slow
 def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> None:
     with jax.enable_x64(True):
-        there = tuple(q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS))  # jaws are asked for, not left
+        there = tuple(
+            q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS)
+        )  # jaws are asked for, not left
         moving, lifted = [clean((30, 0, 0))] * 100, [clean(engaged=0)] * 2
         left, _ = run(SETUP, moving + lifted, measured=there)
         along, _ = run(SETUP, moving + lifted, measured=there, resync=1)
@@ -206,8 +260,12 @@ def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> N
         np.testing.assert_allclose(np.array(along.jpos), there, atol=1e-9)
         np.testing.assert_allclose(np.array(along.target.jpos_d), there, atol=1e-9)
         on, _ = run(SETUP, moving + lifted + [clean()] * 500, measured=there, resync=1)
-        np.testing.assert_allclose(np.array(on.jpos)[:5], there[:5], atol=1e-4)  # no jump at the next pedal-down
-        np.testing.assert_allclose(np.array(on.jpos)[5:], there[5:], atol=1e-3)  # openings are whole mrad
+        np.testing.assert_allclose(
+            np.array(on.jpos)[:5], there[:5], atol=1e-4
+        )  # no jump at the next pedal-down
+        np.testing.assert_allclose(
+            np.array(on.jpos)[5:], there[5:], atol=1e-3
+        )  # openings are whole mrad
 
 
 def test_the_pedal_up_holds_and_reanchors() -> None:
@@ -216,21 +274,31 @@ def test_the_pedal_up_holds_and_reanchors() -> None:
         state, _ = run(SETUP, moving)
         held, out = run(SETUP, moving + [clean((500, 500, 500), engaged=0)] * 50)
         np.testing.assert_array_equal(np.array(held.jpos), np.array(state.jpos))
-        assert np.abs(np.array(held.jvel)).max() == 0.0 and np.abs(np.array(out.tip_velocity)).max() == 0.0
-        np.testing.assert_allclose(np.array(held.target.position_um) * 1e-6, np.array(out.tip_position), atol=1.1e-6)
+        assert (
+            np.abs(np.array(held.jvel)).max() == 0.0
+            and np.abs(np.array(out.tip_velocity)).max() == 0.0
+        )
+        np.testing.assert_allclose(
+            np.array(held.target.position_um) * 1e-6, np.array(out.tip_position), atol=1.1e-6
+        )
 
 
 def test_targets_stop_at_the_soft_limits_and_the_console_slips() -> None:
     with jax.enable_x64(True):
         start = HOME_JPOS.replace(2, 0.555)
-        away = kinematics.forward("gold", start).position, kinematics.forward("gold", start.replace(2, 0.556)).position
+        away = (
+            kinematics.forward("gold", start).position,
+            kinematics.forward("gold", start.replace(2, 0.556)).position,
+        )
         direction = np.array(away[1]) - np.array(away[0])
         x, y, z = direction / np.linalg.norm(direction)
         step_um = np.round(60 * np.array([-y, z, -x])).astype(int)  # ITP axes of that direction
         state, _ = run(SETUP, [clean(step_um)] * 400, start)
         assert float(state.target.jpos_d[2]) <= 0.56 + 1e-9 and float(state.jpos[2]) < 0.5605
         back, _ = run(SETUP, [clean(step_um)] * 400 + [clean(-step_um)] * 100, start)
-        assert float(back.target.jpos_d[2]) < 0.5555  # 6 mm back from the limit, not from 24 mm beyond it
+        assert (
+            float(back.target.jpos_d[2]) < 0.5555
+        )  # 6 mm back from the limit, not from 24 mm beyond it
 
 
 def test_an_unreachable_absolute_target_is_held_off() -> None:

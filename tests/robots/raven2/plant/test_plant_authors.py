@@ -60,8 +60,12 @@ def flat(record) -> np.ndarray:
     return np.array(jax.tree.leaves(record), np.float64)
 
 
-def rk4(start: authors.AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False) -> authors.AuthorsState:
-    """One classical Runge-Kutta step; the motor speed that moves the motor angle is clamped, as in the source."""
+def rk4(
+    start: authors.AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bool = False
+) -> authors.AuthorsState:
+    """One classical Runge-Kutta step; the motor speed that moves the motor angle is clamped, as
+    in the source.
+    """
 
     def slope(at):
         derivative, _ = authors.rates(at, dac, tension_bug)
@@ -75,7 +79,9 @@ def rk4(start: authors.AuthorsState, dac: Vec, dt: float = 1e-3, tension_bug: bo
     k2 = slope(along(k1, dt / 2))
     k3 = slope(along(k2, dt / 2))
     k4 = slope(along(k3, dt))
-    return along(jax.tree.map(lambda a, b, c, d: (a + 2.0 * b + 2.0 * c + d) / 6.0, k1, k2, k3, k4), dt)
+    return along(
+        jax.tree.map(lambda a, b, c, d: (a + 2.0 * b + 2.0 * c + d) / 6.0, k1, k2, k3, k4), dt
+    )
 
 
 @pytest.mark.parametrize("case", CONFIGURATIONS)
@@ -94,7 +100,9 @@ def test_mass_matrix_gravity_and_bias(case) -> None:
 def test_gravity_is_the_gradient_of_one_potential() -> None:
     """Its Jacobian is symmetric; checked where the published values do not reach."""
     with jax.enable_x64(True):
-        hessian = jax.jacfwd(lambda q: jnp.stack(authors.gravity_forces(Vec(q))))(jnp.array([-2.1, -1.2, 0.38]))
+        hessian = jax.jacfwd(lambda q: jnp.stack(authors.gravity_forces(Vec(q))))(
+            jnp.array([-2.1, -1.2, 0.38])
+        )
         np.testing.assert_allclose(hessian, hessian.T, atol=1e-12)
 
 
@@ -105,7 +113,9 @@ def test_one_step_by_hand() -> None:
         np.testing.assert_allclose(flat(detail.tension), tension, rtol=1e-9)
         reaction = (-0.00382920779970462, 0.16143547624939, -0.00382920779970462)
         np.testing.assert_allclose(flat(detail.reaction), reaction, rtol=1e-9)
-        np.testing.assert_allclose(flat(detail.motor_friction), (0.057593, -0.09501, 0.076092), rtol=1e-9)
+        np.testing.assert_allclose(
+            flat(detail.motor_friction), (0.057593, -0.09501, 0.076092), rtol=1e-9
+        )
         torque = (0.0307333606473237, -0.131172811580855, 0.112633619876432)
         np.testing.assert_allclose(flat(detail.motor_torque), torque, rtol=1e-9)
         bias = (1.45026508774893, -0.13822236454302, 3.94395862025755)
@@ -116,13 +126,36 @@ def test_one_step_by_hand() -> None:
         right, _ = authors.rates(state(START), vec(*DAC))
         np.testing.assert_allclose(float(right.md[2]), -665.474815954125, rtol=1e-9)
 
-        euler = (-2.59995, -1.65008, 0.410004, 0.0121787321965899, 0.128245955095048, -0.00238959284942589)
+        euler = (
+            -2.59995,
+            -1.65008,
+            0.410004,
+            0.0121787321965899,
+            0.128245955095048,
+            -0.00238959284942589,
+        )
         euler += (73.7569, 183.3905, 885.2088, 6.6032063475672, -9.2725769745997, 8.15055703520644)
-        np.testing.assert_allclose(flat(authors.euler(state(START), vec(*DAC), tension_bug=True)), euler, rtol=1e-9)
-        runge_kutta = (-2.59996726319698, -1.64998241201958, 0.41000181493033, 0.0168196496750678, 0.110383169116397)
-        runge_kutta += (0.00197974134978387, 73.7567472712639, 183.390621913807, 885.208471597026, 6.5904081199472)
+        np.testing.assert_allclose(
+            flat(authors.euler(state(START), vec(*DAC), tension_bug=True)), euler, rtol=1e-9
+        )
+        runge_kutta = (
+            -2.59996726319698,
+            -1.64998241201958,
+            0.41000181493033,
+            0.0168196496750678,
+            0.110383169116397,
+        )
+        runge_kutta += (
+            0.00197974134978387,
+            73.7567472712639,
+            183.390621913807,
+            885.208471597026,
+            6.5904081199472,
+        )
         runge_kutta += (-9.24817106230668, 8.13970971895712)
-        np.testing.assert_allclose(flat(rk4(state(START), vec(*DAC), tension_bug=True)), runge_kutta, rtol=1e-9)
+        np.testing.assert_allclose(
+            flat(rk4(state(START), vec(*DAC), tension_bug=True)), runge_kutta, rtol=1e-9
+        )
 
 
 def test_standing_motors_feel_no_coulomb_friction_and_fast_ones_are_clamped() -> None:
@@ -160,4 +193,6 @@ def test_the_published_run_is_reproduced_over_all_its_rows(shared_data) -> None:
     with jax.enable_x64(True):
         euler = run_of_the_authors(recording, 101, authors.euler)
     expected = (71.2284068, 0.0429502821, 200.760881, 0.0919059818, 899.879223, -0.192890965)
-    np.testing.assert_allclose(euler[100], expected, atol=2e-8)  # chatter amplifies the inputs' printed digits
+    np.testing.assert_allclose(
+        euler[100], expected, atol=2e-8
+    )  # chatter amplifies the inputs' printed digits

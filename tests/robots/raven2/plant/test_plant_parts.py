@@ -1,4 +1,6 @@
-"""Parts of the virtual robot by themselves: coupling matrix, cable law, dry friction, brakes, stops."""
+"""Parts of the virtual robot by themselves: coupling matrix, cable law, dry friction, brakes,
+stops.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,14 @@ def test_the_split_coupling_is_the_motor_matrix(arm, tool, software) -> None:
     rng = np.random.default_rng(1)
     x, weights = rng.normal(size=7), rng.uniform(0.1, 2.0, 7)
     np.testing.assert_allclose(split.motors(Vec(x)), matrix @ x, rtol=1e-12, atol=1e-9)
-    np.testing.assert_allclose(split.joints(Vec(x)), np.linalg.solve(matrix, x), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        split.joints(Vec(x)), np.linalg.solve(matrix, x), rtol=1e-9, atol=1e-12
+    )
     np.testing.assert_allclose(split.loads(Vec(x)), matrix.T @ x, rtol=1e-12, atol=1e-9)
     expected = matrix.T @ np.diag(weights) @ matrix
-    np.testing.assert_allclose(np.tril(split.congruence(Vec(weights))), np.tril(expected), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        np.tril(split.congruence(Vec(weights))), np.tril(expected), rtol=1e-9, atol=1e-9
+    )
 
 
 def test_the_cable_law_is_the_exponential_one() -> None:
@@ -38,7 +44,9 @@ def test_the_cable_law_is_the_exponential_one() -> None:
     with jax.enable_x64(True):
         for delta in (-5e-4, 1e-9, 3e-3, 0.05):
             expected = stiffness * (np.exp(delta) - np.exp(-delta)) + 2 * damping * 0.3
-            np.testing.assert_allclose(cables.tension(stiffness, damping, delta, 0.3), expected, rtol=1e-7)
+            np.testing.assert_allclose(
+                cables.tension(stiffness, damping, delta, 0.3), expected, rtol=1e-7
+            )
             resting = arm * stiffness * (np.exp(delta) - np.exp(-delta))
             found = cables.resting_stretch(arm, stiffness, jnp.float64(resting))
             np.testing.assert_allclose(found, delta / arm, rtol=1e-5)
@@ -54,7 +62,10 @@ def test_small_stretches_keep_their_digits_in_float32() -> None:
     delta = 1e-6
     found = cables.tension(jnp.float32(720e3), jnp.float32(0.0), jnp.float32(delta), 0.0)
     np.testing.assert_allclose(found, 2 * 720e3 * delta, rtol=1e-6)
-    assert abs(np.float32(720e3) * (np.exp(np.float32(delta)) - np.exp(np.float32(-delta))) / 1.44 - 1) > 0.01
+    assert (
+        abs(np.float32(720e3) * (np.exp(np.float32(delta)) - np.exp(np.float32(-delta))) / 1.44 - 1)
+        > 0.01
+    )
 
 
 def test_dry_friction_holds_up_to_its_level_and_slides_at_it() -> None:

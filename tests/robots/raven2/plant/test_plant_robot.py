@@ -1,4 +1,6 @@
-"""The virtual robot: rest, friction, brakes, energy, convergence to a stiff ODE solver, float32, faults."""
+"""The virtual robot: rest, friction, brakes, energy, convergence to a stiff ODE solver, float32,
+faults.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ LEVELS = {  # N m after the gearbox, at which a motor breaks away
 }
 
 
-# --- consistency ------------------------------------------------------------------------------------------------------
+# --- consistency ----------------------------------------------------------------------------------
+# --------------------
 
 
 @pytest.mark.parametrize("arm", ["gold", "green"])
@@ -41,7 +44,9 @@ def test_encoders_links_and_control_software_agree_at_rest(arm, software, jpos0)
         out = robot.observe(one, arm, params, state)
         signs = np.array(transmission.encoder_signs(arm, "r_grasper", software))
         measured = signs * np.array(out.enc_val) * RAD_PER_COUNT
-        expected = np.array(transmission.motor_from_joint(arm, "r_grasper", jpos0, software=software))
+        expected = np.array(
+            transmission.motor_from_joint(arm, "r_grasper", jpos0, software=software)
+        )
         assert np.abs(measured - expected).max() <= 0.5001 * RAD_PER_COUNT
         np.testing.assert_allclose(np.array(out.mpos), expected, atol=1e-9)
         np.testing.assert_allclose(np.array(out.jpos), np.array(jpos0, float), atol=1e-12)
@@ -55,9 +60,13 @@ def test_gravity_at_rest_is_carried_by_the_cables() -> None:
         out = robot.observe(one, "gold", params, state)
         lambdas = np.array(out.tension) * np.array(cables.ARMS_M)
         carried = np.array(transmission.motor_matrix("gold", "r_grasper")).T @ lambdas
-        weight = link_dynamics.mass_matrix_and_bias(one, "gold", HOME_JPOS, Vec.full(N, 0.0), params.gravity)[1]
+        weight = link_dynamics.mass_matrix_and_bias(
+            one, "gold", HOME_JPOS, Vec.full(N, 0.0), params.gravity
+        )[1]
         np.testing.assert_allclose(carried, np.array(weight, float), atol=1e-9)
-        np.testing.assert_allclose(carried[:3], (-0.2246, -0.5091, 3.7496), atol=1e-4)  # home, gravity along -x0
+        np.testing.assert_allclose(
+            carried[:3], (-0.2246, -0.5091, 3.7496), atol=1e-4
+        )  # home, gravity along -x0
 
 
 @pytest.mark.slow
@@ -71,19 +80,26 @@ def test_brakes_hold_the_arm_where_it_is() -> None:
 
 @pytest.mark.slow
 def test_green_mirrors_gold() -> None:
-    """Equal joint motion for mirrored counts; the tool's roll and wrist turn the other way in a mirror."""
+    """Equal joint motion for mirrored counts; the tool's roll and wrist turn the other way in a
+    mirror.
+    """
     commands = np.zeros((600, N), np.int32)
     commands[:, :3] = (900, -700, 800)
     with jax.enable_x64(True):
         gold, green = (
-            columns(simulate(setup(arm), sign * commands, robot.params(setup(arm), arm, "traj3"))[1].jpos)
+            columns(
+                simulate(setup(arm), sign * commands, robot.params(setup(arm), arm, "traj3"))[
+                    1
+                ].jpos
+            )
             for arm, sign in (("gold", -1), ("green", 1))
         )
     assert np.abs(gold[-1] - gold[0])[:3].max() > 1e-2
     np.testing.assert_allclose(gold[:, :3], green[:, :3], atol=2e-5)
 
 
-# --- friction and brakes ----------------------------------------------------------------------------------------------
+# --- friction and brakes
+# ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -117,12 +133,15 @@ def test_a_sliding_joint_comes_to_rest_without_chatter() -> None:
     with jax.enable_x64(True):
         one = setup()
         params = weightless(robot.params(one, "gold"))
-        commands = np.concatenate([constant([-900, -900, -900, -900, -900, 900, -900], 200), constant([0] * N, 400)])
+        commands = np.concatenate(
+            [constant([-900, -900, -900, -900, -900, 900, -900], 200), constant([0] * N, 400)]
+        )
         _, out = simulate(one, commands, params)
         mvel, jvel = columns(out.mvel), columns(out.jvel)
         assert (np.abs(mvel[199]) > 1.0).all()
         assert np.abs(mvel[-100:]).max() < 1e-6 and np.abs(jvel[-100:]).max() < 1e-5
-        # Motors stop once: after the drive ends no speed changes sign by more than the settling cables make it.
+        # Motors stop once: after the drive ends no speed changes sign by more than the settling
+        # cables make it.
         reversal = np.minimum(mvel[205:] * np.sign(mvel[199]), 0.0)
         assert np.abs(reversal).max() < 0.02
 
@@ -146,23 +165,30 @@ def test_brakes_grip_and_release_after_their_delays_and_slip_above_their_torque(
         assert columns(out.mvel)[-1, 0] > 50  # 8.1 N m slips
 
 
-# --- accuracy ---------------------------------------------------------------------------------------------------------
+# --- accuracy -------------------------------------------------------------------------------------
+# --------------------
 
 WAVE_HZ = np.array([1.1, 1.7, 1.3, 2.1, 2.9, 2.3, 3.1])
 WAVE_CNT = np.array([1500, 1500, 1500, 500, 400, 400, 400])
 
 
 def wave(ticks: int) -> np.ndarray:
-    return (WAVE_CNT * np.sin(2 * np.pi * WAVE_HZ * np.arange(ticks)[:, None] * 1e-3)).astype(np.int32)
+    return (WAVE_CNT * np.sin(2 * np.pi * WAVE_HZ * np.arange(ticks)[:, None] * 1e-3)).astype(
+        np.int32
+    )
 
 
 def by_a_stiff_solver(commands: np.ndarray, params: robot.PlantParams, start: Vec) -> np.ndarray:
-    """Joint positions after each tick, from the equations as written in (m, q), without dry friction."""
+    """Joint positions after each tick, from the equations as written in (m, q), without dry
+    friction.
+    """
     matrix = np.array(transmission.motor_matrix("gold", "r_grasper"))
     signs = np.array(transmission.tau_signs("gold", "r_grasper"))
     motor, arm = params.actuators, np.array(cables.ARMS_M)
     per_count = signs * np.array(motor.torque_per_count) * np.array(motor.gain)
-    inertia, viscous, share = (np.array(x) for x in (motor.inertia, motor.viscous, motor.reaction_scale))
+    inertia, viscous, share = (
+        np.array(x) for x in (motor.inertia, motor.viscous, motor.reaction_scale)
+    )
     stiffness, damping = np.array(params.cable_stiffness), np.array(params.cable_damping)
     link_viscous = np.array(params.link_viscous)
     one = setup()
@@ -192,7 +218,9 @@ def by_a_stiff_solver(commands: np.ndarray, params: robot.PlantParams, start: Ve
 @pytest.mark.slow
 @pytest.mark.parametrize(("parameter_set", "share"), [("traj3", 0.02), ("power_consistent", 0.06)])
 def test_halving_the_step_halves_the_distance_to_a_stiff_solver(parameter_set, share) -> None:
-    """The fitted friction slows the roll's rotor within 10 ms, of which the implicit step errs by half of its own."""
+    """The fitted friction slows the roll's rotor within 10 ms, of which the implicit step errs
+    by half of its own.
+    """
     with jax.enable_x64(True):
         params = robot.params(setup(), "gold", parameter_set)
         params = replace(
@@ -213,7 +241,9 @@ def test_halving_the_step_halves_the_distance_to_a_stiff_solver(parameter_set, s
 
 
 def test_energy_is_never_made() -> None:
-    """Coasting without friction, damping or gravity: the step only loses energy, and little of the slow motion's."""
+    """Coasting without friction, damping or gravity: the step only loses energy, and little of
+    the slow motion's.
+    """
     with jax.enable_x64(True):
         one = setup()
         params = replace(weightless(robot.params(one, "gold")), cable_damping=Vec.full(N, 0.0))
@@ -227,7 +257,9 @@ def test_energy_is_never_made() -> None:
 
 @pytest.mark.parametrize("stiffer", [1.0, 1000.0])
 def test_stiff_cables_and_light_tools_stay_stable(stiffer) -> None:
-    """A cable a thousand times stiffer than the authors' would need steps of nanoseconds if it were explicit."""
+    """A cable a thousand times stiffer than the authors' would need steps of nanoseconds if it
+    were explicit.
+    """
     with jax.enable_x64(True):
         one = setup()
         params = replace(robot.params(one, "gold"), cable_stiffness_scale=stiffer, mass_scale=0.1)
@@ -238,7 +270,9 @@ def test_stiff_cables_and_light_tools_stay_stable(stiffer) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("parameter_set", "largest", "share"), [("traj3", 1, 0.1), ("power_consistent", 2, 0.12)])
+@pytest.mark.parametrize(
+    ("parameter_set", "largest", "share"), [("traj3", 1, 0.1), ("power_consistent", 2, 0.12)]
+)
 def test_float32_and_float64_stay_together_for_three_seconds(parameter_set, largest, share) -> None:
     commands = wave(3000)
     with jax.enable_x64(True):
@@ -259,12 +293,15 @@ def test_the_motor_angle_keeps_tiny_increments() -> None:
 
     start = encoders.at_angle(jnp.float32(899.6370423253))
     end, _ = jax.jit(lambda angle: jax.lax.scan(creep, angle, None, length=10_000))(start)
-    turned = (int(end.count) - int(start.count) + float(end.fraction) - float(start.fraction)) * RAD_PER_COUNT
+    turned = (
+        int(end.count) - int(start.count) + float(end.fraction) - float(start.fraction)
+    ) * RAD_PER_COUNT
     np.testing.assert_allclose(turned, 0.1, rtol=1e-4)
     assert float(jnp.float32(899.637) + jnp.float32(1e-5)) == float(jnp.float32(899.637))
 
 
-# --- faults, noise, form ----------------------------------------------------------------------------------------------
+# --- faults, noise, form
+# ----------------------------------------------------------------------------------------------
 
 
 def test_mechanical_faults_act_where_they_say() -> None:
@@ -274,18 +311,26 @@ def test_mechanical_faults_act_where_they_say() -> None:
         commands = constant([-1500, 0, 0, 0, 0, 0, 0], 200)
 
         def moved(**scales) -> np.ndarray:
-            return columns(simulate(one, commands, params, **scales)[1].jpos)[-1] - np.array(HOME_JPOS)
+            return columns(simulate(one, commands, params, **scales)[1].jpos)[-1] - np.array(
+                HOME_JPOS
+            )
 
         ones = Vec.full(N, 1.0)
         healthy = moved()
         assert healthy[0] > 0.02
         assert abs(moved(torque_scale=ones.replace(0, 0.0))[0]) < 1e-6
-        assert abs(moved(cable_scale=ones.replace(0, 0.0))[0]) < 1e-3  # the motor turns, the link does not follow
+        assert (
+            abs(moved(cable_scale=ones.replace(0, 0.0))[0]) < 1e-3
+        )  # the motor turns, the link does not follow
         assert moved(friction_scale=ones.replace(0, 5.0))[0] < 0.7 * healthy[0]
         pushed = columns(
-            simulate(one, commands, params, brakes=1, external_torque=Vec.full(N, 0.0).replace(1, 4.0))[1].jpos
+            simulate(
+                one, commands, params, brakes=1, external_torque=Vec.full(N, 0.0).replace(1, 4.0)
+            )[1].jpos
         )
-        assert 2e-3 < pushed[-1, 1] - HOME_JPOS[1] < 5e-3  # 3.8 N m beyond friction on 1115 N m/rad of cable
+        assert (
+            2e-3 < pushed[-1, 1] - HOME_JPOS[1] < 5e-3
+        )  # 3.8 N m beyond friction on 1115 N m/rad of cable
 
 
 @pytest.mark.slow
@@ -293,7 +338,11 @@ def test_hard_stops_hold_a_runaway_joint() -> None:
     with jax.enable_x64(True):
         params = weightless(robot.params(setup(), "gold"))
         _, out = simulate(setup(), constant([-6000, 6000, -6000, 0, 0, 0, 0], 2000), params)
-        jpos, upper, lower = columns(out.jpos), np.array(params.stops.upper), np.array(params.stops.lower)
+        jpos, upper, lower = (
+            columns(out.jpos),
+            np.array(params.stops.upper),
+            np.array(params.stops.lower),
+        )
         assert jpos[-1, 0] > upper[0] and jpos[-1, 1] < lower[1] and jpos[-1, 2] > upper[2]
         beyond = np.maximum(jpos - upper, 0) + np.maximum(lower - jpos, 0)
         assert (beyond.max(axis=0)[:3] < (0.006, 0.006, 0.006)).all()
@@ -301,7 +350,9 @@ def test_hard_stops_hold_a_runaway_joint() -> None:
 
 
 @pytest.mark.parametrize(("parameter_set", "falls"), [("traj3", True), ("power_consistent", False)])
-def test_a_torn_insertion_cable_lets_the_tool_fall_where_its_weight_exceeds_dry_friction(parameter_set, falls) -> None:
+def test_a_torn_insertion_cable_lets_the_tool_fall_where_its_weight_exceeds_dry_friction(
+    parameter_set, falls
+) -> None:
     """3.7 N of weight against 1.7 N (the authors' set) or 5.5 N (fitted to their recording)."""
     with jax.enable_x64(True):
         torn = Vec.full(N, 1.0).replace(2, 0.0)
@@ -309,7 +360,9 @@ def test_a_torn_insertion_cable_lets_the_tool_fall_where_its_weight_exceeds_dry_
         assert (params.link_coulomb[2] < 3.7) == falls
         _, out = simulate(setup(), constant([0] * N, 160), params, brakes=1, cable_scale=torn)
         fallen = columns(out.jpos)[:, 2] - 0.4
-        assert (fallen[-1] < -1e-3) == falls and (columns(out.enc_val)[-1] == columns(out.enc_val)[0])[:3].all()
+        assert (fallen[-1] < -1e-3) == falls and (
+            columns(out.enc_val)[-1] == columns(out.enc_val)[0]
+        )[:3].all()
         tension = columns(out.tension)
         assert (tension[:, 2] == 0.0).all() and (tension[:, :2] != 0.0).all()
 
@@ -325,7 +378,9 @@ def test_noise_only_where_asked_for_and_with_its_size() -> None:
     np.testing.assert_allclose(error.std(axis=0), 3.0, rtol=0.08)
     assert np.abs(np.corrcoef(error.T) - np.eye(N)).max() < 0.1
     other = replace(params, noise_key=jnp.uint32(8))
-    assert (columns(simulate(one, commands, other, brakes=1)[1].enc_val) != columns(noisy.enc_val)).mean() > 0.5
+    assert (
+        columns(simulate(one, commands, other, brakes=1)[1].enc_val) != columns(noisy.enc_val)
+    ).mean() > 0.5
 
 
 def test_a_step_is_scalars_only_and_costs_what_it_did() -> None:
@@ -335,9 +390,9 @@ def test_a_step_is_scalars_only_and_costs_what_it_did() -> None:
     state = robot.init(one, "gold", params, HOME_JPOS)
     signal = robot.nominal_signal(Vec(jnp.int32(0) for _ in range(N)), jnp.int32(0))
     exact = params.kinematic_errors  # literal zeros, as a campaign that does not vary them has them
-    jaxpr = jax.make_jaxpr(lambda p, s, u: robot.step(one, "gold", replace(p, kinematic_errors=exact), s, u))(
-        params, state, signal
-    )
+    jaxpr = jax.make_jaxpr(
+        lambda p, s, u: robot.step(one, "gold", replace(p, kinematic_errors=exact), s, u)
+    )(params, state, signal)
     shapes = {var.aval.shape for eqn in jaxpr.eqns for var in eqn.outvars}
     assert shapes == {()}
     forbidden = {"scan", "while", "cond", "gather", "scatter", "dot_general", "concatenate"}

@@ -1,11 +1,23 @@
-"""The power-consistent robot: statics of motor, gear and drum, limits of amplifier and supply, energy, brakes."""
+"""The power-consistent robot: statics of motor, gear and drum, limits of amplifier and supply,
+energy, brakes.
+"""
 
 from __future__ import annotations
 
 import jax
 import numpy as np
 import pytest
-from plant_runs import N, columns, constant, energy, frictionless, setup, simulate, swings, weightless
+from plant_runs import (
+    N,
+    columns,
+    constant,
+    energy,
+    frictionless,
+    setup,
+    simulate,
+    swings,
+    weightless,
+)
 
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import transmission
@@ -29,7 +41,9 @@ def test_both_sides_of_every_gear_have_the_same_power() -> None:
 
 
 def test_at_the_stop_the_cable_carries_what_statics_say() -> None:
-    """-10 000 counts after the checks press the shoulder on its stop; friction and offset take a few newtons."""
+    """-10 000 counts after the checks press the shoulder on its stop; friction and offset take a
+    few newtons.
+    """
     command = constant([10000, 0, 0, 0, 0, 0, 0], 1000)
     with jax.enable_x64(True):
         tension = {}
@@ -45,7 +59,9 @@ def test_at_the_stop_the_cable_carries_what_statics_say() -> None:
 
 
 def test_a_load_on_the_joint_is_balanced_by_its_torque_through_the_gear() -> None:
-    """Principle of virtual work: the joint's load times its travel is the motor's torque times its own."""
+    """Principle of virtual work: the joint's load times its travel is the motor's torque times
+    its own.
+    """
     counts, joint = 2000, 1
     with jax.enable_x64(True):
         free = frictionless(weightless(params()))
@@ -56,7 +72,9 @@ def test_a_load_on_the_joint_is_balanced_by_its_torque_through_the_gear() -> Non
         command = constant([0, counts, 0, 0, 0, 0, 0], 400)
         _, balanced = simulate(setup(), command, free, external_torque=load)
         _, unbalanced = simulate(setup(), command, free)
-    moved = [np.abs(columns(out.jpos)[-1, joint] - HOME_JPOS[joint]) for out in (balanced, unbalanced)]
+    moved = [
+        np.abs(columns(out.jpos)[-1, joint] - HOME_JPOS[joint]) for out in (balanced, unbalanced)
+    ]
     assert moved[0] < 0.02 * moved[1] and moved[1] > 0.05
 
 
@@ -76,7 +94,9 @@ def test_no_motor_is_faster_than_its_supply_lets_it_be() -> None:
 
 def test_the_amplifiers_largest_current_is_the_full_scale_of_the_dac() -> None:
     largest = 32767 * np.array(parameter_sets.parameter_set("power_consistent").torque_per_count)
-    np.testing.assert_allclose(parameter_sets.parameter_set("power_consistent").torque_limit, largest, rtol=1e-3)
+    np.testing.assert_allclose(
+        parameter_sets.parameter_set("power_consistent").torque_limit, largest, rtol=1e-3
+    )
 
 
 def test_a_weaker_amplifier_limits_the_torque() -> None:
@@ -84,13 +104,19 @@ def test_a_weaker_amplifier_limits_the_torque() -> None:
     with jax.enable_x64(True):
         weak = params()
         limit = weak.actuators.torque_limit.replace(0, 1.0)
-        _, out = simulate(setup(), command, replace(weak, actuators=replace(weak.actuators, torque_limit=limit)))
+        _, out = simulate(
+            setup(), command, replace(weak, actuators=replace(weak.actuators, torque_limit=limit))
+        )
     friction = power_consistent.MOTOR_COULOMB[0] + abs(power_consistent.BIAS[0])
-    assert abs(columns(out.tension)[-1, 0]) == pytest.approx(1.0 / CAPSTAN_M, abs=1.1 * friction / CAPSTAN_M)
+    assert abs(columns(out.tension)[-1, 0]) == pytest.approx(
+        1.0 / CAPSTAN_M, abs=1.1 * friction / CAPSTAN_M
+    )
 
 
 def test_energy_is_never_made() -> None:
-    """Coasting only loses energy, the implicit step up to 15 % in 0.4 s; driven, motors put in what is gained."""
+    """Coasting only loses energy, the implicit step up to 15 % in 0.4 s; driven, motors put in
+    what is gained.
+    """
     command = swings()
     with jax.enable_x64(True):
         one = setup()
@@ -99,7 +125,12 @@ def test_energy_is_never_made() -> None:
         _, coasting = simulate(one, constant([0] * N, 400), free, state=state)
         gained, kept = energy(one, free, driven), energy(one, free, coasting)
     signs = np.array([*transmission.tau_signs("gold", "r_grasper", "raven2")])
-    torque = command * signs * np.array([*free.actuators.torque_per_count]) / np.array([*transmission.GEARBOX])
+    torque = (
+        command
+        * signs
+        * np.array([*free.actuators.torque_per_count])
+        / np.array([*transmission.GEARBOX])
+    )
     work = np.cumsum((torque * columns(driven.mvel)).sum(axis=1)) * 1e-3
     assert gained[-1] > 1e-2
     assert (gained <= work + 1e-3 * np.abs(work).max()).all()
@@ -118,15 +149,23 @@ def test_brakes_stop_a_moving_arm_within_the_distance_of_their_torque() -> None:
     grips = int(np.argmax(np.asarray(out.brakes) != 0))
     at_grip, angle = columns(out.mvel)[grips - 1, 0], columns(out.mpos)[:, 0]
     inertia = power_consistent.MOTOR_INERTIA + 12.25 * 0.2163 / transmission.TR[0] ** 2
-    torque = 4.9 + power_consistent.MOTOR_COULOMB[0] + 12.25 * power_consistent.LINK_COULOMB[0] / transmission.TR[0]
+    torque = (
+        4.9
+        + power_consistent.MOTOR_COULOMB[0]
+        + 12.25 * power_consistent.LINK_COULOMB[0] / transmission.TR[0]
+    )
     distance = at_grip**2 * inertia / (2.0 * torque)
     assert abs(speed) > 20.0 and abs(columns(out.mvel)[-1, 0]) < 1e-3
-    assert abs(angle[-1] - angle[grips - 1]) == pytest.approx(distance, rel=0.35)  # the elastic cable parts the two
+    assert abs(angle[-1] - angle[grips - 1]) == pytest.approx(
+        distance, rel=0.35
+    )  # the elastic cable parts the two
 
 
 @pytest.mark.parametrize("brakes", [0, 1])
 def test_an_unpowered_arm_does_not_creep(brakes) -> None:
-    """Dry friction carries the arm at home with and without brakes, as a real one stands; offsets need power."""
+    """Dry friction carries the arm at home with and without brakes, as a real one stands;
+    offsets need power.
+    """
     with jax.enable_x64(True):
         arm = params()
         unpowered = replace(arm, actuators=replace(arm.actuators, bias=Vec.full(N, 0.0)))

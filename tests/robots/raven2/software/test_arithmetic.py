@@ -1,4 +1,6 @@
-"""The compiled control software against the interpreted one: every bit of every number, tick for tick."""
+"""The compiled control software against the interpreted one: every bit of every number, tick for
+tick.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,10 @@ PARTS = {
     "raven2, third": ({}, 0.05),
     "raven2, in pedal-down": ({"runlevel": 3}, 0.01),
     "square tools, beginner": ({"tools": ("r_sq_grasper",) * 2, "level": "beginner"}, 0.01),
-    "coupled wrist, hard policy": ({"tools": ("large_needle",) * 2, "policy": "hard_regulation"}, 0.01),
+    "coupled wrist, hard policy": (
+        {"tools": ("large_needle",) * 2, "policy": "hard_regulation"},
+        0.01,
+    ),
     "fork2015": ({"software": "fork2015"}, 0.01),
     "fork2015, absolute poses": ({"software": "fork2015", "console": "absolute"}, 0.01),
 }
@@ -41,8 +46,12 @@ def _single(x: object, y: object) -> bool:
 
 
 def differing(seed: int, ticks: int, options: dict, wild: float) -> tuple[int, set[int]]:
-    """Ticks in which anything differs, what is remembered included, and the run levels that were passed."""
-    compiled, interpreted = (ControlSoftware(**options, arithmetic=way) for way in ("compiled", "interpreted"))
+    """Ticks in which anything differs, what is remembered included, and the run levels that were
+    passed.
+    """
+    compiled, interpreted = (
+        ControlSoftware(**options, arithmetic=way) for way in ("compiled", "interpreted")
+    )
     drive, count, levels = Drive(seed, compiled, wild), 0, set()
     for cycle in drive.cycles(ticks):
         arguments = cycle.encoders, cycle.packet, cycle.pins, cycle.read_ok

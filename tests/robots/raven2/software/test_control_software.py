@@ -1,4 +1,6 @@
-"""The package's control software against a second, imperative writing of the original, tick for tick."""
+"""The package's control software against a second, imperative writing of the original, tick for
+tick.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ class Pair:
         self.new = self.program()
         number = ("no_regulation", "soft_regulation", "hard_regulation").index(policy)
         fork, limits = software == "fork2015", level or "moderate"
-        self.old = oracle.Loop([ARMS[a] for a in arms], self.options[2], fork, number, limits, plc, self.start)
+        self.old = oracle.Loop(
+            [ARMS[a] for a in arms], self.options[2], fork, number, limits, plc, self.start
+        )
         self.wrist_rad = wrist_rad
         self.motors = [self.at_home(mech) for mech in self.old.mech]
         for mech in self.old.mech:
@@ -56,7 +60,9 @@ class Pair:
 
     def program(self, **changed):
         def obey(params):
-            machine = dataclasses.replace(params.state_machine, plc_obeyed=np.int32(self.plc_obeyed))
+            machine = dataclasses.replace(
+                params.state_machine, plc_obeyed=np.int32(self.plc_obeyed)
+            )
             return dataclasses.replace(params, state_machine=machine)
 
         return ControlSoftware(*self.options, runlevel=self.start, params=obey, **changed)
@@ -65,11 +71,17 @@ class Pair:
         """Motors at the home pose, but for the wrist where told."""
         mech = copy.deepcopy(mech)
         mech.joint[oracle.WR].jpos_d = np.float32(self.wrist_rad)
-        self.old.inverse_coupling(mech)  # positioning joints; the tool motors follow the insertion motor
+        self.old.inverse_coupling(
+            mech
+        )  # positioning joints; the tool motors follow the insertion motor
         mech.joint[oracle.ZI].mpos = mech.joint[oracle.ZI].mpos_d
         self.old.inverse_coupling(mech)
         joints = [mech.joint[k] for k in oracle.USED]
-        return rig.Motors([float(j.mpos_d) for j in joints], [j.enc_sign for j in joints], [j.tau_sign for j in joints])
+        return rig.Motors(
+            [float(j.mpos_d) for j in joints],
+            [j.enc_sign for j in joints],
+            [j.tau_sign for j in joints],
+        )
 
     def inputs(self):
         """Encoders, datagrams, pins and read flags of one cycle."""
@@ -104,15 +116,24 @@ class Pair:
             seen["levels"].add((self.old.runlevel, self.old.sublevel))
             seen["stops"] += self.old.soft_estopped and not stopped
             seen["clamped"] += signals.clamped
-            seen["saturated"] += any(abs(c) == 32767 or c == -32768 for arm in signals.arms for c in arm.current_cmd)
+            seen["saturated"] += any(
+                abs(c) == 32767 or c == -32768 for arm in signals.arms for c in arm.current_cmd
+            )
         return seen
 
     def assert_equal(self, dac, byte, output):
-        old, signals, where = self.old, output.signals, f"tick {self.tick}, level {self.old.runlevel}"
+        old, signals, where = (
+            self.old,
+            output.signals,
+            f"tick {self.tick}, level {self.old.runlevel}",
+        )
         assert [list(arm) for arm in output.dac] == dac, where
         assert output.output_pins == byte, where
         assert (signals.runlevel, signals.sublevel) == (old.runlevel, old.sublevel), where
-        assert (signals.surgeon_mode, signals.last_seq % 2**32) == (old.surgeon_mode, old.last_sequence), where
+        assert (signals.surgeon_mode, signals.last_seq % 2**32) == (
+            old.surgeon_mode,
+            old.last_sequence,
+        ), where
         for mech, arm in zip(old.mech, signals.arms, strict=True):
             assert list(arm.pos.position_um) == list(mech.pos), where
             assert list(arm.pos_d.position_um) == list(mech.pos_d), where
@@ -120,14 +141,20 @@ class Pair:
             assert_rotations_equal(arm.pos.rotation, mech.R, where)
             assert_rotations_equal(arm.pos_d.rotation, mech.R_d, where)
             for name in FLOATS if old.fork else (*FLOATS, "tau_g"):
-                for k, value in zip(oracle.USED, getattr(arm, name), strict=False):  # tau_g: three of them
+                for k, value in zip(
+                    oracle.USED, getattr(arm, name), strict=False
+                ):  # tau_g: three of them
                     expected = getattr(mech.joint[k], name)
-                    assert value == expected, f"{where}: {name}[{k}] {value!r}, expected {expected!r}"
+                    assert value == expected, (
+                        f"{where}: {name}[{k}] {value!r}, expected {expected!r}"
+                    )
 
 
 def assert_rotations_equal(rows, expected, where):
     """Number for number; all-zero quaternions make NaN of both."""
-    assert np.array_equal(np.array(rows, np.float32), np.array(expected, np.float32), equal_nan=True), where
+    assert np.array_equal(
+        np.array(rows, np.float32), np.array(expected, np.float32), equal_nan=True
+    ), where
 
 
 RUNS = {
@@ -142,7 +169,9 @@ RUNS = {
 }
 
 
-@pytest.mark.parametrize("run", [run if run == "raven2" else pytest.param(run, marks=pytest.mark.slow) for run in RUNS])
+@pytest.mark.parametrize(
+    "run", [run if run == "raven2" else pytest.param(run, marks=pytest.mark.slow) for run in RUNS]
+)
 def test_every_number_equals_the_original_order_of_statements(run):
     seen = Pair(**RUNS[run]).compare(1200)
     if run == "raven2":
@@ -154,41 +183,62 @@ def test_every_number_equals_the_original_order_of_statements(run):
 @pytest.mark.parametrize("run", list(RUNS))
 def test_long_runs_equal_the_original_order_of_statements(run):
     seen = {"clamped": 0, "stops": 0}
-    parts = 10 if RUNS[run].get("plc") is False else 1  # without PLC nothing comes back from the first stop
+    parts = (
+        10 if RUNS[run].get("plc") is False else 1
+    )  # without PLC nothing comes back from the first stop
     for part in range(parts):
-        run_seen = Pair(**{**RUNS[run], "seed": 100 * part + RUNS[run]["seed"]}).compare(20_000 // parts)
+        run_seen = Pair(**{**RUNS[run], "seed": 100 * part + RUNS[run]["seed"]}).compare(
+            20_000 // parts
+        )
         seen = {name: seen[name] + run_seen[name] for name in seen}
     assert seen["clamped"] > 0
     assert seen["stops"] > 0
 
 
 def _dac_differences(pair, ticks, closed):
-    """Ticks in pedal-down whose DACs differ between float32 and exact arithmetic, all of them, and the largest
-    difference in counts. Open loop: both see the exact one's encoders. Closed: each drives its own motors."""
+    """Ticks in pedal-down whose DACs differ between float32 and exact arithmetic, all of them, and
+    the largest difference in counts. Open loop: both see the exact one's encoders. Closed: each
+    drives its own motors."""
     other, own = pair.program(precision=CAMPAIGN), [pair.at_home(mech) for mech in pair.old.mech]
     differing = total = largest = 0
     for _ in range(ticks):
         enc, arrivals, pins, read_ok = pair.inputs()
         seen = [motor.counts(pair.rng, False) for motor in own] if closed else enc
-        exact, campaign = pair.new.step(enc, arrivals, pins, read_ok), other.step(seen, arrivals, pins, read_ok)
-        for motor, golden, dac, dac32 in zip(pair.motors, own, exact.dac, campaign.dac, strict=True):
+        exact, campaign = (
+            pair.new.step(enc, arrivals, pins, read_ok),
+            other.step(seen, arrivals, pins, read_ok),
+        )
+        for motor, golden, dac, dac32 in zip(
+            pair.motors, own, exact.dac, campaign.dac, strict=True
+        ):
             motor.step(dac)
             golden.step(dac32)
-        gap = max(abs(a - b) for x, y in zip(exact.dac, campaign.dac, strict=True) for a, b in zip(x, y, strict=True))
+        gap = max(
+            abs(a - b)
+            for x, y in zip(exact.dac, campaign.dac, strict=True)
+            for a, b in zip(x, y, strict=True)
+        )
         differing, total, largest = differing + (gap > 0), total + 1, max(largest, gap)
     return differing, total, largest
 
 
 @pytest.mark.parametrize(
-    "closed", [pytest.param(False, id="open loop", marks=pytest.mark.slow), pytest.param(True, id="closed loop")]
+    "closed",
+    [
+        pytest.param(False, id="open loop", marks=pytest.mark.slow),
+        pytest.param(True, id="closed loop"),
+    ],
 )
 def test_float32_campaigns_stay_near_exact_arithmetic(closed, capsys):
     # A straight wrist leaves the roll to rounding errors, which are larger in float32.
-    differing, total, largest = _dac_differences(Pair(11, bad=False, calm=True, wrist_rad=0.2), 2000, closed)
+    differing, total, largest = _dac_differences(
+        Pair(11, bad=False, calm=True, wrist_rad=0.2), 2000, closed
+    )
     loop = "closed" if closed else "open"
     with capsys.disabled():
         print(
-            f"\n{loop} loop: float32 gives the same DACs in {1 - differing / total:.1%} of ticks, at most {largest} off"
+            f"\n{loop} loop: float32 gives the same DACs in {1 - differing / total:.1%} of ticks,"
+            f" at most {largest} off"
         )
     assert differing / total < (0.9 if closed else 0.2)
     assert largest < (2000 if closed else 10)
@@ -203,14 +253,21 @@ def test_a_list_of_datagrams_is_taken_in_order():
     still = [[0.0] * 3] * 2
     data = [rig.datagram(n, still, [[0, 0, 0, 1]] * 2, (0, 0), 1) for n in (1, 2, 3)]
     assert software.step(_counts(), data).signals.last_seq == 3
-    assert software.step(_counts(), rig.datagram(4, still, [[0, 0, 0, 1]] * 2, (0, 0), 1)).signals.last_seq == 4
+    assert (
+        software.step(
+            _counts(), rig.datagram(4, still, [[0, 0, 0, 1]] * 2, (0, 0), 1)
+        ).signals.last_seq
+        == 4
+    )
     assert software.step(_counts(), []).signals.last_seq == 4
 
 
 def test_earlier_datagrams_of_a_cycle_keep_32_bit_sequence_numbers():
     software, still = ControlSoftware(), [[0.0] * 3] * 2
     for numbers in ([2**31 + 900], [2**31 + 200, 2**31 + 200]):
-        output = software.step(_counts(), [rig.datagram(n, still, [[0, 0, 0, 1]] * 2, (0, 0), 1) for n in numbers])
+        output = software.step(
+            _counts(), [rig.datagram(n, still, [[0, 0, 0, 1]] * 2, (0, 0), 1) for n in numbers]
+        )
     assert software.state.network.last % 2**32 == 2**31 + 900
     assert software.state.network.out_of_sequence.count == 2
     assert output.signals.last_seq == 111
@@ -266,7 +323,10 @@ SETUPS = [
     ({"enc_offset": float("nan")}, ("enc_offset", "float64", "integers")),
     ({"enc_offset": [1, 2]}, ("enc_offset has shape (2,)", "[2, 7]")),
     ({"enc_offset": None}, ("enc_offset",)),
-    ({"enc_offset": [0, 0, 2**40, 0, 0, 0, 0]}, ("enc_offset[0][2] (insertion) is 1099511627776", "32 bits")),
+    (
+        {"enc_offset": [0, 0, 2**40, 0, 0, 0, 0]},
+        ("enc_offset[0][2] (insertion) is 1099511627776", "32 bits"),
+    ),
     ({"runlevel": 9}, ("runlevel is 9", "0..3")),
     ({"runlevel": -1}, ("runlevel is -1",)),
     ({"runlevel": 1.0}, ("runlevel is 1.0",)),
@@ -294,7 +354,10 @@ def one_gain(value):
 def test_changed_parameters_are_numbers_of_their_own_type():
     """Plain Python numbers will do; no numbers will not."""
     software = ControlSoftware(params=one_gain(0.5))
-    assert software.step(_counts()).dac == ControlSoftware(params=one_gain(np.float32(0.5))).step(_counts()).dac
+    assert (
+        software.step(_counts()).dac
+        == ControlSoftware(params=one_gain(np.float32(0.5))).step(_counts()).dac
+    )
     for value, got in (
         (float("nan"), "nan"),
         (float("inf"), "inf"),
@@ -302,13 +365,18 @@ def test_changed_parameters_are_numbers_of_their_own_type():
         (None, "None"),
         (1e300, "1e+300"),
     ):
-        refused(lambda v=value: ControlSoftware(params=one_gain(v)), ("motor_control.gold.kp.shoulder", got, "finite"))
+        refused(
+            lambda v=value: ControlSoftware(params=one_gain(v)),
+            ("motor_control.gold.kp.shoulder", got, "finite"),
+        )
 
     def whole(params):
         machine = dataclasses.replace(params.state_machine, plc_obeyed=0.5)
         return dataclasses.replace(params, state_machine=machine)
 
-    refused(lambda: ControlSoftware(params=whole), ("state_machine.plc_obeyed is 0.5", "whole number"))
+    refused(
+        lambda: ControlSoftware(params=whole), ("state_machine.plc_obeyed is 0.5", "whole number")
+    )
 
 
 def changed(**fields):
@@ -323,7 +391,10 @@ INPUTS = [
     ({"encoders": [[True] * 7] * 2}, ("encoders", "bool", "integers")),
     ({"encoders": [[0j] * 7] * 2}, ("encoders", "complex128")),
     ({"encoders": [[float("nan")] * 7] * 2}, ("encoders", "float64")),
-    ({"encoders": [[0] * 6 + [2**31], [0] * 7]}, ("encoders[0][6] (grasp2) is 2147483648", "32 bits")),
+    (
+        {"encoders": [[0] * 6 + [2**31], [0] * 7]},
+        ("encoders[0][6] (grasp2) is 2147483648", "32 bits"),
+    ),
     ({"encoders": np.full((2, 7), 2**63, np.uint64)}, ("encoders[0][0]", "9223372036854775808")),
     ({"encoders": None}, ("encoders has shape ()",)),
     ({"pins": [0, 0, 0]}, ("pins has 3 entries", "per arm (2)")),
@@ -342,7 +413,10 @@ INPUTS = [
     (changed(delta=((0.5, 0, 0), (0, 0, 0))), ("packet.delta is 0.5", "whole number")),
     (changed(delta=((float("nan"), 0, 0), (0, 0, 0))), ("packet.delta is nan",)),
     (changed(delta=((2**31, 0, 0), (0, 0, 0))), ("packet.delta is 2147483648",)),
-    (changed(delta=((0, 0, 0), (0, 0, 0, 0)), grasp=(0,)), ("packet.delta[1] has 4 entries", "3 numbers")),
+    (
+        changed(delta=((0, 0, 0), (0, 0, 0, 0)), grasp=(0,)),
+        ("packet.delta[1] has 4 entries", "3 numbers"),
+    ),
     (changed(delta=((0, 0, 0),)), ("packet.delta has 1 entries", "2 rows, one an arm")),
     (changed(quat=((0, 0, 0, 1), ("a", 0, 0, 1))), ("packet.quat holds 'a'", "numbers")),
     (changed(quat=None), ("packet.quat is None",)),
@@ -364,16 +438,29 @@ def test_a_wrong_input_is_named_and_nothing_has_happened(given, words):
 
 @pytest.mark.slow
 def test_a_raw_datagram_is_no_absolute_pose():
-    refused(lambda: ControlSoftware(console="absolute").step(_counts(), bytes(124)), ("absolute", "Packet"))
+    refused(
+        lambda: ControlSoftware(console="absolute").step(_counts(), bytes(124)),
+        ("absolute", "Packet"),
+    )
 
 
 def test_whatever_a_network_brings_is_taken():
     """Bytes of any length and quaternions of any numbers are the software's to judge."""
     software = ControlSoftware()
-    for datagram in (b"", b"abc", bytes(124), bytes(70_000), bytearray(124), memoryview(bytes(124)), b"\xff" * 124):
+    for datagram in (
+        b"",
+        b"abc",
+        bytes(124),
+        bytes(70_000),
+        bytearray(124),
+        memoryview(bytes(124)),
+        b"\xff" * 124,
+    ):
         software.step(_counts(), datagram)
     assert software.state.network.size.count == 2
-    wild = dataclasses.replace(POSE, sequence=2**32 - 1, quat=((float("nan"),) * 4, (float("inf"), 0, 0, 1)))
+    wild = dataclasses.replace(
+        POSE, sequence=2**32 - 1, quat=((float("nan"),) * 4, (float("inf"), 0, 0, 1))
+    )
     again = dataclasses.replace(wild, sequence=-1)
     one, two = ControlSoftware(), ControlSoftware()
     assert one.step(_counts(), wild).dac == two.step(_counts(), again).dac
@@ -383,7 +470,9 @@ def test_whatever_a_network_brings_is_taken():
 def test_numpy_numbers_are_numbers():
     software, other = ControlSoftware(), ControlSoftware()
     counts = np.arange(14, dtype=np.int16).reshape(2, 7)
-    given = software.step(counts, pins=np.array([192, 192], np.uint8), read_ok=np.array([True, False]))
+    given = software.step(
+        counts, pins=np.array([192, 192], np.uint8), read_ok=np.array([True, False])
+    )
     plain = other.step(counts.tolist(), pins=[192, 192], read_ok=[1, 0])
     assert given.dac == plain.dac and software.state == other.state
 

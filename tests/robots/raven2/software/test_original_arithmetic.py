@@ -1,8 +1,9 @@
 """The arithmetic and the corner cases of the original control software, one test each.
 
-What a rebuild needs to equal the executed original, numbered: encoder scale (1), forward coupling (2), inverse coupling
-(3), gravity (4), PID (5), poses (6), teleoperation (7), re-anchoring (8), sublevels (9), remote centre (10), rollover
-(11), what keeps running (12), packets (13), pins (14). Homing, the fifteenth, is not simulated.
+What a rebuild needs to equal the executed original, numbered: encoder scale (1), forward coupling
+(2), inverse coupling (3), gravity (4), PID (5), poses (6), teleoperation (7), re-anchoring (8),
+sublevels (9), remote centre (10), rollover (11), what keeps running (12), packets (13), pins (14).
+Homing, the fifteenth, is not simulated.
 """
 
 from __future__ import annotations
@@ -35,13 +36,18 @@ class Bench:
 
     def __init__(self, joints=(HOME, HOME), **options):
         self.software = ControlSoftware(**options)
-        self.mechs = [oracle.Mechanism(arm, "r_grasper", False) for arm in (oracle.GOLD, oracle.GREEN)]
+        self.mechs = [
+            oracle.Mechanism(arm, "r_grasper", False) for arm in (oracle.GOLD, oracle.GREEN)
+        ]
         self.joints = [list(arm) for arm in joints]
         self.sequence = 0
         self.extra = np.zeros((2, 7), int)
 
     def encoders(self):
-        return np.array([self.counts(m, js) for m, js in zip(self.mechs, self.joints, strict=True)]) + self.extra
+        return (
+            np.array([self.counts(m, js) for m, js in zip(self.mechs, self.joints, strict=True)])
+            + self.extra
+        )
 
     @staticmethod
     def counts(mech, joints):
@@ -51,7 +57,9 @@ class Bench:
             oracle.Loop.inverse_coupling(None, mech)
             mech.joint[oracle.ZI].mpos = mech.joint[oracle.ZI].mpos_d
         scale = rig.COUNTS_PER_RAD
-        return [round(mech.joint[k].enc_sign * float(mech.joint[k].mpos_d) * scale) for k in oracle.USED]
+        return [
+            round(mech.joint[k].enc_sign * float(mech.joint[k].mpos_d) * scale) for k in oracle.USED
+        ]
 
     def step(self, level, packets=None, **options):
         return self.software.step(self.encoders(), packets, level << 6, **options)
@@ -89,17 +97,26 @@ def test_motor_angle_is_rounded_once_from_a_double_product_with_float32_pi():
     rng = random.Random(1)
     params, state = estimator.params(SETUP, "gold"), estimator.init(SETUP)
     counts = [rng.randrange(-700_000, 700_000) for _ in range(7)]
-    _, mpos, _ = estimator.step(SETUP, "gold", "r_grasper", params, state, Vec(map(np.int32, counts)))
+    _, mpos, _ = estimator.step(
+        SETUP, "gold", "r_grasper", params, state, Vec(map(np.int32, counts))
+    )
     signs = (-1, -1, -1, -1, -1, 1, -1)
-    expected = [float32(2.0 * 3.1415927410125732 * (1 / 4000) * (s * c)) for s, c in zip(signs, counts, strict=True)]
+    expected = [
+        float32(2.0 * 3.1415927410125732 * (1 / 4000) * (s * c))
+        for s, c in zip(signs, counts, strict=True)
+    ]
     assert numbers(mpos) == [float(x) for x in expected]
-    with_pi = [float32(2.0 * math.pi * (1 / 4000) * (s * c)) for s, c in zip(signs, counts, strict=True)]
+    with_pi = [
+        float32(2.0 * math.pi * (1 / 4000) * (s * c)) for s, c in zip(signs, counts, strict=True)
+    ]
     assert numbers(mpos) != [float(x) for x in with_pi]
 
 
 def test_velocity_is_a_float32_difference_over_float32_of_one_millisecond():
     params, state = estimator.params(SETUP, "gold"), estimator.init(SETUP)
-    state, first, still = estimator.step(SETUP, "gold", "r_grasper", params, state, Vec.full(7, np.int32(-573_001)))
+    state, first, still = estimator.step(
+        SETUP, "gold", "r_grasper", params, state, Vec.full(7, np.int32(-573_001))
+    )
     assert numbers(still) == [0.0] * 7
     differs = 0
     for jump in range(1, 40):
@@ -139,7 +156,10 @@ def test_inverse_coupling_is_float32_but_for_the_insertion_motors_share(arm):
     rng, mech = random.Random(3), _mech(oracle.GOLD if arm == "gold" else oracle.GREEN)
     differs = 0
     for _ in range(100):
-        wanted, insertion = [float32(rng.uniform(0, 2)) for _ in range(7)], float32(rng.uniform(500, 1200))
+        wanted, insertion = (
+            [float32(rng.uniform(0, 2)) for _ in range(7)],
+            float32(rng.uniform(500, 1200)),
+        )
         for k, joint in zip(oracle.USED, wanted, strict=True):
             mech.joint[k].jpos_d = joint
         mech.joint[oracle.ZI].mpos = insertion
@@ -175,7 +195,9 @@ def test_gravity_torque_is_double_but_for_float32_gravity_and_ratios(arm):
     for k, joint in zip(oracle.USED, output.signals.arms[index].jpos, strict=True):
         mech.joint[k].jpos = joint
     oracle.Loop.gravity(None, mech)
-    assert numbers(output.signals.arms[index].tau_g) == [float(mech.joint[k].tau_g) for k in range(3)]
+    assert numbers(output.signals.arms[index].tau_g) == [
+        float(mech.joint[k].tau_g) for k in range(3)
+    ]
 
 
 def test_pid_is_float32_in_its_order_and_uses_the_integral_just_updated():
@@ -186,33 +208,53 @@ def test_pid_is_float32_in_its_order_and_uses_the_integral_just_updated():
     integral = [float32(0)] * 7
     for _ in range(20):
         jpos, mpos, mvel, mpos_d = Vec(map(float32, HOME)), draw(900), draw(100), draw(900)
-        state = motor_control.torques(SETUP, "gold", params, state, True, True, mpos_d, (jpos, mpos, mvel))
+        state = motor_control.torques(
+            SETUP, "gold", params, state, True, True, mpos_d, (jpos, mpos, mvel)
+        )
         for i in range(3, 7):
             error = mpos_d[i] - mpos[i]
             integral[i] = integral[i] + error * float32(0.001)
-            tau = params.kp[i] * error + params.kd[i] * (float32(0) - mvel[i]) + params.ki[i] * integral[i]
-            assert (float(state.integral[i]), float(state.tau_d[i])) == (float(integral[i]), float(tau))
+            tau = (
+                params.kp[i] * error
+                + params.kd[i] * (float32(0) - mvel[i])
+                + params.ki[i] * integral[i]
+            )
+            assert (float(state.integral[i]), float(state.tau_d[i])) == (
+                float(integral[i]),
+                float(tau),
+            )
 
 
 # --- 6 ---
 
 
 def test_poses_are_cut_to_micrometres_and_opening_to_milliradians_in_float32():
-    jpos = Vec(map(float32, (15 * oracle.DEG, 60 * oracle.DEG, 0.30, -40 * oracle.DEG, 20 * oracle.DEG, 0.3, 0.7)))
+    jpos = Vec(
+        map(
+            float32,
+            (15 * oracle.DEG, 60 * oracle.DEG, 0.30, -40 * oracle.DEG, 20 * oracle.DEG, 0.3, 0.7),
+        )
+    )
     pose = cartesian_control.measure(SETUP, "gold", jpos)
     assert [int(x) for x in pose.position_um] == [-176273, 21667, -40995]
-    sums = [(float32(a / 1000), float32(b / 1000)) for a in range(0, 900, 7) for b in range(0, 900, 7)]
+    sums = [
+        (float32(a / 1000), float32(b / 1000)) for a in range(0, 900, 7) for b in range(0, 900, 7)
+    ]
     cut = [int(float32((a + b) * float32(1000))) for a, b in sums]
     in_double = [int((float(a) + float(b)) * 1000) for a, b in sums]
     place = next(i for i in range(len(sums)) if cut[i] != in_double[i])
-    pose = cartesian_control.measure(SETUP, "gold", jpos.replace(5, sums[place][0]).replace(6, sums[place][1]))
+    pose = cartesian_control.measure(
+        SETUP, "gold", jpos.replace(5, sums[place][0]).replace(6, sums[place][1])
+    )
     assert int(pose.grasp_mrad) == cut[place]
 
 
 def test_joint_limits_are_float32_values_and_include_equality():
     bench = Bench(joints=((30 * oracle.DEG, 46 * oracle.DEG, *HOME[2:]), HOME))
     bench.pedal_down()
-    bench.joints[0][1] = 43 * oracle.DEG  # in pedal-up the wanted pose follows the measured one, and is clamped
+    bench.joints[0][1] = (
+        43 * oracle.DEG
+    )  # in pedal-up the wanted pose follows the measured one, and is clamped
     output = bench.run(2, 20)
     assert output.signals.clamped
     assert float(output.signals.arms[0].jpos_d[1]) == 0.7853981852531433
@@ -226,8 +268,12 @@ def test_a_clamped_yaw_leaves_the_jaw_targets_alone():
     gold = output.signals.arms[0]
     assert output.signals.clamped
     assert gold.jpos_d[5] == pytest.approx(2.5, abs=2e-3)
-    wanted = oracle.forward(oracle.GOLD, [*numbers(gold.jpos_d[:5]), float(float32(-105 * oracle.DEG))])
-    assert [float(row[0]) for row in gold.pos_d.rotation] == pytest.approx([row[0] for row in wanted[0]], abs=1e-6)
+    wanted = oracle.forward(
+        oracle.GOLD, [*numbers(gold.jpos_d[:5]), float(float32(-105 * oracle.DEG))]
+    )
+    assert [float(row[0]) for row in gold.pos_d.rotation] == pytest.approx(
+        [row[0] for row in wanted[0]], abs=1e-6
+    )
 
 
 # --- 7, 8 ---
@@ -291,7 +337,9 @@ def test_a_clamp_of_one_arm_re_anchors_both_from_their_wanted_poses():
 
 def test_sublevels_take_1_1_11_cycles_and_then_set_ready():
     bench = Bench()
-    shown = [(o.signals.sublevel, o.signals.initialized) for o in (bench.step(1) for _ in range(18))]
+    shown = [
+        (o.signals.sublevel, o.signals.initialized) for o in (bench.step(1) for _ in range(18))
+    ]
     assert shown == [(0, 0)] * 3 + [(1, 0)] + [(2, 0)] * 11 + [(3, 0)] + [(3, 1)] * 2
 
 
@@ -311,7 +359,9 @@ def test_the_counter_of_sublevel_2_survives_leaving_it():
     bench = Bench()
     assert bench.run(1, 10).signals.sublevel == 2  # five cycles settled
     bench.run(0, 4)
-    assert bench.software.state.state_machine.settling == 8  # three more until the pins were believed
+    assert (
+        bench.software.state.state_machine.settling == 8
+    )  # three more until the pins were believed
     shown = [bench.step(1).signals.sublevel for _ in range(8)]
     assert shown == [0, 0, 0, 1, 2, 2, 2, 3]
 
@@ -323,7 +373,9 @@ def test_increments_in_init_wait_for_pedal_down():
     output = bench.step(1, bench.packet(([0, 0, -500.0], [0.0] * 3)))
     assert output.signals.arms[0].pos_d.position_um == start
     bench.run(3, 3)
-    assert bench.step(3).signals.arms[0].pos_d.position_um == start  # nothing new: not taken over yet
+    assert (
+        bench.step(3).signals.arms[0].pos_d.position_um == start
+    )  # nothing new: not taken over yet
     moved = bench.step(3, bench.packet()).signals.arms[0].pos_d.position_um
     assert moved[0] - start[0] == 500
 
@@ -426,7 +478,12 @@ def test_below_pedal_up_torques_and_targets_keep_their_last_values():
     output = bench.run(0, 5)
     now = output.signals.arms[0]
     assert output.signals.runlevel == 0
-    assert (now.tau_d, now.jpos_d, now.mpos_d, now.tau_g) == (last.tau_d, last.jpos_d, last.mpos_d, last.tau_g)
+    assert (now.tau_d, now.jpos_d, now.mpos_d, now.tau_g) == (
+        last.tau_d,
+        last.jpos_d,
+        last.mpos_d,
+        last.tau_g,
+    )
     assert output.dac == ((0,) * 7,) * 2
 
 

@@ -31,7 +31,10 @@ def test_a_run_is_as_many_steps(arithmetic):
         )
         assert run.dac.tolist() == [[list(arm) for arm in step.dac] for step in steps[part]]
         assert run.output_pins.tolist() == [step.output_pins for step in steps[part]]
-        columns, rows = jax.tree.leaves(run.signals), [jax.tree.leaves(step.signals) for step in steps[part]]
+        columns, rows = (
+            jax.tree.leaves(run.signals),
+            [jax.tree.leaves(step.signals) for step in steps[part]],
+        )
         for k, column in enumerate(columns):
             np.testing.assert_array_equal(column, np.array([row[k] for row in rows], column.dtype))
     assert repr(one.state) == repr(other.state)  # a NaN has no equal
@@ -55,10 +58,16 @@ def test_what_comes_out_of_a_step_stays():
 
 CYCLES = {"encoders": np.zeros((3, 2, 7), int)}
 WRONG = [
-    ({"encoders": np.zeros((3, 7), int)}, ("encoders has shape (3, 7)", "[cycles, arms, 7] = [.., 2, 7]")),
+    (
+        {"encoders": np.zeros((3, 7), int)},
+        ("encoders has shape (3, 7)", "[cycles, arms, 7] = [.., 2, 7]"),
+    ),
     ({"encoders": np.zeros((3, 2, 7))}, ("encoders", "float64", "integers")),
     ({"encoders": [[[0] * 7] * 2, [[0] * 7]]}, ("encoders is [[[", "[cycles, arms, 7]")),
-    ({"encoders": np.full((3, 2, 7), 2**31)}, ("encoders[0][0][0] (shoulder) is 2147483648", "32 bits")),
+    (
+        {"encoders": np.full((3, 2, 7), 2**31)},
+        ("encoders[0][0][0] (shoulder) is 2147483648", "32 bits"),
+    ),
     ({"packets": [None]}, ("packets has 1 entries", "one entry a cycle (3)")),
     ({"packets": b""}, ("packets is b''", "a list")),
     ({"packets": [None, None, "x"]}, ("packet is str",)),

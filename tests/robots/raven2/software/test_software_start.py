@@ -1,4 +1,6 @@
-"""Where the control software starts: at a pose, without a jump; at encoders; in a state, to the bit."""
+"""Where the control software starts: at a pose, without a jump; at encoders; in a state, to the
+bit.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ STILL, UNIT = [[0.0] * 3] * 2, [[0.0, 0.0, 0.0, 1.0]] * 2
 
 
 def legal_joints(rng: random.Random) -> list[float]:
-    """Within the software's limits and openings, the tip 2 cm and more from the remote centre, the wrist bent."""
+    """Within the software's limits and openings, the tip 2 cm and more from the remote centre,
+    the wrist bent.
+    """
     opening, yaw = rng.uniform(-9, 89), rng.uniform(-55, 55)
     angles = [rng.uniform(1, 89), rng.uniform(46, 134), 0.0, rng.uniform(-179, 179)]
     angles += [rng.choice((-1, 1)) * rng.uniform(5, 69), opening / 2 - yaw, opening / 2 + yaw]
@@ -37,7 +41,9 @@ def commands(output):
 
 
 def jump(software, encoders, openings=(0, 0)):
-    """Largest change of a DAC command (counts) from pedal-up to any of the first cycles in pedal-down."""
+    """Largest change of a DAC command (counts) from pedal-up to any of the first cycles in
+    pedal-down.
+    """
     levels = [0] * 6 + [1] * 30 + [2] * 15 + [3] * 15
     up, largest = None, 0
     for number, level in enumerate(levels):
@@ -52,7 +58,9 @@ def jump(software, encoders, openings=(0, 0)):
 
 
 def test_no_command_jumps_at_the_first_pedal_down():
-    """A pose is kept in whole micrometres and milliradians: that is worth a few counts. From home: thousands."""
+    """A pose is kept in whole micrometres and milliradians: that is worth a few counts. From
+    home: thousands.
+    """
     rng, jumps = random.Random(1), []
     for _ in range(50):
         joints = [legal_joints(rng), legal_joints(rng)]
@@ -79,17 +87,23 @@ def test_pedal_down_from_the_first_cycle_on_asks_for_what_is_there(software):
         there = ControlSoftware(software, jpos=[legal_joints(rng)] * 2, runlevel=3)
         output = there.step(np.array(there.state.usb.enc_val), pins=0b11 << 6)
         for arm in output.signals.arms:
-            assert np.abs(np.subtract(arm.mpos_d, arm.mpos)).max() < 0.02  # rad; the insertion motor turns 2 rad a mm
+            assert (
+                np.abs(np.subtract(arm.mpos_d, arm.mpos)).max() < 0.02
+            )  # rad; the insertion motor turns 2 rad a mm
 
 
 def test_joints_become_the_nearest_counts():
     joints = [legal_joints(random.Random(3))] * 2
     offsets = [100, -200, 300, 0, 5, 6, 7]
     for software in ("raven2", "fork2015"):
-        there = ControlSoftware(software, jpos=joints, enc_offset=offsets, tools=("large_needle", "r_grasper"))
+        there = ControlSoftware(
+            software, jpos=joints, enc_offset=offsets, tools=("large_needle", "r_grasper")
+        )
         signals = there.step(np.array(there.state.usb.enc_val)).signals
         for arm, row in zip(signals.arms, joints, strict=True):
-            assert np.abs(np.subtract(arm.jpos, row)).max() < 5e-4  # a count of a tool motor is 2e-4 rad
+            assert (
+                np.abs(np.subtract(arm.jpos, row)).max() < 5e-4
+            )  # a count of a tool motor is 2e-4 rad
 
 
 def test_what_was_started_there_reads_nothing_else_when_its_first_read_fails():
@@ -132,7 +146,10 @@ def test_a_state_goes_on_to_the_bit(form):
     options = OPTIONS[form]
     one, drive = arrived(5, 700, options)
     state = pickle.loads(pickle.dumps(one.state))
-    others = [ControlSoftware(**options, state=state, arithmetic=way) for way in ("compiled", "interpreted")]
+    others = [
+        ControlSoftware(**options, state=state, arithmetic=way)
+        for way in ("compiled", "interpreted")
+    ]
     for cycle in drive.cycles(300):
         arguments = cycle.encoders, cycle.packet, cycle.pins, cycle.read_ok
         output = one.step(*arguments)
@@ -186,7 +203,11 @@ def test_a_wrong_start_is_named():
     refused(("jpos", "of <U"), jpos="home")
     refused(("encoders has shape (7,)", "[2, 7]"), encoders=[0] * 7)
     refused(("encoders", "float64", "integers"), encoders=[[0.5] * 7] * 2)
-    refused(("jpos and state are given", "expected one of jpos, encoders, state"), jpos=HOME, state=wrong)
+    refused(
+        ("jpos and state are given", "expected one of jpos, encoders, state"),
+        jpos=HOME,
+        state=wrong,
+    )
     refused(("runlevel is 3", "a state has its own run level"), runlevel=3, state=wrong)
     refused(("state is", "same software, arms and console"), state=one_arm)
     refused(("state is 3",), state=3)

@@ -53,7 +53,8 @@ def test_a_measured_pose_solves_to_its_joints():
     state, clamped = solve(SETUP, control.init(SETUP, rest), tuple(joints(*arm) for arm in rest))
     assert not bool(clamped)
     for arm in state:
-        # Whole micrometres turn the 13 mm wrist by up to 0.1 mrad, whole milliradians each jaw by 0.5 mrad.
+        # Whole micrometres turn the 13 mm wrist by up to 0.1 mrad, whole milliradians each jaw by
+        # 0.5 mrad.
         assert [float(j) for j in arm.jpos_d[:5]] == pytest.approx(list(AWAY[:5]), abs=2e-4)
         assert [float(j) for j in arm.jpos_d[5:]] == pytest.approx(list(AWAY[5:]), abs=6e-4)
         assert float(arm.ik_reject.margin) == pytest.approx(math.pi, abs=1e-4)
@@ -89,7 +90,9 @@ def test_each_joint_is_clamped_and_the_wanted_pose_follows(setup, joint, outside
     assert bool(clamped)
     assert float(arm.jpos_d[joint]) == float(np.float32(limit))
     there = control.measure(setup, "gold", Vec(arm.jpos_d))
-    assert [int(x) for x in arm.pos_d.position_um] == pytest.approx([int(x) for x in there.position_um], abs=2)
+    assert [int(x) for x in arm.pos_d.position_um] == pytest.approx(
+        [int(x) for x in there.position_um], abs=2
+    )
     assert int(arm.joint_limit.count) == 1
     assert float(arm.joint_limit.margin) < 0
 
@@ -102,8 +105,12 @@ def test_the_forks_roll_limit_is_a_double_and_the_others_are_float32():
 
 
 def test_the_limits_of_the_first_tool_serve_both_arms():
-    setup = RavenSetup(arms=("gold", "green"), tools=("r_grasper", "bipolar_forceps"), precision=ORIGINAL)
-    rest = (AWAY.replace(4, math.radians(67)),) * 2  # beyond the forceps' 65 deg, within the grasper's 70
+    setup = RavenSetup(
+        arms=("gold", "green"), tools=("r_grasper", "bipolar_forceps"), precision=ORIGINAL
+    )
+    rest = (
+        AWAY.replace(4, math.radians(67)),
+    ) * 2  # beyond the forceps' 65 deg, within the grasper's 70
     _, clamped = solve(setup, control.init(setup, rest), tuple(joints(*arm) for arm in rest))
     assert not bool(clamped)
 
@@ -114,12 +121,16 @@ def test_follow_and_sense_set_the_wanted_pose_where_told():
     assert [int(x) for x in moved[0].pos_d.position_um] == [-77946, -25265, 13225]
     assert [int(x) for x in moved[0].pos.position_um] != [-77946, -25265, 13225]
     followed = control.follow(moved, jnp.bool_(True))
-    assert [int(x) for x in followed[0].pos_d.position_um] == [int(x) for x in moved[0].pos.position_um]
+    assert [int(x) for x in followed[0].pos_d.position_um] == [
+        int(x) for x in moved[0].pos.position_um
+    ]
 
 
 def test_nan_in_the_wanted_pose_is_rejected():
     state = control.init(SETUP, (AWAY, AWAY))
-    spoilt = replace(state[0].pos_d, rotation=Vec(Vec.full(3, np.float32(np.nan)) for _ in range(3)))
+    spoilt = replace(
+        state[0].pos_d, rotation=Vec(Vec.full(3, np.float32(np.nan)) for _ in range(3))
+    )
     after, clamped = solve(SETUP, (replace(state[0], pos_d=spoilt), state[1]), (joints(*AWAY),) * 2)
     assert not bool(clamped)
     assert int(after[0].ik_reject.count) == 1

@@ -40,4 +40,6 @@ def test_saturation_and_what_no_int_can_hold():
 
 @pytest.mark.parametrize("held", [0, 123])
 def test_where_not_enabled_the_command_is_the_given_one(held):
-    assert counts("gold", "r_grasper", 0.5, enabled=False, otherwise=Vec.full(7, held)) == [held] * 7
+    assert (
+        counts("gold", "r_grasper", 0.5, enabled=False, otherwise=Vec.full(7, held)) == [held] * 7
+    )

@@ -28,7 +28,9 @@ def run(setup, samples, arm="gold", tool="r_grasper", offset=0):
     params = estimator.EstimatorParams(Vec.full(7, np.int32(offset)))
     state, positions, velocities = estimator.init(setup), [], []
     for count in samples:
-        state, mpos, mvel = estimator.step(setup, arm, tool, params, state, Vec.full(7, np.int32(count)))
+        state, mpos, mvel = estimator.step(
+            setup, arm, tool, params, state, Vec.full(7, np.int32(count))
+        )
         positions.append([float(x) for x in mpos])
         velocities.append([float(x) for x in mvel])
     return np.array(positions), np.array(velocities)
@@ -42,7 +44,9 @@ def test_one_count_per_millisecond_is_half_pi_per_second():
 
 def test_offset_is_subtracted_after_the_sign():
     positions, _ = run(RAVEN2, [-1000], offset=600)
-    assert positions[0] * 4000 / (2 * np.pi) == pytest.approx([400, 400, 400, 400, 400, -1600, 400], rel=1e-6)
+    assert positions[0] * 4000 / (2 * np.pi) == pytest.approx(
+        [400, 400, 400, 400, 400, -1600, 400], rel=1e-6
+    )
 
 
 @pytest.mark.slow
@@ -54,7 +58,9 @@ def test_the_fork_filters_with_the_stated_butterworth():
     b, a = (0.02864, 0.08591, 0.08591, 0.02864), (1.5189, -0.96, 0.2120)
     for k in range(200):
         past = [(x[max(k - i, 0)], y[k - i] if k >= i else x[0]) for i in range(4)]
-        y[k] = sum(b[i] * past[i][0] for i in range(4)) + sum(a[i - 1] * past[i][1] for i in range(1, 4))
+        y[k] = sum(b[i] * past[i][0] for i in range(4)) + sum(
+            a[i - 1] * past[i][1] for i in range(1, 4)
+        )
     assert positions[:, 2] == pytest.approx(y, abs=2e-6)
     assert velocities[1:, 2] == pytest.approx(np.diff(y) * 1000, abs=2e-3)
 
@@ -77,5 +83,13 @@ def test_joints_are_those_of_the_transmission(setup, arm, tool):
 
 def test_joint_velocities_are_uncoupled_and_zero_for_the_tool():
     jvel = estimator.joint_velocities(RAVEN2, Vec.full(7, np.float32(100.0)))
-    expected = [100 / 136.19625550660794, 100 / 121.52207496453373, 100 / 2158.590308370044, 0, 0, 0, 0]
+    expected = [
+        100 / 136.19625550660794,
+        100 / 121.52207496453373,
+        100 / 2158.590308370044,
+        0,
+        0,
+        0,
+        0,
+    ]
     assert [float(x) for x in jvel] == pytest.approx(expected, rel=1e-6)

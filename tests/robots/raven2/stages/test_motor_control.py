@@ -30,7 +30,14 @@ def torques(setup, arm, active=True, pedal_down=True, error=0.1, speed=2.0, stat
     given = (HOME, mpos, Vec.full(7, np.float32(speed)))
     params = control.params(setup, arm)
     return control.torques(
-        setup, arm, params, state, np.bool_(active), np.bool_(pedal_down), mpos + np.float32(error), given
+        setup,
+        arm,
+        params,
+        state,
+        np.bool_(active),
+        np.bool_(pedal_down),
+        mpos + np.float32(error),
+        given,
     )
 
 
@@ -44,13 +51,17 @@ def test_gains_act_as_in_the_parameter_file():
     integral = 0.1 * 0.001 * 0.05
     expected = [law[i] + (lift[i] if i < 3 else integral) for i in range(7)]
     assert floats(torques(SETUP, "gold").tau_d) == pytest.approx(expected, abs=1e-6)
-    assert float(torques(SETUP, "green").tau_d[2]) == pytest.approx(0.015 - 0.02 + lift[2], abs=1e-6)
+    assert float(torques(SETUP, "green").tau_d[2]) == pytest.approx(
+        0.015 - 0.02 + lift[2], abs=1e-6
+    )
 
 
 def test_the_fork_has_no_gravity_torque_and_softer_jaws():
     state = torques(FORK, "gold")
     assert floats(state.tau_g) == [0.0] * 3
-    assert floats(state.tau_d) == pytest.approx([0.014, 0.014, -0.009, 0.007005, 0.005005, 0.002, 0.002], abs=1e-6)
+    assert floats(state.tau_d) == pytest.approx(
+        [0.014, 0.014, -0.009, 0.007005, 0.005005, 0.002, 0.002], abs=1e-6
+    )
 
 
 def test_in_pedal_up_only_gravity_acts_and_nothing_integrates():
@@ -80,4 +91,6 @@ def test_targets_are_those_of_the_transmission(setup, arm, tool):
     expected = transmission.motor_from_joint(arm, tool, HOME_JPOS, software=setup.software)
     targets = control.targets(setup, arm, tool, HOME, Vec(map(np.float32, expected)))
     assert floats(targets) == pytest.approx(list(expected), rel=1e-6)
-    assert floats(control.init(setup, arm, tool, HOME_JPOS).mpos_d) == pytest.approx(list(expected), rel=1e-6)
+    assert floats(control.init(setup, arm, tool, HOME_JPOS).mpos_d) == pytest.approx(
+        list(expected), rel=1e-6
+    )

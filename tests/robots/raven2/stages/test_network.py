@@ -19,7 +19,9 @@ def packet(sequence, size=124, received=1):
     number = np.int32(np.uint32(sequence).view(np.int32))
     zero = Vec.full(3, np.int32(0))
     unit = Vec((0.0, 0.0, 0.0, 1.0))
-    return Packet(np.int32(received), np.int32(size), number, (zero,), (unit,), (np.int32(0),), np.int32(1))
+    return Packet(
+        np.int32(received), np.int32(size), number, (zero,), (unit,), (np.int32(0),), np.int32(1)
+    )
 
 
 def offer(last, sequence, **more):
@@ -28,7 +30,9 @@ def offer(last, sequence, **more):
     state, accepted = network.step(SETUP, state, np.int32(7), packet(sequence, **more))
     names = ("size", "zero", "skip", "duplicate", "reset", "out_of_sequence")
     tripped = [name for name in names if int(getattr(state, name).count)]
-    assert all(int(getattr(state, name).first_tick) == (7 if name in tripped else -1) for name in names)
+    assert all(
+        int(getattr(state, name).first_tick) == (7 if name in tripped else -1) for name in names
+    )
     return bool(accepted), int(state.last) % 2**32, tripped
 
 

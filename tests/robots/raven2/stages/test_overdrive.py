@@ -17,7 +17,9 @@ def run(commands, setup=RAVEN2, level=None, policy=1, runlevel=3, state=None):
     params = overdrive.params(setup, level, policy)
     state = state or overdrive.init(setup)
     given = tuple(Vec(map(np.int32, arm)) for arm in commands)
-    state, checked, tripped = overdrive.step(setup, params, state, np.int32(9), np.int32(runlevel), given)
+    state, checked, tripped = overdrive.step(
+        setup, params, state, np.int32(9), np.int32(runlevel), given
+    )
     return state, [[int(x) for x in arm] for arm in checked], bool(tripped)
 
 
@@ -25,8 +27,13 @@ REST = [0] * 7
 
 
 def test_default_policy_clips_to_the_level():
-    _, checked, tripped = run([[9000, -9000, 9000, 9000, -9000, 9000, 9000], [2500, -2500, 2000, 3000, 3000, 3800, 0]])
-    assert checked == [[2500, -2500, 2000, 3000, -3000, 3800, 9000], [2500, -2500, 2000, 3000, 3000, 3800, 0]]
+    _, checked, tripped = run(
+        [[9000, -9000, 9000, 9000, -9000, 9000, 9000], [2500, -2500, 2000, 3000, 3000, 3800, 0]]
+    )
+    assert checked == [
+        [2500, -2500, 2000, 3000, -3000, 3800, 9000],
+        [2500, -2500, 2000, 3000, 3000, 3800, 0],
+    ]
     assert not tripped
 
 
@@ -38,7 +45,11 @@ def test_grasp2_is_never_looked_at():
 def test_over_the_instant_limit_that_joint_is_zeroed_and_the_others_are_still_written():
     state, checked, tripped = run([[-20001, 20000, 0, 0, 0, 0, 5], REST], runlevel=0)
     assert (checked[0], tripped) == ([0, 20000, 0, 0, 0, 0, 5], True)
-    assert (int(state.instant.first_tick), int(state.instant.count), float(state.instant.margin)) == (9, 1, -1.0)
+    assert (
+        int(state.instant.first_tick),
+        int(state.instant.count),
+        float(state.instant.margin),
+    ) == (9, 1, -1.0)
     _, checked, _ = run([[-20001, 9000, 0, 0, 0, 0, 5], REST])
     assert checked[0][:2] == [0, 2500]
 
@@ -83,6 +94,14 @@ def test_the_hard_counter_is_shared_by_joints_and_arms_within_a_cycle():
 
 
 def test_levels():
-    assert [int(x) for x in overdrive.params(RAVEN2, "advanced").dac_max] == [5000, 5000, 4000, 3000, 3000, 3800, 3800]
+    assert [int(x) for x in overdrive.params(RAVEN2, "advanced").dac_max] == [
+        5000,
+        5000,
+        4000,
+        3000,
+        3000,
+        3800,
+        3800,
+    ]
     with pytest.raises(ValueError, match=r"expert.*beginner, moderate, advanced"):
         overdrive.params(RAVEN2, "expert")

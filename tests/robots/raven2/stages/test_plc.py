@@ -12,7 +12,11 @@ from ravenjax.robots.raven2.stages import plc
 
 SETUP = RavenSetup()
 PARAMS = plc.params(SETUP)
-STEP = jax.jit(lambda state, pins, estop, start: plc.step(SETUP, PARAMS, state, plc.PlcSignal(pins, estop, start)))
+STEP = jax.jit(
+    lambda state, pins, estop, start: plc.step(
+        SETUP, PARAMS, state, plc.PlcSignal(pins, estop, start)
+    )
+)
 READY, PEDAL = 1 << 3, 1 << 2
 
 
@@ -22,9 +26,17 @@ def watchdog(tick: int) -> int:
 
 
 def drive(
-    state: plc.PlcState, ticks: int, pins=READY, wave=watchdog, estop: bool = False, start: bool = False, second=None
+    state: plc.PlcState,
+    ticks: int,
+    pins=READY,
+    wave=watchdog,
+    estop: bool = False,
+    start: bool = False,
+    second=None,
 ) -> tuple[plc.PlcState, list[plc.PlcOutput]]:
-    """Ticks of a PLC; `second`: what a second board's byte is where it is not written like the first."""
+    """Ticks of a PLC; `second`: what a second board's byte is where it is not written like the
+    first.
+    """
     outs = []
     for tick in range(ticks):
         told = [pins | wave(tick)] + ([] if second is None else [second(tick)])
@@ -37,7 +49,9 @@ def test_power_up_to_pedal_down_and_back() -> None:
     state = plc.init(SETUP, PARAMS, run_levels.E_STOP)
     state, outs = drive(state, 150, pins=0)
     levels = [int(out.runlevel) for out in outs]
-    assert levels[:100] == [0] * 100 and levels[-1] == run_levels.INIT  # start pressed after 100 ms of living watchdog
+    assert (
+        levels[:100] == [0] * 100 and levels[-1] == run_levels.INIT
+    )  # start pressed after 100 ms of living watchdog
     assert int(outs[0].brakes) == 1 and int(outs[-1].brakes) == 0
     state, outs = drive(state, 1, pins=READY)
     assert int(outs[-1].runlevel) == run_levels.PEDAL_UP and int(outs[-1].brakes) == 1
@@ -53,13 +67,17 @@ def test_power_up_to_pedal_down_and_back() -> None:
 def test_a_watchdog_without_edges_trips_after_one_and_a_half_periods(level: int) -> None:
     state, _ = drive(plc.init(SETUP, PARAMS), 100, pins=READY | PEDAL)
     assert int(state.runlevel) == run_levels.PEDAL_DOWN
-    quiet = int(state.quiet_ticks[0]) if level == 0 else -1  # the wave ends low: a high pin is one more edge
+    quiet = (
+        int(state.quiet_ticks[0]) if level == 0 else -1
+    )  # the wave ends low: a high pin is one more edge
     state, outs = drive(state, 120, pins=READY | PEDAL, wave=lambda _: level)
     levels = [int(out.runlevel) for out in outs]
     assert levels.index(run_levels.E_STOP) == 75 - quiet
     lost = state.watchdog_lost
     assert int(state.trip_cause) == plc.CAUSE_WATCHDOG
-    assert (int(lost.first_tick), int(lost.count)) == (100 + 75 - quiet, 1) and float(lost.margin) < 0
+    assert (int(lost.first_tick), int(lost.count)) == (100 + 75 - quiet, 1) and float(
+        lost.margin
+    ) < 0
 
 
 def test_a_living_watchdog_never_trips_and_keeps_a_margin() -> None:
@@ -88,7 +106,9 @@ def test_start_is_obeyed_after_a_trip_and_the_next_trip_counts_again() -> None:
 def test_start_is_not_obeyed_while_the_button_is_in_or_the_watchdog_dead() -> None:
     tripped, _ = drive(plc.init(SETUP, PARAMS), 10, estop=True)
     state, outs = drive(tripped, 50, estop=True, start=True)
-    assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP} and int(state.trip_cause) == plc.CAUSE_BUTTON
+    assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP} and int(
+        state.trip_cause
+    ) == plc.CAUSE_BUTTON
     silent, _ = drive(tripped, 100, wave=lambda _: 0)
     _, outs = drive(silent, 50, wave=lambda _: 0, start=True)
     assert {int(out.runlevel) for out in outs} == {run_levels.E_STOP}
@@ -100,7 +120,9 @@ def test_the_watchdog_of_every_board_is_missed(held: int) -> None:
     state, outs = drive(plc.init(SETUP, PARAMS, boards=2), 300, pins=READY | PEDAL, second=both)
     assert int(outs[-1].runlevel) == run_levels.PEDAL_DOWN
     state, outs = drive(state, 120, pins=READY | PEDAL, second=lambda _: held)
-    assert int(outs[-1].runlevel) == run_levels.E_STOP and int(state.trip_cause) == plc.CAUSE_WATCHDOG
+    assert (
+        int(outs[-1].runlevel) == run_levels.E_STOP and int(state.trip_cause) == plc.CAUSE_WATCHDOG
+    )
 
 
 @pytest.mark.parametrize(("second", "level"), [(READY | PEDAL, 3), (READY, 2), (PEDAL, 2), (0, 2)])

@@ -47,7 +47,9 @@ def test_the_fork_passes_sublevels_0_and_1_in_one_cycle():
     state = replace(machine.init(FORK, 0), runlevel=np.int32(1))
     state, follows = machine.initialise(FORK, state)
     assert (int(state.sublevel), bool(follows)) == (2, True)
-    state, follows = machine.initialise(RAVEN2, replace(machine.init(RAVEN2, 0), runlevel=np.int32(1)))
+    state, follows = machine.initialise(
+        RAVEN2, replace(machine.init(RAVEN2, 0), runlevel=np.int32(1))
+    )
     assert (int(state.sublevel), bool(follows)) == (1, False)
 
 

@@ -16,7 +16,9 @@ from ravenjax.robots.raven2.stages import teleoperation as teleop
 
 SETUP = RavenSetup(precision=ORIGINAL)
 FORK = RavenSetup(software="fork2015", tools=("r_grasper_B",), precision=ORIGINAL)
-ABSOLUTE = RavenSetup(software="fork2015", tools=("r_grasper_B",), console="absolute", precision=ORIGINAL)
+ABSOLUTE = RavenSetup(
+    software="fork2015", tools=("r_grasper_B",), console="absolute", precision=ORIGINAL
+)
 UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
@@ -33,7 +35,13 @@ def pose(position=(0, 0, 0), grasp=0, rotation=UPRIGHT):
 
 def packet(delta=(0, 0, 0), quat=(0.0, 0.0, 0.0, 1.0), grasp=0, mode=1, sequence=5):
     return Packet(
-        1, 124, sequence, (Vec(map(jnp.int32, delta)),), (Vec(map(jnp.float64, quat)),), (jnp.int32(grasp),), mode
+        1,
+        124,
+        sequence,
+        (Vec(map(jnp.int32, delta)),),
+        (Vec(map(jnp.float64, quat)),),
+        (jnp.int32(grasp),),
+        mode,
     )
 
 
@@ -55,7 +63,9 @@ def test_increments_are_mapped_from_the_console_and_wrap_at_32_bits():
 
 def test_a_dropped_packet_changes_nothing():
     state = teleop.init(SETUP, (pose((1, 2, 3)),))
-    after = teleop.accumulate(SETUP, teleop.params(SETUP), state, jnp.bool_(False), packet((9, 9, 9), sequence=7))
+    after = teleop.accumulate(
+        SETUP, teleop.params(SETUP), state, jnp.bool_(False), packet((9, 9, 9), sequence=7)
+    )
     assert [float(x) for x in jax.tree.leaves(after)] == [float(x) for x in jax.tree.leaves(state)]
 
 
@@ -71,18 +81,25 @@ def test_a_dropped_packet_changes_nothing():
     ],
 )
 def test_opening(setup, start, grasp, expected):
-    assert int(taken(setup, packet(grasp=grasp), pose(grasp=start)).arms[0].pose.grasp_mrad) == expected
+    assert (
+        int(taken(setup, packet(grasp=grasp), pose(grasp=start)).arms[0].pose.grasp_mrad)
+        == expected
+    )
 
 
 def test_a_quarter_turn_about_the_consoles_z_is_one_about_minus_x_of_gold():
     half = np.sqrt(0.5)
     rotation = taken(SETUP, packet(quat=(0.0, 0.0, half, half))).arms[0].pose.rotation
-    assert np.array(rotation, float) == pytest.approx(np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), abs=1e-7)
+    assert np.array(rotation, float) == pytest.approx(
+        np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), abs=1e-7
+    )
 
 
 def hand_over(state, pedal_down, desired=None):
     given = (desired or pose((7, 7, 7)),)
-    return teleop.hand_over(SETUP, teleop.params(SETUP), state, jnp.int32(0), jnp.bool_(pedal_down), given)
+    return teleop.hand_over(
+        SETUP, teleop.params(SETUP), state, jnp.int32(0), jnp.bool_(pedal_down), given
+    )
 
 
 def test_the_device_takes_the_sum_in_pedal_down_when_it_changed():
@@ -113,7 +130,9 @@ def test_the_timeout_needs_an_engaged_surgeon():
 def test_reset_origin_takes_the_pose_counts_as_update_and_keeps_a_near_opening():
     state, turned = taken(SETUP, packet((1, 2, 3))), np.diag([1.0, -1.0, -1.0])
     for opening, expected in ((785, 0), (786, 786), (-785, 0), (-786, -786)):
-        reset = teleop.reset_origin(SETUP, state, jnp.bool_(True), (pose((4, 5, 6), opening, turned),))
+        reset = teleop.reset_origin(
+            SETUP, state, jnp.bool_(True), (pose((4, 5, 6), opening, turned),)
+        )
         arm = reset.arms[0]
         assert (ints(arm.pose.position_um), int(arm.pose.grasp_mrad)) == ([4, 5, 6], expected)
         assert [abs(float(q)) for q in arm.quaternion] == [1.0, 0.0, 0.0, 0.0]

@@ -22,7 +22,8 @@ def test_a_failed_read_reuses_that_boards_last_counts_and_pins():
 
 def test_a_failed_write_leaves_that_boards_command_and_pins():
     messages = [
-        usb.UsbOut((Vec.full(7, np.int32(command)),) * 2, (np.int32(pins),) * 2) for command, pins in ((5, 31), (9, 15))
+        usb.UsbOut((Vec.full(7, np.int32(command)),) * 2, (np.int32(pins),) * 2)
+        for command, pins in ((5, 31), (9, 15))
     ]
     boards = usb.write(SETUP, usb.init_out(SETUP), messages[0], (1, 1))
     boards = usb.write(SETUP, boards, messages[1], (0, 1))

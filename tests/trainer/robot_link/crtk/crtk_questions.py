@@ -1,13 +1,17 @@
-"""What is asked of a robot that says it speaks CRTK, over any transport: one answer in numbers for each question.
+"""What is asked of a robot that says it speaks CRTK, over any transport: one answer in numbers for
+each question.
 
-Only the conventions are known here, not the robot's code; it runs in any Python, that of ROS 1 too. The questions about
-frame, scale, rate and precondition are those that a public suite for CRTK over ROS 1 asks; the rest is ours.
+Only the conventions are known here, not the robot's code; it runs in any Python, that of ROS 1 too.
+The questions about frame, scale, rate and precondition are those that a public suite for CRTK over
+ROS 1 asks; the rest is ours.
 
-A peer has `last(topic)` (a message or None), `count(topic)`, `send(topic, **fields)`, `stamp(message)` in s,
-`arrived(topic)` in s since 1970, and calls `heard(topic, message)` for each message once that is set.
+A peer has `last(topic)` (a message or None), `count(topic)`, `send(topic, **fields)`,
+`stamp(message)` in s, `arrived(topic)` in s since 1970, and calls `heard(topic, message)` for each
+message once that is set.
 
-A robot takes a console for dead that is silent for a quarter of a second, as it should. A busy machine may keep this
-program, or the robot, waiting for so long: then the question is asked again, see `Questions.asked`.
+A robot takes a console for dead that is silent for a quarter of a second, as it should. A busy
+machine may keep this program, or the robot, waiting for so long: then the question is asked again,
+see `Questions.asked`.
 """
 
 import itertools
@@ -19,7 +23,15 @@ import time
 
 ARM = "arm1"
 JOINTS = ["shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2"]
-TOLD = ["measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "measured_cv", "operating_state", "cue_cf"]
+TOLD = [
+    "measured_js",
+    "setpoint_js",
+    "measured_cp",
+    "setpoint_cp",
+    "measured_cv",
+    "operating_state",
+    "cue_cf",
+]
 
 
 HELD_UP = 0.1  # s without a word of the robot, or without a moment for this program
@@ -110,7 +122,9 @@ class Questions:
 
     def reading(self):
         """Names, frames, units, rate and stamps of what is told."""
-        assert until(lambda: all(self.get(word) is not None for word in TOLD), 60.0), "not everything is told"
+        assert until(lambda: all(self.get(word) is not None for word in TOLD), 60.0), (
+            "not everything is told"
+        )
         name, ages, stamps = ARM + "/measured_js", [], []
         while len(stamps) < 200:
             message, arrived = self.peer.last(name), self.peer.arrived(name)
@@ -135,7 +149,9 @@ class Questions:
         }
 
     def precondition(self):
-        """Whether motion is refused before the robot is enabled, and invalid commands change nothing."""
+        """Whether motion is refused before the robot is enabled, and invalid commands change
+        nothing.
+        """
         before = self.joints()
         states = []
         for word in ("pause", "resume"):
@@ -145,10 +161,15 @@ class Questions:
             states.append(self.state())
         self.stream("servo_jr", {"position": [0.01, 0, 0, 0, 0, 0, 0]}, 0.5)
         self.held = None
-        return {"moved": max(abs(a - b) for a, b in zip(self.joints(), before, strict=True)), "states": states}
+        return {
+            "moved": max(abs(a - b) for a, b in zip(self.joints(), before, strict=True)),
+            "states": states,
+        }
 
     def frame(self):
-        """Displacements of setpoint and measurement for 4 mm along each axis of the frame that poses are told in."""
+        """Displacements of setpoint and measurement for 4 mm along each axis of the frame that
+        poses are told in.
+        """
         moved = []
         self.held = None
         for axis in range(3):
@@ -162,21 +183,29 @@ class Questions:
             moved.append(
                 {
                     "setpoint": [a - b for a, b in zip(reached, start, strict=True)],
-                    "off": math.sqrt(sum((a - b) ** 2 for a, b in zip(measured, reached, strict=True))),
+                    "off": math.sqrt(
+                        sum((a - b) ** 2 for a, b in zip(measured, reached, strict=True))
+                    ),
                 }
             )
             self.stream("servo_cp", {"position": start, "quat": quat}, 0.6)
         return moved
 
     def turn(self):
-        """A turn of 0.1 rad about the frame's z: setpoint's quaternion times the inverse of the one before."""
+        """A turn of 0.1 rad about the frame's z: setpoint's quaternion times the inverse of the
+        one before.
+        """
         start, (x, y, z, w) = self.place()
         self.ready()
         s, c = math.sin(0.05), math.cos(0.05)
         goal = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
         self.stream("servo_cp", {"position": start, "quat": goal}, 1.0)
         a, b, d, e = self.place()[1]
-        relative = [a * w - x * e - (b * z - d * y), b * w - y * e - (d * x - a * z), d * w - z * e - (a * y - b * x)]
+        relative = [
+            a * w - x * e - (b * z - d * y),
+            b * w - y * e - (d * x - a * z),
+            d * w - z * e - (a * y - b * x),
+        ]
         return {"axis_times_sine": relative, "sine": s}
 
     def scale(self):
@@ -190,7 +219,10 @@ class Questions:
         relative = [a - b for a, b in zip(self.joints(), start, strict=True)]
         self.ready()
         self.stream("servo_jp", {"position": start}, 1.0)
-        return {"relative": relative, "back": [a - b for a, b in zip(self.joints(), start, strict=True)]}
+        return {
+            "relative": relative,
+            "back": [a - b for a, b in zip(self.joints(), start, strict=True)],
+        }
 
     def velocity(self):
         """measured_cv beside what measured_cp covers in its time, while the tip moves steadily."""
@@ -199,7 +231,9 @@ class Questions:
         marks, speeds, began = [], [], time.time()
         while time.time() - began < 1.6:
             t = time.time() - began
-            self.peer.send(ARM + "/servo_cp", position=[start[0], start[1] + 0.005 * t, start[2]], quat=quat)
+            self.peer.send(
+                ARM + "/servo_cp", position=[start[0], start[1] + 0.005 * t, start[2]], quat=quat
+            )
             if t > 0.5:
                 cp, cv = self.get("measured_cp"), self.get("measured_cv")
                 marks.append((self.peer.stamp(cp), cp.pose.position.y))
@@ -256,7 +290,9 @@ class Questions:
         peer.send("console/clutch", buttons=[1])
         result["clutched"] = until(lambda: self.state() == "PAUSED")
         before, (place, quat) = self.place()[0], self.place()
-        self.stream("servo_cp", {"position": [place[0] + 0.003, place[1], place[2]], "quat": quat}, 0.4)
+        self.stream(
+            "servo_cp", {"position": [place[0] + 0.003, place[1], place[2]], "quat": quat}, 0.4
+        )
         self.held = None
         result["moved"] = max(abs(a - b) for a, b in zip(self.place()[0], before, strict=True))
         peer.send("console/clutch", buttons=[0])
@@ -269,13 +305,18 @@ class Questions:
         """Off, and on again."""
         self.held = None
         self.peer.send("console/operator_present", buttons=[0])
-        result = {"disabled": self.command("disable", "DISABLED"), "homed": bool(self.get("operating_state").is_homed)}
+        result = {
+            "disabled": self.command("disable", "DISABLED"),
+            "homed": bool(self.get("operating_state").is_homed),
+        }
         result["enabled"] = self.command("enable", "ENABLED")
         result["homed_again"] = bool(self.get("operating_state").is_homed)
         return result
 
     def estop(self):
-        """Somebody presses the E-stop while a foot is on the pedal: nothing but an act of its own drives again."""
+        """Somebody presses the E-stop while a foot is on the pedal: nothing but an act of its
+        own drives again.
+        """
         peer = self.peer
         peer.send("console/operator_present", buttons=[1])
         time.sleep(0.2)
@@ -309,7 +350,12 @@ class Questions:
         paused = until(lambda: self.state() == "PAUSED")
         seconds = time.time() - began
         force = self.fresh("cue_cf").wrench.force
-        return {"driven": driven, "paused": paused, "seconds": seconds, "force": [force.x, force.y, force.z]}
+        return {
+            "driven": driven,
+            "paused": paused,
+            "seconds": seconds,
+            "force": [force.x, force.y, force.z],
+        }
 
     def asked(self, word, moves=False):
         """The answer of a question; asked again where somebody was kept waiting meanwhile.
@@ -331,7 +377,9 @@ class Questions:
         assert self.command("enable", "ENABLED"), self.state()
         moves = ("frame", "turn", "scale", "velocity", "move", "refusals")
         answers |= {word: self.asked(word, moves=True) for word in moves}
-        return answers | {word: self.asked(word) for word in ("clutch", "disabling", "estop", "silence")}
+        return answers | {
+            word: self.asked(word) for word in ("clutch", "disabling", "estop", "silence")
+        }
 
     def enable(self):
         """Whatever the state is, as often as it takes."""
@@ -355,12 +403,16 @@ class Questions:
         """Drive for a moment and fall silent; the end is when the pedal has come up."""
         self.enable()
         self.stream("servo_jr", {"position": [1e-5, 0, 0, 0, 0, 0, 0]}, 1.0)
-        print(json.dumps("left" if until(lambda: self.state() == "PAUSED") else self.state()), flush=True)
+        print(
+            json.dumps("left" if until(lambda: self.state() == "PAUSED") else self.state()),
+            flush=True,
+        )
 
     def soak(self, seconds):
         """Rate, age and loss of what is told while this peer drives for so long.
 
-        All readings of one moment have one stamp: a stamp that came on one topic and not on another was lost there.
+        All readings of one moment have one stamp: a stamp that came on one topic and not on another
+        was lost there.
         """
         assert until(lambda: all(self.get(word) is not None for word in TOLD))
         self.enable()
@@ -384,17 +436,25 @@ class Questions:
             time.sleep(0.005)
         self.peer.heard = self._hear
         busy = time.process_time() - busy
-        stamps = sorted(set().union(*came.values()))[5:-5]  # the first and last may have come in part
-        ages = sorted(1e3 * (one[stamp] - stamp) for one in came.values() for stamp in stamps if stamp in one)
+        stamps = sorted(set().union(*came.values()))[
+            5:-5
+        ]  # the first and last may have come in part
+        ages = sorted(
+            1e3 * (one[stamp] - stamp) for one in came.values() for stamp in stamps if stamp in one
+        )
         gaps = sorted(1e3 * (b - a) for a, b in itertools.pairwise(stamps))
-        some = lambda values: [round(values[int(share * (len(values) - 1))], 2) for share in (0.5, 0.99, 0.999, 1)]  # noqa: E731
+
+        def quantiles(values):
+            shares = (0.5, 0.99, 0.999, 1)
+            return [round(values[int(share * (len(values) - 1))], 2) for share in shares]
+
         return {
             "seconds": seconds,
             "moments": len(stamps),
             "rate_hz": round((len(stamps) - 1) / (stamps[-1] - stamps[0]), 2),
             "lost": {name: sum(stamp not in one for stamp in stamps) for name, one in came.items()},
-            "age_ms": some(ages),
-            "gap_ms": some(gaps),
+            "age_ms": quantiles(ages),
+            "gap_ms": quantiles(gaps),
             "commands": sent,
             "paused": silences,
             "states": sorted(set(self.states[states:])),

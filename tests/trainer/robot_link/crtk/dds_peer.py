@@ -1,4 +1,6 @@
-"""A program of its own that speaks CRTK over DDS: it knows ROS 2's names and the definitions below, nothing else."""
+"""A program of its own that speaks CRTK over DDS: it knows ROS 2's names and the definitions
+below, nothing else.
+"""
 
 import os
 import sys
@@ -162,7 +164,9 @@ class Peer:
             Policy.History.KeepLast(10),
         )
         self._readers = {
-            f"arm1/{word}": DataReader(participant, Topic(participant, f"rt/arm1/{word}", kind), default)
+            f"arm1/{word}": DataReader(
+                participant, Topic(participant, f"rt/arm1/{word}", kind), default
+            )
             for word, kind in KINDS.items()
             if word != "operating_state"
         }

@@ -1,4 +1,6 @@
-"""A program of its own that speaks CRTK over ROS 1, by rospy and the definitions below; run by the system's Python."""
+"""A program of its own that speaks CRTK over ROS 1, by rospy and the definitions below; run by
+the system's Python.
+"""
 
 import os
 import sys
@@ -47,7 +49,8 @@ class Peer:
             self._count["arm1/" + word] = 0
             rospy.Subscriber("/arm1/" + word, kind, self._hear, "arm1/" + word, tcp_nodelay=True)
         self._publishers = {
-            name: rospy.Publisher("/" + name, kind, queue_size=10, tcp_nodelay=True) for name, kind in COMMANDS.items()
+            name: rospy.Publisher("/" + name, kind, queue_size=10, tcp_nodelay=True)
+            for name, kind in COMMANDS.items()
         }
 
     def _hear(self, message, name):

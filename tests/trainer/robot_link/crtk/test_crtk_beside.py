@@ -1,4 +1,6 @@
-"""CRTK beside others: in a robot's station, in a session, and to tell of a robot elsewhere; no ROS, no clock."""
+"""CRTK beside others: in a robot's station, in a session, and to tell of a robot elsewhere; no
+ROS, no clock.
+"""
 
 import multiprocessing
 import socket
@@ -87,7 +89,13 @@ class Ros:
 
 def asks(pedal, x=0):
     table = {"delta_um": [x, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
-    return {"type": "increments", "source": "crtk", "pedal": pedal, "arms": {"gold": table}, "console": "crtk"}
+    return {
+        "type": "increments",
+        "source": "crtk",
+        "pedal": pedal,
+        "arms": {"gold": table},
+        "console": "crtk",
+    }
 
 
 def packets(pedal, x):
@@ -113,9 +121,15 @@ def test_in_a_station_one_pedal_at_a_time_counts():
     itp.next = packets(False, 50)
     tick()
     itp.next = packets(True, 50)
-    assert tick() == (1, 7) and itp.felt[-1] == ({"gold": (0.0, 0.0, 0.0)}, False)  # it watches, and feels nothing
+    assert tick() == (1, 7) and itp.felt[-1] == (
+        {"gold": (0.0, 0.0, 0.0)},
+        False,
+    )  # it watches, and feels nothing
     tick(3)
-    ros.next = [{"type": "unheard", "console": "crtk", "once": True, "why": "because"}, asks(True, 7)]
+    ros.next = [
+        {"type": "unheard", "console": "crtk", "once": True, "why": "because"},
+        asks(True, 7),
+    ]
     tick()
     assert station.news() == [
         f"crtk: {pedal.LIFT}",
@@ -141,7 +155,10 @@ def test_in_a_station_one_pedal_at_a_time_counts():
     tick()
     ros.next = [asks(True, 9)]
     assert tick() == (1, 9)
-    itp.next, ros.next = packets(False, 0), [asks(False), {"type": "operator", "do": "estop", "console": "crtk"}]
+    itp.next, ros.next = (
+        packets(False, 0),
+        [asks(False), {"type": "operator", "do": "estop", "console": "crtk"}],
+    )
     tick()
     ros.next = [asks(True, 9), {"type": "operator", "do": "restart", "console": "crtk"}]
     assert tick()[0] == 0 and machine.acts == ["press", "reset"]  # the pedal must be seen up again
@@ -177,7 +194,9 @@ def test_what_a_robot_tells_over_ros_is_its_joint_report(ros):
         raven.bind(("127.0.0.1", 0))
         lines = []
         address = "127.0.0.1", raven.getsockname()[1]
-        robot = RosRobot(*address, BOTH, ("r_grasper",) * 2, transport, lambda: now[0], lines.append)
+        robot = RosRobot(
+            *address, BOTH, ("r_grasper",) * 2, transport, lambda: now[0], lines.append
+        )
         assert robot.exchange(bytes(U_STRUCT.itemsize)) is None and robot.stale
         assert len(raven.recv(200)) == U_STRUCT.itemsize
         told = [*interpreter.states(row.stamp_ns), *interpreter.readings(row)]
@@ -218,7 +237,9 @@ def test_ravenstate_is_read_as_its_publisher_defines_it():
     assert "dac_val" not in fields and "jac_vel" not in fields and fields[0] == "hdr"
 
 
-@pytest.mark.parametrize(("word", "told"), [("the node of ROS 1 has ended (code -9)", "code -9"), (None, "is gone")])
+@pytest.mark.parametrize(
+    ("word", "told"), [("the node of ROS 1 has ended (code -9)", "code -9"), (None, "is gone")]
+)
 def test_a_terminal_is_told_once_that_nobody_speaks_crtk_any_more(word, told):
     answers, tells = multiprocessing.Pipe(duplex=False)
     end, lines = LoopEnd(FrameLayout.of(("gold",))), []
@@ -272,7 +293,9 @@ def test_what_a_node_says_in_one_breath_with_its_first_word_counts(tmp_path, mon
 @pytest.mark.slow
 def test_a_session_is_driven_by_crtk_tick_by_tick():
     """Also what recordings and judges see: who drives, and whose pedal."""
-    session = Session(scenario.from_dict({"name": "over_ros", "arms": ["gold"], "duration_s": 60}), 0)
+    session = Session(
+        scenario.from_dict({"name": "over_ros", "arms": ["gold"], "duration_s": 60}), 0
+    )
     types = messages.types("ros2")
     interpreter = Interpreter(("gold",), ("r_grasper",), types)
     header = types.header(0, "")
@@ -281,14 +304,20 @@ def test_a_session_is_driven_by_crtk_tick_by_tick():
     def tick(count, *words):
         for _ in range(count):
             ms = float(session.ticks)
-            interpreter.observe(RobotRow(session.frame, session.ticks * 10**6, session.ticks * 10**6, 10**9), True, ms)
+            interpreter.observe(
+                RobotRow(session.frame, session.ticks * 10**6, session.ticks * 10**6, 10**9),
+                True,
+                ms,
+            )
             for name, message in words:
                 interpreter.hear(name, message, ms)
             events.extend(session.tick(interpreter.commands(ms)))
 
     def setpoint():
         row = RobotRow(session.frame, 1, 1, 0)
-        return next(message for name, message in interpreter.readings(row) if name == "arm1/setpoint_cp").pose
+        return next(
+            message for name, message in interpreter.readings(row) if name == "arm1/setpoint_cp"
+        ).pose
 
     session.tick([])  # nothing is told before there is a row
     tick(300)

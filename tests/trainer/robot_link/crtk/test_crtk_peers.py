@@ -1,6 +1,8 @@
-"""A program that knows CRTK's conventions alone reads, drives, clutches and stops a robot, over each transport.
+"""A program that knows CRTK's conventions alone reads, drives, clutches and stops a robot, over
+each transport.
 
-The peers run as processes of their own (`dds_peer.py`, `ros1_peer.py`), with definitions of their own.
+The peers run as processes of their own (`dds_peer.py`, `ros1_peer.py`), with definitions of their
+own.
 """
 
 import contextlib
@@ -40,12 +42,13 @@ class Network(NamedTuple):
 
 @contextlib.contextmanager
 def network(ros):
-    """DDS participants that share a tag on this machine alone, or a ROS master at a port of its own."""
+    """DDS participants that share a tag on this machine alone, or a ROS master at a port of its
+    own.
+    """
     if ros == "ros2":
         discovery = (
-            f"<Discovery><Tag>{uuid.uuid4().hex}</Tag><ParticipantIndex>auto</ParticipantIndex>"
-            "<MaxAutoParticipantIndex>30</MaxAutoParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers>"
-            "</Discovery>"
+            f"<Discovery><Tag>{uuid.uuid4().hex}</Tag><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>30</MaxAutoParticipantIndex><Peers><Peer"
+            " address='127.0.0.1'/></Peers></Discovery>"
         )
         general = (
             "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
@@ -130,9 +133,13 @@ def peer(network, robot, *arguments):
     dds = network.ros == "ros2"
     program = HERE / ("dds_peer.py" if dds else "ros1_peer.py")
     python = sys.executable if dds else "/usr/bin/python3"
-    environ = {name: value for name, value in network.environ.items() if dds or name != "PYTHONPATH"}
+    environ = {
+        name: value for name, value in network.environ.items() if dds or name != "PYTHONPATH"
+    }
     words = [arguments[0], str(robot.joint_port), *map(str, arguments[1:])]
-    return subprocess.Popen([python, str(program), *words], stdout=subprocess.PIPE, text=True, env=environ)
+    return subprocess.Popen(
+        [python, str(program), *words], stdout=subprocess.PIPE, text=True, env=environ
+    )
 
 
 @pytest.fixture(scope="module")
@@ -145,12 +152,23 @@ def answers(ros, robot):
 
 def test_what_is_told_has_the_names_units_and_stamps_of_crtk(answers):
     told = answers["reading"]
-    assert told["names"] == ["shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2"]
+    assert told["names"] == [
+        "shoulder",
+        "elbow",
+        "insertion",
+        "tool_roll",
+        "wrist",
+        "grasp1",
+        "grasp2",
+    ]
     assert told["frames"] == ["arm1_base", "arm1_base"] and told["velocities"] == 7
     assert 5 < told["rate"] < 101  # 100 where the machine is not busy
     assert 0 < told["age"] < 1.0
-    assert 0.2 < told["joints"][2] < 0.6 and 0.4 < told["joints"][0] < 0.7  # m, rad: no degrees, no mm
-    # home_pos and home_quat of raven2's params/raven_gold_crtk.yaml, where its joints stand within some 0.1 rad
+    assert (
+        0.2 < told["joints"][2] < 0.6 and 0.4 < told["joints"][0] < 0.7
+    )  # m, rad: no degrees, no mm
+    # home_pos and home_quat of raven2's params/raven_gold_crtk.yaml, where its joints stand within
+    # some 0.1 rad
     assert told["position"] == pytest.approx([0.0239, -0.0144, -0.0779], abs=3e-3)
     dot = sum(a * b for a, b in zip(told["quat"], [-0.14, 0.636, 0.02, 0.76], strict=True))
     assert abs(dot) > 0.99
@@ -158,7 +176,10 @@ def test_what_is_told_has_the_names_units_and_stamps_of_crtk(answers):
 
 
 def test_nothing_moves_before_the_robot_is_enabled(answers):
-    assert answers["precondition"]["moved"] == 0 and answers["precondition"]["states"] == ["DISABLED", "DISABLED"]
+    assert answers["precondition"]["moved"] == 0 and answers["precondition"]["states"] == [
+        "DISABLED",
+        "DISABLED",
+    ]
 
 
 def test_servo_cp_moves_along_the_axes_in_which_poses_are_told_by_metres(answers):
@@ -166,7 +187,9 @@ def test_servo_cp_moves_along_the_axes_in_which_poses_are_told_by_metres(answers
         expected = [0.004 if i == axis else 0.0 for i in range(3)]
         assert moved["setpoint"] == pytest.approx(expected, abs=5e-6)
         assert moved["off"] < 1e-3
-    assert answers["turn"]["axis_times_sine"] == pytest.approx([0, 0, answers["turn"]["sine"]], abs=2e-4)
+    assert answers["turn"]["axis_times_sine"] == pytest.approx(
+        [0, 0, answers["turn"]["sine"]], abs=2e-4
+    )
 
 
 def test_joints_are_followed_in_rad_and_metres(answers):
@@ -198,7 +221,12 @@ def test_feet_pause_and_clutch(answers):
 
 
 def test_disabling_takes_the_power_and_the_homing(answers):
-    assert answers["disabling"] == {"disabled": True, "homed": False, "enabled": True, "homed_again": True}
+    assert answers["disabling"] == {
+        "disabled": True,
+        "homed": False,
+        "enabled": True,
+        "homed_again": True,
+    }
 
 
 def test_after_an_estop_only_an_act_of_its_own_drives_again(answers):
@@ -222,7 +250,9 @@ def reports(robot):
     def listen():
         with contextlib.suppress(OSError):
             while content := stream.recv(1 << 16):
-                levels.extend(one.runlevel for one in decoder.feed(content) if isinstance(one, JointReport))
+                levels.extend(
+                    one.runlevel for one in decoder.feed(content) if isinstance(one, JointReport)
+                )
 
     listener = threading.Thread(target=listen, daemon=True)
     listener.start()
@@ -263,7 +293,15 @@ duration_s = 600
 def test_a_session_is_driven_over_ros_and_recorded(ros, tmp_path):
     (tmp_path / "over_ros.toml").write_text(SCENARIO)
     folder = tmp_path / "session"
-    words = ["train", str(tmp_path / "over_ros.toml"), "--out", str(folder), "--no-page", "--crtk", ros.ros]
+    words = [
+        "train",
+        str(tmp_path / "over_ros.toml"),
+        "--out",
+        str(folder),
+        "--no-page",
+        "--crtk",
+        ros.ros,
+    ]
     with network(ros.ros) as apart:  # where no other robot has its names
         live = LiveRobot(apart, *words)
         process = peer(apart, live, "visit")
@@ -289,9 +327,17 @@ def test_a_session_hears_another_robot_over_ros(ros, robot, tmp_path):
     folder = tmp_path / "session"
     address = f"127.0.0.1:{robot.itp_port}:{ros.ros}"
     live = LiveRobot(
-        ros, "train", str(tmp_path / "over_ros.toml"), "--out", str(folder), "--no-page", "--robot", address,
-        "--script", "none",
-    )  # fmt: skip
+        ros,
+        "train",
+        str(tmp_path / "over_ros.toml"),
+        "--out",
+        str(folder),
+        "--no-page",
+        "--robot",
+        address,
+        "--script",
+        "none",
+    )
     try:
         with reports(robot) as levels:
             waiting.until(lambda: levels.count(3) > 2000)

@@ -22,7 +22,8 @@ from ravenjax.trainer.session import pedal
 from ravenjax.trainer.session.advance import Session
 
 BOTH = ("gold", "green")
-YAML = {  # raven2, params/raven_*_crtk.yaml: joints, position m, quaternion, told to two or three digits
+# raven2, params/raven_*_crtk.yaml: joints, position m, quaternion, told to two or three digits
+YAML = {
     "gold": (
         (0.523, 1.584, 0.4002, 0.0715, 0.0950, 0.7537, 0.852),
         (0.0239, -0.0144, -0.0779),
@@ -75,7 +76,10 @@ def test_readings_are_the_kinematics_and_their_derivative():
 @pytest.mark.parametrize("arm", BOTH)
 def test_increments_add_up_to_the_target_within_the_limits(arm):
     """Accumulated as raven2 does it (`mapping.cpp`, `local_io.cpp`), written here anew."""
-    axes = {"gold": [[0, 0, -1], [-1, 0, 0], [0, 1, 0]], "green": [[0, 0, -1], [1, 0, 0], [0, -1, 0]]}[arm]
+    axes = {
+        "gold": [[0, 0, -1], [-1, 0, 0], [0, 1, 0]],
+        "green": [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
+    }[arm]
     start = Setpoint(np.array([-78000.4, -24000.0, 14000.0]), (0.0, 0.0, 0.0, 1.0), 1570.0)
     quat = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_quat()
     target = Setpoint(start.position_um + [4000, -3000, 2500], tuple(quat), 1200.0)
@@ -88,7 +92,11 @@ def test_increments_add_up_to_the_target_within_the_limits(arm):
         step = one.step(1.0)
         delta = np.array(axes) @ step.delta_um
         assert np.linalg.norm(delta) <= 200 * 1.01 and abs(step.grasp_mrad) <= 4
-        increment = Rotation.from_matrix(axes) * Rotation.from_quat(step.quat) * Rotation.from_matrix(axes).inv()
+        increment = (
+            Rotation.from_matrix(axes)
+            * Rotation.from_quat(step.quat)
+            * Rotation.from_matrix(axes).inv()
+        )
         assert increment.magnitude() <= 4.01e-3
         position, turn, jaws = position + delta, increment * turn, jaws - step.grasp_mrad
     np.testing.assert_allclose(position, target.position_um, atol=0.6)
@@ -107,7 +115,9 @@ def test_a_robot_that_slipped_is_not_pushed_on():
     assert one.slips == 0 and one.target is not None
     one.compare(Setpoint(np.array([500.0, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))
     assert one.slips == 1 and one.target is None and one.sum.position_um[0] == 500
-    assert not one.aim(Setpoint(np.array([500.0 + 75_001, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))  # too far at once
+    assert not one.aim(
+        Setpoint(np.array([500.0 + 75_001, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0)
+    )  # too far at once
 
 
 def test_a_grasp_gain_of_two_takes_half_as_many():
@@ -118,7 +128,10 @@ def test_a_grasp_gain_of_two_takes_half_as_many():
 
 
 def test_a_move_begins_and_ends_at_rest_within_its_limits():
-    start, goal = np.array(YAML["gold"][0]), np.array(YAML["gold"][0]) + [0.1, -0.2, 0.02, 0.5, 0, 0, 0.01]
+    start, goal = (
+        np.array(YAML["gold"][0]),
+        np.array(YAML["gold"][0]) + [0.1, -0.2, 0.02, 0.5, 0, 0, 0.01],
+    )
     move = Trajectory(start, goal, 1000.0)
     times = 1000.0 + np.linspace(0, 1e3 * move.seconds, 2001)
     path = np.array([move.at(ms)[0] for ms in times])
@@ -129,7 +142,9 @@ def test_a_move_begins_and_ends_at_rest_within_its_limits():
     speed = np.abs(np.diff(path, axis=0) / dt).max(axis=0)
     acceleration = np.abs(np.diff(path, 2, axis=0) / dt**2).max(axis=0)
     assert (speed <= FASTEST * 1.001).all() and (acceleration <= STRONGEST * 1.001).all()
-    assert max((speed / FASTEST).max(), (acceleration / STRONGEST).max()) > 0.99  # no slower than it must be
+    assert (
+        max((speed / FASTEST).max(), (acceleration / STRONGEST).max()) > 0.99
+    )  # no slower than it must be
     assert Trajectory(start, start, 0.0).at(0.0)[1]
 
 
@@ -187,11 +202,17 @@ def test_commands_lead_where_crtks_table_says(begin, number):
 def test_a_pedal_is_held_by_somebody_or_comes_up():
     state = driven()
     assert (
-        settled(state, ms=IDLE_MS) == "ENABLED" and settled(state, ms=IDLE_MS + 1.0) == "PAUSED" and state.why == "idle"
+        settled(state, ms=IDLE_MS) == "ENABLED"
+        and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
+        and state.why == "idle"
     )
     state = driven()
     state.servo(100.0)
-    assert settled(state, ms=350.0) == "ENABLED" and settled(state, ms=351.0) == "PAUSED" and state.why == "silence"
+    assert (
+        settled(state, ms=350.0) == "ENABLED"
+        and settled(state, ms=351.0) == "PAUSED"
+        and state.why == "silence"
+    )
     state = driven()
     assert settled(state, connected=False) == "PAUSED" and state.why == "nobody"
     state = driven()
@@ -304,7 +325,9 @@ def test_every_message_comes_back_from_its_bytes(ros):
             assert list(again.position) == pytest.approx(YAML["green"][0], abs=1e-6)
         if name == "ravenstate":  # degrees, the insertion too, as raven2 multiplies everything
             assert again.jpos[2] == pytest.approx(math.degrees(0.4002), rel=1e-5)
-            assert again.jpos[8] == pytest.approx(math.degrees(0.524), rel=1e-5) and again.jpos[3] == 0
+            assert (
+                again.jpos[8] == pytest.approx(math.degrees(0.524), rel=1e-5) and again.jpos[3] == 0
+            )
             assert list(again.pos[:3]) == pytest.approx([-77850, -24120, 14340], abs=400)
     with pytest.raises(ValueError, match="JointState"):
         types.decode(b"\0\1\0\0\7", messages.JOINT_STATE)
@@ -323,7 +346,11 @@ def robot_row(runlevel=2, taken=0):
     loop.tell(frame.row)
     row = bridge.newest()
     assert bridge.send({"type": "operator", "do": "estop"}) == 1
-    assert loop.poll() == [{"type": "operator", "do": "estop"}] and loop.taken == 1 and loop.poll() == []
+    assert (
+        loop.poll() == [{"type": "operator", "do": "estop"}]
+        and loop.taken == 1
+        and loop.poll() == []
+    )
     bridge.close()
     loop.close()
     return row
@@ -353,7 +380,12 @@ def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
 
 
 def test_a_robot_that_touches_nothing_has_no_topic_for_it():
-    told = {name for name, _ in Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2")).readings(robot_row())}
+    told = {
+        name
+        for name, _ in Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2")).readings(
+            robot_row()
+        )
+    }
     offered = {topic.name for topic in names.published(BOTH)}
     assert not [name for name in told | offered if "measured_cf" in name]
 
@@ -363,15 +395,22 @@ def test_who_presses_on_the_tissue_is_told_a_force_into_it():
     session = Session(scenario.load("touch"), 0)
     for _ in range(4000):  # down in the view is down in the world
         hands = {"gold": {"move": [0, -1, 0], "turn": [0, 0, 0], "grasp": 0}}
-        session.tick([{"type": "input", "console": "page", "pedal": session.ticks > 100, "arms": hands}])
+        session.tick(
+            [{"type": "input", "console": "page", "pedal": session.ticks > 100, "arms": hands}]
+        )
         if np.linalg.norm(session.frame["gold/contact"]) > 1.0:
             break
     row = robot_row()._replace(frame=session.frame)
-    told = dict(Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2"), contact=True).readings(row))
+    told = dict(
+        Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2"), contact=True).readings(row)
+    )
     force = told["arm1/measured_cf"].wrench.force
     frame0 = (force.z, -force.x, -force.y)  # x, y, z of the base frame are -y, -z, x
     down = Rotation.from_quat(scene.base_pose("gold")[1]).apply(frame0)[2]
-    assert np.linalg.norm(frame0) == pytest.approx(np.linalg.norm(session.frame["gold/contact"])) and down < -0.8
+    assert (
+        np.linalg.norm(frame0) == pytest.approx(np.linalg.norm(session.frame["gold/contact"]))
+        and down < -0.8
+    )
     free = told["arm2/measured_cf"].wrench.force
     assert (free.x, free.y, free.z) == (0, 0, 0)
 
@@ -425,7 +464,11 @@ def test_a_busy_machine_has_not_taken_the_robot_elsewhere():
         interpreter.commands(ms + number)
         interpreter.note_sent(number)
     elsewhere = "the robot went elsewhere: at a joint limit, or out of reach"
-    for taken, number in ((0, 500), (99, 501), (99, 530)):  # its setpoint stays where it was all the time
+    for taken, number in (
+        (0, 500),
+        (99, 501),
+        (99, 530),
+    ):  # its setpoint stays where it was all the time
         interpreter.observe(row._replace(last_command=taken, number=number), True, ms + 240)
         assert elsewhere not in interpreter.counts
     interpreter.observe(row._replace(last_command=99, number=531), True, ms + 240)
@@ -442,7 +485,11 @@ def test_a_robot_over_ros_has_an_address_of_its_own():
 
 def test_a_pose_in_frame_0_is_a_setpoint_in_micrometres():
     one = follower.setpoint(np.array([0.001, -0.002, 0.003]), np.eye(3), 1.5)
-    assert one.position_um.tolist() == [1000, -2000, 3000] and one.quat == (0, 0, 0, 1) and one.grasp_mrad == 1500
+    assert (
+        one.position_um.tolist() == [1000, -2000, 3000]
+        and one.quat == (0, 0, 0, 1)
+        and one.grasp_mrad == 1500
+    )
 
 
 def test_the_user_is_told_why_the_pedal_of_crtk_does_not_count():
