@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ravenjax.explorer import gallery
+from ravenjax.analyses.explorer import gallery
 
 
 def on_post_build(config: Any, **_: Any) -> None:

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ravenjax.analyses.monitors.counterfactual import finding, output, words
+from ravenjax.analyses.monitors.counterfactual.question import Question
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection.replay import replay
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.errors import UserError, shown
-from ravenjax.monitors.counterfactual import finding, output, words
-from ravenjax.monitors.counterfactual.question import Question
 from ravenjax.notebook import explaining, running
 from ravenjax.notebook.attributes import described
 from ravenjax.notebook.campaign import Campaign
@@ -185,7 +185,7 @@ def calibrate_monitor(
     hours: of fault-free operation in all, None: what rate and confidence need. An interrupted call
     goes on. Raises UserError and StoreError.
     """
-    from ravenjax.monitors import calibrate, writing
+    from ravenjax.analyses.monitors import calibrate, writing
 
     request = calibrate.request(
         _config(campaign),
@@ -215,7 +215,7 @@ def check_monitor(
     together), martingale, shifted. sources: as `ravenjax monitor check` takes them. attrs: units,
     operations, hours, alarms, level. Raises UserError and StoreError.
     """
-    from ravenjax.monitors import checking
+    from ravenjax.analyses.monitors import checking
 
     several = [sources] if isinstance(sources, str | Path) else sources
     result = checking.check(Path(folder), [Path(source) for source in several], level, seed)

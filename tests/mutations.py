@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ravenjax.analyses.search.file import loading as searches
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading as campaigns
-from ravenjax.search.file import loading as searches
-from ravenjax.trainer.scenario import loading as scenarios
+from ravenjax.train.scenario import loading as scenarios
 
 KINDS: dict[str, tuple[str, Any]] = {
     "campaign": ("campaigns", campaigns),

@@ -25,10 +25,10 @@ import jsonschema
 import pytest
 import snippets
 
+from ravenjax.analyses.search.file import json_schema as searches
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.search.file import json_schema as searches
-from ravenjax.trainer.scenario import json_schema as scenarios
+from ravenjax.train.scenario import json_schema as scenarios
 
 DOCS = snippets.ROOT / "docs"
 GENERATED = DOCS / "reference"
@@ -98,10 +98,10 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
     """By the JSON Schema and by the loader, beside the page's other files; a recording is read
     when the page is run.
     """
+    from ravenjax.analyses.search.file import loading as search_loading
     from ravenjax.campaign import loading
-    from ravenjax.search.file import loading as search_loading
     from ravenjax.store.consoles import loading as consoles
-    from ravenjax.trainer import scenario
+    from ravenjax.train import scenario
 
     assert snippet.title, "name the file: ```toml title=..."
     monkeypatch.chdir(tmp_path)

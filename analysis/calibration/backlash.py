@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ravenjax.calibration import position_loop, tables
-from ravenjax.calibration.calibrate import LoggedRobot
+from ravenjax.analyses.calibration import position_loop, tables
+from ravenjax.analyses.calibration.calibrate import LoggedRobot
 from ravenjax.campaign.inspection.reference import markdown_table
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS

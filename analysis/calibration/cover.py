@@ -14,8 +14,8 @@ import sys
 
 import numpy as np
 
-from ravenjax.calibration import parameters, virtual_log
-from ravenjax.calibration.calibrate import NORMAL_90
+from ravenjax.analyses.calibration import parameters, virtual_log
+from ravenjax.analyses.calibration.calibrate import NORMAL_90
 from ravenjax.campaign.inspection.reference import markdown_table
 from ravenjax.robots.raven2.plant import robot
 

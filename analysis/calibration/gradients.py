@@ -21,11 +21,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ravenjax.calibration import fit, parameters, replay_loop, replays, virtual_log
-from ravenjax.calibration.log import JointLog
-from ravenjax.calibration.parameters import Unknown
-from ravenjax.calibration.position_loop import LoopParams
-from ravenjax.calibration.replay_loop import ReplayParams, ReplaySetup
+from ravenjax.analyses.calibration import fit, parameters, replay_loop, replays, virtual_log
+from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration.parameters import Unknown
+from ravenjax.analyses.calibration.position_loop import LoopParams
+from ravenjax.analyses.calibration.replay_loop import ReplayParams, ReplaySetup
 from ravenjax.campaign.inspection.reference import markdown_table
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, TickProgram

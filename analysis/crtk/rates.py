@@ -1,7 +1,7 @@
 """Rate, age and loss of what a robot tells over CRTK: `python analysis/crtk/rates.py ros1|ros2
 [SECONDS]`.
 
-A robot, and the peer of tests/trainer/robot_link/crtk, which drives it meanwhile, run as processes
+A robot, and the peer of tests/train/robot_link/crtk, which drives it meanwhile, run as processes
 of their own on this machine. All readings of one moment carry one stamp, so that a stamp that came
 on one topic and not on another was lost there; a moment of which nothing came at all is a gap. Ages
 are of two processes on one clock: stamp of the tick to arrival in the peer. Over ROS 1 a `roscore`
@@ -17,7 +17,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-PEERS = Path(__file__).resolve().parents[2] / "tests/trainer/robot_link/crtk"
+PEERS = Path(__file__).resolve().parents[2] / "tests/train/robot_link/crtk"
 
 
 def main() -> None:

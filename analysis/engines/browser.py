@@ -26,6 +26,7 @@ import pandas as pd
 from playwright.sync_api import sync_playwright
 
 import ravenjax as rj
+from ravenjax.analyses.explorer import program
 from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.plan import Plan
@@ -33,7 +34,6 @@ from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Engine, TickProgram
 from ravenjax.engines.wasm.engine import WasmEngine
-from ravenjax.explorer import program
 
 QUIET: Any = SimpleNamespace(
     **{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")}

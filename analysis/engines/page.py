@@ -20,7 +20,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-from ravenjax.explorer import page
+from ravenjax.analyses.explorer import page
 
 ARGUMENTS = [
     "--no-sandbox",

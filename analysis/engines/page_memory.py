@@ -20,7 +20,7 @@ from pathlib import Path
 from page import ARGUMENTS, filled
 from playwright.sync_api import CDPSession, Page, sync_playwright
 
-from ravenjax.explorer import page
+from ravenjax.analyses.explorer import page
 
 EVERY_S = 60.0
 

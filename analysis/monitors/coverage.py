@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import binom
 
-from ravenjax.monitors import score_folder
-from ravenjax.monitors.score_folder import Peaks
+from ravenjax.analyses.monitors import score_folder
+from ravenjax.analyses.monitors.score_folder import Peaks
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.conformal import bands, shift, threshold
 from ravenjax.stats.conformal.target import FalseAlarmTarget

@@ -13,11 +13,11 @@ import argparse
 import time
 from pathlib import Path
 
+from ravenjax.analyses.monitors import calibrate
+from ravenjax.analyses.monitors.monitor import WHOLE, terms
+from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.monitors import calibrate
-from ravenjax.monitors.monitor import WHOLE, terms
-from ravenjax.monitors.operations import OperationDesign
 
 LENGTH_S, ROBOTS = 60.0, 16
 SHIFT = "parameters.plant.friction_scale=4"

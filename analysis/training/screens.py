@@ -37,9 +37,9 @@ SOFTWARE = [
 ]
 PEDAL, DOWN = "Space", "KeyF"
 PATIENT = """from ravenjax.cli import main
-from ravenjax.trainer.protocol import messages
+from ravenjax.train.protocol import messages
 messages.STALE_MS = 20000
-from ravenjax.trainer.session import seat
+from ravenjax.train.session import seat
 seat.GONE_MS = 20000
 main()
 """

@@ -22,7 +22,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ravenjax.calibration.position_loop import RAVEN2
+from ravenjax.analyses.calibration.position_loop import RAVEN2
 from ravenjax.campaign.inspection.reference import markdown_table
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import published

@@ -12,8 +12,8 @@ from ravenjax.cli import console
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ravenjax.calibration.calibrate import Calibration, LoggedRobot
-    from ravenjax.calibration.position_loop import LoopParams
+    from ravenjax.analyses.calibration.calibrate import Calibration, LoggedRobot
+    from ravenjax.analyses.calibration.position_loop import LoopParams
 
 SET = "power_consistent"
 """What is believed before the log."""
@@ -60,8 +60,14 @@ def calibrate(
         measured_js and setpoint_js; or a table, .csv or .parquet, with columns as jpos_d_shoulder and jpos_shoulder
         (rad, insertion m), or mpos_d_, or mpos_ with dac_.
     """  # noqa: E501
-    from ravenjax.calibration import drawing, parameters, position_loop, robot_file, table_file
-    from ravenjax.calibration.calibrate import LoggedRobot
+    from ravenjax.analyses.calibration import (
+        drawing,
+        parameters,
+        position_loop,
+        robot_file,
+        table_file,
+    )
+    from ravenjax.analyses.calibration.calibrate import LoggedRobot
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
     from ravenjax.robots.raven2.plant import robot
@@ -98,7 +104,7 @@ def calibrate(
 
 def _show_searches(logged: LoggedRobot, calibrated: Calibration, replays: int) -> None:
     """What sampling finds, and how long it takes to, as a table."""
-    from ravenjax.calibration import tables
+    from ravenjax.analyses.calibration import tables
     from ravenjax.cli import terminal
 
     title = f"How soon the fit is come near, to {len(calibrated.unknowns)} of its cost"
@@ -108,7 +114,7 @@ def _show_searches(logged: LoggedRobot, calibrated: Calibration, replays: int) -
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:
     """The judgement on both halves and the parameters, as tables."""
-    from ravenjax.calibration import tables
+    from ravenjax.analyses.calibration import tables
     from ravenjax.cli import terminal
 
     joints = logged.log.joints

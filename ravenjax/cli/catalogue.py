@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 def campaigns(*, as_json: AsJson = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
+    from ravenjax.analyses.search.file import loading as searches
     from ravenjax.bundled import resources
     from ravenjax.campaign import loading
     from ravenjax.campaign.faults import design
-    from ravenjax.search.file import loading as searches
-    from ravenjax.trainer import scenario
+    from ravenjax.train import scenario
 
     files = [(path.name, loading.load(path)) for path in resources.bundled("campaigns", "*.toml")]
     templates = [

@@ -56,9 +56,9 @@ def counterfactual(
     file
         Campaign file, the name of a bundled one, or a result folder.
     """
+    from ravenjax.analyses.monitors.counterfactual import confirmation, finding, output, words
+    from ravenjax.analyses.monitors.counterfactual.question import Question
     from ravenjax.cli import terminal
-    from ravenjax.monitors.counterfactual import confirmation, finding, output, words
-    from ravenjax.monitors.counterfactual.question import Question
     from ravenjax.store import files
 
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(group or ()), seed)

@@ -47,7 +47,7 @@ def _campaigns() -> Iterator[str]:
 
 
 def _searches() -> Iterator[str]:
-    from ravenjax.search.file.config import KINDS
+    from ravenjax.analyses.search.file.config import KINDS
 
     yield "# Search files"
     yield _WRITTEN
@@ -64,7 +64,7 @@ def _searches() -> Iterator[str]:
 def _scenarios() -> Iterator[str]:
     from ravenjax.campaign.file.group import Fault
     from ravenjax.robots.raven2.campaign.sections import Start
-    from ravenjax.trainer.scenario.config import (
+    from ravenjax.train.scenario.config import (
         TASKS,
         ContactSection,
         Cue,

@@ -50,7 +50,7 @@ def explore(
         raise UserError(
             f"got {len(sources)} campaigns, expected one; write --gallery DIR for pages of several"
         )
-    from ravenjax.explorer import page
+    from ravenjax.analyses.explorer import page
 
     path = page.build(sources[0], out)
     if as_json:
@@ -65,7 +65,7 @@ def _gallery(folder: Path, sources: tuple[str, ...], out: Path | None, as_json: 
             "got --out and --gallery; leave out --out: a gallery's pages are named after their"
             " campaigns"
         )
-    from ravenjax.explorer import gallery
+    from ravenjax.analyses.explorer import gallery
 
     cards = gallery.build(folder, sources)
     if as_json:

@@ -47,8 +47,8 @@ def export(
     folder
         Where to write; files of an earlier export there are replaced.
     """
+    from ravenjax.analyses.export import c_folder
     from ravenjax.errors import UserError
-    from ravenjax.export import c_folder
     from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
     from ravenjax.robots.raven2.software.control_software import ControlSoftware
 

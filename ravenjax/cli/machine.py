@@ -168,7 +168,7 @@ def doctor(
 
 
 def _keeps_time(seconds: float, as_json: bool) -> int:
-    from ravenjax.trainer import timing
+    from ravenjax.train import timing
 
     measured = timing.measure(seconds, lambda what: console.err.print(what, highlight=False))
     loops = Listing(

@@ -13,7 +13,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing, Overrides
 
 if TYPE_CHECKING:
-    from ravenjax.monitors.calibration import Calibrated
+    from ravenjax.analyses.monitors.calibration import Calibrated
 
 monitor = App(
     name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift."
@@ -84,8 +84,8 @@ def calibrate(
     file
         Campaign file, or the name of a bundled one: its robot; groups and faults are left out.
     """
+    from ravenjax.analyses.monitors import calibrate as calibration
     from ravenjax.campaign import loading
-    from ravenjax.monitors import calibrate as calibration
 
     config = loading.load(file, overrides or ())
     request = calibration.request(
@@ -126,7 +126,7 @@ def operate(
     folder
         What `ravenjax monitor calibrate` wrote.
     """
-    from ravenjax.monitors.fresh import fresh
+    from ravenjax.analyses.monitors.fresh import fresh
 
     with _progress(as_json) as progress:
         peaks = fresh(folder, out, hours, overrides or (), robots, engine, progress)
@@ -158,7 +158,7 @@ def check(
         Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a detector, or logs: CSV with the
         columns of test_vector.csv.
     """  # noqa: E501
-    from ravenjax.monitors import checking
+    from ravenjax.analyses.monitors import checking
 
     result = checking.check(folder, sources, level, seed)
     if as_json:
@@ -204,8 +204,8 @@ def signals(
 ) -> None:
     """List what a monitor can look at."""
     from ravenjax import robots
+    from ravenjax.analyses.monitors.scores import catalogue
     from ravenjax.campaign import loading
-    from ravenjax.monitors.scores import catalogue
 
     robot = loading.load(file).robot if file is not None else robots.find(robots.DEFAULT)
     rows = [
@@ -218,7 +218,7 @@ def signals(
 
 
 def _tell(place: Path, result: Calibrated, as_json: bool) -> None:
-    from ravenjax.monitors import writing
+    from ravenjax.analyses.monitors import writing
 
     _, record = writing.read(place)
     if as_json:

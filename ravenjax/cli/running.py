@@ -251,9 +251,9 @@ def search(
     file
         Search file, or the name of a bundled one (see `ravenjax campaigns`).
     """
+    from ravenjax.analyses.search import output, runner
+    from ravenjax.analyses.search.file import loading
     from ravenjax.cli import terminal
-    from ravenjax.search import output, runner
-    from ravenjax.search.file import loading
 
     screen = console.err if as_json else console.out
     show_operator(loading.load(file, overrides or ()).campaign, screen)

@@ -43,11 +43,11 @@ def _schema(kind: str) -> dict[str, object]:
 
     robot = robots.find(robots.DEFAULT)
     if kind == "search":
-        from ravenjax.search.file import json_schema
+        from ravenjax.analyses.search.file import json_schema
 
         return json_schema.schema(robot)
     if kind == "scenario":
-        from ravenjax.trainer.scenario import json_schema
+        from ravenjax.train.scenario import json_schema
 
         return json_schema.schema()
     from ravenjax.campaign.inspection import json_schema

@@ -110,11 +110,11 @@ def train(
     with _words_of_a_stop(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
-            from ravenjax.trainer.helpers import SessionHelpers
+            from ravenjax.train.helpers import SessionHelpers
 
             helpers = SessionHelpers.start(stack, page)  # they import while this process does
-        from ravenjax.trainer import launch
-        from ravenjax.trainer import scenario as scenarios
+        from ravenjax.train import launch
+        from ravenjax.train import scenario as scenarios
 
         interruption.point()
         setting = scenarios.load(scenario, overrides or ())
@@ -214,8 +214,8 @@ def robot(
         Scenario whose robot and hazards it has; `ravenjax train SCENARIO --robot HOST` drives it.
     """
     from ravenjax.store.consoles import loading as profiles
-    from ravenjax.trainer import scenario as scenarios
-    from ravenjax.trainer.robot_link import process
+    from ravenjax.train import scenario as scenarios
+    from ravenjax.train.robot_link import process
 
     process.run(
         scenarios.load(scenario, overrides or ()),
@@ -257,7 +257,7 @@ def play(
         A Parquet file with columns packet and arrival_us (or _s, _ms, _ns), or a capture: .pcap, .pcapng.
     """  # noqa: E501
     from ravenjax.store.motion import packet_file
-    from ravenjax.trainer.robot_link import player
+    from ravenjax.train.robot_link import player
 
     address = player.parse(to)
     raw = packet_file.raw(packets)
@@ -289,7 +289,7 @@ def compare(
     folders
         Session folders, or folders of session folders.
     """
-    from ravenjax.trainer.study import report
+    from ravenjax.train.study import report
 
     result = report.run(folders, out, by, unblind=unblind, mixed=mixed)
     _say(result.text.rstrip())
@@ -316,7 +316,7 @@ def assign(
     participants
         Their codes, in the order in which they come.
     """
-    from ravenjax.trainer.study import assignment
+    from ravenjax.train.study import assignment
 
     _say(assignment.as_csv(assignment.assign(participants, groups, seed, block)).rstrip())
 
@@ -341,7 +341,7 @@ def plan(
     participants
         How many, all together.
     """
-    from ravenjax.trainer.study import planning
+    from ravenjax.train.study import planning
 
     sizes = planning.plan(
         participants, paired=paired, groups=groups, outcomes=outcomes, effect=effect, power=power
@@ -407,7 +407,7 @@ def debrief(folder: Path) -> None:
     folder
         Folder of the session, such as results/sessions/dac_burst-20260101-120000.
     """
-    from ravenjax.trainer.debrief import page
+    from ravenjax.train.debrief import page
 
     _say(f"debrief: {page.write(folder)}")
 

@@ -47,13 +47,13 @@ _READERS = (
     "notebook",
     "report",
     "robots/raven2/software",
-    "search",
+    "analyses/search",
     "stats",
     "store/access",
     "store/logs",
     "store/motion/view",
     "studies",
-    "trainer",
+    "train",
 )
 """What decides no outcome, folder by folder: a change there must not forbid to resume.
 

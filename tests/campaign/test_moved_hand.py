@@ -18,7 +18,7 @@ from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
-from ravenjax.trainer import scenario
+from ravenjax.train import scenario
 
 DRIFT = {
     "site": "packet",

@@ -13,8 +13,8 @@ import pytest
 import tiny_campaign
 
 from ravenjax import cli
-from ravenjax.calibration import parameters, position_loop, replay, table_file
-from ravenjax.calibration.parameters import JOINTS
+from ravenjax.analyses.calibration import parameters, position_loop, replay, table_file
+from ravenjax.analyses.calibration.parameters import JOINTS
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.robots.raven2.plant import robot

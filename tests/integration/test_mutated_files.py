@@ -7,14 +7,14 @@ from __future__ import annotations
 import pytest
 from mutations import mutant
 
+from ravenjax.analyses.search.file import loading as searches
 from ravenjax.campaign import loading as campaigns
 from ravenjax.errors import StoreError, UserError
-from ravenjax.search.file import loading as searches
 from ravenjax.store import manifest
 from ravenjax.store.access import lock
 from ravenjax.store.logs.session import description
 from ravenjax.studies.framework import writing
-from ravenjax.trainer.scenario import loading as scenarios
+from ravenjax.train.scenario import loading as scenarios
 
 LONGEST = 20_000
 """Characters of an error."""

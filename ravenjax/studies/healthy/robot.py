@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pandas as pd
 
-from ravenjax.calibration import arm_errors, camera_log, tip_error
-from ravenjax.calibration.camera_log import CameraLog
-from ravenjax.calibration.tip_error import ErrorSize
+from ravenjax.analyses.calibration import arm_errors, camera_log, tip_error
+from ravenjax.analyses.calibration.camera_log import CameraLog
+from ravenjax.analyses.calibration.tip_error import ErrorSize
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.studies.dsn16.recording import closed_loop
 from ravenjax.studies.framework import kinds

@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ravenjax.calibration import replay, tables
-from ravenjax.calibration.calibrate import LoggedRobot
+from ravenjax.analyses.calibration import replay, tables
+from ravenjax.analyses.calibration.calibrate import LoggedRobot
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS

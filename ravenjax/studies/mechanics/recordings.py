@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ravenjax.calibration import position_loop, table_file
-from ravenjax.calibration.calibrate import LoggedRobot
+from ravenjax.analyses.calibration import position_loop, table_file
+from ravenjax.analyses.calibration.calibrate import LoggedRobot
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.studies.dsn16.recording import closed_loop
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from ravenjax.calibration import position_loop, tables
-from ravenjax.calibration.calibrate import Calibration, LoggedRobot
-from ravenjax.calibration.judgement import FollowingError
-from ravenjax.calibration.parameters import unknowns
+from ravenjax.analyses.calibration import position_loop, tables
+from ravenjax.analyses.calibration.calibrate import Calibration, LoggedRobot
+from ravenjax.analyses.calibration.judgement import FollowingError
+from ravenjax.analyses.calibration.parameters import unknowns
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import cables, parameter_sets, robot

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ravenjax.search import runner
-from ravenjax.search.file import loading
+from ravenjax.analyses.search import runner
+from ravenjax.analyses.search.file import loading
 from ravenjax.studies.uncertainty.parameters import PARAMETERS, Uncertain
 
 OUTCOME = "peak_golden_deviation_mm"

@@ -12,12 +12,12 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from ravenjax.analyses.search.file import json_schema as searches
 from ravenjax.bundled import resources
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.cli import main
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.search.file import json_schema as searches
-from ravenjax.trainer.scenario import json_schema as scenarios
+from ravenjax.train.scenario import json_schema as scenarios
 
 FOLDERS = {
     "campaign": "campaigns",

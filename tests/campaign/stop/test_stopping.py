@@ -10,6 +10,7 @@ import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
+from ravenjax.analyses.search.file import loading as searches
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.stop import decisions, strata
@@ -17,7 +18,6 @@ from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
 from ravenjax.report.data import facts
-from ravenjax.search.file import loading as searches
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 GROUPS = [

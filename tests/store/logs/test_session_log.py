@@ -19,7 +19,7 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.store.logs.session import words as session_words
 from ravenjax.store.motion import mcap_file
-from ravenjax.trainer.protocol.frame import FrameLayout
+from ravenjax.train.protocol.frame import FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
 START = 1_767_323_045_678_000_000  # ns, of the header's "started"

@@ -52,8 +52,8 @@ def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data)
     """With raven2's opposed jaw its replay has nothing in common with the recording."""
     import numpy as np
 
-    from ravenjax.calibration import position_loop
-    from ravenjax.calibration.calibrate import LoggedRobot
+    from ravenjax.analyses.calibration import position_loop
+    from ravenjax.analyses.calibration.calibrate import LoggedRobot
     from ravenjax.robots.raven2.plant import robot as plant
     from ravenjax.robots.raven2.setup import RavenSetup
 

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.calibration import position_loop, replay
-from ravenjax.calibration.calibrate import LoggedRobot
-from ravenjax.calibration.log import JointLog
+from ravenjax.analyses.calibration import position_loop, replay
+from ravenjax.analyses.calibration.calibrate import LoggedRobot
+from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.studies.dsn16.recording import horizons
 from ravenjax.studies.mechanics import predictors, recordings

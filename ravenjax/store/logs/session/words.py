@@ -1,5 +1,5 @@
 """Events of a training session in words, for the log of its recording. Kinds:
-`ravenjax.trainer.protocol.messages`.
+`ravenjax.train.protocol.messages`.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.calibration import position_loop
-from ravenjax.calibration.position_loop import Controller, LoopState
+from ravenjax.analyses.calibration import position_loop
+from ravenjax.analyses.calibration.position_loop import Controller, LoopState
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace

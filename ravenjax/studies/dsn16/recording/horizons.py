@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.calibration import replay
+from ravenjax.analyses.calibration import replay
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plant_runs import N, columns, constant, setup, simulate
 
-from ravenjax.calibration import rigid
+from ravenjax.analyses.calibration import rigid
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import built_links, kinematics, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
@@ -159,7 +159,7 @@ def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
 
 
 def _drawn(rng: np.random.Generator) -> KinematicErrors:
-    from ravenjax.calibration import tip_error
+    from ravenjax.analyses.calibration import tip_error
 
     with jax.enable_x64(True):
         return tip_error.with_values(

@@ -1,0 +1,1 @@
+"""Questions asked of a campaign or of a recording; each folder answers one."""

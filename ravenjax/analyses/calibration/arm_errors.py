@@ -1,0 +1,73 @@
+"""Which kinematic errors one recorded arm has: the most probable ones, and what they explain where
+nothing was fitted.
+
+Gauss-Newton on the first half of a camera's log, beside a rigid motion and the point that the
+camera looks at, in the jaws' frame (known to nobody, and no error of the arm). Kinematic errors are
+normal before the log, with the spreads of MEASURED. Rows of one motion resemble each other: each
+motion counts as one reading of NOISE_M.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.calibration import rigid, tip_error
+from ravenjax.analyses.calibration.camera_log import CameraLog
+from ravenjax.analyses.calibration.tip_error import PATHS, SPREAD
+from ravenjax.numbers.lazy import jax, jnp
+
+POINT_M = 0.01  # assumed: how far from the jaw axis a camera's point may be
+NOISE_M = 2e-3  # about the median of what is left
+ITERATIONS = 15
+POINT = ("point",)
+"""Part of the fit that belongs to the camera."""
+
+
+class ArmFit(NamedTuple):
+    """Of one arm."""
+
+    values: np.ndarray  # [16] kinematic errors at PATHS; 0 where they were not fitted
+    left: tuple[
+        np.ndarray, np.ndarray
+    ]  # m, what is left of the tip errors on the first and the second half
+    own: tuple[np.ndarray, np.ndarray]  # m, tip errors of an arm that has `values` and nothing else
+
+
+def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
+    """The most probable errors of some `parts`: joint_offset, ratio_error, links, point."""
+    first, _ = log.halves
+    open_ = np.array([path.partition(".")[0] in parts for path in PATHS])
+    spread = np.concatenate([np.full(6, 1e3), np.full(3, POINT_M), SPREAD])
+    free = np.flatnonzero(np.concatenate([np.ones(6, bool), np.full(3, "point" in parts), open_]))
+    readings = len(np.unique(first.trajectory)) / len(first.joints)
+    x = np.zeros(len(spread))
+    with jax.enable_x64(True):
+        for _ in range(ITERATIONS):
+            slope = np.asarray(_slope(x, first.joints, first.rotation))[..., free]
+            left = first.camera - np.asarray(_predicted(x, first.joints, first.rotation))
+            weight = rigid.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
+            normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + np.diag(
+                spread[free] ** -2.0
+            )
+            pull = np.einsum("nak,n,na->k", slope, weight, left) - x[free] / spread[free] ** 2
+            x[free] += np.linalg.solve(normal, pull)
+        left = log.camera - np.asarray(_predicted(x, log.joints, log.rotation))
+    apart, middle = np.linalg.norm(left, axis=1), len(first.joints)
+    own = tip_error.predicted(log, x[None, 9:])
+    return ArmFit(x[9:], (apart[:middle], apart[middle:]), (own[0][0], own[1][0]))
+
+
+def _tips(x: jax.Array, joints: jax.Array, rotation: jax.Array) -> jax.Array:
+    """[n, 3] seen points (m): rigid motion x[:6] (rotation vector, displacement), point x[6:9],
+    errors x[9:].
+    """
+    points = tip_error.true_tips(x[9:], joints) + rotation @ x[6:9]
+    turn = jnp.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+    return points @ jax.scipy.linalg.expm(turn).T + x[3:6]
+
+
+_predicted = jax.jit(_tips)
+_slope = jax.jit(jax.jacfwd(_tips))

@@ -1,0 +1,199 @@
+"""Parameters from a log: Gauss-Newton on whole stretches of closed loop, and what is then known of
+them.
+
+The residual is measured minus replayed, joint by joint, in units of what no step takes away of it.
+That is correlated in time: every joint's squares count only for as many independent samples as it
+has (its integrated autocorrelation time). Beliefs before the log are normal and enter as one more
+squared residual each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from ravenjax.analyses.calibration.position_loop import JOINTS
+from ravenjax.robots.raven2.geometry import transmission
+
+# spreads, to both sides: what two parameters do together is the small rest of what each does
+DIFFERENCE = 0.1
+CANDIDATES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step, tried side by side
+FURTHER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # spreads along each unknown, where no step is better
+ITERATIONS = 40
+SCREENED = 3  # times as many draws as a slope takes
+LEAST = 10.0  # independent samples that any joint has
+WORTH = 1.0  # gain of a longer step, in squares
+FINEST = 2.0 * transmission.ENCODER_RAD / np.array([*transmission.TR])
+"""Two counts of the encoder at each joint, rad and m: whether a motor at rest shows a count more
+or less is chance.
+"""
+ENOUGH = 1e-3  # relative gain at which it ends
+
+Predictor = Callable[[np.ndarray], np.ndarray]
+"""steps [K, k] (spreads) -> joints [K, n, 7] where they were measured; rad and m."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """The most probable parameters, in spreads from their values before, and the covariance
+    around them.
+    """
+
+    steps: np.ndarray  # [k]
+    covariance: np.ndarray  # [k, k]
+    scale: np.ndarray  # [7] root mean square of each joint's residual, at least FINEST; rad and m
+    independent: np.ndarray  # [7] independent samples of each joint's residual
+    costs: tuple[
+        tuple[float, float], ...
+    ]  # of each iteration, before and after it in the same weights
+
+    def weight(self, measured: np.ndarray) -> np.ndarray:
+        """Of each residual [n, 7], so that its squares add up to the joint's independent
+        samples.
+        """
+        there = ~np.isnan(measured)
+        return np.where(
+            there, np.sqrt(self.independent / there.sum(axis=0).clip(1)) / self.scale, 0.0
+        )
+
+
+def fit(
+    predict: Predictor, measured: np.ndarray, unknowns: int, smooth: Predictor | None = None
+) -> Fit:
+    """Gauss-Newton with slopes by differences; `measured` [n, 7], nan where it is not compared.
+
+    smooth: predictions without whole numbers, whose differences are the slopes; by default
+    `predict` itself. Where an encoder counts and a motor sticks, chance moves a joint by part of a
+    count. A small difference of counted joints shows little else, and a parameter that tells
+    nothing would seem to tell much.
+
+    It begins at the best of some draws from the beliefs, and where it ends it looks along each
+    unknown whether it is better further off: a joint that sticks has no slope that leads away.
+    """
+    there = ~np.isnan(measured)
+    smooth = smooth or predict
+    probes = DIFFERENCE * np.vstack([np.eye(unknowns), -np.eye(unknowns)])
+    count = rows(unknowns)
+    best = Fit(
+        _start(predict, measured, unknowns, count),
+        np.eye(unknowns),
+        np.ones(JOINTS),
+        np.ones(JOINTS),
+        (),
+    )
+    for _ in range(ITERATIONS):
+        predicted = padded(predict, best.steps[None], count)
+        residual = np.where(there, measured - predicted[0], 0.0)
+        moved = padded(smooth, best.steps + probes, count)
+        slopes = np.where(there, (moved[:unknowns] - moved[unknowns:]) / (2.0 * DIFFERENCE), 0.0)
+        scale, independent = _noise(_unexplained(residual, slopes), there)
+        best = dataclasses.replace(best, scale=scale, independent=independent)
+        slope = (slopes * best.weight(measured)).reshape(unknowns, -1)
+        covariance = np.linalg.inv(slope @ slope.T + np.eye(unknowns))
+        move = covariance @ (slope @ (residual * best.weight(measured)).ravel() - best.steps)
+        best = dataclasses.replace(best, covariance=covariance)
+        before = costs(best, measured, predicted, best.steps[None])[0]
+        candidates = best.steps + np.outer(CANDIDATES, move)
+        after = costs(best, measured, padded(predict, candidates, count), candidates)
+        best = dataclasses.replace(
+            best, costs=(*best.costs, (before, float(min(before, after.min()))))
+        )
+        if after.min() > before * (1.0 - ENOUGH):
+            further = np.concatenate([best.steps + far * np.eye(unknowns) for far in FURTHER])
+            candidates = np.vstack([best.steps, further])
+            after = _blind(measured, padded(predict, candidates, count), candidates)
+            if after.min() > after[0] - WORTH:
+                break
+        best = dataclasses.replace(best, steps=candidates[int(np.argmin(after))])
+    return best
+
+
+def rows(unknowns: int) -> int:
+    """Replays side by side: as many as a slope takes."""
+    return max(1 + unknowns, len(CANDIDATES))
+
+
+def costs(at: Fit, measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Of predictions [K, n, 7] and their steps [K, k], in the weights of `at`."""
+    weight = at.weight(measured)
+    return np.array(
+        [
+            squares(measured, joints, weight) + one @ one
+            for joints, one in zip(predicted, steps, strict=True)
+        ]
+    )
+
+
+def _blind(measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Costs of predictions [K, n, 7] where nothing is known of the noise: each joint's is all that
+    its residual is.
+
+    -2 log likelihood of LEAST independent samples a joint, so that parameters far apart can be
+    compared.
+    """
+    there = ~np.isnan(measured)
+    errors = np.where(there, measured - predicted, 0.0)
+    mean = (errors**2).sum(axis=1) / there.sum(axis=0).clip(1)
+    return LEAST * np.log(mean + FINEST**2).sum(axis=1) + (steps**2).sum(axis=1)
+
+
+def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -> np.ndarray:
+    """The best of some draws from the beliefs, narrowed, and of what was believed."""
+    samples = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
+    draws = np.vstack([np.zeros(unknowns), 0.7 * samples])
+    return draws[int(np.argmin(_blind(measured, padded(predict, draws, rows), draws)))]
+
+
+def padded(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
+    """Predictions of any number of parameters, computed by `rows`, so that nothing is compiled
+    anew.
+    """
+    parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
+    filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
+    return np.concatenate([predict(part) for part in filled])[: len(steps)]
+
+
+def squares(measured: np.ndarray, joints: np.ndarray, weight: np.ndarray) -> float:
+    """Sum of weighted squares of measured minus replayed joints [n, 7]; nan is not compared."""
+    return float((np.where(weight > 0.0, measured - joints, 0.0) ** 2 * weight**2).sum())
+
+
+def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """What no step of the unknowns takes away of the residual [n, 7], joints weighed alike: the
+    noise of the fit.
+
+    What a step takes away is still to be fitted; counted as noise, which it would be much
+    correlated, it would keep the fit where it is.
+    """
+    unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), FINEST)
+    columns = (slopes / unit).reshape(len(slopes), -1).T
+    step, *_ = np.linalg.lstsq(columns, (residual / unit).ravel(), rcond=1e-6)
+    return residual - np.tensordot(step, slopes, axes=1)
+
+
+def _noise(residual: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Root mean square of each joint's residual, at least FINEST, and its independent samples;
+    [7] each.
+    """
+    count = there.sum(axis=0)
+    scale = np.sqrt((residual**2).sum(axis=0) / count.clip(1))
+    times = np.array(
+        [_autocorrelation_time(residual[there[:, j], j]) for j in range(residual.shape[-1])]
+    )
+    return np.maximum(scale, FINEST), np.maximum(count / times, 1.0)
+
+
+def _autocorrelation_time(series: np.ndarray) -> float:
+    """Integrated autocorrelation time of [n], samples; summed to the first sign change."""
+    spectrum = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2 if len(series) else np.zeros(1)
+    correlation = (
+        np.fft.irfft(spectrum, 2 * len(series))[: len(series)] if len(series) else np.zeros(1)
+    )
+    if correlation[0] <= 0.0:
+        return 1.0
+    correlation = correlation / correlation[0]
+    below = np.flatnonzero(correlation <= 0.0)
+    end = int(below[0]) if len(below) else len(correlation)
+    return float(1.0 + 2.0 * correlation[1:end].sum())

@@ -1,0 +1,113 @@
+"""Replays of one log with many parameters side by side, on the fastest engine of the machine's
+processor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ravenjax import threads
+from ravenjax.analyses.calibration import parameters, replay_loop
+from ravenjax.analyses.calibration.fit import Predictor
+from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration.parameters import Unknown
+from ravenjax.analyses.calibration.position_loop import Controller, LoopParams
+from ravenjax.analyses.calibration.replay_loop import ReplayParams, ReplaySetup
+from ravenjax.engines import selection
+from ravenjax.engines.interface import Block, Kernel, TickProgram
+from ravenjax.numbers import paths
+from ravenjax.numbers.lazy import jax
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.setup import RavenSetup
+
+ENGINE = "simd"
+
+
+def setup_of(
+    setup: RavenSetup, arm: ArmName, controller: Controller, wanted: Sequence[Unknown]
+) -> ReplaySetup:
+    """What the replays of one arm need for what is asked."""
+    fields = {field for one in wanted for field in one.fields}
+    return ReplaySetup(
+        software=setup.software,
+        arms=(arm,),
+        tools=(setup.tools[setup.arms.index(arm)],),
+        precision=setup.precision,
+        controller=controller,
+        command_delay=parameters.LONGEST_DELAY_MS if parameters.COMMAND_DELAY in fields else 0,
+        shifted=parameters.SETPOINT_DELAY in fields,
+    )
+
+
+def predictor(
+    setup: ReplaySetup, base: LoopParams, wanted: Sequence[Unknown], log: JointLog
+) -> Predictor:
+    """Replays of a log from its beginning, where the robot stands at the joints first measured."""
+    return _Replays(
+        setup, base, tuple(parameters.values(base, wanted, np.zeros((1, len(wanted))))), log
+    ).steps(wanted)
+
+
+def robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
+    """[K, n, 7] of whole robots, where the log was measured."""
+    every = [dict(paths.leaves(one, setup)) for one in several]
+    differ = [
+        path
+        for path, value in every[0].items()
+        if any(float(one[path]) != float(value) for one in every)
+    ]
+    columns = {path: np.array([float(one[path]) for one in every]) for path in differ}
+    return _Replays(setup, several[0], tuple(differ), log).run(columns, len(several))
+
+
+class _Replays:
+    """One log, compiled for some parameters that differ."""
+
+    def __init__(
+        self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
+    ) -> None:
+        first = np.where(np.isnan(log.start), log.desired[0], log.start)
+        params = ReplayParams(_plain(base), Vec(np.float32(x) for x in first))
+        self._base, self._log, self._varied = base, log, varied
+        self._program = TickProgram(
+            replay_loop.__name__,
+            setup,
+            params,
+            tuple(f"loop.{path}" for path in varied),
+            len(log.desired),
+        )
+        self._motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
+        self._kernel: Kernel | None = None
+
+    def steps(self, wanted: Sequence[Unknown]) -> Predictor:
+        return lambda steps: self.run(parameters.values(self._base, wanted, steps), len(steps))
+
+    def run(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        """[count, n, 7] of parameters [count] by path."""
+        if self._kernel is None:
+            self._kernel = selection.select(ENGINE, self._program.setup.precision).compile(
+                self._program, count
+            )
+        kernel = self._kernel
+        columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in self._varied}
+        starts = range(0, count, kernel.lanes)
+        parts = threads.mapped(lambda start: self._block(kernel, columns, start, count), starts)
+        return np.concatenate(parts)[:count]
+
+    def _block(
+        self, kernel: Kernel, columns: Mapping[str, np.ndarray], start: int, count: int
+    ) -> np.ndarray:
+        rows = min(kernel.lanes, count - start)
+        lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
+        result = kernel.run(
+            Block({path: column[lanes] for path, column in columns.items()}, (), None), self._motion
+        )
+        return np.moveaxis(result.reference[self._log.cycles, :, :rows], -1, 0).astype(np.float64)
+
+
+def _plain(base: LoopParams) -> LoopParams:
+    """With Python's numbers in place of JAX's, which a program cannot hold."""
+    return jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)

@@ -1,0 +1,52 @@
+"""A calibrated robot as a file: what a campaign draws its robots from by `[parameters] from =
+"my_robot.toml"`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ravenjax.analyses.calibration.parameters import COMMAND_DELAY, LONGEST_DELAY_MS, SETPOINT_DELAY
+from ravenjax.robots.raven2.arms import ArmName
+
+DELAY = "usb.command_delay"
+"""What a campaign calls COMMAND_DELAY; of whole cycles."""
+
+
+def text(values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path) -> str:
+    """TOML of numbers [n] by path in `LoopParams`; the n-th of all belong to one robot.
+
+    SETPOINT_DELAY is of the log and left out.
+    """
+    number = len(next(iter(values.values())))
+    rows = [
+        (
+            f"# {number} robots that {log.name} leaves likely: the n-th values of all lists belong"
+            " to one. In a campaign:"
+        ),
+        '# [parameters] from = "this file". Written by `ravenjax calibrate`.',
+        "",
+        "[campaign]",
+        f'parameter_set = "{parameter_set}"',
+        "",
+        "[parameters]",
+    ]
+    for path, draws in values.items():
+        if path == COMMAND_DELAY:
+            cycles = np.clip(np.round(draws), 0, LONGEST_DELAY_MS).astype(int)
+            rows.append(f'"{DELAY}" = {{ together = {cycles.tolist()} }}')
+        elif path != SETPOINT_DELAY:
+            listed = ", ".join(map(_decimal, draws.tolist()))
+            rows.append(
+                f'"plant.{arm}.{path.removeprefix("plant.")}" = {{ together = [{listed}] }}'
+            )
+    return "\n".join(rows) + "\n"
+
+
+def _decimal(value: float) -> str:
+    """A number that TOML takes for a float."""
+    word = f"{value:.6g}"
+    return word if "." in word or "e" in word else f"{value:.1f}"

@@ -1,0 +1,114 @@
+"""A calibration in tables: how well the robots predict the log, and what it tells of each
+parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.calibration.calibrate import Calibration
+from ravenjax.analyses.calibration.judgement import FollowingError
+from ravenjax.analyses.calibration.sampling import ReplayEffort, Search
+from ravenjax.robots.raven2.arms import JOINTS
+
+PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
+"""deg and mm in which people read a joint, per rad and m."""
+UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
+TOLD = 0.5
+"""A parameter counts as told where the log at least halves its spread."""
+
+
+class Rows(NamedTuple):
+    """A table."""
+
+    title: str
+    columns: tuple[str, ...]
+    cells: list[tuple[str, ...]]
+
+
+def following(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
+    """Root mean square following error of the log and of each model, with the model's share of
+    the log's.
+    """
+    log = rows[0].following
+    cells = []
+    for one in rows:
+        line = [one.model]
+        for j in joints:
+            error = f"{one.following[j] * PER_UNIT[j]:.3f}"
+            share = f" ({one.following[j] / log[j]:.2f}), off {one.residual[j] * PER_UNIT[j]:.3f}"
+            line.append(error if one is rows[0] else error + share)
+        cells.append(tuple(line))
+    columns = (
+        "rms (times the log's), off by",
+        *(f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}" for j in joints),
+    )
+    return Rows(title, columns, cells)
+
+
+def by_joint(title: str, rows: Sequence[FollowingError], joints: Sequence[int]) -> Rows:
+    """The same, a row a joint, for a narrow screen."""
+    log, *models = rows
+    cells = [
+        (
+            f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}",
+            f"{log.following[j] * PER_UNIT[j]:.3f}",
+            *(
+                f"{one.following[j] * PER_UNIT[j]:.3f}"
+                f" ({one.following[j] / log.following[j]:.2f})\noff"
+                f" {one.residual[j] * PER_UNIT[j]:.3f}"
+                for one in models
+            ),
+        )
+        for j in joints
+    ]
+    return Rows(title, ("joint", *(one.model for one in rows)), cells)
+
+
+def parameters(title: str, calibrated: Calibration) -> Rows:
+    """Every unknown before and after the log, its 90 % interval, and the share of its spread
+    that the log leaves.
+    """
+    low, high = calibrated.interval
+    rows = zip(
+        calibrated.unknowns,
+        calibrated.before,
+        calibrated.after,
+        low,
+        high,
+        calibrated.told,
+        strict=True,
+    )
+    cells = [
+        (
+            one.path,
+            f"{before:.4g}",
+            f"{after:.3g}",
+            f"{least:.3g}",
+            f"{most:.3g}",
+            f"{left:.2f}" + ("" if left <= TOLD else " (not told)"),
+        )
+        for one, before, after, least, most, left in rows
+    ]
+    return Rows(title, ("parameter", "before", "after", "5 %", "95 %", "spread left"), cells)
+
+
+def searches(title: str, calibrated: Calibration, results: Sequence[Search]) -> Rows:
+    """The fit, then each way of sampling: replays and time until it came near, and the best it
+    found.
+    """
+    cells = [("slopes (the fit)", *_effort(calibrated.effort), "0")]
+    for one in results:
+        if one.near is None:
+            replays, seconds = _effort(one.whole)
+            cells.append((one.name, f"not in {replays}", f"not in {seconds}", f"{one.excess:.1f}"))
+        else:
+            cells.append((one.name, *_effort(one.near), f"{one.excess:.1f}"))
+    return Rows(title, ("way", "replays", "s", "best cost, above the fit's"), cells)
+
+
+def _effort(one: ReplayEffort) -> tuple[str, str]:
+    return str(one.replays), f"{one.seconds:.0f}"

@@ -1,0 +1,117 @@
+"""How wrong a healthy arm's report is: what cameras saw, what drawn robots have, what one arm's
+parameters explain.
+
+Every number is of the distance between seen (or true) and reported tip after one rigid motion,
+fitted to the log's first half, so that nothing is known of its second. The log is of a single arm,
+and its cameras err, too. So what is fitted is one number: a common factor of the kinematic errors'
+distribution, with which half the drawn robots have a larger median error on the first half than
+cameras saw there. That gives all that was seen to the arm: an upper bound.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.calibration import rigid
+from ravenjax.analyses.calibration.camera_log import ARM, CameraLog
+from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.geometry.built_links import LinkErrors
+from ravenjax.robots.raven2.plant import kinematic_errors
+from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED, KinematicErrors
+
+LIMIT_M = 3e-3
+QUANTILES = (0.25, 0.5, 0.75, 0.95)
+PATHS, SPREAD = tuple(MEASURED), np.array(tuple(MEASURED.values()))
+
+
+class ErrorSize(NamedTuple):
+    """Of one arm's tip errors."""
+
+    quantiles: np.ndarray  # [4] m, at QUANTILES
+    beyond: float  # share larger than LIMIT_M
+    rms: float  # m
+
+
+def size(errors: np.ndarray) -> ErrorSize:
+    """Of tip errors [n], m."""
+    return ErrorSize(
+        np.quantile(errors, QUANTILES),
+        float((errors > LIMIT_M).mean()),
+        float(np.sqrt(np.square(errors).mean())),
+    )
+
+
+def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tip errors [..., n] (m) on the first and on the second half of a log, of true or seen tips
+    [..., n, 3].
+    """
+    middle = len(log.joints) // 2
+    motion = rigid.fit(log.reported[:middle], true[..., :middle, :])
+    apart = np.linalg.norm(true - motion(log.reported), axis=-1)
+    return apart[..., :middle], apart[..., middle:]
+
+
+def with_values(values: jax.Array) -> KinematicErrors:
+    """The record that has `values` [16] at PATHS."""
+    exact = kinematic_errors.exact()
+    entries = {path: values[k] for k, path in enumerate(PATHS)}
+    offset, ratio = (
+        Vec(entries.get(f"{part}.{joint}", 0.0) for joint in JOINTS)
+        for part in ("joint_offset", "ratio_error")
+    )
+    links = LinkErrors(
+        *(entries.get(f"links.{field.name}", 0.0) for field in dataclasses.fields(LinkErrors))
+    )
+    return dataclasses.replace(exact, joint_offset=offset, ratio_error=ratio, links=links)
+
+
+def true_tips(values: jax.Array, joints: jax.Array) -> jax.Array:
+    """[n, 3] true tips (m, frame 0) of the arm with `values`, where its software reports joints
+    [n, 7].
+    """
+    errors = with_values(values)
+    links = kinematic_errors.true_joints(errors, Vec(joints[:, i] for i in range(7)))
+    return jnp.stack([*kinematic_errors.tip(ARM, errors, None, links)], axis=-1)
+
+
+_tips_of_robots = jax.jit(jax.vmap(true_tips, in_axes=(0, None)))
+
+
+def draw(robots: int, seed: int = 0) -> np.ndarray:
+    """[robots, 16] kinematic errors at PATHS, as a campaign draws them."""
+    return np.random.default_rng(seed).normal(size=(robots, len(PATHS))) * SPREAD
+
+
+def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[robots, n] tip errors (m) of robots with errors [robots, 16], on the log's first and
+    second half.
+    """
+    with jax.enable_x64(True):
+        return errors_of(log, np.asarray(_tips_of_robots(robots, log.joints)))
+
+
+def factor(log: CameraLog, robots: np.ndarray) -> float:
+    """Times which MEASURED makes the middle robot's median error on the first half the one that
+    cameras saw.
+    """
+    goal = float(np.median(errors_of(log, log.camera)[0]))
+    low, high = 0.05, 4.0
+    for _ in range(12):
+        middle = np.sqrt(low * high)
+        larger = float(np.median(np.median(predicted(log, middle * robots)[0], axis=1))) > goal
+        low, high = (low, middle) if larger else (middle, high)
+    return float(np.sqrt(low * high))
+
+
+def gaussian(log: CameraLog, seed: int = 0) -> np.ndarray:
+    """[n] tip errors of a null: in each axis alike, at each moment anew, of the first half's
+    root mean square, m.
+    """
+    deviation = size(errors_of(log, log.camera)[0]).rms / np.sqrt(3.0)
+    normal = np.random.default_rng(seed).normal(size=(len(log.halves[1].joints), 3))
+    return np.linalg.norm(deviation * normal, axis=1)

@@ -1,0 +1,98 @@
+"""The robot and its surroundings for a page that draws them itself: shapes, and the bodies that
+carry them.
+
+Shapes are those of the training page. A page turns joint positions into places of bodies by the
+tree of the model.
+"""
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import mujoco
+import numpy as np
+import trimesh
+
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.train.page import body_meshes, cameras
+
+STEPS = 65535
+"""Steps of a coordinate over the extent of a body's shapes: 1 m is known to 15 um."""
+KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide"}
+
+
+def description() -> dict[str, Any]:
+    """JSON: bodies in the model's order, parents first, and the cameras.
+
+    A body: parent (index, -1: none), position (m) and quaternion (w first) in its parent, `joint`
+    (arm, index, kind, axis, anchor, home) or null, and meshes. A mesh: colour (sRGB, 0 to 1), `low`
+    and `size` (m) of a box, `corners` (base64, uint16 [n, 3], little-endian: low + size * corner /
+    STEPS) and `faces` (base64, uint16 [n, 3]).
+    """
+    model = arm_model.scene()
+    joints = {
+        int(model.joint(name).id): (arm, index)
+        for arm in ARMS
+        for index, name in enumerate(arm_model.joint_names(arm))
+    }
+    return {
+        "steps": STEPS,
+        "bodies": [_body(model, body, joints) for body in range(model.nbody)],
+        "cameras": {name: _camera(name) for name in cameras.CAMERAS},
+    }
+
+
+def _body(model: mujoco.MjModel, body: int, joints: dict[int, tuple[str, int]]) -> dict[str, Any]:
+    return {
+        "name": model.body(body).name,
+        "parent": int(model.body_parentid[body]) if body else -1,
+        "position": model.body_pos[body].tolist(),
+        "quaternion": model.body_quat[body].tolist(),
+        "joint": (
+            _joint(model, int(model.body_jntadr[body]), joints) if model.body_jntnum[body] else None
+        ),
+        "meshes": [_mesh(model, geoms) for geoms in body_meshes.looks(model, body)],
+    }
+
+
+def _joint(model: mujoco.MjModel, joint: int, joints: dict[int, tuple[str, int]]) -> dict[str, Any]:
+    arm, index = joints[joint]
+    return {
+        "arm": arm,
+        "index": index,
+        "kind": KINDS[int(model.jnt_type[joint])],
+        "axis": model.jnt_axis[joint].tolist(),
+        "anchor": model.jnt_pos[joint].tolist(),
+        "home": float(model.key("home").qpos[model.jnt_qposadr[joint]]),
+        "zero": float(model.qpos0[model.jnt_qposadr[joint]]),
+    }
+
+
+def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
+    mesh = body_meshes.conversions.merge_geoms(model, geoms)
+    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+    corners = np.asarray(mesh.vertices, float)
+    low = corners.min(axis=0)
+    size = np.maximum(corners.max(axis=0) - low, 1e-9)
+    return {
+        "colour": [round(float(part), 3) for part in body_meshes.colour(model, geoms[0])],
+        "low": low.tolist(),
+        "size": size.tolist(),
+        "corners": _words(np.rint((corners - low) / size * STEPS)),
+        "faces": _words(mesh.faces),
+    }
+
+
+def _words(numbers: np.ndarray) -> str:
+    assert numbers.min() >= 0 and numbers.max() <= STEPS, numbers.max()
+    return base64.b64encode(np.ascontiguousarray(numbers, "<u2").tobytes()).decode()
+
+
+def _camera(name: str) -> dict[str, Any]:
+    place, focus, fov = cameras.pose(name)
+    return {"place": place.tolist(), "focus": focus.tolist(), "fov": fov}

@@ -1,0 +1,87 @@
+"""Pages of several campaigns in one folder, with an index page of cards: ready for any static
+host.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from ravenjax.analyses.explorer import page
+from ravenjax.bundled import resources
+from ravenjax.campaign import loading
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.document import html
+from ravenjax.errors import UserError
+from ravenjax.store import files
+
+INDEX = "index.html"
+
+
+@dataclasses.dataclass(frozen=True)
+class Card:
+    """What the index says of a campaign: its page's file name, or why it has none."""
+
+    campaign: str
+    robot: str
+    description: str
+    duration_ms: int
+    file: str = ""
+    reason: str = ""
+
+
+def build(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
+    """Write the pages of campaign files, of all bundled campaigns without any, and their index;
+    return its cards.
+
+    A campaign that cannot become a page has a card with the reason. Raises UserError for a source
+    that is no campaign, for two campaigns of one name, and where not one can become a page.
+    """
+    configs = [
+        loading.load(source) for source in sources or resources.bundled("campaigns", "*.toml")
+    ]
+    names = [config.campaign.name for config in configs]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UserError(
+            f"two campaigns are named {', '.join(twice)}: a gallery has one page of a name; leave"
+            " one out"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    cards = [_card(config, folder) for config in configs]
+    if not any(card.file for card in cards):
+        raise UserError(
+            "not one of these campaigns can become a page: "
+            + "; ".join(f"{c.campaign}: {c.reason}" for c in cards)
+        )
+    files.write_aside(
+        folder / INDEX, lambda target: target.write_text(render(cards), encoding="utf-8")
+    )
+    return cards
+
+
+def render(cards: Sequence[Card]) -> str:
+    """The index as text."""
+    return (
+        html.environment("ravenjax.analyses.explorer")
+        .get_template("index.html.j2")
+        .render(cards=cards)
+    )
+
+
+def _card(config: CampaignConfig, folder: Path) -> Card:
+    name = config.campaign.name
+    card = Card(
+        name,
+        config.robot.title,
+        config.campaign.description,
+        round(1000 * config.campaign.duration_s),
+    )
+    path = folder / f"{name}.html"
+    try:
+        text = page.render(config)
+    except UserError as error:
+        return dataclasses.replace(card, reason=str(error))
+    files.write_aside(path, lambda target: target.write_text(text, encoding="utf-8"))
+    return dataclasses.replace(card, file=path.name)

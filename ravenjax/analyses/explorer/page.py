@@ -1,0 +1,87 @@
+"""One self-contained page of a campaign: anybody asks its robot in a browser, without a network."""
+
+from __future__ import annotations
+
+import functools
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from ravenjax import robots
+from ravenjax.analyses.explorer import bundle, figure, program, rows, words
+from ravenjax.campaign import loading
+from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.document import html
+from ravenjax.store import files, manifest
+
+FILE = "explore.html"
+SUFFIX = ".explore.html"
+
+
+def build(source: str | Path, out: Path | None = None) -> Path:
+    """Write the page of a campaign file, of a bundled campaign, or of a result folder, and return
+    its path.
+
+    out: where; the folder's `explore.html`, or `NAME.explore.html` of a campaign here. Raises
+    UserError and StoreError.
+    """
+    folder = Path(source)
+    if folder.is_dir():
+        record = manifest.read(folder)
+        config, table, place = validated(record.config), rows.table(folder, record), folder / FILE
+    else:
+        config, table = loading.load(source), None
+        place = Path(config.campaign.name + SUFFIX)
+    path = out or place
+    files.write_aside(path, lambda target: target.write_bytes(render(config, table).encode()))
+    return path
+
+
+def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
+    """The page as text; `table` as of `rows.table`. Raises UserError for a campaign that a page
+    cannot compute.
+    """
+    data = {
+        "campaign": words.campaign(config),
+        "figure": figure.description() if config.robot.name == robots.DEFAULT else None,
+        "program": program.description(config),
+        "table": table,
+    }
+    return (
+        _environment()
+        .get_template("page.html.j2")
+        .render(
+            campaign=data["campaign"],
+            modules=html.data(
+                bundle.import_map(resources.files("ravenjax.analyses.explorer") / "static")
+            ),
+            data={
+                name: json.dumps(_finite(value), separators=(",", ":"))
+                for name, value in data.items()
+            },
+            prefix=bundle.PREFIX,
+            figure_style=Markup(
+                (resources.files("ravenjax.analyses.explorer") / "templates/page.css").read_text(
+                    "utf-8"
+                )
+            ),
+        )
+    )
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no number that is none or infinite: null."""
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not abs(value) < float("inf") else value
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    return html.environment("ravenjax.analyses.explorer")

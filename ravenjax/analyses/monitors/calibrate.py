@@ -1,0 +1,202 @@
+"""`ravenjax monitor calibrate`: from a campaign to a folder with a monitor, as data, as a part,
+and as C.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fnmatch
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ravenjax import interruption
+from ravenjax.analyses.monitors import calibration, monitor_file, writing
+from ravenjax.analyses.monitors.calibration import Calibrated
+from ravenjax.analyses.monitors.monitor import WHOLE, Segments, terms
+from ravenjax.analyses.monitors.operations import OperationDesign, OperationRunner
+from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, ScoreFolder, filled
+from ravenjax.analyses.monitors.scores import Score, catalogue
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.errors import UserError, suggestion
+from ravenjax.stats.conformal.target import FalseAlarmTarget
+from ravenjax.store import manifest
+from ravenjax.vocabulary.robot import Robot
+
+SIGNALS = ("tip_error_bound", "boards_cmd_rate*")
+PER_HOUR, CONFIDENCE = 1.0, 0.95
+LENGTH_S, ROBOTS = 300.0, 16
+TARGET = FalseAlarmTarget(PER_HOUR, CONFIDENCE, LENGTH_S / 3600)
+OnOperator = Callable[[int, int], None]
+"""Told how many operators are there, and how many there are to be."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What somebody wants of a monitor."""
+
+    config: CampaignConfig
+    signals: tuple[str, ...] = SIGNALS  # names of the catalogue, * for any letters
+    segments: Segments = WHOLE
+    target: FalseAlarmTarget = TARGET
+    robots: int = ROBOTS
+    motions: tuple[str, ...] = ()  # (): every generated one of the robot
+    seed: int = 0
+
+
+def request(
+    config: CampaignConfig,
+    signals: Sequence[str] = (),
+    segments: str = "",
+    per_hour: float = PER_HOUR,
+    confidence: float = CONFIDENCE,
+    length_s: float = LENGTH_S,
+    robots: int = ROBOTS,
+    motions: Sequence[str] = (),
+    seed: int = 0,
+) -> Request:
+    """What somebody wrote, checked; empty ones are the defaults. Raises UserError."""
+    if not 1 <= length_s <= 3600:
+        raise UserError(f"an operation of {length_s:g} s: expected 1 to 3600 s")
+    if robots < 1:
+        raise UserError(f"{robots} robots an operator: expected a number from 1 on")
+    if seed < 0:
+        raise UserError(f"seed {seed}: expected a number from 0 on")
+    target = FalseAlarmTarget(per_hour, confidence, length_s / 3600)
+    try:
+        _ = target.fewest_units
+        stretches = Segments.parsed(segments) if segments else WHOLE
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    rest = {
+        path: axis
+        for path, axis in config.parameters.items()
+        if not path.startswith("detectors.own.")
+    }
+    config = config.model_copy(
+        update={"parameters": rest}
+    )  # detectors of its own are left out, and so are theirs
+    return Request(
+        config, tuple(signals) or SIGNALS, stretches, target, robots, tuple(motions), seed
+    )
+
+
+def calibrate(
+    request: Request,
+    out: Path,
+    hours: float | None = None,
+    engine: str = "auto",
+    on_operator: OnOperator = lambda *_: None,
+) -> Calibrated:
+    """Compute what is missing of `hours` of fault-free operation in `out`, and write the monitor
+    there.
+
+    hours: of operation, all operators and robots together; None: what the target needs. Raises
+    UserError and StoreError; finished operators stay, and the same call goes on.
+    """
+    wanted = terms(chosen(request.config.robot, request.signals))
+    units = calibration.units_within(request.target, request.robots, hours)
+    design = OperationDesign(
+        request.motions or motions(request.config),
+        request.robots,
+        request.target.length_h * 3600,
+        request.seed,
+    )
+    peaks = operate(
+        request.config, design, wanted, request.segments, out, units, engine, on_operator
+    )
+    result = calibration.calibrate(peaks, wanted, request.segments, request.target, request.robots)
+    writing.write(out, request.config, design, result)
+    return result
+
+
+def operate(
+    config: CampaignConfig,
+    design: OperationDesign,
+    wanted: tuple[Score, ...],
+    segments: Segments,
+    out: Path,
+    units: int,
+    engine: str,
+    on_operator: OnOperator,
+) -> Peaks:
+    """The operations of `units` operators, those that are missing in `out` computed first."""
+    folder = ScoreFolder(out / FOLDER, described(config, design, wanted, segments))
+    measured = measuring(config, wanted, segments, out / FOLDER / "detectors")
+    lazily: list[OperationRunner] = []
+
+    def compute(numbers: range) -> Any:
+        if not lazily:
+            lazily.append(OperationRunner(measured, design, engine))
+        for one in lazily[0].compute(numbers):
+            on_operator(one.operator + 1, units)
+            yield one
+
+    with interruption.held_back():
+        return filled(folder, units, compute)
+
+
+def chosen(robot: Robot, patterns: Sequence[str]) -> list[Score]:
+    """The candidates of a robot that the patterns name, in its order. Raises UserError for one
+    that names none.
+    """
+    candidates = catalogue(robot)
+    names = [score.name for score in candidates]
+    for pattern in patterns:
+        if not fnmatch.filter(names, pattern):
+            raise UserError(
+                f"signal {pattern!r}: {robot.title} has none of that name; `ravenjax monitor"
+                f" signals` lists them, and * stands for any letters{suggestion(pattern, names)}"
+            )
+    return [
+        score
+        for score in candidates
+        if any(fnmatch.fnmatchcase(score.name, pattern) for pattern in patterns)
+    ]
+
+
+def motions(config: CampaignConfig) -> tuple[str, ...]:
+    """Generated motions that differ with their seed."""
+    from ravenjax.store.access.fault_free import UNVARIED
+
+    words = type(config).words().get("Operator", {}).get("motion", ())
+    return tuple(motion for motion in words if motion not in UNVARIED)
+
+
+def measuring(
+    config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, place: Path
+) -> CampaignConfig:
+    """`config` with a detector for each term and segment in place of its own; their files are
+    written to `place`.
+    """
+    place.mkdir(parents=True, exist_ok=True)
+    raw = []
+    for t, term in enumerate(wanted):
+        for s in range(segments.count):
+            name = f"t{t}_{s}"
+            path = (place / f"{name}.py").absolute()
+            path.write_text(monitor_file.measuring(term, segments, s), encoding="utf-8")
+            raw.append({"name": name, "file": str(path)})
+    detector = (
+        type(config).model_validate({**config.model_dump(mode="json"), "detector": raw}).detector
+    )
+    return config.model_copy(update={"detector": detector})
+
+
+def described(
+    config: CampaignConfig, design: OperationDesign, wanted: tuple[Score, ...], segments: Segments
+) -> dict[str, Any]:
+    """What decides the scores of operations, as JSON has it."""
+    left_out = {"group", "detector", "stop", "outcomes", "reaction"}
+    content = config.model_dump(mode="json", exclude=left_out)
+    for name in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):
+        content["campaign"].pop(name, None)
+    for name in ("motion", "seed"):
+        content.get("operator", {}).pop(name, None)
+    return {
+        "campaign": content,
+        "design": dataclasses.asdict(design) | {"motions": list(design.motions)},
+        "signals": [term.name for term in wanted],
+        "segments": segments.words,
+        "code": manifest.code_hash(config.robot),
+    }

@@ -1,0 +1,331 @@
+"""Whether fresh fault-free operations are still like those that a monitor was calibrated on.
+
+Of each operator, result folder or log one operation counts, the first: whatever else there is of it
+shares its hands, or its robot. Every term is tested, and the joint score; together they keep the
+level (Holm).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.monitors import score_folder, writing
+from ravenjax.analyses.monitors.monitor import Monitor, read_of, reads
+from ravenjax.errors import StoreError, UserError
+from ravenjax.stats.conformal import bands, shift
+from ravenjax.stats.multiplicity import holm
+from ravenjax.store import files, manifest
+from ravenjax.store.access import query
+
+SCORE = "score"
+MS_PER_HOUR = 3.6e6
+
+
+class FreshOperations(NamedTuple):
+    """Fresh operations, one entry each; the first of each unit is tested."""
+
+    origin: (
+        str  # of its units: what two sources that share operators, a result or a log have in common
+    )
+    unit: np.ndarray  # int
+    hours: np.ndarray
+    scores: dict[str, np.ndarray]  # SCORE, and what else there is of `writing.measured_names`
+
+
+class SignalShift(NamedTuple):
+    """One score of the monitor."""
+
+    name: str
+    shift: shift.Shift
+    adjusted: float  # p of all scores together
+    shifted: bool
+
+
+class MonitorCheck(NamedTuple):
+    """What fresh operations say."""
+
+    signals: tuple[SignalShift, ...]  # the joint score first
+    level: float  # chance that any is called shifted where nothing changed
+    units: int
+    operations: int
+    hours: float
+    alarms: int  # operations with one
+
+    @property
+    def shifted(self) -> tuple[SignalShift, ...]:
+        """Those that are."""
+        return tuple(one for one in self.signals if one.shifted)
+
+
+def check(
+    folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int = 0
+) -> MonitorCheck:
+    """Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as
+    CSV.
+
+    A log has the columns of test_vector.csv: live, and what the monitor reads, a row a millisecond.
+    Raises StoreError and UserError.
+    """
+    if not 0 < level < 1:
+        raise UserError(f"--level {level:g}: expected a number between 0 and 1, as 0.05")
+    if not sources:
+        raise UserError("of which operations? Give folders of results, or logs")
+    monitor, record = writing.read(folder)
+    reference = _reference(folder / writing.REFERENCE)
+    some = [_fresh(source, folder, monitor, record) for source in sources]
+    _require_different(sources, some)
+    fresh = _joined(some)
+    _, first = np.unique(fresh.unit, return_index=True)
+    results = {}
+    for name, values in fresh.scores.items():
+        before, after = _largest_if_none(reference[name]), _largest_if_none(values[first])
+        both = np.concatenate([before, after])
+        if (both != both[0]).any():  # the same always: nothing to compare
+            results[name] = shift.shift(before, after, seed)
+    findings = holm({name: one.p for name, one in results.items()}, 1.0 - level)
+    return MonitorCheck(
+        signals=tuple(
+            SignalShift(n, one, findings[n].adjusted, findings[n].rejected)
+            for n, one in results.items()
+        ),
+        level=level,
+        units=len(first),
+        operations=len(fresh.unit),
+        hours=float(fresh.hours.sum()),
+        alarms=int((fresh.scores[SCORE] > monitor.threshold).sum()),
+    )
+
+
+def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarray]) -> np.ndarray:
+    """Largest of each term in each segment over a log, float32 [terms * segments]; 0 where it was
+    never live there.
+
+    live: bool [milliseconds]; inputs: float32 [milliseconds] by name. The same operations as the
+    part's.
+    """
+    numbers = {
+        name: np.nan_to_num(np.asarray(v, np.float32), nan=0.0, posinf=np.inf, neginf=-np.inf)
+        for name, v in inputs.items()
+    }
+    place = np.zeros(len(live), int)
+    if monitor.segments.field:
+        edges = np.asarray(monitor.segments.edges, np.float32)
+        place = np.searchsorted(edges, numbers[monitor.segments.field], "right")
+    out = np.zeros((len(monitor.terms), monitor.segments.count), np.float32)
+    for k, term in enumerate(monitor.terms):
+        own = numbers[read_of(term, term.signal)]
+        if term.kind == "residual":
+            with np.errstate(invalid="ignore"):
+                own = own - numbers[read_of(term, term.against)]
+        elif term.kind == "rate":
+            with np.errstate(invalid="ignore"):
+                own = np.diff(own, prepend=own[:1])
+        size = np.nan_to_num(
+            np.abs(own), nan=0.0, posinf=np.inf
+        )  # what is no number is above none, as in the part
+        for segment in range(monitor.segments.count):
+            out[k, segment] = size[live & (place == segment)].max(initial=0.0)
+    return out.ravel()
+
+
+def _fresh(source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
+    if (source / score_folder.FOLDER / score_folder.DESIGN).is_file():
+        return _of_operations(source, folder, monitor, record)
+    if (source / manifest.FILE).is_file():
+        return _of_result(source, monitor, record)
+    if source.suffix == ".csv":
+        return _of_log(source, monitor, record)
+    raise UserError(
+        f"{source}: expected a folder of `ravenjax monitor operate` or `ravenjax run`, or a log"
+        " whose name ends in .csv"
+    )
+
+
+def _of_operations(
+    source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
+) -> FreshOperations:
+    """Of a folder with operations of their own operators, which are no others' of the
+    calibration.
+    """
+    place, own = source / score_folder.FOLDER, folder / score_folder.FOLDER
+    before, design = score_folder.read_design(own), score_folder.read_design(place)
+    for key in ("signals", "segments", "code"):
+        if design.get(key) != before.get(key):
+            raise UserError(
+                f"{source}: has other {key} than {folder}, so its scores cannot be compared"
+            )
+    _require_length(source, float(design["design"]["length_s"]), record)
+    if all(design["design"].get(key) == before["design"].get(key) for key in ("seed", "stream")):
+        raise UserError(
+            f"{source}: its operators are those of the calibration: nothing of it is fresh"
+        )
+    peaks = score_folder.read(place)
+    columns = dict(zip(writing.measured_names(monitor), peaks.peak.T, strict=True))
+    score = _joint(monitor, peaks.peak)
+    origin = f"operators of seed {design['design']['seed']}, stream {design['design']['stream']}"
+    return FreshOperations(origin, peaks.unit, peaks.hours, {SCORE: score, **columns})
+
+
+def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
+    """Of a campaign's runs without a fault that had the monitor as a detector: one operator, so
+    one unit.
+    """
+    own = manifest.read(source)
+    digest = record["sha256"][writing.PART]
+    texts = (
+        ", ".join(str(one["file"]) for one in own.config.get("detector", ()) if one.get("file"))
+        or "none"
+    )
+    names = [
+        one["name"]
+        for one in own.config.get("detector", ())
+        if _is_part(Path(one.get("file") or ""), digest)
+    ]
+    if not names:
+        raise UserError(
+            f"{source}: none of its detectors is the monitor's {writing.PART} (got {texts}); "
+            "name it in the campaign: [[detector]] file"
+        )
+    _require_length(source, own.duration_ms / 1e3, record)
+    usual = [
+        d
+        for d, one in enumerate(own.detectors)
+        if one.name.split("/")[0] == names[0] and one.consecutive == 1
+    ]
+    if not usual:
+        raise UserError(
+            f"{source}: detector {names[0]!r} alarms after several milliseconds in a row alone,"
+            " which is another score than the calibration's: run with consecutive = 1"
+        )
+    number = usual[0]
+    slots = " AND ".join(
+        ["failed = ''", *(f"fault{slot}_site = ''" for slot in range(own.shape.slots))]
+    )
+    with query.open_folder(source) as table:
+        rows = table.rows(
+            f"SELECT detector{number}_score, pedal_down_ms FROM {query.RESULTS} WHERE {slots} ORDER"
+            " BY index"
+        )
+    if not rows:
+        raise UserError(f"{source}: has no run without a fault")
+    score, pedal_ms = np.array(rows, float).T
+    origin = f"operator {json.dumps(own.config.get('operator', {}), sort_keys=True)}"
+    scores = {SCORE: score.astype(np.float32)}
+    return FreshOperations(origin, np.zeros(len(rows), int), pedal_ms / MS_PER_HOUR, scores)
+
+
+def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOperations:
+    """Of one operation, cut to the length of the calibration's."""
+    arms = record["monitor"].get("arms", ())
+    if len(arms) > 1:
+        raise UserError(
+            f"{source}: a log is of one arm, and scores of the calibration are the larger of"
+            f" {' and '.join(arms)}: calibrate with --set 'campaign.arms=[\"NAME\"]' for the arm of"
+            " the log"
+        )
+    names = ["live", *reads(monitor.terms, monitor.segments)]
+    try:
+        with open(source, newline="", encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            if lost := [name for name in names if name not in (rows.fieldnames or ())]:
+                raise UserError(
+                    f"{source}: has no column {', '.join(lost)}; {writing.VECTOR} shows what is"
+                    " read"
+                )
+            table = np.array([[float(row[name]) for name in names] for row in rows], np.float64)
+    except (OSError, UnicodeDecodeError) as error:
+        raise StoreError(f"{source}: cannot be read ({error})") from None
+    except (TypeError, ValueError) as error:
+        raise UserError(
+            f"{source}: line {rows.line_num} has something else than a number ({error})"
+        ) from None
+    length = round(record["promise"]["operation_s"] * 1e3)
+    if len(table) < length:
+        raise UserError(
+            f"{source}: {len(table)} ms long, the calibration's operations are {length} ms; the"
+            " maximum over less time cannot be compared"
+        )
+    live = table[:length, 0] != 0
+    inputs = {name: table[:length, k + 1].astype(np.float32) for k, name in enumerate(names[1:])}
+    peak = series_scores(monitor, live, inputs)[None]
+    columns = dict(zip(writing.measured_names(monitor), peak.T, strict=True))
+    scores = {SCORE: _joint(monitor, peak), **columns}
+    return FreshOperations(
+        f"log {files.sha256(source)}",
+        np.zeros(1, int),
+        np.array([live.sum() / MS_PER_HOUR]),
+        scores,
+    )
+
+
+def _joint(monitor: Monitor, peak: np.ndarray) -> np.ndarray:
+    scale = np.array(monitor.scales, np.float32)
+    return _largest_if_none(bands.joint(peak.reshape(len(peak), *scale.shape), scale))
+
+
+def _largest_if_none(scores: np.ndarray) -> np.ndarray:
+    """The same, infinite where a number of the operation was not finite: one that failed is
+    above all others.
+    """
+    return np.where(np.isnan(scores), np.float32(np.inf), scores)
+
+
+def _require_different(sources: Sequence[Path], some: Sequence[FreshOperations]) -> None:
+    """UserError where two sources have the same operators: units would count twice, or all but
+    one source for none.
+    """
+    first: dict[str, Path] = {}
+    for source, one in zip(sources, some, strict=True):
+        if one.origin in first:
+            raise UserError(
+                f"{source}: its operations are of the same operators as those of"
+                f" {first[one.origin]} ({one.origin}), and of each operator one operation counts:"
+                " check each by itself"
+            )
+        first[one.origin] = source
+
+
+def _joined(some: list[FreshOperations]) -> FreshOperations:
+    """All of them, each source's units apart; the scores that all have."""
+    units, last = [], 0
+    for one in some:
+        _, own = np.unique(one.unit, return_inverse=True)
+        units.append(own + last)
+        last += int(own.max()) + 1
+    names = [name for name in some[0].scores if all(name in one.scores for one in some)]
+    return FreshOperations(
+        " and ".join(one.origin for one in some),
+        np.concatenate(units),
+        np.concatenate([one.hours for one in some]),
+        {name: np.concatenate([one.scores[name] for one in some]) for name in names},
+    )
+
+
+def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> None:
+    wanted = record["promise"]["operation_s"]
+    if abs(seconds - wanted) > 1e-6:
+        raise UserError(
+            f"{source}: operations of {seconds:g} s, the calibration's are {wanted:g} s, and the"
+            " maximum over another time cannot be compared: run with campaign.duration_s ="
+            f" {wanted:g}"
+        )
+
+
+def _is_part(path: Path, digest: str) -> bool:
+    return path.is_file() and files.sha256(path) == digest
+
+
+def _reference(path: Path) -> dict[str, np.ndarray]:
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return {
+        name: np.array([float(row[name]) for row in rows], np.float32)
+        for name in rows[0]
+        if name != "operator"
+    }

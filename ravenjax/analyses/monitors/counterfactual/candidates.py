@@ -1,0 +1,99 @@
+"""Candidates as detectors of a campaign: a score, and how long it must be above its threshold."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.monitors import part_file
+from ravenjax.analyses.monitors.counterfactual.question import CONSECUTIVE
+from ravenjax.analyses.monitors.scores import Score
+from ravenjax.campaign.file.config import CampaignConfig, validated
+
+SMALLEST_SCALE = 1e-9
+"""Scale of a channel that never moves in fault-free motion, in its unit: any change is over it."""
+_PREFIX = "what_if_"
+"""Of names of detectors, so that a campaign may have detectors of its own of any name."""
+
+
+class Candidate(NamedTuple):
+    """One check that a robot could have."""
+
+    score: Score
+    consecutive: int  # ms in a row above the threshold
+
+    @property
+    def name(self) -> str:
+        """A word: mvel_rate, mvel_rate_4ms."""
+        return (
+            self.score.name if self.consecutive == 1 else f"{self.score.name}_{self.consecutive}ms"
+        )
+
+    @property
+    def words(self) -> str:
+        """What it looks at."""
+        return self.score.words + (
+            f", {self.consecutive} ms in a row" if self.consecutive > 1 else ""
+        )
+
+
+def tables(
+    parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path
+) -> list[dict[str, Any]]:
+    """[[detector]] of each candidate, in order; `folder` gets their files.
+
+    Candidates of one score that follow each other share its file, and what it computes.
+    """
+    out, place = [], 0
+    for score, alike in itertools.groupby(parts, key=lambda part: part.score):
+        path, counts = folder / f"{_PREFIX}{place}.py", [part.consecutive for part in alike]
+        path.write_text(part_file.text([score]), encoding="utf-8")
+        table = {"name": path.stem, "file": str(path), "consecutive": counts}
+        out.append({**table, "threshold": [float(threshold) for threshold in thresholds]})
+        place += len(counts)
+    return out
+
+
+def watched(
+    raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
+) -> tuple[CampaignConfig, list[str]]:
+    """A campaign, as a manifest holds it, with these detectors more, and the prefix of each
+    one's columns.
+    """
+    config = validated({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
+    more = sum(len(table["consecutive"]) for table in tables)
+    return config, [
+        f"detector{number}_"
+        for number in range(len(config.detectors) - more, len(config.detectors))
+    ]
+
+
+def singles(scores: Sequence[Score]) -> list[Candidate]:
+    """Every channel of the scores, for each number of milliseconds in a row, which varies
+    fastest.
+    """
+    return [
+        Candidate(single, count)
+        for score in scores
+        for single in score.singles
+        for count in CONSECUTIVE
+    ]
+
+
+def scaled(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
+    """Candidates whose channels are measured in what fault-free motion reached; peaks: of
+    `singles`, in their unit.
+    """
+    rest = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE))
+    out = []
+    for score in scores:
+        own, rest = rest[: len(score.scales)], rest[len(score.scales) :]
+        out += [
+            Candidate(score.scaled(own[:, place].tolist()), count)
+            for place, count in enumerate(CONSECUTIVE)
+        ]
+    return out

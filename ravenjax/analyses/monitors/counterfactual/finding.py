@@ -1,0 +1,183 @@
+"""From a campaign to what would have helped: everything in its order."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.monitors import scores
+from ravenjax.analyses.monitors.counterfactual import candidates, hazards, motions
+from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
+from ravenjax.analyses.monitors.counterfactual.promise import Grounds, Promise, joint, stated
+from ravenjax.analyses.monitors.counterfactual.question import MARGINS, PROPOSED, Question
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.errors import UserError
+from ravenjax.stats.intervals import Rate
+
+TIP_ERROR = "tip_error_bound"
+"""The candidate that is the built-in detector `tip_error`, where a robot has its signal."""
+
+
+class Member(NamedTuple):
+    """One candidate of the set, over the faults and the motion that state."""
+
+    place: int  # among all candidates
+    sees: float  # share of the faults
+    adds: float  # share that it sees and none before it
+    lead_ms: float  # median over those that it sees; NaN: none
+    false_alarms: int
+
+
+class Counterfactual(NamedTuple):
+    """What would have helped."""
+
+    question: Question
+    config: CampaignConfig
+    parts: tuple[Candidate, ...]
+    grounds: Grounds
+    promise: Promise  # of the set that was selected
+    alone: tuple[Promise, ...]  # of each candidate
+    best: Promise  # of the best candidate alone
+    tip_error: Promise | None  # of the built-in detector
+    everything: Promise  # of all candidates together
+    random: np.ndarray  # share that sets of as many candidates at random cover, each
+    strangers: (
+        Rate | None
+    )  # faults that sets see which were selected without their group; None: there is one group
+    scale_hours: float  # of fault-free motion, from which scales come
+
+    @property
+    def members(self) -> list[Member]:
+        """The set's candidates at its margin, in the order of selection."""
+        grounds, margin = self.grounds, self.promise.margin
+        lead = grounds.hazards.lead_ms[grounds.statement_half][
+            :, self.promise.members, margin.place
+        ]
+        covered = lead >= self.question.lead_ms
+        fresh = covered & (np.cumsum(covered, axis=1) == covered)
+        return [
+            Member(
+                place,
+                float(covered[:, number].mean()),
+                float(fresh[:, number].mean()),
+                (
+                    float(np.median(lead[covered[:, number], number]))
+                    if covered[:, number].any()
+                    else float("nan")
+                ),
+                stated(joint(grounds.statement, [place]), margin.value).count,
+            )
+            for number, place in enumerate(self.promise.members)
+        ]
+
+    @property
+    def uncovered(self) -> list[tuple[str, int, int]]:
+        """(group, faults that the set misses, its faults), of the statement half; most missed
+        first.
+        """
+        rows = self.grounds.statement_half
+        hit = (
+            self.grounds.leads(self.promise.members, self.promise.margin.place)[rows]
+            >= self.question.lead_ms
+        )
+        group = self.grounds.hazards.group[rows]
+        out = [
+            (str(name), int((~hit[group == name]).sum()), int((group == name).sum()))
+            for name in np.unique(group)
+        ]
+        return sorted((one for one in out if one[1]), key=lambda one: (-one[1], one[0]))
+
+
+def find(
+    config: CampaignConfig,
+    question: Question,
+    engine: str = "auto",
+    on_stage: Callable[[str], None] = lambda _: None,
+    on_progress: OnProgress | None = None,
+) -> Counterfactual:
+    """Ask it of a campaign. Raises UserError for what cannot be asked, or has no answer."""
+    question.require()
+    hazards.require_groups(config, question.groups)
+    raw: dict[str, Any] = config.model_dump(mode="json")
+    every = scores.catalogue(config.robot)
+    course = motions.course(raw, question.hours)
+    motions.require_rate(question.false_alarms_per_hour, course)
+    alone = motions.quick(engine)
+    with tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name:
+        folder = Path(name)
+        for part in ("singles", "scaled"):
+            (folder / part).mkdir()
+
+        def motion(
+            purposes: tuple[str, ...], parts: list[Candidate], part: str
+        ) -> motions.FreeMotion:
+            numbers = [n for purpose in purposes for n in motions.share(purpose, course.motions)]
+            return motions.run(raw, course, numbers, parts, folder / part, alone)
+
+        on_stage(
+            f"{course.motions} fault-free motions of {course.seconds} s, a quarter of them for"
+            " candidates' scales"
+        )
+        pilot = motion(("scales",), candidates.singles(every), "singles")
+        parts = candidates.scaled(every, pilot.peaks.max(axis=(0, 1)))
+        on_stage(f"the others, with {len(parts)} candidates")
+        free = motion(("calibrated", "stated"), parts, "scaled")
+        first = len(motions.share("calibrated", course.motions))
+        calibration, statement = (
+            motions.FreeMotion(free.peaks[some], free.hours[some])
+            for some in (slice(first), slice(first, None))
+        )
+        on_stage(f"the campaign's runs, with all of them at {len(MARGINS)} margins")
+        there = hazards.run(
+            raw, parts, MARGINS, folder / "scaled", engine, question.groups, on_progress
+        )
+    halves = there.halves(question.seed)
+    grounds = Grounds(question, calibration, statement, there, *halves)
+    return _finding(config, question, tuple(parts), grounds, float(pilot.hours.sum()))
+
+
+def _finding(
+    config: CampaignConfig,
+    question: Question,
+    parts: tuple[Candidate, ...],
+    grounds: Grounds,
+    scale_hours: float,
+) -> Counterfactual:
+    members = grounds.selected()
+    _require_cover(grounds, members)
+    names = [part.name for part in parts]
+    return Counterfactual(
+        question,
+        config,
+        parts,
+        grounds,
+        grounds.promise(members),
+        tuple(grounds.promise([place]) for place in range(len(parts))),
+        grounds.promise([grounds.best_single()]),
+        grounds.promise([names.index(TIP_ERROR)]) if TIP_ERROR in names else None,
+        grounds.promise(range(len(parts))),
+        grounds.at_random(len(members)),
+        grounds.of_strangers(),
+        scale_hours,
+    )
+
+
+def _require_cover(grounds: Grounds, members: list[int]) -> None:
+    """UserError where there is nothing to select, or nothing to state."""
+    for half, rows in (("select", grounds.selection_half), ("state", grounds.statement_half)):
+        if not rows.any():
+            raise UserError(
+                f"{grounds.hazards.count} faults evade the robot's checks, and none is left to"
+                f" {half} with: compute more runs"
+            )
+    if not members:
+        raise UserError(
+            f"no candidate alarms {grounds.question.lead_ms} ms before harm in any of"
+            f" {int(grounds.selection_half.sum())} faults at {MARGINS[PROPOSED]:g} times what"
+            " fault-free motion reaches: ask for a shorter --lead-ms"
+        )

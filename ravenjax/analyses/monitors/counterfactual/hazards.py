@@ -1,0 +1,169 @@
+"""The campaign's runs with every candidate as a detector: when each alarmed, beside when harm
+began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.analyses.monitors.counterfactual import candidates
+from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
+from ravenjax.campaign import runner
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.errors import UserError, suggestion
+from ravenjax.report.data import draws, facts
+from ravenjax.report.sections import your_robot
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.intervals import Rate, wilson
+from ravenjax.store import schema
+from ravenjax.vocabulary.reactions import ACTIONS
+
+
+class Hazards(NamedTuple):
+    """Runs whose fault evades the robot's own checks, one of each fault; arrays over runs in the
+    table's order.
+    """
+
+    group: np.ndarray  # str
+    sampled: np.ndarray  # bool, of a group that draws its faults
+    unit: np.ndarray  # int, what was sampled: the fault, or the robot where robots were drawn whole
+    robots: bool  # whether units are robots
+    harm_ms: np.ndarray  # int
+    lead_ms: (
+        np.ndarray
+    )  # int [runs, candidates, margins], harm minus first alarm; below 0 where there is none before
+
+    @property
+    def count(self) -> int:
+        """How many."""
+        return len(self.harm_ms)
+
+    def covered(self, lead_ms: int) -> np.ndarray:
+        """Which alarms come early enough: bool [runs, candidates, margins]."""
+        return self.lead_ms >= lead_ms
+
+    def of(self, rows: np.ndarray) -> Hazards:
+        """Some of them."""
+        arrays = {
+            name: part[rows]
+            for name, part in self._asdict().items()
+            if isinstance(part, np.ndarray)
+        }
+        return self._replace(**arrays)
+
+    def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """(selection, statement): rows, bool each. Units are halved at random, of each group
+        where they are faults.
+        """
+        rng = np.random.default_rng([seed, 1])
+        mine = np.zeros(self.count, bool)
+        strata = (
+            np.zeros(self.count, int)
+            if self.robots
+            else np.unique(self.group, return_inverse=True)[1]
+        )
+        odd = 0
+        for stratum in range(strata.max(initial=-1) + 1):
+            among = rng.permutation(np.unique(self.unit[strata == stratum]))
+            mine |= (strata == stratum) & np.isin(self.unit, among[odd::2])
+            odd = (odd + len(among)) % 2  # groups of odd numbers do not all favour one half
+        return mine, ~mine
+
+    def rate(self, hit: np.ndarray) -> Rate:
+        """Share of the runs: Wilson's where each is a fault of its own, else by resampling
+        robots.
+        """
+        if not self.robots:
+            return wilson(int(hit.sum()), len(hit))
+        return units.rate(hit, units.units(self.unit))
+
+
+NEVER = -(2**30)
+"""Lead of an alarm that never came."""
+
+
+def run(
+    raw: Mapping[str, Any],
+    parts: Sequence[Candidate],
+    margins: Sequence[float],
+    folder: Path,
+    engine: str,
+    groups: Sequence[str] = (),
+    on_progress: OnProgress | None = None,
+) -> Hazards:
+    """Compute the campaign, and take its evading faults. UserError where there are none."""
+    config, prefixes = candidates.watched(raw, candidates.tables(parts, margins, folder))
+    results = runner.run_campaign(config, None, engine, on_progress=on_progress)
+    rules = choices(config)
+    names = schema.arrow_schema(results.shape).names
+    watching = tuple(prefix for prefix in (*prefixes, *(f"golden_{prefix}" for prefix in prefixes)))
+    needed = {name for name in names if name.startswith(watching) and not name.endswith("_alarms")}
+    table = results.frame(
+        [name for name in names if name in needed | {*facts.needed(names, rules)}]
+    )
+    rows = evading(table, rules, groups)
+    if not rows.any():
+        among = f" of {', '.join(groups)}" if groups else ""
+        raise UserError(
+            f"no fault{among} evades the robot's checks with a motion of more than"
+            f" {config.outcomes.limit_mm:g} mm: there is nothing that a further check would have"
+            " to see"
+        )
+    some, harm = table.loc[rows], harm_of(table, rules)[rows]
+    lead = np.stack([leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)
+    group = some["group"].astype(str).to_numpy()
+    robots = [name for name in your_robot.columns(raw) if name in some]
+    unit = some.groupby(robots, sort=False).ngroup().to_numpy() if robots else np.arange(len(some))
+    random = draws.groups(raw) or frozenset()
+    return Hazards(group, np.isin(group, list(random)), unit, bool(robots), harm, lead)
+
+
+def leads(
+    table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm: np.ndarray
+) -> np.ndarray:
+    """Harm minus first alarm, ms [runs, thresholds], of a detector; NEVER where none came, or where
+    the golden run has one as well, whose alarm is no sign of the fault."""
+    golden = table[f"golden_{prefix}score"].to_numpy(np.float32)
+    out = np.full((len(table), len(thresholds)), NEVER)
+    for place, threshold in enumerate(thresholds):
+        first = table[f"{prefix}threshold{place}_first_ms"].to_numpy(np.int64)
+        fine = (first >= 0) & ~(golden > np.float32(threshold))
+        out[fine, place] = (harm - first)[fine]
+    return out
+
+
+def evading(table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str] = ()) -> np.ndarray:
+    """Which rows are a fault that evades the checks, one of each fault: bool."""
+    runs = facts.derive(table, rules)
+    rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
+    if groups:
+        rows &= table["group"].astype(str).isin(list(groups))
+    return rows.to_numpy(bool)
+
+
+def harm_of(table: pd.DataFrame, rules: facts.Choices) -> np.ndarray:
+    """When the unintended motion of each run began, ms; -1: never."""
+    return facts.derive(table, rules)["unintended_ms"].to_numpy(np.int64)
+
+
+def choices(config: CampaignConfig) -> facts.Choices:
+    """What a campaign chose of the definitions."""
+    reaction = config.model_dump(mode="json").get("reaction") or {}
+    action = ACTIONS.index(reaction.get("action", "release")) if config.reacts else 0
+    return facts.Choices(config.rules, action, config.robot)
+
+
+def require_groups(config: CampaignConfig, groups: Sequence[str]) -> None:
+    """UserError for a group that the campaign has not."""
+    names = [group.name for group in config.group]
+    for name in groups:
+        if name not in names:
+            raise UserError(
+                f"--group {name!r}: unknown, expected {', '.join(names)}{suggestion(name, names)}"
+            )

@@ -1,0 +1,139 @@
+"""Fault-free motion, computed with candidates as detectors: what each candidate reached in each
+motion.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax import threads
+from ravenjax.analyses.monitors.counterfactual import candidates
+from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
+from ravenjax.campaign import runner
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.inspection import fault_free
+from ravenjax.errors import UserError
+
+SHORTEST_S, LONGEST_S = 5, 60
+"""Length of a motion, s."""
+FEWEST = 12
+"""Motions in all, so that each share has a few."""
+MOST_ALARMS = 0.2
+"""Of a run at the rate that is asked: a run counts one alarm at most, so it says little of rates
+above one a run.
+"""
+_SHARES = ("stated", "scales", "stated", "calibrated")
+"""What each motion serves, in turn."""
+MS_PER_HOUR = 3.6e6
+
+
+class FreeMotion(NamedTuple):
+    """Motions, each of an operator of its own, and the runs of each: one, or as many as robots
+    were drawn for it.
+    """
+
+    peaks: np.ndarray  # float32 [motions, runs, candidates], largest score over the run
+    hours: (
+        np.ndarray
+    )  # [motions, runs], in which detectors can alarm; 0 of a run without a valid outcome
+
+    @property
+    def motions(self) -> int:
+        """How many operators were sampled."""
+        return len(self.hours)
+
+    @property
+    def hours_a_motion(self) -> float:
+        """Of one run of a motion, their mean."""
+        return float(self.hours.mean(axis=1).mean()) if self.motions else math.nan
+
+
+class MotionSchedule(NamedTuple):
+    """Which motions there will be."""
+
+    seconds: int  # of each run
+    motions: int
+
+
+def course(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
+    """Motions of a campaign that give so many hours. UserError where it has no others than its
+    own.
+    """
+    fault_free.require_others(raw)
+    runs = design.count(validated(next(fault_free.campaigns(raw, SHORTEST_S))[1]))
+    seconds = int(np.clip(math.ceil(hours * 3600 / (FEWEST * runs)), SHORTEST_S, LONGEST_S))
+    useful = seconds - fault_free.UNTIL_LIVE_S
+    return MotionSchedule(seconds, max(FEWEST, math.ceil(hours * 3600 / (useful * runs))))
+
+
+def require_rate(per_hour: float, course: MotionSchedule) -> None:
+    """UserError for a rate that runs of this length cannot measure, since each counts one alarm
+    at most.
+    """
+    useful_h = (course.seconds - fault_free.UNTIL_LIVE_S) / 3600
+    if per_hour * useful_h > MOST_ALARMS:
+        raise UserError(
+            f"--false-alarms-per-hour {per_hour:g} is one in {3600 / per_hour:.3g} s, and runs of"
+            f" {course.seconds} s count one alarm at most: ask for {MOST_ALARMS / useful_h:.3g} or"
+            f" fewer, or give fewer --hours, which makes runs shorter, down to {SHORTEST_S} s"
+        )
+
+
+def share(name: str, motions: int) -> list[int]:
+    """Numbers of the motions that serve one purpose."""
+    return [number for number in range(motions) if _SHARES[number % len(_SHARES)] == name]
+
+
+def run(
+    raw: Mapping[str, Any],
+    course: MotionSchedule,
+    numbers: Sequence[int],
+    parts: Sequence[Candidate],
+    folder: Path,
+    engine: str,
+    on_motion: Callable[[], None] = lambda: None,
+) -> FreeMotion:
+    """Compute the motions of these numbers, from 0. One motion is one lane or few: they go side
+    by side, in threads.
+    """
+    every = itertools.islice(fault_free.campaigns(raw, course.seconds), course.motions)
+    campaigns = dict(enumerate(config for _, config in every))
+
+    tables = candidates.tables(parts, (1.0,), folder)
+
+    def one(number: int) -> tuple[np.ndarray, np.ndarray]:
+        config, prefixes = candidates.watched(campaigns[number], tables)
+        columns = [f"{prefix}score" for prefix in prefixes]
+        table = runner.run_campaign(config, None, engine).frame(
+            [*columns, "pedal_down_ms", "failed"]
+        )
+        valid = (table["failed"] == "").to_numpy()
+        armed = np.maximum(table["pedal_down_ms"].to_numpy(float), 0.0)
+        on_motion()
+        return table[columns].to_numpy(np.float32), np.where(valid, armed, 0.0) / MS_PER_HOUR
+
+    first = [one(numbers[0])]  # compiles what the others take
+    results = first + threads.mapped(one, numbers[1:])
+    free = FreeMotion(
+        np.stack([peaks for peaks, _ in results]), np.stack([hours for _, hours in results])
+    )
+    if not free.hours.sum() > 0:
+        raise UserError(
+            f"{course.seconds} s of fault-free motion have no valid millisecond in which the robot"
+            " is live, so nothing can be said of false alarms"
+        )
+    return FreeMotion(np.where((free.hours > 0)[..., None], free.peaks, 0.0), free.hours)
+
+
+def quick(engine: str) -> str:
+    """The engine of motions: one motion is one lane, which a processor core runs faster than a
+    GPU does.
+    """
+    return "simd" if engine in ("auto", "cuda") else engine

@@ -1,0 +1,189 @@
+"""What a set of candidates promises: its margin, its false alarms an hour, which faults it sees in
+time.
+
+The set alarms where any of its candidates is over its scale times the set's margin. The margin is
+the least of `MARGINS` whose expected rate on one motion more is at most what is asked: conformal
+risk control (Angelopoulos, Bates, Fisch, Lei, Schuster, 2022) on motions that chose neither scales
+nor candidates. What is *stated* are alarms in motions that served nothing else, and faults that
+selected nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.monitors.counterfactual.cover import greedy
+from ravenjax.analyses.monitors.counterfactual.hazards import Hazards
+from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
+from ravenjax.analyses.monitors.counterfactual.question import (
+    CONFIDENCE,
+    MARGINS,
+    PROPOSED,
+    Question,
+)
+from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.intervals import Rate
+
+LEAST_GAIN = 0.01
+"""Share of the faults that a candidate must add to be taken into the set."""
+RANDOM_SETS = 200
+
+
+class Margin(NamedTuple):
+    """How far above its scales a set alarms."""
+
+    place: int  # of MARGINS
+    alarms: int  # runs with an alarm, of the calibration's
+    # (alarms + one motion's runs) an hour: what is at most the rate that is asked, or the least
+    # there is
+    bound: float
+
+    @property
+    def value(self) -> float:
+        """Times the scales."""
+        return MARGINS[self.place]
+
+
+class Promise(NamedTuple):
+    """One set of candidates."""
+
+    members: tuple[int, ...]
+    margin: Margin
+    false_alarms: AlarmRate  # stated
+    selected: Rate  # of the faults of the selection half that it covers
+    covered: Rate  # of those of the statement half
+    lead_ms: float  # median of the first alarm's, over those that it covers; NaN: none
+
+
+class Grounds(NamedTuple):
+    """What promises are made of."""
+
+    question: Question
+    calibration: FreeMotion
+    statement: FreeMotion
+    hazards: Hazards
+    selection_half: np.ndarray  # bool [runs]
+    statement_half: np.ndarray
+
+    def promise(self, members: Sequence[int]) -> Promise:
+        """Of a set."""
+        margin = calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
+        lead = self.leads(members, margin.place)
+        hit = lead >= self.question.lead_ms
+        mine, others = self.selection_half, self.statement_half
+        among = hit & others
+        return Promise(
+            tuple(members),
+            margin,
+            stated(joint(self.statement, members), margin.value),
+            self.hazards.of(mine).rate(hit[mine]),
+            self.hazards.of(others).rate(hit[others]),
+            float(np.median(lead[among])) if among.any() else float("nan"),
+        )
+
+    def leads(self, members: Sequence[int], place: int) -> np.ndarray:
+        """Harm minus the set's first alarm at a margin, ms [runs]."""
+        return self.hazards.lead_ms[:, list(members), place].max(axis=1)
+
+    def selected(self, without: str | None = None) -> list[int]:
+        """The greedy set, of the faults of the selection half alone, or of those outside of one
+        group.
+        """
+        rows = (
+            self.selection_half
+            if without is None
+            else self.selection_half & (self.hazards.group != without)
+        )
+        covered = self.hazards.of(rows).covered(self.question.lead_ms)[:, :, PROPOSED]
+        return greedy(covered, self.question.most, least=LEAST_GAIN)
+
+    def of_strangers(self) -> Rate | None:
+        """Share of the statement half that sets see which were selected without the fault's own
+        group, the interval over groups; None where there is one group alone."""
+        group, hit = self.hazards.group, np.zeros(self.hazards.count, bool)
+        names = np.unique(group[self.statement_half])
+        if len(np.unique(group)) < 2:
+            return None
+        for name in names:
+            if members := self.selected(without=str(name)):
+                margin = calibrated(
+                    joint(self.calibration, members), self.question.false_alarms_per_hour
+                )
+                hit |= (group == name) & (
+                    self.leads(members, margin.place) >= self.question.lead_ms
+                )
+        return units.rate(hit[self.statement_half], units.units(group[self.statement_half]))
+
+    def best_single(self) -> int:
+        """The candidate that covers most of the selection half at its own margin."""
+        candidates = range(self.hazards.lead_ms.shape[1])
+        return max(candidates, key=lambda one: (self._hits([one], self.selection_half), -one))
+
+    def at_random(self, size: int) -> np.ndarray:
+        """Share of the statement half that sets at random cover, each at its own margin:
+        [RANDOM_SETS].
+        """
+        rng = np.random.default_rng([self.question.seed, 2])
+        among = self.hazards.lead_ms.shape[1]
+        sets = [rng.choice(among, size, replace=False) for _ in range(RANDOM_SETS)]
+        return np.array([self._hits(list(one), self.statement_half) for one in sets])
+
+    def _hits(self, members: Sequence[int], rows: np.ndarray) -> float:
+        margin = calibrated(joint(self.calibration, members), self.question.false_alarms_per_hour)
+        return float((self.leads(members, margin.place)[rows] >= self.question.lead_ms).mean())
+
+
+class JointScore(NamedTuple):
+    """The largest of a set's candidates, over its scales, in each run of each motion."""
+
+    peaks: np.ndarray  # [motions, runs]
+    hours: np.ndarray  # [motions, runs]
+
+
+def joint(motions: FreeMotion, members: Sequence[int]) -> JointScore:
+    """The maximum statistic of a set."""
+    return JointScore(motions.peaks[:, :, list(members)].max(axis=2), motions.hours)
+
+
+def calibrated(motions: JointScore, per_hour: float) -> Margin:
+    """The least margin whose expected rate is at most `per_hour`; where none is, the least with the
+    least rate.
+
+    Of n motions of r runs with k alarms in all, the margin is the least with (k + r) / (n + 1) at
+    most what is asked of a motion. Over calibrations, one motion more then has at most that many at
+    the mean, whatever the scores' distribution, if motions are exchangeable. It is no bound of the
+    margin that one calibration took, and where no margin keeps the rate, an estimate.
+    """
+    motions_there, runs = motions.peaks.shape
+    hours = float(motions.hours.sum(axis=1).mean())
+    alarms = [int((motions.peaks > np.float32(margin)).sum()) for margin in MARGINS]
+    bounds = [(k + runs) / (motions_there + 1) / hours for k in alarms]
+    limit = max(per_hour, min(bounds))
+    place = next(place for place, bound in enumerate(bounds) if bound <= limit * (1 + 1e-12))
+    return Margin(place, alarms[place], bounds[place])
+
+
+def stated(motions: JointScore, margin: float) -> AlarmRate:
+    """False alarms at a margin with the exact interval of a Poisson rate; a run counts once.
+
+    Where a motion has several runs, motions were sampled: the upper end is of motions with an
+    alarm, in the hours of one run each, the lower of as many motions as the runs with an alarm
+    fill.
+    """
+    runs = motions.peaks.shape[1]
+    over = motions.peaks > np.float32(margin)
+    count, hours = int(over.sum()), float(motions.hours.sum())
+    if runs == 1:
+        return alarm_rate(count, hours, CONFIDENCE)
+    high = alarm_rate(int(over.any(axis=1).sum()), hours / runs, CONFIDENCE).high
+    low = alarm_rate(count // runs, hours / runs, CONFIDENCE).low
+    return AlarmRate(count, hours, count / hours, low, high)
+
+
+def hours_to_show(per_hour: float) -> float:
+    """Hours without any alarm whose interval ends at a rate."""
+    return alarm_rate(0, 1.0, CONFIDENCE).high / per_hour

@@ -1,0 +1,135 @@
+"""Inputs of a monitor and what it says of them, millisecond by millisecond, taken from the tick
+as it runs.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.analyses.monitors import monitor_file
+from ravenjax.analyses.monitors.monitor import Monitor, reads
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.inspection.replay import LANES
+from ravenjax.engines import selection
+from ravenjax.engines.interface import Block
+from ravenjax.errors import UserError
+
+SECONDS = 3.0
+FAULT = {
+    "site": "usb_out",
+    "effect": "overwrite",
+    "value": 20000,
+    "start_ms": 1500,
+    "duration_ms": 100,
+}
+"""So that the vector has an alarm, where a robot has this site: behind every check of its
+software.
+"""
+_NAME, _SAME_LANES = "monitor", 2
+
+
+class TestVector(NamedTuple):
+    """One arm in one operation; arrays [milliseconds]."""
+
+    live: np.ndarray  # bool
+    inputs: dict[str, np.ndarray]  # float32, by the names that the monitor reads
+    score: np.ndarray  # float32, 0 while not live
+    alarm: np.ndarray  # bool
+
+    def text(self) -> str:
+        """As CSV: ms, live, inputs, score, alarm; nine digits of each float, which give its bits
+        back.
+        """
+        out = io.StringIO()
+        out.write(",".join(["ms", "live", *self.inputs, "score", "alarm"]) + "\n")
+        columns = [column.tolist() for column in (*self.inputs.values(), self.score)]
+        for tick, (live, alarm, *numbers) in enumerate(
+            zip(self.live, self.alarm, *columns, strict=True)
+        ):
+            out.write(
+                f"{tick},{live:d},{','.join(f'{number:.9g}' for number in numbers)},{alarm:d}\n"
+            )
+        return out.getvalue()
+
+
+def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto") -> TestVector:
+    """Of the first arm of `config`'s robot, on `engine`; with a fault where the robot has the site
+    of FAULT.
+
+    Raises UserError for a robot that does not show what its detectors see.
+    """
+    robot = config.robot
+    part: Any = robot.part("campaign")
+    if not hasattr(part, "watched"):
+        raise UserError(
+            f"robot {robot.name!r} does not show what its detectors see, so there is no test"
+            " vector: expected a robot whose part `campaign` has `watched`, as raven2"
+        )
+    compile_cache.enable()
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "monitor.py"
+        file.write_text(monitor_file.text(monitor, records=True), encoding="utf-8")
+        ready = plan.make(_campaign(config, monitor, seed, file))
+        program = part.watched(ready.program)
+        tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(
+            program, LANES
+        )
+        (varied, faults), (_, harmless) = (
+            ready.lanes([0], LANES),
+            ready.lanes([0], LANES, harmless=True),
+        )
+        *_, signals = tracer.run(
+            Block(varied, harmless, None), Block(varied, faults, None), ready.columns
+        )
+    own, before = signals.detectors.own[0][0], signals.detectors.detectors[0].recent[0]
+    armed_after = ready.program.params.detectors.armed_after
+    live = np.asarray(signals.live).astype(bool) & (np.arange(len(before)) >= armed_after)
+    score = np.asarray(before, np.float32)
+    inputs = {
+        name: np.asarray(getattr(own, f"read_{name}"), np.float32)
+        for name in reads(monitor.terms, monitor.segments)
+    }
+    return TestVector(live, inputs, score, score > np.float32(monitor.threshold))
+
+
+def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
+    """A short run of one arm, with the monitor as its only detector. Its `consecutive` shows the
+    score of each tick.
+    """
+    own, robot = config.model_dump(mode="json"), config.robot
+    group: dict[str, Any] = {"name": "vector"}
+    if FAULT["site"] in robot.sites:
+        group["fault"] = [FAULT | {"channel": robot.joints[0]}]
+    settings = {
+        "duration_s": SECONDS,
+        "arms": [config.campaign.arms[0]],
+        "seed": seed,
+        "limit": None,
+        "observe_ms": None,
+    }
+    raw = own | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
+    raw["campaign"] = own["campaign"] | settings
+    raw["parameters"] = {
+        path: value for path, value in own["parameters"].items() if _is_plain(config, path)
+    }
+    raw["detector"] = [
+        {
+            "name": _NAME,
+            "file": str(file),
+            "consecutive": _SAME_LANES,
+            "threshold": [monitor.threshold],
+        }
+    ]
+    return validated(raw)
+
+
+def _is_plain(config: CampaignConfig, path: str) -> bool:
+    """Whether a parameter is one number, and of the arm that is left."""
+    lost = {f".{arm}." for arm in config.campaign.arms[1:]}
+    return config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)

@@ -1,0 +1,232 @@
+"""Runs of a template as a function of their inputs: planned once, compiled once, then batch after
+batch.
+
+The same point is the same run: its id hashes its content, as that of any campaign's run, so what a
+run draws (effect "random", noise) is drawn in a campaign with that row, too, and a point that comes
+again is not run again, nor is one that an earlier start of the same search has run (`journal`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from ravenjax import interruption
+from ravenjax.analyses.search.file.outcome import Outcome
+from ravenjax.analyses.search.file.template import Template
+from ravenjax.analyses.search.journal import Journal
+from ravenjax.campaign import assembly, compile_cache, plan, runner
+from ravenjax.campaign.computation import Computation
+from ravenjax.campaign.executors.chunk import finished
+from ravenjax.campaign.faults import design, run_id, table
+from ravenjax.campaign.faults.fault_table import FaultTable
+from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.progress.counts import OnProgress, Progress
+from ravenjax.engines import selection
+from ravenjax.engines.interface import Block, BlockResult, BranchingKernel, Kernel
+from ravenjax.engines.interface import Progress as OnTicks
+from ravenjax.errors import UserError
+from ravenjax.store import parts, schema
+
+
+class Evaluator:
+    """Outcomes of points: `evaluator(case [n], values [n, inputs]) -> [n, outcomes]`, NaN where
+    a run failed.
+    """
+
+    def __init__(
+        self,
+        template: Template,
+        wanted: Sequence[Outcome],
+        engine: str = "auto",
+        margins: bool = False,
+    ) -> None:
+        """margins: of `wanted` rather than 0 and 1.
+
+        Raises UserError for what cannot be run and for outcomes that there are not.
+        """
+        compile_cache.enable()
+        self.template, self.wanted = template, tuple(wanted)
+        self._margins = margins
+        self._plan = plan.make(
+            template.config
+        )  # one run a case: what picks code is the same for every point
+        self.shape = runner.shape_of(self._plan)
+        if complaints := [
+            complaint for outcome in wanted for complaint in outcome.complaints(self.shape)
+        ]:
+            source = f"{template.config.source}: " if template.config.source is not None else ""
+            raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
+        self.engine = selection.select(
+            engine, self._plan.program.setup.precision, compile_cache.objects()
+        )
+        self.batches, self.run_s = 0, 0.0
+        self.progress = self._progress(1, None, 0, ())
+        self._journal: Journal | None = None
+        self._computation: Computation | None = None
+        self._kernel: Kernel | None = None
+        self._tables: list[pa.Table] = []
+        self._known = pd.Index(np.zeros(0, np.uint64))  # of the tables' rows
+        self._values = np.zeros((0, len(self.wanted)))  # of `_known`
+        self._asked = pd.Index(np.zeros(0, np.uint64))
+
+    def keep_in(self, journal: Journal, due: int, on_progress: OnProgress | None) -> None:
+        """Keep every run in `journal` from now on, and take over those that it holds. due: about
+        how many runs will be asked for."""
+        self._journal = journal
+        for rows in journal.tables:
+            ids = run_id.numbers(rows.column("run_id").to_pylist())
+            new = np.flatnonzero(
+                self._known.get_indexer(ids) < 0
+            )  # a kill may leave the same runs in two files
+            self._learn(ids[new], [rows.take(new)])
+        self.progress = self._progress(due, on_progress, min(self.held, due - 1), journal.notes)
+        for rows in self._tables:
+            self.progress.known(parts.failures(rows))
+
+    def _progress(
+        self, due: int, told: OnProgress | None, earlier: int, notes: tuple[str, ...]
+    ) -> Progress:
+        words, ticks = f"{self.engine.name} on {self.engine.device}", self._plan.program.ticks
+        return Progress(words, due, due - earlier, ticks, told, notes=notes)
+
+    @property
+    def runs(self) -> int:
+        """Runs that were asked for so far; a point that came again counts once."""
+        return len(self._asked)
+
+    @property
+    def held(self) -> int:
+        """Runs that are known, those of earlier starts included."""
+        return len(self._known)
+
+    def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """See the class."""
+        start = time.perf_counter()
+        points, place = np.unique(np.column_stack([case, values]), axis=0, return_inverse=True)
+        rows = design.rows(self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:]))
+        ids = rows.numbers("run_id")
+        fresh = ids[self._asked.get_indexer(ids) < 0]
+        if len(fresh):
+            self._asked, self.batches = self._asked.append(pd.Index(fresh)), self.batches + 1
+        new = np.flatnonzero(self._known.get_indexer(ids) < 0)
+        if len(new):
+            compiled = self.progress.compile_s
+            self._run(rows.take(new))
+            self.run_s += time.perf_counter() - start - (self.progress.compile_s - compiled)
+        return self._values[self._known.get_indexer(ids)][place.reshape(-1)]
+
+    def ids(self, case: np.ndarray, values: np.ndarray) -> list[str]:
+        """Run ids of points that are all different."""
+        rows = design.rows(self.template.campaign(np.asarray(case), np.asarray(values, float)))
+        return run_id.text(rows.numbers("run_id")).to_pylist()
+
+    def rows(self) -> pa.Table:
+        """Every run that was asked for so far as rows of the result table, in the order in which
+        they were first asked for: the same table wherever earlier starts ended."""
+        place, numbers = self._known.get_indexer(self._asked), np.arange(self.runs, dtype=np.int32)
+        return schema.conform(
+            parts.concatenate(self._tables).iloc[place].assign(index=numbers, pair=numbers),
+            self.shape,
+        )
+
+    def _run(self, rows: FaultTable) -> None:
+        """Run these rows of the fault table, part by part."""
+        ready = self._planned(rows)
+        size, tables = parts.rows_of_a_part(ready.runs), []
+        chunks = [
+            range(first, min(first + size, ready.runs)) for first in range(0, ready.runs, size)
+        ]
+        computation = self._computation_of(ready)
+        with interruption.held_back(), contextlib.closing(computation.blocks(chunks)) as blocks:
+            for part in assembly.parts(chunks, blocks):
+                done = finished(ready, part, lambda columns: schema.conform(columns, self.shape))
+                tables.append(done.packed)
+                if self._journal is not None:
+                    self._journal.add(done.packed)
+                self.progress.rows(len(done.rows), sum(done.failures.values()))
+                self.progress.lost(done.failures)
+        self._learn(ready.rows.numbers("run_id"), tables)
+
+    def _learn(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:
+        """Make runs known that were not; ids: of all rows of the tables, in their order."""
+        self._tables += tables
+        self._known = self._known.append(pd.Index(ids))
+        self._values = np.concatenate([self._values, *map(self._wanted, tables)])
+
+    def _wanted(self, rows: pa.Table) -> np.ndarray:
+        """What is wanted of each row, float64 [rows, outcomes]."""
+        rules = self._plan.config.rules
+        names = {name for one in self.wanted for name in one.columns(rules)}
+        columns = rows.select(sorted(names)).to_pandas()
+        values = [
+            one.margins(columns) if self._margins else one.values(columns, rules)
+            for one in self.wanted
+        ]
+        return np.stack(values, axis=1)
+
+    def _planned(self, rows: FaultTable) -> Plan:
+        """The template's plan with other rows; those of one golden run stand together, so that
+        it is computed once.
+        """
+        base, columns = self._plan, table.parameters(rows)
+        for path, purpose in base.keys.items():
+            columns[path] = run_id.stream(rows.numbers("run_id"), purpose)
+        varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}
+        golden = np.zeros(len(rows), np.int32)
+        if varied:
+            different = np.stack([values.astype(np.float64) for values in varied.values()], axis=1)
+            golden = (
+                np.unique(different, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
+            )
+        order = np.argsort(golden, kind="stable")
+        own = np.arange(len(rows), dtype=np.int32)
+        rows = rows.take(order).replaced(index=own, pair=own)
+        return dataclasses.replace(
+            base,
+            rows=rows,
+            faults=table.arrays(rows, base.program.setup.injection),
+            varied={path: values[order] for path, values in varied.items()},
+            golden=golden[order],
+        )
+
+    def _computation_of(self, ready: Plan) -> Computation:
+        """Compiled for the first rows, and for others since."""
+        if self._computation is None or self._kernel is None:
+            self._computation = Computation(ready, self.engine, self.progress)
+            self._kernel = self._computation.kernel
+            self._computation.compile()
+        share = -(-ready.runs // self._computation.threads)
+        lanes = min(self._kernel.lanes, self._kernel.size(min(share, self._kernel.lanes)))
+        self._computation.ready, self._computation.kernel = ready, _Narrow(self._kernel, lanes)
+        return self._computation
+
+
+class _Narrow:
+    """A kernel whose blocks have fewer lanes, so that a small batch is spread over all threads."""
+
+    def __init__(self, kernel: Kernel, lanes: int) -> None:
+        self.kernel, self.lanes, self.branches = kernel, lanes, kernel.branches
+
+    def size(self, rows: int) -> int:
+        return self.kernel.size(rows)
+
+    def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
+        self.kernel.prepare(block, motion)
+
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: OnTicks | None = None
+    ) -> BlockResult:
+        return self.kernel.run(block, motion, progress)
+
+    def trunk(
+        self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
+    ) -> tuple[Any, dict[str, np.ndarray]]:
+        return cast(BranchingKernel, self.kernel).trunk(block, motion, last, ends)

@@ -1,0 +1,177 @@
+"""The section [search] of a search file: what is asked of the runs of its one group."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from ravenjax.analyses.search.file import outcome
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.group import Section
+
+
+def _outcome(raw: Any) -> Any:
+    return str(outcome.parse(raw)) if isinstance(raw, str) else raw
+
+
+Outcome = Annotated[str, BeforeValidator(_outcome)]
+"""A text that `outcome.parse` takes."""
+
+
+class Boundary(Section):
+    """[search] of kind "boundary": the smallest fault that does harm, for each combination of
+    the group's lists.
+    """
+
+    kind: Literal["boundary"] = Field(description="which search")
+    harm: Outcome = Field(description="event, such as 'peak_golden_deviation_mm >= 1'")
+    signs: tuple[Literal[-1, 1], ...] = Field(
+        default=(1,), min_length=1, description="signs of the fault's value"
+    )
+    scan: int = Field(
+        default=17, ge=2, le=10_000, description="values of each cell that are tried first"
+    )
+    tolerance: float = Field(
+        default=0.01,
+        gt=0.0,
+        lt=1.0,
+        description="width of the bracket, of its lower end (loguniform) or of the range",
+    )
+    sections: int = Field(
+        default=2, ge=2, le=1000, description="parts that a step cuts each bracket into"
+    )
+
+    @field_validator("harm")
+    @classmethod
+    def _event(cls, text: str) -> str:
+        return outcome.require_event(text)
+
+    @model_validator(mode="after")
+    def _once(self) -> Boundary:
+        if len(set(self.signs)) < len(self.signs):
+            raise ValueError(f"signs: got {list(self.signs)}, expected each sign once")
+        return self
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """What is asked of each run."""
+        return (self.harm,)
+
+
+class Sobol(Section):
+    """[search] of kind "sobol": which share of an outcome's variance each input causes."""
+
+    kind: Literal["sobol"] = Field(description="which search")
+    outcomes: tuple[Outcome, ...] = Field(min_length=1, description="columns or events")
+    n: int = Field(
+        default=1024,
+        ge=8,
+        le=2**24,
+        description="base sample, a power of two; n (d + 2) runs for d inputs",
+    )
+
+    @field_validator("n")
+    @classmethod
+    def _power_of_two(cls, n: int) -> int:
+        if n & (n - 1):
+            below = 1 << (n.bit_length() - 1)
+            raise ValueError(f"got {n}, expected a power of two, such as {below} or {2 * below}")
+        return n
+
+
+class Morris(Section):
+    """[search] of kind "morris": a cheap screening of many inputs by steps of one at a time."""
+
+    kind: Literal["morris"] = Field(description="which search")
+    outcomes: tuple[Outcome, ...] = Field(min_length=1, description="columns or events")
+    trajectories: int = Field(
+        default=100, ge=4, le=1_000_000, description="each of d + 1 runs for d inputs"
+    )
+    levels: int = Field(
+        default=8, ge=4, le=1000, description="levels of each input's range, an even number"
+    )
+
+    @field_validator("levels")
+    @classmethod
+    def _even(cls, levels: int) -> int:
+        if levels % 2:
+            raise ValueError(f"got {levels}, expected an even number, such as {levels + 1}")
+        return levels
+
+
+class Rare(Section):
+    """[search] of kind "rare": the probability of a rare event, by subset simulation and by
+    plain Monte Carlo.
+    """
+
+    kind: Literal["rare"] = Field(description="which search")
+    event: Outcome = Field(
+        description="a column against a number, such as 'peak_model_deviation_mm >= 10'"
+    )
+    runs: int = Field(
+        default=2000,
+        ge=100,
+        le=10_000_000,
+        description="runs of each level of the subset simulation",
+    )
+    steps: int = Field(
+        default=10, ge=2, le=100, description="of a chain; 1 of so many runs seeds the next level"
+    )
+    check: int = Field(
+        default=20_000,
+        ge=0,
+        le=100_000_000,
+        description="runs of plain Monte Carlo beside it; 0: none",
+    )
+
+    @field_validator("event")
+    @classmethod
+    def _graded(cls, text: str) -> str:
+        return outcome.require_margin(text)
+
+    @model_validator(mode="after")
+    def _chains(self) -> Rare:
+        if self.runs % self.steps or self.runs // self.steps < 2:
+            below = max(2, self.runs // self.steps) * self.steps
+            raise ValueError(
+                f"runs: got {self.runs}, expected a multiple of steps = {self.steps}, such as"
+                f" {below}"
+            )
+        return self
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """What is asked of each run."""
+        return (self.event,)
+
+
+Search = Boundary | Sobol | Morris | Rare
+
+KINDS: dict[str, type[Search]] = {
+    "boundary": Boundary,
+    "sobol": Sobol,
+    "morris": Morris,
+    "rare": Rare,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class SearchConfig:
+    """A whole search file."""
+
+    campaign: CampaignConfig  # of one group, the template
+    search: Search
+
+    @property
+    def source(self) -> Path | None:
+        """The file that it was read from."""
+        return self.campaign.source
+
+    def resolved(self) -> dict[str, Any]:
+        """Everything that it says, defaults filled in, as JSON has it."""
+        return self.campaign.model_dump(mode="json") | {
+            "search": self.search.model_dump(mode="json")
+        }

@@ -1,0 +1,105 @@
+"""Reads a search file: a campaign file of one group, its template, with a section [search].
+
+The campaign's part goes through `ravenjax.campaign.loading`; all that is wrong with either part is
+told at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from ravenjax.analyses.search.file import template
+from ravenjax.analyses.search.file.config import KINDS, Search, SearchConfig
+from ravenjax.bundled import resources
+from ravenjax.campaign import loading
+from ravenjax.campaign.file import location, overriding
+from ravenjax.campaign.file.location import Complaint
+from ravenjax.errors import UserError, shown, suggestion
+
+SECTION = "search"
+FOLDER = "campaigns/searches"
+"""Where bundled search files lie."""
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
+    """The search of a TOML file, or of a bundled one by name (`.toml` may be left out). Raises
+    UserError.
+    """
+    file = location.find(path, FOLDER, "search")
+    raw, text = location.read(file)
+    return from_dict(raw, source=file, text=text, overrides=overrides)
+
+
+def bundled() -> list[Path]:
+    """The bundled search files."""
+    return resources.bundled(FOLDER, f"*{location.SUFFIX}")
+
+
+def from_dict(
+    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
+) -> SearchConfig:
+    """The search of nested tables as TOML has them, with overrides; `source` and `text` say where
+    from.
+
+    Raises UserError.
+    """
+    own: list[str] = []
+    left: list[str] = []
+    for override in overriding.listed(overrides):
+        (own if override.partition("=")[0].partition(".")[0].strip() == SECTION else left).append(
+            override
+        )
+    raw, replaced = overriding.all_applied(raw, own)
+    where = location.Where(source, location.lines(text), replaced)
+    messages: list[str] = []
+    campaign = search = None
+    try:
+        campaign = loading.from_dict(
+            {k: v for k, v in raw.items() if k != SECTION}, source, text, left, template=True
+        )
+    except UserError as error:
+        messages.append(str(error))
+    complaints: list[Complaint] = []
+    try:
+        search = _section(raw)
+    except _Wrong as error:
+        complaints += error.complaints
+    if campaign is not None:
+        complaints += template.complaints(campaign, search)
+    if complaints:
+        messages.append(str(where.error(complaints)))
+    if campaign is None or search is None or messages:
+        raise UserError("\n".join(messages))
+    return SearchConfig(campaign, search)
+
+
+class _Wrong(Exception):
+    def __init__(self, *complaints: Complaint) -> None:
+        self.complaints = complaints
+
+
+def _section(raw: dict[str, Any]) -> Search:
+    table = raw.get(SECTION)
+    kinds = ", ".join(KINDS)
+    if not isinstance(table, dict):
+        got = "missing" if table is None else f"got {shown(table)}"
+        raise _Wrong(((SECTION,), f"{got}: write a section [search] with kind, one of {kinds}"))
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        got = "missing" if kind is None else f"got {shown(kind)}"
+        raise _Wrong(
+            ((SECTION, "kind"), f"{got}, expected one of {kinds}{suggestion(kind, KINDS)}")
+        )
+    try:
+        return KINDS[kind].model_validate(table)
+    except ValidationError as error:
+        raise _Wrong(
+            *(
+                ((SECTION, *one["loc"]), location.message(one, KINDS[kind]))
+                for one in error.errors()
+            )
+        ) from None

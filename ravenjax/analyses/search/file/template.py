@@ -1,0 +1,277 @@
+"""The one group of a search file as a template of runs: lists are its cases, distributions its
+inputs.
+
+A case is one combination of the lists, as designs "grid" and "zip" make them. An input is a fault's
+number or a parameter that the file gives a distribution. A point is a case and one value of each
+input, and stands for one run: that of an ordinary campaign with these values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ravenjax.analyses.search.file.config import Boundary, Search
+from ravenjax.campaign.faults import sampling
+from ravenjax.campaign.faults.moments import Moments
+from ravenjax.campaign.faults.sampling import Key
+from ravenjax.campaign.faults.slot import FIELDS
+from ravenjax.campaign.faults.table import WORDS
+from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.group import UNTIL_END, Fault
+from ravenjax.campaign.file.semantics import ALL, Complaint
+from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
+from ravenjax.vocabulary.legal import legal
+from ravenjax.vocabulary.sites import Channel, Site
+
+PARAMETER = -1
+"""Stands for the fault slot in the key of a parameter's axis."""
+
+DESIGNS = ("grid", "zip")
+
+
+def axes(config: CampaignConfig) -> dict[Key, Axis]:
+    """Every axis of the template, slot by slot, then the parameters; "*" and what may be left
+    out filled in.
+    """
+    group, result = config.group[0], {}
+    for f, fault in enumerate(group.fault):
+        for name in FIELDS:
+            axis = getattr(fault, name) if name != "site" else None
+            if name == "channel":
+                axis = _channels(config.robot.sites[fault.site], fault)
+            if isinstance(axis, Axis):
+                result[f, name] = axis
+    return result | {
+        (PARAMETER, path): axis for path, axis in {**config.parameters, **group.parameters}.items()
+    }
+
+
+def _channels(site: Site, fault: Fault) -> Axis:
+    names = tuple(channel.name for channel in site.channels)
+    if fault.channel is None:
+        return fixed(names[0] if len(names) == 1 else "")
+    return Axis(kind="list", values=names) if fault.channel.listed == (ALL,) else fault.channel
+
+
+def label(key: Key) -> str:
+    """An axis by the name that its column has in the result table, a parameter by its path."""
+    slot, name = key
+    return name if slot == PARAMETER else f"fault{slot}_{name}"
+
+
+def complaints(config: CampaignConfig, search: Search | None) -> Iterator[Complaint]:
+    """(key, message) of what a campaign file may say and a search file may not."""
+    if len(config.group) != 1:
+        yield (
+            ("group", 1),
+            f"got {len(config.group)} groups, expected one: the template of the search",
+        )
+        return
+    group = config.group[0]
+    if group.design not in DESIGNS:
+        message = (
+            "expected grid or zip: each combination of the lists is a case, and the search draws"
+            " the rest"
+        )
+        yield ("group", 0, "design"), f"got {group.design!r}, {message}"
+        return
+    if group.repeats != 1:
+        yield (
+            ("group", 0, "repeats"),
+            f"got {group.repeats}: a search runs each point once; remove repeats",
+        )
+    for key, crossed in ((("cross",), config.cross), (("group", 0, "cross"), group.cross)):
+        if crossed:
+            yield (
+                key,
+                (
+                    "a search crosses nothing: write the list into parameters; each of its values"
+                    " is a case"
+                ),
+            )
+    if config.campaign.limit is not None:
+        yield (
+            ("campaign", "limit"),
+            "a search decides how many runs it makes; remove limit, and see section [search]",
+        )
+    if config.stop is not None:
+        yield (
+            ("stop",),
+            "a search decides how many runs it makes; remove the section, and see section [search]",
+        )
+    distributions = {key: axis for key, axis in axes(config).items() if axis.drawn}
+    for key in distributions:
+        if key[0] != PARAMETER and key[1] in WORDS:
+            yield (
+                _place(config, key),
+                "a search has no distribution of words; write a list: each word is a case",
+            )
+    yield from _inputs(
+        config, search, [key for key in distributions if key[0] == PARAMETER or key[1] not in WORDS]
+    )
+
+
+def _inputs(config: CampaignConfig, search: Search | None, drawn: list[Key]) -> Iterator[Complaint]:
+    names = ", ".join(map(label, drawn)) or "none"
+    if not isinstance(search, Boundary):
+        least = 1 if search is None or search.kind == "rare" else 2
+        if search is not None and len(drawn) < least:
+            what = (
+                f"kind {search.kind!r} needs at least {least} distribution(s) in the group or in"
+                " [parameters]"
+            )
+            yield ("group", 0), f"{what}, such as value = {{uniform = [-2000, 2000]}}; got {names}"
+        return
+    if len(drawn) != 1 or axes(config)[drawn[0]].kind not in ("uniform", "loguniform"):
+        yield (
+            ("group", 0),
+            (
+                "kind 'boundary' needs one uniform or loguniform: the range that is searched, such"
+                f" as value = {{loguniform = [100, 32000]}}; got {names}. Of anything else give one"
+                " value, or a list"
+            ),
+        )
+        return
+    key = drawn[0]
+    low, high = axes(config)[key].values
+    if -1 in search.signs and (key[1] != "value" or low < 0):
+        yield (
+            ("search", "signs"),
+            f"-1 needs a fault's value with a range from 0 on, got {label(key)} from {low:g}",
+        )
+    if not low < high:
+        yield _place(config, key), f"got the range [{low:g}, {high:g}], expected low < high"
+
+
+def _place(config: CampaignConfig, key: Key) -> tuple[str | int, ...]:
+    """Where an axis stands in the file."""
+    slot, name = key
+    if slot != PARAMETER:
+        return ("group", 0, "fault", slot, name)
+    own = name in config.group[0].parameters
+    return ("group", 0, "parameters", name) if own else ("parameters", name)
+
+
+class Template:
+    """Points of a search as runs."""
+
+    def __init__(self, config: CampaignConfig) -> None:
+        """config: without `complaints`."""
+        self.config = config
+        self._axes = Moments(config).placed(axes(config), config.group[0].name)
+        undrawn = {key: axis for key, axis in self._axes.items() if not axis.drawn}
+        sample = sampling.sample(
+            config.group[0], undrawn, np.random.default_rng(0)
+        )  # nothing of it is drawn
+        self.cases = sample.runs
+        self.inputs = tuple(key for key, axis in self._axes.items() if axis.drawn)
+        self.lists = tuple(
+            key for key, axis in undrawn.items() if axis.kind == "list" and len(axis.values) > 1
+        )
+        self._values = {
+            key: [axis.values[place] for place in np.broadcast_to(sample.places[key], sample.runs)]
+            for key, axis in undrawn.items()
+        }  # of each case
+        self._whole = np.array(
+            [[self._is_whole(key, case) for key in self.inputs] for case in range(self.cases)], bool
+        )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of the inputs."""
+        return tuple(map(label, self.inputs))
+
+    def axis(self, number: int) -> Axis:
+        """The distribution of an input."""
+        return self._axes[self.inputs[number]]
+
+    def drawn(self) -> list[dict[str, Any]]:
+        """Name, unit and distribution of each input."""
+        return [
+            {"name": name, "unit": self.unit(i), "drawn": self.axis(i).model_dump()}
+            for i, name in enumerate(self.labels)
+        ]
+
+    def case(self, case: int) -> dict[str, Any]:
+        """What tells a case from the others: the value of each list, by label."""
+        parts = {}
+        for key in self.lists:
+            value = self._values[key][case]
+            parts[label(key)] = "end" if key[1] == "duration_ms" and value == UNTIL_END else value
+        return parts
+
+    def unit(self, number: int) -> str:
+        """Unit of an input, "" where the cases differ in it."""
+        slot, name = self.inputs[number]
+        if name != "value" or slot == PARAMETER:
+            return "ms" if slot != PARAMETER else ""
+        units = {
+            channel.unit for case in range(self.cases) if (channel := self._aim(slot, case)[0])
+        }
+        return units.pop() if len(units) == 1 else ""
+
+    def whole(self, case: np.ndarray) -> np.ndarray:
+        """Whether each input takes whole numbers only, bool [len(case), inputs]."""
+        return self._whole[case]
+
+    def values(self, case: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """Values of the inputs, float64 [n, inputs], at points `unit` [n, inputs] of the unit cube,
+        by their distributions, just as a sampled design has them."""
+        whole, values = self.whole(case), np.empty(unit.shape)
+        for i, (slot, name) in enumerate(self.inputs):
+            axis = self.axis(i)
+            places = axis.places(unit[:, i])
+            values[:, i] = np.where(whole[:, i], axis.at(places, whole=True), axis.at(places))
+            if slot != PARAMETER and name != "value" and not axis.listed:
+                values[:, i] = np.maximum(
+                    values[:, i], 1 if name in ("duration_ms", "period_ms") else 0
+                )
+        return values
+
+    def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
+        """The campaign whose runs are these points, in their order: case [n], values [n,
+        inputs].
+        """
+        group, config = self.config.group[0], self.config
+        listed = {key: tuple(self._values[key][c] for c in case.tolist()) for key in self.lists}
+        listed |= {key: tuple(values[:, i].tolist()) for i, key in enumerate(self.inputs)}
+        paired = {key: Axis(kind="list", values=column) for key, column in listed.items()}
+        faults = tuple(
+            fault.model_copy(
+                update={name: axis for (slot, name), axis in paired.items() if slot == f}
+            )
+            for f, fault in enumerate(group.fault)
+        )
+        parameters = {
+            path: axis for (slot, path), axis in (self._axes | paired).items() if slot == PARAMETER
+        }
+        update = {"design": "zip", "fault": faults, "parameters": parameters}
+        return config.model_copy(
+            update={"group": (group.model_copy(update=update),), "parameters": {}}
+        )
+
+    def _is_whole(self, key: Key, case: int) -> bool:
+        slot, name = key
+        if slot == PARAMETER:
+            return False
+        if name != "value":
+            return True
+        channel, effect = self._aim(slot, case)
+        return (
+            channel is not None and effect not in WITHOUT_VALUE and legal(channel, effect).rounded
+        )
+
+    def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
+        """The channel that a slot's fault acts on, and its effect."""
+        site = self.config.robot.sites[self.config.group[0].fault[slot].site]
+        effect = str(self._values[slot, "effect"][case])
+        name = (
+            NETWORK_EFFECTS[effect][0]
+            if effect in NETWORK_EFFECTS
+            else self._values[slot, "channel"][case]
+        )
+        return next((channel for channel in site.channels if channel.name == name), None), effect

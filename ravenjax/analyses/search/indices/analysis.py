@@ -1,0 +1,203 @@
+"""Kinds "sobol" and "morris": which inputs decide an outcome, for each combination of the
+group's lists.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from ravenjax.analyses.search.evaluator import Evaluator
+from ravenjax.analyses.search.file import outcome
+from ravenjax.analyses.search.file.config import Morris, Sobol
+from ravenjax.analyses.search.file.template import Template
+from ravenjax.analyses.search.findings import SearchFindings, TextTable, laws, number, short, words
+from ravenjax.stats.inputs import sensitivity
+
+CONFIDENCE = 0.95
+RESAMPLES = 500
+"""Bootstrap samples behind an interval."""
+
+Indices = dict[str, dict[str, np.ndarray]]
+"""name of the index -> value [inputs], and low and high where there is an interval."""
+
+Analyse = Callable[[np.ndarray], Indices]
+"""Outcomes of the sample's points [points] -> indices."""
+
+INDICES = {
+    "sobol": {"S1": "first order", "ST": "total"},
+    "morris": {"mu_star": "mean |effect|", "mu": "mean effect", "sigma": "deviation"},
+}
+
+
+def due(template: Template, search: Sobol | Morris) -> int:
+    """About how many runs it takes."""
+    inputs = len(template.inputs)
+    points = (
+        search.n * (inputs + 2) if isinstance(search, Sobol) else search.trajectories * (inputs + 1)
+    )
+    return template.cases * points
+
+
+def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> SearchFindings:
+    """Sample the unit cube, run every point in every case, analyse every outcome."""
+    unit, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
+    points = len(unit)
+    case = np.repeat(np.arange(template.cases), points)
+    outcomes = evaluator(case, template.values(case, np.tile(unit, (template.cases, 1))))
+    wanted = [outcome.parse(text) for text in search.outcomes]
+    records = []
+    for c in range(template.cases):
+        for o, one in enumerate(wanted):
+            values = outcomes[c * points : (c + 1) * points, o]
+            records.append(
+                {"case": template.case(c), "outcome": str(one), "unit": one.unit}
+                | _of(values, analyse)
+            )
+    numbers = {
+        "method": search.kind,
+        "inputs": template.drawn(),
+        "points": points,
+        "confidence": CONFIDENCE,
+        "resamples": RESAMPLES,
+        "results": records,
+    }
+    return SearchFindings(
+        numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers)
+    )
+
+
+def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
+    """Indices of one outcome, None where a run has no valid one or all are equal."""
+    invalid = int(np.count_nonzero(~np.isfinite(values)))
+    moments: dict[str, Any] = {
+        "mean": math.nan,
+        "deviation": math.nan,
+        "invalid": invalid,
+        "indices": None,
+    }
+    if invalid:
+        return moments
+    moments |= {"mean": float(values.mean()), "deviation": float(values.std())}
+    return moments | ({"indices": analyse(values)} if moments["deviation"] > 0.0 else {})
+
+
+def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:
+    """Points of the unit cube [points, inputs], and what to do with their outcomes."""
+    if isinstance(search, Sobol):
+
+        def sobol(values: np.ndarray) -> Indices:
+            indices = sensitivity.sobol_analyse(
+                values, inputs, CONFIDENCE, resamples=RESAMPLES, seed=seed
+            )
+            return {"S1": _bounded(indices.first), "ST": _bounded(indices.total)}
+
+        return sensitivity.sobol_sample(inputs, search.n, seed), sobol
+    unit = sensitivity.morris_sample(inputs, search.trajectories, seed, search.levels)
+
+    def morris(values: np.ndarray) -> Indices:
+        effects = sensitivity.morris_analyse(
+            unit, values, CONFIDENCE, levels=search.levels, resamples=RESAMPLES, seed=seed
+        )
+        return {
+            "mu_star": _bounded(effects.mu_star),
+            "mu": {"value": effects.mu},
+            "sigma": {"value": effects.sigma},
+        }
+
+    return unit, morris
+
+
+def _bounded(found: Any) -> dict[str, np.ndarray]:
+    return {
+        "value": np.asarray(found.value),
+        "low": np.asarray(found.low),
+        "high": np.asarray(found.high),
+    }
+
+
+# --- in words -------------------------------------------------------------------------------------
+# --------------------
+
+
+def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
+    names = [short(one["name"]) for one in numbers["inputs"]]
+    yield f"Inputs, independent of each other: {laws(numbers['inputs'])}."
+    yield (
+        f"{numbers['points']} points, the same ones in every case and for every outcome; n is that"
+        " of each row."
+    )
+    leading = "ST" if numbers["method"] == "sobol" else "mu_star"
+    for record in numbers["results"]:
+        where = f" ({words(record['case'])})" if record["case"] else ""
+        if record["indices"] is None:
+            why = (
+                f"{record['invalid']} runs have no valid one"
+                if record["invalid"]
+                else "it never varies"
+            )
+            yield f"`{record['outcome']}`{where}: no indices, {why}."
+            continue
+        order = np.argsort(-record["indices"][leading]["value"])
+        first = ", ".join(
+            f"{names[i]} {number(record['indices'][leading]['value'][i], 2)}" for i in order[:3]
+        )
+        what = "total index" if leading == "ST" else "mean effect over its range"
+        yield f"`{record['outcome']}`{where}: what decides most, by {what}: {first}."
+
+
+def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
+    method = numbers["method"]
+    half = f"In brackets: {CONFIDENCE:.0%} interval ({RESAMPLES} bootstrap samples)."
+    notes = {
+        "sobol": (
+            "S1: share of the variance that the input causes by itself; ST: with all that it does"
+            f" together with others, S1 <= ST <= 1. {half} Estimates scatter about 0 where there is"
+            " nothing."
+        ),
+        "morris": (
+            "Elementary effects, per whole range of the input, in the outcome's unit. mean"
+            " |effect|: how much it matters; deviation: how much that depends on where one is."
+            f" {half}"
+        ),
+    }
+    for record in numbers["results"]:
+        if record["indices"] is None:
+            continue
+        rows = []
+        for i, one in enumerate(numbers["inputs"]):
+            cells = []
+            for name in INDICES[method]:
+                index = {key: values[i] for key, values in record["indices"][name].items()}
+                bounds = (
+                    f" ({number(index['low'], 2)} to {number(index['high'], 2)})"
+                    if "low" in index
+                    else ""
+                )
+                cells.append(number(index["value"], 3) + bounds)
+            rows.append((short(one["name"]), *cells, str(numbers["points"])))
+        where = f"; {words(record['case'])}" if record["case"] else ""
+        unit = f" {record['unit']}" if record["unit"] else ""
+        moments = (
+            f"mean {number(record['mean'], 3)}, deviation {number(record['deviation'], 3)}{unit}"
+        )
+        columns = tuple(
+            f"{name}, {what}" if method == "sobol" else what
+            for name, what in INDICES[method].items()
+        )
+        yield TextTable(
+            f"{record['outcome']}{where} ({moments})",
+            ("input", *columns, "n"),
+            tuple(rows),
+            notes[method],
+        )
+
+
+def _figures(numbers: dict[str, Any]) -> dict[str, Any]:
+    from ravenjax.analyses.search.indices import figure
+
+    return {numbers["method"]: functools.partial(figure.draw, numbers)}

@@ -1,0 +1,247 @@
+"""Kind "rare": the probability of a rare event under the file's distributions, for each combination
+of its lists.
+
+Subset simulation, and beside it plain Monte Carlo over the same cube: where that meets the event
+often enough, both must agree; where it does not, it bounds the answer from above.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ravenjax.analyses.search.evaluator import Evaluator
+from ravenjax.analyses.search.file import outcome
+from ravenjax.analyses.search.file.config import Rare
+from ravenjax.analyses.search.file.template import Template
+from ravenjax.analyses.search.findings import SearchFindings, TextTable, laws, number, short, words
+from ravenjax.stats.intervals import clopper_pearson
+from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset
+
+FAR = 1e6
+"""Distance from the event that a run without a valid outcome counts as having: it is not the
+event.
+"""
+
+CURVE = 200
+"""Points of an exceedance curve that are kept."""
+
+
+def due(template: Template, search: Rare) -> int:
+    """About how many runs it takes: what is rarer needs more levels."""
+    return template.cases * (search.check + 4 * search.runs)
+
+
+def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindings:
+    """Both estimates of every case."""
+    seed, inputs = template.config.campaign.seed, len(template.inputs)
+    records = []
+    for case in range(template.cases):
+        margins: list[np.ndarray] = []
+        g = _limit_state(template, evaluator, case, margins)
+        plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None
+        sampled = np.concatenate(margins) if margins else np.zeros(0)
+        margins.clear()
+        level = subset(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
+        failed = int(np.count_nonzero(np.concatenate([sampled, *margins]) >= FAR))
+        records.append(
+            {
+                "case": template.case(case),
+                "subset": _of(level),
+                "monte_carlo": None if plain is None else _of(plain),
+                "consistent": (
+                    None
+                    if plain is None
+                    else bool(level.low <= plain.high and plain.low <= level.high)
+                ),
+                "invalid": failed,
+                "exceedance": _exceedance(sampled, search),
+                "reached": _reached(level, sampled, search),
+            }
+        )
+    one = outcome.parse(search.event)
+    numbers = {
+        "event": search.event,
+        "column": one.column,
+        "relation": one.relation,
+        "bound": one.bound,
+        "inputs": template.drawn(),
+        "per_level": search.runs,
+        "share": 1.0 / search.steps,
+        "results": records,
+    }
+    return SearchFindings(
+        numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers)
+    )
+
+
+def _limit_state(
+    template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]
+) -> LimitState:
+    """Distance from the event of points of the unit cube, at most 0 where it happened; `drawn`
+    collects them.
+    """
+
+    def g(unit: np.ndarray) -> np.ndarray:
+        cases = np.full(len(unit), case)
+        beyond = evaluator(cases, template.values(cases, unit))[:, 0]
+        drawn.append(np.where(np.isfinite(beyond), -beyond, FAR))
+        return drawn[-1]
+
+    return g
+
+
+def _of(found: RareEvent) -> dict[str, Any]:
+    return found._asdict() | {"levels": list(found.levels)}
+
+
+def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
+    """What the column was at distances from the event."""
+    one = outcome.parse(search.event)
+    return one.bound - distance if one.relation == ">=" else one.bound + distance
+
+
+def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
+    """How often plain Monte Carlo was at least that near to the event, or beyond."""
+    valid = np.sort(sampled[sampled < FAR])
+    if not len(valid):
+        return {"value": [], "probability": []}
+    rank = np.unique(np.geomspace(1, len(valid), min(CURVE, len(valid))).astype(int)) - 1
+    return {
+        "value": _column(valid[rank], search).tolist(),
+        "probability": ((rank + 1) / len(sampled)).tolist(),
+    }
+
+
+def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[str, Any]]:
+    """What subset simulation reached, level by level, and how likely that is; the event itself
+    last. Beside it how often plain Monte Carlo got as far."""
+    distances = [level for level in found.levels if level > 0.0]
+    likely = [search.steps ** -(i + 1.0) for i in range(len(distances))]
+    reached = []
+    for distance, probability in zip([*distances, 0.0], [*likely, found.probability], strict=True):
+        value = float(_column(np.array(distance), search))
+        record: dict[str, Any] = {"value": value, "probability": probability}
+        if len(sampled):
+            record["monte_carlo"] = clopper_pearson(
+                int(np.count_nonzero(sampled <= distance)), len(sampled)
+            )._asdict()
+        reached.append(record)
+    return reached
+
+
+# --- in words -------------------------------------------------------------------------------------
+# --------------------
+
+
+def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
+    yield (
+        f"Event: `{numbers['event']}`. Inputs, independent of each other:"
+        f" {laws(numbers['inputs'])}."
+    )
+    for record in numbers["results"]:
+        where = f"{words(record['case'])}: " if record["case"] else ""
+        level, plain = record["subset"], record["monte_carlo"]
+        yield (
+            f"{where}probability {_estimate(level)} by subset simulation with {level['runs']} runs."
+        )
+        if plain is not None:
+            met = (
+                "which never met it and does not contradict"
+                if not plain["probability"]
+                else "and both agree"
+            )
+            agree = met if record["consistent"] else "WHICH CONTRADICTS: trust the plain one"
+            yield (
+                f"{where}plain Monte Carlo with {plain['runs']} runs: {_estimate(plain)}, {agree}."
+            )
+        if record["invalid"]:
+            yield (
+                f"{where}{record['invalid']} runs have no valid outcome and count as not the event."
+            )
+
+
+def _estimate(found: dict[str, Any]) -> str:
+    return f"{found['probability']:.2g} ({found['low']:.2g} to {found['high']:.2g})"
+
+
+def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
+    rows = []
+    for record in numbers["results"]:
+        for name, method in (("subset", "subset simulation"), ("monte_carlo", "plain Monte Carlo")):
+            estimate = record[name]
+            if estimate is None:
+                continue
+            cov, levels = estimate["cov"], len(estimate["levels"])
+            need = (
+                ""
+                if math.isnan(cov) or not cov
+                else f"{(1 - estimate['probability']) / estimate['probability'] / cov**2:.0f}"
+            )
+            rows.append(
+                (
+                    *(str(v) for v in record["case"].values()),
+                    method,
+                    f"{estimate['probability']:.3g}",
+                    f"{estimate['low']:.2g} to {estimate['high']:.2g}",
+                    number(cov, 2),
+                    str(levels or ""),
+                    str(estimate["runs"]),
+                    need,
+                )
+            )
+    names = tuple(short(name) for name in numbers["results"][0]["case"])
+    yield TextTable(
+        f"Probability of {numbers['event']}",
+        (
+            *names,
+            "by",
+            "probability",
+            "95 % interval",
+            "coefficient of variation",
+            "levels",
+            "n",
+            "plain runs for that",
+        ),
+        tuple(rows),
+        "Interval: Clopper-Pearson of plain Monte Carlo; lognormal with the estimated variation of"
+        " subset simulation, which is somewhat too narrow. Last column: runs that plain Monte Carlo"
+        " needs for the same variation.",
+    )
+
+    rows = []
+    for record in numbers["results"]:
+        for level in record["reached"] if record["monte_carlo"] else ():
+            plain = level["monte_carlo"]
+            rows.append(
+                (
+                    *(str(v) for v in record["case"].values()),
+                    number(level["value"]),
+                    f"{level['probability']:.2g}",
+                    f"{plain['value']:.2g} ({plain['low']:.2g} to {plain['high']:.2g})",
+                    f"{plain['k']} of {plain['n']}",
+                )
+            )
+    if rows:
+        yield TextTable(
+            "Level by level",
+            (
+                *names,
+                numbers["column"],
+                "by subset simulation",
+                "by plain Monte Carlo",
+                "plain runs",
+            ),
+            tuple(rows),
+            "How likely a run is to come as far as each level; in brackets the 95 % interval.",
+        )
+
+
+def _figures(numbers: dict[str, Any]) -> dict[str, Any]:
+    from ravenjax.analyses.search.rare import figure
+
+    return {"rare": functools.partial(figure.draw, numbers)}

@@ -1,0 +1,123 @@
+"""Who drives a session beside the page: a script, or a console over the network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ravenjax.train.protocol import felt
+from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot_link.itp import ItpServer
+from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
+from ravenjax.train.session import pedal, scripts
+from ravenjax.train.session.advance import Session
+
+SOME_PACKETS = 10
+"""Refused ones in `STALE_MS`, without one that is taken, are told."""
+UNATTENDED_MS = 60_000
+"""A script that has not driven by then never will: the session's time begins, so that it ends."""
+
+
+class Scripted:
+    """A scripted or recorded operator as a console."""
+
+    def __init__(self, script: str, session: Session) -> None:
+        self._session = session
+        self._operator: scripts.SessionOperator
+        if script in scripts.REACTIONS:
+            speeds = session.scenario.speeds
+            self._operator = scripts.Follower(session.task, session.arms, speeds, reaction=script)  # type: ignore[arg-type]
+        else:
+            self._operator = scripts.load(script)
+
+    def poll(self) -> list[dict[str, Any]]:
+        session = self._session
+        out = self._operator.messages(session.ticks, session.frame)
+        if session.ticks == UNATTENDED_MS and session.started is None:
+            out = [*out, {"type": "instructor", "do": "start"}]
+        return out
+
+    def tell(self, frame: Frame) -> None:
+        """It sees the frame when it is asked."""
+
+
+class Refusals:
+    """Says where the packet filter takes nothing of what comes."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate, self._counts = gate, dict(gate.counts)
+        self._polls, self._told = 0, ""
+
+    def poll(self) -> list[dict[str, Any]]:
+        """Once a ms: a command "unheard" where it has changed whether packets are taken."""
+        self._polls += 1
+        if self._polls % STALE_MS:
+            return []
+        more = {cause: count - self._counts[cause] for cause, count in self._gate.counts.items()}
+        self._counts = dict(self._gate.counts)
+        accepted = more.pop(TAKEN)
+        cause = max(more, key=more.__getitem__)
+        why = self._told
+        if more["stranger"] >= SOME_PACKETS:
+            why = pedal.packets("stranger")
+        elif accepted:
+            why = ""
+        elif more[cause] >= SOME_PACKETS:
+            why = pedal.packets(cause)
+        if why == self._told:
+            return []
+        self._told = why
+        return [{"type": "unheard", "why": why}]
+
+
+class PedalWords:
+    """Says at the terminal why the pedal of a console over the network does not count."""
+
+    def __init__(self, session: Session, say: Callable[[str], None]) -> None:
+        self._session, self._say = session, say
+
+    def poll(self) -> list[dict[str, Any]]:
+        """It asks for nothing."""
+        return []
+
+    def tell(self, frame: Frame) -> None:
+        """What the last tick found."""
+        for line in self._session.pedals.news():
+            self._say(line)
+
+
+class ItpConsole:
+    """A console over the network: increments in, force out."""
+
+    def __init__(
+        self, server: ItpServer, session: Session, say: Callable[[str], None] = print
+    ) -> None:
+        """say: takes what a user should know of the console's packets."""
+        self._server, self._session, self._arms = server, session, session.arms
+        self._say = say
+        self._still: dict[str, Any] = dict.fromkeys(session.arms, (0.0, 0.0, 0.0))
+        self._refusals = Refusals(server.gate)
+
+    def poll(self) -> list[dict[str, Any]]:
+        messages = [
+            {**one, "console": "itp"} for one in (*self._server.poll(), *self._refusals.poll())
+        ]
+        for line in self._server.gate.news():
+            self._say(line)
+        return messages
+
+    def tell(self, frame: Frame) -> None:
+        drives = self._session.seat.owner == "itp"
+        forces = self._still
+        if drives and frame.number("console_alive"):
+            setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
+            gain, cap = setting.contact.units_per_n, setting.cue.cap
+            forces = {arm: felt.force(frame, arm, gain, cap, cue_on) for arm in self._arms}
+        self._server.send_force(
+            forces,
+            int(frame.number("runlevel")),
+            bool(frame.number("soft_estopped")),
+            pedal=drives and frame.number("pedal") != 0,
+            drives=drives,
+        )

@@ -1,0 +1,384 @@
+"""One hazard of a session, from arming to disarming: what happened to the robot, what the operator
+did, and the score.
+
+**What happened to the robot** is said in the words of `ravenjax.outcomes`, beyond the golden run,
+which begins where the robot is when the hazard is armed:
+
+- `check_response`: stopped, flagged, limited or silent; `check_cause` is the first check that did
+  so. `alarm` is the first check that told a person or stopped the robot, `limited` the first that
+  changed a command or dropped a packet and told nobody.
+- `motion_hazard`: unintended motion, loss of motion, false report or none, the gravest. Its limit
+  is the scenario's `[harm] excursion_mm`, column `limit_mm`.
+- The columns `unintended_mm` to `false_report_first_ms` are the result table's of these names, from
+  the strike on.
+- `cue_ms`: when the operator first felt the cue, where the golden run has had none since the
+  strike.
+
+**First possible knowledge** (`knowable_ms`): the first tick in which a person at the console could
+have known. Seen: the tip, as reported or as it truly is, is `SEEN_MM` or more from where it would
+be without the fault ("tip"), or the robot left pedal-down by itself ("runlevel"); told: a check
+told a person (its name). Micrometres that only a computer could tell apart are not knowledge. Felt
+is the cue, from its onset: at its published threshold it begins with a quarter of its largest
+force. Reaction times count from the earliest of knowledge, cue and alarm.
+
+**Nobody's failure**: `ACTS_MS` after that at the soonest a person can have acted. What a fault has
+done until then no operator could have prevented, and none answers for it.
+
+**Response**: the operator's first right one, from that origin on, within the time for it; else the
+first of another kind. An operator who slows down may only have arrived, so a slow-down counts only
+where it is right.
+
+**Interrupted**: a pause, a reset, a disarming or an end by others, a console that the instructor
+handed over or that fell silent, a lost link, an E-stop that another pressed. An operator who gives
+the console away, takes another or leaves (closes or reloads the page) does so on their own: the
+pedal, if it was down, is released, and nothing is cut off. What is not the operator's never scores:
+a hazard that it cut off before it was decided (harm done, a right response given, or the time for
+one up) counts for nothing, and no later response to it does.
+
+**Outcome**, the first that holds:
+
+- `interrupted`: as above.
+- `unavoidable`: as `harm`, but before any person could have acted.
+- `harm`: the true tip made an unintended motion of more than `[harm] excursion_mm`, live or not, or
+  the fault drove it more than `[harm] depth_mm` deeper into the tissue.
+- `avoided`: a right response in time.
+- `halted`: the robot left pedal-down by itself, because a check stopped it or for another reason.
+- `unaffected`: no distance of `AFFECTED_MM`, no hazard, no cue.
+- `missed`: none of these.
+
+**Score**: 50 for the response and 50 for the patient. Response: 50 up to `FASTEST_MS`, from there
+down to 25 at the end of its time, 0 without a right one. Patient: 50 times what is left of the way
+to harm that was left when a person could first have acted, the least of unintended motion and
+depth; of the whole way where harm was done before. A hazard that is unaffected or interrupted is
+not scored.
+
+**Times** of a row (`row.HazardRow`) are ms since the session began, reaction_ms from the origin
+above, halted_ms and golden_halted_ms (the golden run's) durations. None is empty: it never
+happened. `hazard` is the id in the library.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ravenjax.outcomes import verdict
+from ravenjax.train.scenario import Armable, Harm
+from ravenjax.vocabulary.checks import Check
+
+AFFECTED_MM = 1.0
+"""A distance that counts as an effect: what expert surgeons called a jump (DSN'16, text)."""
+
+SEEN_MM = AFFECTED_MM
+"""A distance that a person at the console can see of a tip that moves: the surgeons' jump, for want
+of a measurement. An eye at 0.6 m resolves 0.2 mm on the screen (one arc minute), but has no golden
+run beside the tip to compare with."""
+
+ACTS_MS = 150.0
+"""Nobody acts sooner: a simple reaction to a touch, the fastest there is here, takes 150 to 300
+ms.
+"""
+
+FASTEST_MS = 250.0
+"""Nothing is taken off for reactions up to it: a simple reaction to a touch takes 150 to 300 ms,
+and the same as `stages.reaction` assumes."""
+
+CONTINUE = "continue"
+
+DISTANCES = ("unintended", "loss", "false_report")
+"""Distances in the frame (`<name>_mm`) that make a hazard where they exceed the limit."""
+
+PEAKS = (*DISTANCES, "unintended_off")
+"""Those whose largest value an episode keeps."""
+
+
+def motion_hazard(
+    first_ms: Mapping[str, float], halted_ms: float, golden_halted_ms: float, stopped: bool
+) -> str:
+    """One of `verdict.HAZARDS`, by its definitions. first_ms: when one of `DISTANCES` exceeded
+    the limit, if ever.
+    """
+    times = {f"{name}_first_ms": [first_ms.get(name, -1)] for name in DISTANCES}
+    halted = {"halted_ms": [halted_ms], "golden_halted_ms": [golden_halted_ms]}
+    (place,) = verdict.hazards(times | halted, np.array([stopped]))
+    return verdict.HAZARDS[place]
+
+
+class Episode:
+    """One hazard from arming until it is taken back."""
+
+    def __init__(self, hazard: Armable, harm: Harm, tick: int, cue_on: bool) -> None:
+        self.hazard, self.harm = hazard, harm
+        self.cue_on = cue_on
+        self.armed_ms = tick
+        self.struck_ms: int | None = None
+        self.knowable_ms: int | None = None
+        self.knowable_by = ""
+        self.cue_ms: int | None = None
+        self.checks: dict[
+            str, tuple[int, str]
+        ] = {}  # response -> ms and name of the first check of that kind
+        self.origin_ms: int | None = None  # earliest of knowledge, cue and alarm
+        self.halted = False
+        self.halted_ms, self.golden_halted_ms = 0, 0
+        self._lost = False  # by being halted for too long
+        self.arm = hazard.arm  # the struck one, else the one that moved farthest
+        self.peak_error_mm = 0.0
+        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)  # -1: not measured
+        self.first_ms: dict[str, int] = {}  # when one of `DISTANCES` first exceeded the limit
+        self.deepest_mm = -math.inf
+        self.driven_mm = 0.0  # into the tissue, by the fault
+        self._spared_mm = [
+            0.0,
+            0.0,
+        ]  # of farthest and driven: what was done before a person could have acted
+        self.responses: dict[str, int] = {}  # kind -> ms of the first
+        self.interrupted = False
+
+    @property
+    def struck(self) -> bool:
+        """Whether the fault has been at work."""
+        return self.struck_ms is not None
+
+    @property
+    def farthest_mm(self) -> float:
+        """Largest unintended motion of the true tip, live or not."""
+        return max(0.0, self.peak_mm["unintended"], self.peak_mm["unintended_off"])
+
+    @property
+    def check_response(self) -> str:
+        """One of `verdict.RESPONSES`."""
+        return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
+
+    def know(self, tick: int, by: str) -> None:
+        """From now on, at the latest, it could be known."""
+        self.knowable_ms, self.knowable_by = tick, by
+        self._originate(tick)
+
+    def feel(self, tick: int) -> None:
+        """The operator felt the cue."""
+        self.cue_ms = tick
+        self._originate(tick)
+
+    def trip(self, tick: int, check: Check) -> bool:
+        """A check tripped more often than in the golden run; whether it is the first of its kind
+        of response.
+        """
+        first = check.response not in self.checks
+        if first:
+            self.checks[check.response] = tick, check.name
+            if check.response in verdict.TOLD:
+                self._originate(tick)
+        return first
+
+    def exceed(self, tick: int, name: str, mm: float, arm: str) -> bool:
+        """A new peak of one of `PEAKS`, of this arm; whether it makes a hazard for the first
+        time.
+        """
+        if name.startswith("unintended") and mm > self.farthest_mm and not self.hazard.arm:
+            self.arm = arm
+        self.peak_mm[name] = mm
+        if self._beyond_anyone(tick):
+            self._spared_mm[0] = self.farthest_mm
+        if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
+            self.first_ms[name] = tick
+            return True
+        return False
+
+    def drive(self, tick: int, mm: float) -> None:
+        """The fault has driven the tip so much deeper into the tissue than it was at the strike."""
+        self.driven_mm = max(self.driven_mm, mm)
+        if self._beyond_anyone(tick):
+            self._spared_mm[1] = self.driven_mm
+
+    def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
+        """Time since the strike in which the pedal was held and the robot not live, its own and the
+        golden run's; whether that makes a loss of motion for the first time."""
+        before = self._lost
+        self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
+        self._lost = bool(
+            verdict.halts(halted_ms, golden_halted_ms, self.check_response == "stopped")
+        )
+        return self._lost and not before
+
+    def respond(self, tick: int, what: str) -> bool:
+        """Take a response; False where it is none: before anything could be known, or not the
+        first of its kind.
+        """
+        if (
+            self.interrupted
+            or self.origin_ms is None
+            or tick < self.origin_ms
+            or what in self.responses
+        ):
+            return False
+        self.responses[what] = tick
+        return True
+
+    def decided(self, tick: int) -> bool:
+        """Whether nothing from this tick on can make its outcome better: harm, a right response,
+        or too late.
+        """
+        if self._harmed() and not self._unavoidable():
+            return True
+        late = self.origin_ms is not None and tick - self.origin_ms > self.hazard.within_s * 1000.0
+        if CONTINUE in self.hazard.right_response:
+            return late or any(what != "slow" for what in self.responses)
+        return late or self.answer()[1]
+
+    def interrupt(self, tick: int) -> bool:
+        """Something cuts it off that is not the operator's; whether that leaves it undecided,
+        for the first time.
+        """
+        if not self.struck or self.interrupted or self.decided(tick):
+            return False
+        self.interrupted = True
+        return True
+
+    def right(self, what: str) -> bool:
+        """Whether this response, taken, is right and in time."""
+        limit = self.hazard.within_s * 1000.0
+        return (
+            what in self.hazard.right_response
+            and self.responses[what] - (self.origin_ms or 0) <= limit
+        )
+
+    def reaction_ms(self, what: str) -> int:
+        """Of a response that was taken."""
+        return self.responses[what] - (self.origin_ms or 0)
+
+    def answer(self) -> tuple[str, bool]:
+        """The response that counts ("" if none) and whether it is right and in time."""
+        in_order = sorted(self.responses, key=self.responses.__getitem__)
+        if CONTINUE in self.hazard.right_response:
+            others = [what for what in in_order if what != "slow"]
+            return (others[0], False) if others else (CONTINUE, self.struck and not self.halted)
+        for what in in_order:
+            if self.right(what):
+                return what, True
+        return next((what for what in in_order if what != "slow"), ""), False
+
+    def motion_hazard(self) -> str:
+        """One of `verdict.HAZARDS`."""
+        return motion_hazard(
+            self.first_ms, self.halted_ms, self.golden_halted_ms, self.check_response == "stopped"
+        )
+
+    def outcome(self) -> str:
+        """One of interrupted, unavoidable, harm, avoided, halted, unaffected, missed."""
+        if self.interrupted:
+            return "interrupted"
+        if self._unavoidable():
+            return "unavoidable"
+        if self._harmed():
+            return "harm"
+        if self.answer()[1]:
+            return "avoided"
+        if self.halted:
+            return "halted"
+        if (
+            max(self.peak_mm.values()) < AFFECTED_MM
+            and self.cue_ms is None
+            and self.motion_hazard() == "none"
+        ):
+            return "unaffected"
+        return "missed"
+
+    def score(self) -> float | None:
+        """0 to 100, None where there was nothing to be done and nothing was."""
+        if self.outcome() in ("unaffected", "interrupted"):
+            return None
+        what, ok = self.answer()
+        response = 0.0
+        if ok:
+            limit = max(self.hazard.within_s * 1000.0 - FASTEST_MS, 1.0)
+            late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
+            response = 1.0 - 0.5 * min(late / limit, 1.0)
+        used = max(
+            _share(*one)
+            for one in zip(self._done_mm(), self._spared_mm, self._limits_mm(), strict=True)
+        )
+        return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
+
+    def row(self) -> dict[str, Any]:
+        """Its columns of hazards.csv."""
+        what, ok = self.answer()
+        answered = what in self.responses
+        alarms = [
+            self.checks[word] for word in verdict.TOLD if word in self.checks
+        ]  # of two at once the stronger
+        alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
+        limited_ms, limited = self.checks.get("limited", (None, None))
+        return {
+            "cue": "on" if self.cue_on else "off",
+            "number": self.hazard.number,
+            "hazard": self.hazard.hazard,
+            "title": self.hazard.title,
+            "arm": self.arm,
+            "armed_ms": self.armed_ms,
+            "struck_ms": self.struck_ms,
+            "knowable_ms": self.knowable_ms,
+            "knowable_by": self.knowable_by or None,
+            "cue_ms": self.cue_ms,
+            "alarm_ms": alarm_ms,
+            "alarm": alarm,
+            "limited_ms": limited_ms,
+            "limited": limited,
+            "limit_mm": self.harm.excursion_mm,
+            "response": what or None,
+            "response_ms": self.responses[what] if answered else None,
+            "reaction_ms": self.reaction_ms(what) if answered else None,
+            "right_response": " ".join(self.hazard.right_response),
+            "response_ok": ok,
+            "halted": self.halted,
+            "outcome": self.outcome(),
+            "score": self.score(),
+            **(self._happening() if self.struck else {}),
+        }
+
+    def _happening(self) -> dict[str, Any]:
+        """Columns of what happened to the robot."""
+        peaks = {
+            f"{name}_mm": round(mm, 4) if mm >= 0.0 else None for name, mm in self.peak_mm.items()
+        }
+        return {
+            "check_response": self.check_response,
+            "check_cause": self.checks.get(self.check_response, (None, None))[1],
+            "motion_hazard": self.motion_hazard(),
+            **peaks,
+            **{f"{name}_first_ms": self.first_ms.get(name) for name in DISTANCES},
+            "halted_ms": self.halted_ms,
+            "golden_halted_ms": self.golden_halted_ms,
+            "peak_error_mm": round(self.peak_error_mm, 4),
+            "deepest_mm": round(self.deepest_mm, 4) if math.isfinite(self.deepest_mm) else None,
+        }
+
+    def _done_mm(self) -> tuple[float, float]:
+        return self.farthest_mm, self.driven_mm
+
+    def _limits_mm(self) -> tuple[float, float]:
+        return self.harm.excursion_mm, self.harm.depth_mm
+
+    def _harmed(self) -> bool:
+        return any(mm > limit for mm, limit in zip(self._done_mm(), self._limits_mm(), strict=True))
+
+    def _unavoidable(self) -> bool:
+        return any(mm > limit for mm, limit in zip(self._spared_mm, self._limits_mm(), strict=True))
+
+    def _beyond_anyone(self, tick: int) -> bool:
+        """Whether no person could have acted on it yet."""
+        return self.origin_ms is None or tick < self.origin_ms + ACTS_MS
+
+    def _originate(self, tick: int) -> None:
+        if self.origin_ms is None or tick < self.origin_ms:
+            self.origin_ms = tick
+
+
+def _share(done: float, spared: float, limit: float) -> float:
+    """Of the way to a limit that was left, how much was gone since; of the whole way where none
+    was left.
+    """
+    return (done - spared) / (limit - spared if spared < limit else limit)

@@ -1,0 +1,570 @@
+"""A whole session: its processes, from the scenario to the debrief.
+
+    realtime   this process, one thread: consoles in, tick, rows and events into two rings
+    page       serves the browser: reads the rings, sends commands (not without a page)
+    recorder   reads the rings, writes the folder
+
+Neither of the others can make the realtime loop wait, and both end when it is gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import secrets
+import socket
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from ravenjax import interruption
+from ravenjax.errors import UserError
+from ravenjax.robots.raven2.console.packet import UDP_PORT
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.store import files, manifest
+from ravenjax.store.consoles import loading as profiles
+from ravenjax.store.logs.session import description
+from ravenjax.store.logs.session import log as session_log
+from ravenjax.train import judge, page, processes, scenario
+from ravenjax.train.consoles import ItpConsole, PedalWords, Scripted
+from ravenjax.train.helpers import SessionHelpers
+from ravenjax.train.page.options import loopback
+from ravenjax.train.realtime import clock, loop
+from ravenjax.train.realtime.clock import LoopTiming
+from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
+from ravenjax.train.recording import recorder
+from ravenjax.train.recording.hazards import table
+from ravenjax.train.robot_link.crtk import bridge
+from ravenjax.train.robot_link.crtk import console as crtk
+from ravenjax.train.robot_link.crtk.messages import Ros
+from ravenjax.train.robot_link.crtk.names import ARM_NAMES
+from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
+from ravenjax.train.robot_link.distant import DistantRobot
+from ravenjax.train.robot_link.itp import ItpServer
+from ravenjax.train.robot_link.joints.stream import JOINT_PORT
+from ravenjax.train.robot_link.process import digest
+from ravenjax.train.robot_link.remote import RemoteRobot
+from ravenjax.train.scenario import Scenario
+from ravenjax.train.session import scripts
+from ravenjax.train.session.advance import Driven, Session
+from ravenjax.train.session.blueprint import Blueprint
+from ravenjax.train.session.simulation import SimulatedRobot
+
+KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
+"""Rows of the rings: four seconds of frames, more events and commands than come in that time."""
+COMMANDS = "commands.jsonl"
+"""What was said to the session (up to `heard.MOST_HEARD`): a script that makes it again."""
+CLAIM = ".session"
+"""Empty; there while a session begins in a folder, so that two that begin at once do not get the
+same.
+"""
+_LEFT = (description.FILE, session_log.FILE, table.FILE, COMMANDS, "debrief.html")
+"""Any of these tells that a folder holds a session."""
+Say = Callable[[str], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class SessionOptions:
+    """What a session is started with."""
+
+    scenario: Scenario
+    folder: Path
+    seed: int
+    participant: str = ""
+    group: str = ""
+    cue: bool | None = None  # None: the scenario's own
+    blinded: bool | None = None
+    host: str = "127.0.0.1"
+    port: int = 0
+    token: str | None = None
+    instructor_token: str | None = (
+        None  # what makes an instructor of a visitor; made up where it is left out
+    )
+    script: str | None = (
+        None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
+    )
+    itp_port: int | None = None  # None: no console over the network
+    console: str = "raven"  # its profile: a name or file of `store.consoles`, or "auto"
+    robot: str | None = (
+        None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 in place of that port
+    )
+    crtk: Ros | None = None  # also speak CRTK over this ROS
+
+
+@dataclasses.dataclass(frozen=True)
+class FinishedSession:
+    """What a session left."""
+
+    folder: Path
+    hazards: list[dict[str, Any]]
+    timing: LoopTiming | None
+    ended: str
+    wish: NextSession | None = None  # the session that the instructor asked for
+    port: int = 0  # of the page
+
+
+@dataclasses.dataclass(frozen=True)
+class NextSession:
+    """A session that the instructor asked for; None: as before."""
+
+    participant: str | None = None
+    scenario: str | None = None  # name of a bundled one
+    seed: int | None = None
+
+
+def realtime(
+    options: SessionOptions,
+    *,
+    with_page: bool = True,
+    linger_s: float | None = None,
+    say: Say = print,
+    helpers: SessionHelpers | None = None,
+) -> FinishedSession:
+    """Run a session against the clock.
+
+    linger_s: how long the page stays after the end, None: until Ctrl-C. One Ctrl-C ends session and
+    page. helpers: started before, with a page or without as this session; None: they are started
+    now.
+    """
+    began = time.monotonic()
+    if with_page:
+        _require_address(options.host, options.port)
+    console_profiles = profiles.choice(options.console)
+    options = _apart(with_tokens(options), say)
+    with contextlib.ExitStack() as stack:
+        stack.callback(_release, options.folder)
+        helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
+        session = Session(
+            options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
+        )
+        interruption.point()
+        say(f"robot: ready after {time.monotonic() - began:.1f} s")
+        script = (
+            None if options.script is None else Scripted(options.script, session)
+        )  # before anything is recorded
+        header = _header(options, session)
+        frames, events = (
+            Ring.create(KEPT_FRAMES, 4 * session.layout.size),
+            Ring.create(KEPT_EVENTS, EVENT_BYTES),
+        )
+        stack.callback(events.close)
+        stack.callback(frames.close)
+        names = tuple(session.layout.names())
+        helpers.recorder.begin(
+            recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
+        )
+        recording = helpers.recorder.process
+        consoles: list[loop.Console] = []
+        browser: loop.PageCommands | None = None
+        port = 0
+        if helpers.page is not None:
+            commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
+            stack.callback(commands.close)
+            port = _open_page(
+                helpers.page, options, session, header, (frames, events, commands), say
+            )
+            browser = loop.PageCommands(commands, drives=options.script is None)
+            consoles.append(browser)
+        if options.itp_port is not None:
+            server = ItpServer(
+                session.arms, options.host, options.itp_port, profiles=console_profiles
+            )
+            stack.callback(server.close)
+            stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
+            consoles.append(ItpConsole(server, session, say))
+            say("console: ITP over UDP {}:{}".format(*server.address))
+        if options.crtk is not None:
+            robot = crtk.traits(session.blueprint, elsewhere=options.robot is not None)
+            consoles.append(crtk.spawn(stack, options.crtk, session.layout, robot, say))
+            say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
+        consoles.append(PedalWords(session, say))
+        if script is not None:
+            consoles.append(script)
+        processes.wait_for(recording, options.folder / session_log.FILE)
+        helpers.keep_away()
+        stop = stack.enter_context(interruption.until_interrupted())
+        interruption.point()  # what was held back until now
+        with clock.realtime() as granted:
+            say(f"realtime: {granted}")
+            timing = loop.run(
+                session,
+                frames,
+                events,
+                consoles,
+                lambda: bool(stop),
+                lambda: processes.ended(recording),
+            )
+        if trouble := processes.ended(recording):
+            say(trouble)
+        recording.join(processes.STARTING_S)
+        result = _conclude(options, session, timing, say)
+        if with_page and linger_s != 0 and not stop:
+            say(
+                "the page stays until Ctrl-C"
+                if linger_s is None
+                else f"the page stays for {linger_s:g} s"
+            )
+            end = float("inf") if linger_s is None else time.monotonic() + linger_s
+            while not stop and time.monotonic() < end and browser is not None:
+                time.sleep(0.05)
+                if (wish := _wish(browser, say)) is not None:
+                    result = dataclasses.replace(result, wish=wish, port=port)
+                    break
+    return result
+
+
+def with_tokens(options: SessionOptions) -> SessionOptions:
+    """The options with the tokens that are needed and were not given, made up."""
+    token = options.token
+    if token is None and not loopback(options.host):
+        token = secrets.token_urlsafe(24)
+    instructor_token = options.instructor_token or secrets.token_urlsafe(12)
+    return dataclasses.replace(options, token=token, instructor_token=instructor_token)
+
+
+def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
+    """The options of the session that was asked for at the end of the last, in a folder beside
+    that.
+    """
+    wish = last.wish or NextSession()
+    setting = options.scenario if wish.scenario is None else scenario.load(wish.scenario)
+    participant = options.participant if wish.participant is None else wish.participant
+    seed = setting.seed if wish.seed is None else wish.seed
+    folder = fresh_folder(setting.name, participant, seed, options.folder.parent)
+    return dataclasses.replace(
+        options,
+        scenario=setting,
+        participant=participant,
+        seed=seed,
+        folder=folder,
+        port=last.port or options.port,
+    )
+
+
+def _wish(said: loop.PageCommands, say: Say) -> NextSession | None:
+    """The next session that was asked for since the last look; a scenario that is none is told
+    of.
+    """
+    for command in said.poll():
+        if (command.get("type"), command.get("do")) != ("instructor", "next"):
+            continue
+        wish = NextSession(*(command.get(name) for name in ("participant", "scenario", "seed")))
+        try:
+            if wish.scenario is not None:
+                scenario.load(wish.scenario)
+        except UserError as error:
+            say(f"the next session cannot be begun: {error}")
+            continue
+        return wish
+    return None
+
+
+def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSession:
+    """Run a session as fast as it goes, without page and clock: the same folder, the same bits each
+    time.
+
+    UserError without a script: somebody must drive.
+    """
+    script = options.script
+    if script is None:
+        raise UserError(
+            f"nobody drives: give a script, one of {', '.join(scripts.REACTIONS)} or a file of"
+            " commands"
+        )
+    session = Session(options.scenario, options.seed, cue=options.cue)
+    driver = Scripted(
+        script, session
+    )  # before there is a folder: a file that is no script leaves none
+    options = _apart(options, say)
+    header = {"started": recorder.now(), **_header(options, session), "ended": None}
+    description.write(options.folder, header)
+    log = session_log.SessionWriter(
+        options.folder / session_log.FILE, tuple(session.layout.names()), header
+    )
+    block: list[np.ndarray] = []
+    events: list[dict[str, Any]] = []
+    first = 0
+    (options.folder / CLAIM).unlink()
+    with contextlib.closing(log):
+        while not session.over:
+            interruption.point()
+            events += session.tick(driver.poll())
+            block.append(session.frame.row.copy())
+            if len(block) == recorder.BLOCK or session.over:
+                log.add(first, np.stack(block), events)
+                first += len(block)
+                block, events = [], []
+    description.update(options.folder, {"ended": recorder.now()})
+    return _conclude(options, session, None, say)
+
+
+def fresh_folder(
+    name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
+) -> Path:
+    """A folder for a session that begins now, named by scenario, who drives, time (UTC) and
+    seed; not by the group.
+    """
+    who = "".join(letter if letter.isalnum() or letter in "_.-" else "-" for letter in participant)[
+        :40
+    ]
+    parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
+    return base / "-".join(part for part in parts if part)
+
+
+# --- parts ---
+
+
+def _apart(options: SessionOptions, say: Say) -> SessionOptions:
+    """The options with a folder that no session has: its own, made here, or one with a number
+    behind it, which is told.
+
+    UserError where it cannot be written.
+    """
+    folder, number = options.folder, 1
+    while any((folder / name).exists() for name in _LEFT) or not _claimed(folder):
+        number += 1
+        folder = options.folder.with_name(f"{options.folder.name}-{number}")
+    if number > 1:
+        say(f"{options.folder} holds a session, which stays as it is; this one goes to {folder}")
+    return dataclasses.replace(options, folder=folder)
+
+
+def _claimed(folder: Path) -> bool:
+    """Whether the folder is this session's from now on."""
+    files.require_writable(folder)
+    try:
+        (folder / CLAIM).touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
+
+
+def _release(folder: Path) -> None:
+    """The folder is nobody's; one in which nothing was written goes."""
+    (folder / CLAIM).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
+    setting = options.scenario
+    return {
+        "name": options.folder.name,
+        "scenario": setting.resolved(),
+        "seed": options.seed,
+        "participant": options.participant,
+        "group": options.group,
+        "cue": session.cue_on,
+        "blinded": _blinded(options),
+        "cue_threshold_mm": setting.cue.threshold_mm,
+        "contact_units_per_n": setting.contact.units_per_n if setting.contact.on else None,
+        "versions": manifest.package_versions(),
+        "code_hash": manifest.code_hash(),
+        "engine": "stepper",
+        "arms": list(session.arms),
+        "bases": {
+            arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True))
+            for arm in session.arms
+        },
+        "robot": options.robot or "virtual",
+        "consoles": _consoles(options),
+        "hazards": [hazard.header() for hazard in session.hazards],
+        "task": session.task.geometry(),
+        "summary": {},
+    }
+
+
+def _consoles(options: SessionOptions) -> list[str]:
+    """Who may drive, of `frame.CONSOLES`."""
+    if options.script is not None:
+        return ["script"]
+    beside = (("itp", options.itp_port is not None), ("crtk", options.crtk is not None))
+    return ["page", *(console for console, there in beside if there)]
+
+
+def _robot(
+    stack: contextlib.ExitStack, options: SessionOptions, say: Say
+) -> Callable[[Blueprint], Driven]:
+    """What makes the robot that is driven: the virtual one, or a connection to one elsewhere."""
+    if options.robot is None:
+        return SimulatedRobot
+    host, ports = address(options.robot)
+    itp_port, stream = ports
+
+    def connected(made: Blueprint) -> Driven:
+        armables = scenario.armable(options.scenario, made.plan.rows)
+        if not isinstance(stream, int):
+            if armables:
+                raise UserError(
+                    f"scenario {options.scenario.name!r} has {len(armables)} hazards, and nothing"
+                    f" can be armed in a robot over {stream}: choose a scenario without, or start"
+                    " `ravenjax robot` and give its joint port"
+                )
+            transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
+            stack.callback(transport.close)
+            robot = RosRobot(host, itp_port, made.setup.arms, made.setup.tools, transport, say=say)
+            stack.callback(robot.close)
+            return DistantRobot(made, robot)
+        remote = RemoteRobot(host, itp_port, stream, made.setup.arms, options.token)
+        stack.callback(remote.close)
+        mine, theirs = digest(armables), remote.greeting.get("hazards")
+        if mine != theirs:
+            other = (
+                f"scenario {remote.greeting.get('scenario')!r}, seed {remote.greeting.get('seed')}"
+            )
+            raise UserError(
+                f"the robot at {host} ({other}) has other hazards than this session"
+                f" ({options.scenario.name!r}, seed {options.seed}): start both with the same"
+                " scenario, --seed and --set"
+            )
+        return DistantRobot(made, remote)
+
+    return connected
+
+
+def address(text: str) -> tuple[str, tuple[int, int | Ros]]:
+    """Host, and ports of ITP and of the joint stream, of HOST[:ITP_PORT[:JOINT_PORT]]; ros1 or ros2
+    may stand for the latter. UserError."""
+    host, *ports = text.split(":")
+    ros: Ros | None = next((one for one in get_args(Ros) if ports[1:] == [one]), None)
+    numbers = ports[:1] if ros else ports
+    if (
+        not host
+        or len(ports) > 2
+        or not all(port.isdecimal() and int(port) < 65536 for port in numbers)
+    ):
+        raise UserError(
+            f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
+            " 127.0.0.1:36000:36002; ros1 or ros2 in place of JOINT_PORT for a robot that tells of"
+            " itself over ROS"
+        )
+    itp, joint = [*map(int, numbers), *(UDP_PORT, JOINT_PORT)[len(numbers) :]]
+    return host, (itp, joint if ros is None else ros)
+
+
+def _open_page(
+    serving: processes.Helper,
+    options: SessionOptions,
+    session: Session,
+    header: dict[str, Any],
+    rings: tuple[Ring, Ring, Ring],
+    say: Say,
+) -> int:
+    """Tell the page's process what to serve, wait until it listens, say where and return the
+    port.
+    """
+    token, instructor_token = options.token, options.instructor_token
+    page_options = page.PageOptions(
+        frames=rings[0].name,
+        events=rings[1].name,
+        commands=rings[2].name,
+        port_taken=None,  # the connection to the process
+        arms=session.arms,
+        header=header,
+        folder=str(options.folder.absolute()),
+        host=options.host,
+        port=options.port,
+        token=token,
+        instructor_token=instructor_token,
+    )
+    serving.begin(page_options)
+    if not serving.answers.poll(processes.STARTING_S):
+        raise UserError(
+            f"the page did not start within {processes.STARTING_S:g} s; try `--no-page`, or"
+            " `ravenjax doctor`"
+        )
+    try:
+        port = serving.answers.recv()
+    except (EOFError, ConnectionResetError):
+        serving.process.join(processes.STARTING_S)
+        raise UserError(
+            f"the page's process ended with code {serving.process.exitcode}; its message stands"
+            " above"
+        ) from None
+    if options.port not in (0, port):
+        say(f"port {options.port} is taken: the page is at port {port}")
+    ask = f"&token={token}" if token else ""
+    host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
+    say(f"operator: http://{host}:{port}/?role=operator{ask}")
+    say(
+        "instructor:"
+        f" http://{host}:{port}/?role=instructor{ask}&instructor_token={instructor_token}"
+    )
+    return port
+
+
+def _require_address(host: str, port: int) -> None:
+    """Told before a process is started for it: viser would wait forever."""
+    try:
+        addresses = socket.getaddrinfo(
+            host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+        for family, kind, protocol, _, address in addresses:
+            with socket.socket(family, kind, protocol) as probe:
+                probe.bind(address)
+    except OSError as error:
+        raise UserError(
+            f"host is {host!r}, where the page cannot listen ({error}); "
+            "give an address of this machine, 127.0.0.1 for itself alone, or 0.0.0.0 for all it has"
+        ) from None
+    if not 0 <= port <= 65535:
+        raise UserError(f"port is {port}, expected 0 (any free one) to 65535")
+
+
+def _conclude(
+    options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say
+) -> FinishedSession:
+    """Table, summary and debrief once the recording is whole."""
+    from ravenjax.train.debrief import page as debrief  # plotly: a second, after the session
+
+    rows = session.judge.rows(
+        session=options.folder.name,
+        participant=options.participant,
+        group=options.group,
+        seed=options.seed,
+        blinded=_blinded(options),
+    )
+    with open(options.folder / table.FILE, "w", newline="", encoding="utf-8") as file:
+        writer: csv.DictWriter[str] = csv.DictWriter(file, judge.COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+    scripts.save(options.folder / COMMANDS, session.heard)
+    summary: dict[str, Any] = {
+        "ended": session.ended,
+        "task": session.task.result(),
+        "ticks": session.ticks,
+    }
+    summary["hazards"] = session.judge.result()
+    if timing is not None:
+        summary["timing"] = facts(timing)
+    description.update(options.folder, {"summary": summary})
+    say(f"debrief: {debrief.write(options.folder)}")
+    return FinishedSession(options.folder, rows, timing, session.ended)
+
+
+def facts(timing: LoopTiming) -> dict[str, float]:
+    """A loop's timing in numbers, us."""
+    numbers: dict[str, float] = {
+        "ticks": timing.ticks,
+        "late_ticks": timing.late,
+        "skipped_ms": timing.skipped,
+    }
+    for what in ("compute", "whole", "lateness"):
+        for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
+            numbers[f"{what}_{name}_us"] = timing.percentile(what, share)
+    return numbers
+
+
+def _blinded(options: SessionOptions) -> bool:
+    return options.scenario.cue.blinded if options.blinded is None else options.blinded
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return (
+        ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
+    )

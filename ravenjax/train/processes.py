@@ -1,0 +1,111 @@
+"""Processes beside the realtime loop: how one is started, awaited, and told to have ended."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from ravenjax import interruption
+from ravenjax.errors import UserError
+from ravenjax.train.realtime import clock
+
+STARTING_S = 60.0
+"""Longest that page and recorder may take to be there."""
+
+
+class Helper:
+    """A process that is started before what it is to do is known: it imports what it needs
+    meanwhile.
+    """
+
+    def __init__(self, stack: contextlib.ExitStack, target: Callable[[Connection], None]) -> None:
+        """target: takes what it is to do from the connection, and may answer there."""
+        self.answers, theirs = multiprocessing.Pipe()
+        stack.callback(self.answers.close)
+        self.process = spawn(stack, target, theirs)
+        theirs.close()
+
+    def begin(self, options: Any) -> None:
+        """Tell it what to do. UserError where it has ended."""
+        try:
+            self.answers.send(options)
+        except OSError:
+            self.process.join(STARTING_S)
+            raise UserError(
+                f"a process of the session ended with code {self.process.exitcode}; its message"
+                " stands above"
+            ) from None
+
+    def keep_away(self) -> None:
+        """From now on leave the CPU of the realtime loop to that."""
+        cpus = clock.other_cpus()
+        if not cpus or self.process.pid is None:
+            return
+        for task in os.listdir(f"/proc/{self.process.pid}/task"):
+            with contextlib.suppress(ProcessLookupError):  # a thread that has ended
+                os.sched_setaffinity(int(task), cpus)
+
+
+def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
+    """A process of its own, never a fork: neither jax nor a loaded server survives one. Ctrl-C
+    does not reach it.
+    """
+    process = multiprocessing.get_context("spawn").Process(
+        target=target, args=(given,), daemon=True
+    )
+    with _deaf():
+        process.start()
+
+    def end() -> None:
+        process.terminate()
+        process.join(5.0)
+        if process.is_alive():
+            process.kill()
+
+    stack.callback(end)
+    return process
+
+
+@contextlib.contextmanager
+def _deaf() -> Iterator[None]:
+    """Ctrl-C waits, also for a process that is started now, from its first moment on; here it
+    comes afterwards.
+    """
+    resource_tracker.ensure_running()  # it lets signals through once it has started
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def wait_for(recording: BaseProcess, path: Path) -> None:
+    """Until the recorder has made its file. UserError where it ends or takes longer than
+    STARTING_S.
+    """
+    end = time.monotonic() + STARTING_S
+    while not path.exists():
+        if not recording.is_alive() or time.monotonic() > end:
+            raise UserError(
+                f"{path.parent}: the recorder did not start (exit code {recording.exitcode})"
+            )
+        interruption.point()
+        time.sleep(0.02)
+
+
+def ended(recording: BaseProcess) -> str | None:
+    """What to tell where the recorder has ended before the session."""
+    if recording.is_alive() or recording.exitcode == 0:
+        return None
+    return (
+        f"the recorder has ended (exit code {recording.exitcode}): the session goes on unrecorded"
+    )

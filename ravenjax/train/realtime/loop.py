@@ -1,0 +1,141 @@
+"""The realtime loop: one thread, one tick a millisecond, nothing that it ever waits for but the
+clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.realtime import clock
+from ravenjax.train.realtime.clock import Clock, LoopTiming
+from ravenjax.train.realtime.ring import Ring, put_json, read_json
+from ravenjax.train.session.advance import PAUSED, Session
+from ravenjax.train.session.seat import console_of
+
+MOST_COMMANDS = 16
+"""Commands taken in a tick; what is more waits for the next."""
+OF_CONSOLES = ("input", "increments", "seat")
+"""Commands that say which console they come through."""
+AFTER_END_MS = 200
+"""Ticks that go on after the end, so that everyone sees it."""
+
+
+class Console(Protocol):
+    """A console beside the page: polled for commands, told what the robot does."""
+
+    def poll(self) -> list[dict[str, Any]]: ...
+    def tell(self, frame: Frame) -> None: ...
+
+
+class PageCommands:
+    """Commands that the page puts into its ring, each with the page's stamp."""
+
+    def __init__(self, ring: Ring, drives: bool = True) -> None:
+        """drives: False where a script does, which nobody's hands may disturb."""
+        self._ring, self._next = ring, 0
+        self._drives = drives
+        self.lost = 0
+        """Commands that were overwritten before they were read."""
+
+    def poll(self) -> list[dict[str, Any]]:
+        """What has arrived."""
+        if self._ring.written == self._next:
+            return []
+        first, rows = self._ring.read(self._next, MOST_COMMANDS)
+        self.lost += first - self._next
+        self._next = first + len(rows)
+        stamped = [
+            {**one, "console": "page"} if one.get("type") in OF_CONSOLES else one
+            for one in read_json(rows)
+        ]
+        return (
+            stamped
+            if self._drives
+            else [one for one in stamped if one.get("type") not in OF_CONSOLES]
+        )
+
+    def tell(self, frame: Frame) -> None:
+        """Nothing: the page reads the ring."""
+
+
+def run(
+    session: Session,
+    frames: Ring,
+    events: Ring,
+    consoles: list[Console],
+    stopped: Callable[[], bool] = lambda: False,
+    trouble: Callable[[], str | None] = lambda: None,
+) -> LoopTiming:
+    """Run `session` in real time until it is over, or `stopped` says so.
+
+    trouble: asked once a second for what goes wrong elsewhere; its first answer is told.
+    """
+    understudy = _Understudy(session)
+    frame, places = session.frame, session.layout.places
+    row, timing = (
+        frame.row.view(np.uint8),
+        slice(places["compute_us"].start, places["late_ticks"].stop),
+    )
+    reported = left = ticks = 0
+    troubled = None
+    with clock.no_collection():
+        paced = Clock()
+        while left < AFTER_END_MS:
+            paced.wait(understudy.tick)
+            commands = [command for console in consoles for command in console.poll()]
+            if not session.over and stopped():
+                commands.append({"type": "instructor", "do": "end", "by": "terminal"})
+            frame.row[timing] = paced.compute_us, paced.lateness_us, paced.timing.late
+            session.move(commands)
+            frames.put(row)
+            for console in consoles:
+                console.tell(frame)
+            paced.done()
+            notes = session.conclude()
+            understudy.hear(commands)
+            if paced.timing.late > reported and session.ticks % 100 == 0:
+                reported = paced.timing.late
+                notes.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
+            ticks += 1
+            if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
+                notes.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
+            for event in notes:  # for log and page, which look every few ms
+                put_json(events, event)
+            left += session.over
+            paced.rest()
+    return paced.timing
+
+
+class _Understudy:
+    """Keeps the way of a tick warm: after most of a millisecond's sleep the same tick takes three
+    times as long.
+
+    A second session of the same blueprint hears what the hands said last and is ticked while the
+    clock waits. Nobody sees it, and nothing of it is in the session.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._seen = session
+        self._session = Session(session.scenario, session.seed, ready=session.blueprint)
+        self._commands: list[dict[str, Any]] = []
+
+    def hear(self, commands: list[dict[str, Any]]) -> None:
+        """What was said to the session in this tick; the last word of the hands is repeated
+        until there is another.
+        """
+        if commands:
+            hands = [one for one in commands if one.get("type") in ("input", "increments")]
+            driving = [one for one in hands if console_of(one) == self._seen.seat.owner]
+            self._commands = [{**one, "console": "script"} for one in driving or hands[:1]]
+
+    def tick(self) -> None:
+        """What the session did, once more; while that is paused this waits too, so that both
+        last as long.
+        """
+        if not self._session.over and self._seen.phase != PAUSED:
+            self._session.tick(self._commands)
+            self._session.heard.clear()

@@ -1,0 +1,285 @@
+"""A robot elsewhere, `ravenjax robot` or a real Raven: driven over ITP, compared with the nominal
+model here.
+
+The console's half of the tick runs here, compiled as the whole is: packets of the operator's
+motion, the nominal model on that clean input, the cue from what the robot reports of itself. A
+robot that nothing is heard of counts as stopped.
+
+Neither the true tip nor a golden run is known here. `link_jpos` and `tip` are the measured ones;
+the observer takes the nominal model as its golden run, so that unintended motion and loss of motion
+are those of the reported tip from the model; `known_mm` is the distance from the model, too. Of
+false reports nothing can be said: `false_report_mm` is NaN.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.campaign import compile_cache
+from ravenjax.engines import trace_key
+from ravenjax.engines.cpu.stepper import StepCode, Stepper
+from ravenjax.numbers import tree
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.setup import per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, cast, replace
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.console.packet import U_STRUCT
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.loop import connections, observers
+from ravenjax.robots.raven2.run_levels import E_STOP
+from ravenjax.stages import monitor
+from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
+from ravenjax.train.robot_link.joints.record import JointReport
+from ravenjax.train.robot_link.remote import RemoteRobot
+from ravenjax.train.session import blueprint as of_session
+from ravenjax.train.session.blueprint import Blueprint, hazard_distances
+
+_SEEN = (
+    *("model_jpos", "tip", "model_tip", "error_mm", "force", "depth_mm"),
+    *("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm", "known_mm"),
+)
+"""Channels of an arm that the half tick fills, in this order."""
+_CHECKS = frozenset(ROBOT.checks)
+_MOST_TRIPS = 2**23
+"""Of one check: the sum stays a whole number in single precision."""
+_U_FIELDS = struct.Struct("<3I6i8d2i2i2i")
+assert _U_FIELDS.size == U_STRUCT.itemsize
+
+_SOURCE = Path(__file__).read_bytes()
+"""Part of the key under which compiled code is kept."""
+
+
+class _Reported(NamedTuple):
+    """What the robot reported last, one entry an arm."""
+
+    jpos: tuple[Vec, ...]  # 7, rad; insertion m
+    mvel: tuple[Vec, ...]  # 7, rad/s, of its motors
+    runlevel: Scalar  # int32
+    soft_estopped: Scalar  # int32 flag
+
+
+class DistantRobot:
+    """As `simulation.SimulatedRobot`, for a session; the robot itself is at the other end of
+    `remote`.
+    """
+
+    def __init__(self, blueprint: Blueprint, remote: RemoteRobot | RosRobot) -> None:
+        self.blueprint, self.remote = blueprint, remote
+        self.arms = blueprint.setup.arms
+        self._stepper = Stepper(_half(blueprint), ())
+        self.motion = self._stepper.flat.reshape(len(self._stepper.tables), -1)
+        self._frame = Frame(blueprint.layout)
+        self.row = self._frame.row[: blueprint.layout.simulated]
+        self.now = 0
+        self._out = np.zeros(self._stepper.code.outputs, np.float32)
+        self._rest = _resting(blueprint)
+        self._reported = _Reported(*tree.filled(self._rest, self._stepper.entering))
+        self._sequence = 0
+        self._places = [blueprint.layout.places[name] for name in (*_names(self.arms), "halted_ms")]
+        self._outcomes: dict[str, Any] = {}
+        self._at_rest()
+
+    def step(self) -> None:
+        """One tick: the model moves, the packet goes out, the newest report comes in."""
+        self._stepper.step(self.now, self._out.ctypes.data)
+        at = self._show()
+        self._sequence += 1
+        report = self.remote.exchange(self._datagram(self._out[at:].tolist()))
+        for answer in self.remote.answers():
+            if isinstance(answer.get("checks"), dict):
+                self._take_checks(answer["checks"])
+        if report is not None and not self.remote.stale:
+            self._take(report)
+        else:
+            self._lose()
+        self._frame["tick"] = self.now
+        self.now += 1
+
+    def outcomes(self) -> dict[str, Any]:
+        """The few outcome columns that can be known here."""
+        return dict(self._outcomes)
+
+    def golden_outcomes(self) -> None:
+        """Of a golden run nothing is known here."""
+        return None
+
+    def reset(self) -> None:
+        """Ask the robot to begin anew; the model does."""
+        self.remote.order({"order": "reset"})
+        self._stepper.begin()
+        self._at_rest()
+        self.now, self._outcomes = 0, {}
+        self._frame["trips"] = 0
+
+    def stand_by(self) -> None:
+        """It has waited for long: the motion goes on from the beginning of its table, unnoticed
+        by robot and model.
+        """
+        self.motion[:, 0] = self.motion[:, self.now - 1]  # the next packet counts from there
+        past, self.now = self.now - 1, 1
+        for name in self._outcomes:
+            if name.endswith("_first_ms"):
+                self._outcomes[name] -= past  # below 0: before this table
+
+    @property
+    def heard(self) -> bool:
+        """Whether the robot is heard of."""
+        return self.remote.report is not None and not self.remote.stale
+
+    def arm(self, row: int) -> None:
+        """Let the hazard of this row strike in the robot's process."""
+        self._stepper.change(lambda state: replace(state, monitor=monitor.restarted(state.monitor)))
+        self.remote.order({"order": "arm", "number": row})
+
+    def disarm(self) -> None:
+        """Take it back."""
+        self.remote.order({"order": "disarm"})
+
+    def press(self, row: int, ticks: int = 100) -> None:
+        """Press the E-stop button of the robot's process."""
+        self.remote.order({"order": "estop"})
+
+    def _at_rest(self) -> None:
+        """Until the robot reports, it counts as standing where it begins."""
+        _write(self._reported, self._rest)
+        self._stopped: dict[str, bool] = dict.fromkeys(
+            ("soft_estop", "estop"), True
+        )  # checks, in the last report: entering counts
+
+    def _show(self) -> int:
+        """Fill the row with what the half tick told; where the packet begins in it."""
+        at = 0
+        for place in self._places:
+            size = place.stop - place.start
+            self.row[place] = self._out[at : at + size]
+            at += size
+        return at
+
+    def _datagram(self, numbers: list[float]) -> bytes:
+        """The 124 bytes of this tick's packet: pedal, then increments, quaternion and grasp of
+        each arm.
+        """
+        delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
+        for i, arm in enumerate(self.arms):
+            slot, first = ARMS.index(arm), 1 + 8 * i
+            delta[slot::2] = [int(x) for x in numbers[first : first + 3]]
+            quat[slot::2] = numbers[first + 3 : first + 7]
+            grasp[slot] = int(numbers[first + 7])
+        mode = int(numbers[0])
+        total = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
+        return _U_FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, total)
+
+    def _take(self, report: JointReport) -> None:
+        report.fill(self._frame)
+        frame, arms = self._frame, self.arms
+        stopped = bool(frame.number("soft_estopped"))
+        jpos, mvel = (
+            tuple(Vec(frame[f"{arm}/{name}"].tolist()) for arm in arms) for name in ("jpos", "mvel")
+        )
+        _write(self._reported, _Reported(jpos, mvel, report.runlevel, stopped))
+        frame["live"] = observers.live(report.runlevel, stopped)
+        for check, trips in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
+            if trips and not self._stopped[check]:
+                self._outcomes.setdefault(f"check_{check}_first_ms", self.now)
+                count = f"check_{check}_count"
+                self._outcomes[count] = self._outcomes.get(count, 0) + 1
+                self._frame["trips"] = self._frame.number("trips") + 1
+            self._stopped[check] = trips
+
+    def _take_checks(self, told: dict[str, Any]) -> None:
+        """What the robot's process says of its checks: name -> how often, and how many ms ago
+        first.
+        """
+        for name, numbers in told.items():
+            good = (
+                isinstance(numbers, list)
+                and len(numbers) == 2
+                and all(type(one) is int for one in numbers)
+            )
+            if name not in _CHECKS or not good:
+                continue  # of another version, or no robot of ours
+            count, ago = numbers
+            key = f"check_{name}_count"
+            self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MOST_TRIPS))
+            self._outcomes.setdefault(f"check_{name}_first_ms", max(self.now - ago, 0))
+        counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
+        self._frame["trips"] = sum(counts)
+
+    def _lose(self) -> None:
+        """Nothing is heard of the robot: it counts as stopped, and nobody is pulled toward it."""
+        for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active"):
+            self._frame[name] = 0
+        self._reported.runlevel[0] = E_STOP
+        self._frame["live"] = False
+        for arm in self.arms:
+            self._frame[f"{arm}/force"] = 0.0
+
+
+def _write(places: _Reported, numbers: _Reported) -> None:
+    for place, number in zip(tree.leaves(places), tree.leaves(numbers), strict=True):
+        place[0] = number
+
+
+def _names(arms: tuple[str, ...]) -> list[str]:
+    return [f"{arm}/{name}" for arm in arms for name in _SEEN]
+
+
+def _resting(blueprint: Blueprint) -> _Reported:
+    """What a robot would report that stands where it begins, stopped."""
+    start = cast(blueprint.plan.program.params.start, "float32")
+    return _Reported(
+        start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0)
+    )
+
+
+def _half(blueprint: Blueprint) -> StepCode:
+    """The compiled half; what the robot reported last enters a tick."""
+    setup, params = blueprint.setup, blueprint.plan.program.params
+    watched = observers.ObserverParams(params.nominal, params.haptics, params.monitor)
+    unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
+
+    def begin(inputs: Any) -> observers.ObserverState:
+        start = real(setup, params.start)
+        tips = per_arm(setup, lambda i, arm: kinematics.forward(arm, start[i]).position)
+        return observers.init(setup, watched, start, tips)
+
+    def step(
+        inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
+    ) -> tuple[observers.ObserverState, list[Scalar]]:
+        packet = connections.packet(
+            setup, params.operator, None, motion, None, None, connections.row_by_row(now)
+        )
+        robot = observers.RobotView(*entering, unwritten)
+        after, view = observers.observe(
+            setup, watched, state, packet, jnp.bool_(True), robot, None, now
+        )
+        out: list[Scalar] = []
+        for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):
+            distance = cue.distance * 1e3
+            out += [*model.jpos, *view.tips[i], *model.tip_position, distance]
+            out += [*(x * cue.force[0] for x in cue.direction), view.depth[i] * 1e3]
+            still = Vec.full(3, 0.0)
+            off = monitor.distances(
+                params.monitor, after.monitor.arms[i], model.tip_position, still, still
+            )
+            unintended, unintended_off, loss, _ = hazard_distances(view.live, off)
+            out += [unintended, unintended_off, loss, jnp.nan, distance]
+        out += [after.monitor.halted, packet.surgeon_mode]
+        for i in range(len(setup.arms)):
+            out += [*packet.delta[i], *packet.quat[i], packet.grasp[i]]
+        return after, [jnp.float32(x) for x in out]
+
+    def finish(inputs: Any, state: observers.ObserverState) -> dict[str, Scalar]:
+        return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
+
+    tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
+    key = trace_key.of("distant", of_session.SOURCE, _SOURCE, setup, params)
+    return StepCode(
+        begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects(), key
+    )

@@ -1,0 +1,211 @@
+"""The robot's joint state over TCP, and orders back: one server, several listeners, and nobody is
+waited for.
+
+To a listener: `record.RECORD`s, one a millisecond, and text records that greet it and answer its
+orders. One that reads too slowly loses whole records, never parts of one. From a listener: orders,
+one JSON object a line,
+
+    {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, reset
+
+`token` is needed unless the listener is on the same machine. A line that is no JSON object ends the
+connection: it is no console's, but perhaps a web page's that knocks on local ports.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hmac
+import ipaddress
+import json
+import socket
+from typing import Any
+
+from ravenjax.errors import UserError
+from ravenjax.train.robot_link.joints.record import encode_text
+
+JOINT_PORT = 36002
+"""Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
+MOST_CLIENTS = 8
+BUFFER_BYTES = 1 << 15
+"""For one listener, here and again in the kernel: a tenth of a second."""
+LONGEST_LINE = 1024
+
+
+@dataclasses.dataclass(eq=False)
+class Listener:
+    """Who listens, and what waits for it."""
+
+    socket: socket.socket
+    local: bool  # on this machine
+    waiting: bytearray = dataclasses.field(default_factory=bytearray)
+    heard: bytearray = dataclasses.field(default_factory=bytearray)
+
+
+@dataclasses.dataclass(frozen=True)
+class ListenerOrder:
+    """What a listener asks for; it may."""
+
+    listener: Listener
+    content: dict[str, Any]
+
+
+class JointServer:
+    """One TCP port. `poll` and `publish` are called once a tick and never wait."""
+
+    def __init__(
+        self, greeting: dict[str, Any], host: str, port: int = JOINT_PORT, token: str | None = None
+    ) -> None:
+        """greeting: the first text record of each listener. port 0: any free one. UserError
+        where it cannot be had.
+        """
+        self._greeting, self._token = encode_text(greeting), token
+        self._socket = _listening(host, port)
+        self.listeners: list[Listener] = []
+        self.counts: dict[str, int] = dict.fromkeys(
+            (
+                "listeners",
+                "turned_away",
+                "records",
+                "records_dropped",
+                "orders",
+                "orders_refused",
+                "garbled",
+            ),
+            0,
+        )
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port it listens on."""
+        return self._socket.getsockname()[:2]
+
+    def poll(self) -> list[ListenerOrder]:
+        """Let in who knocks, and hear the orders that have arrived."""
+        self._let_in()
+        return [
+            ListenerOrder(listener, content)
+            for listener in list(self.listeners)
+            for content in self._heard(listener)
+        ]
+
+    def publish(self, record: bytes) -> None:
+        """Send a record to every listener; one that has no room left loses it."""
+        for listener in list(self.listeners):
+            if self._push(listener, record):
+                self.counts["records"] += 1
+            else:
+                self.counts["records_dropped"] += 1
+
+    def answer(self, order: ListenerOrder, error: str | None = None) -> None:
+        """Tell who gave an order that it was carried out, or why not."""
+        kind = order.content.get("order")
+        reply: dict[str, Any] = {
+            "answer": kind if isinstance(kind, str) else None,
+            "ok": error is None,
+        }
+        self._push(
+            order.listener, encode_text(reply if error is None else reply | {"error": error})
+        )
+
+    def close(self) -> None:
+        """End all connections and give the port back."""
+        for listener in list(self.listeners):
+            self._drop(listener)
+        self._socket.close()
+
+    def _let_in(self) -> None:
+        try:
+            connection, address = self._socket.accept()
+        except OSError:  # nobody knocks, or is gone again
+            return
+        if len(self.listeners) >= MOST_CLIENTS:
+            self.counts["turned_away"] += 1
+            connection.close()
+            return
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        listener = Listener(connection, ipaddress.ip_address(address[0]).is_loopback)
+        self.listeners.append(listener)
+        self.counts["listeners"] += 1
+        self._push(listener, self._greeting)
+
+    def _push(self, listener: Listener, record: bytes) -> bool:
+        """Append a whole record where there is room, and send what the kernel takes."""
+        fits = len(listener.waiting) + len(record) <= BUFFER_BYTES
+        if fits:
+            listener.waiting += record
+        try:
+            del listener.waiting[: listener.socket.send(listener.waiting)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._drop(listener)
+        return fits
+
+    def _heard(self, listener: Listener) -> list[dict[str, Any]]:
+        try:
+            content = listener.socket.recv(4 * LONGEST_LINE)
+        except BlockingIOError:
+            return []
+        except OSError:
+            content = b""
+        if not content:
+            self._drop(listener)
+            return []
+        listener.heard += content
+        *lines, rest = listener.heard.split(b"\n")
+        listener.heard = rest
+        orders = []
+        for line in lines:
+            order = _object(line)
+            if order is None:
+                return self._garbled(listener, orders)
+            if self._may(listener, order):
+                self.counts["orders"] += 1
+                orders.append(order)
+            else:
+                self.counts["orders_refused"] += 1
+                refusal = (
+                    "not from this machine: start the robot with a token and give the same one here"
+                )
+                self.answer(ListenerOrder(listener, order), refusal)
+        return orders if len(rest) <= LONGEST_LINE else self._garbled(listener, orders)
+
+    def _garbled(self, listener: Listener, orders: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        self.counts["garbled"] += 1
+        self._drop(listener)
+        return orders
+
+    def _may(self, listener: Listener, order: dict[str, Any]) -> bool:
+        if listener.local:
+            return True
+        token = order.get("token")
+        if self._token is None or not isinstance(token, str):
+            return False
+        return hmac.compare_digest(self._token.encode(), token.encode(errors="replace"))
+
+    def _drop(self, listener: Listener) -> None:
+        if listener in self.listeners:
+            self.listeners.remove(listener)
+            listener.socket.close()
+
+
+def _object(line: bytes | bytearray) -> dict[str, Any] | None:
+    try:
+        content = json.loads(line) if len(line) <= LONGEST_LINE else None
+    except (ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        endpoint = socket.create_server((host, port), backlog=MOST_CLIENTS)
+    except (OSError, OverflowError) as error:
+        raise UserError(
+            f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot may"
+            " hold it. Give another port, or 0 for any free one"
+        ) from None
+    endpoint.setblocking(False)
+    return endpoint

@@ -1,0 +1,40 @@
+"""A training scenario: a TOML file that says what is to be done, what may go wrong, and what the
+right response is.
+"""
+
+from ravenjax.train.scenario.campaign import armable, campaign
+from ravenjax.train.scenario.config import (
+    Cue,
+    Entry,
+    Free,
+    Harm,
+    Levels,
+    Path,
+    PegTransfer,
+    Reach,
+    Scenario,
+    Speeds,
+    Task,
+)
+from ravenjax.train.scenario.hazard import Armable
+from ravenjax.train.scenario.loading import bundled, from_dict, load
+
+__all__ = [
+    "Armable",
+    "Cue",
+    "Entry",
+    "Free",
+    "Harm",
+    "Levels",
+    "Path",
+    "PegTransfer",
+    "Reach",
+    "Scenario",
+    "Speeds",
+    "Task",
+    "armable",
+    "bundled",
+    "campaign",
+    "from_dict",
+    "load",
+]

@@ -1,0 +1,104 @@
+"""Reads a scenario file: TOML, then overrides, then `Scenario`, then the words of its hazards.
+Nothing is compiled.
+
+All that is wrong is told at once, each complaint with file, line, key, what was got and what was
+expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from ravenjax.bundled import resources
+from ravenjax.campaign.file import location, overriding
+from ravenjax.campaign.loading import models_in
+from ravenjax.errors import UserError, shown, suggestion
+from ravenjax.train.scenario.campaign import complaints
+from ravenjax.train.scenario.config import TASKS, Scenario
+
+FOLDER = "campaigns/training"
+"""Where bundled scenarios lie."""
+
+
+def load(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario of a TOML file, or of a bundled one by name, with `key.path=value` overrides.
+
+    `.toml` may be left out. Raises UserError.
+    """
+    file = location.find(name, FOLDER, "scenario")
+    raw, text = location.read(file)
+    return from_dict(raw, source=file, text=text, overrides=overrides)
+
+
+def bundled() -> list[Path]:
+    """The bundled scenario files."""
+    return resources.bundled(FOLDER, f"*{location.SUFFIX}")
+
+
+def from_dict(
+    raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
+) -> Scenario:
+    """The scenario of nested tables as TOML has them; `source` and `text` say where from. Raises
+    UserError.
+    """
+    raw, replaced = overriding.all_applied(raw, overrides)
+    where = location.Where(source, location.lines(text), replaced)
+    try:
+        scenario = Scenario.model_validate(raw)
+    except ValidationError as error:
+        # a list is also called too short when its only entries are bad
+        faults = [one for one in error.errors() if one["type"] != "too_short" or not one["input"]]
+        raise where.error((_key(one["loc"], raw), _message(one)) for one in faults) from None
+    except RecursionError:
+        raise UserError("the scenario's tables are nested too deeply to be read") from None
+    if errors := list(complaints(scenario)):
+        raise where.error(errors)
+    return scenario
+
+
+def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
+    """The part of pydantic's `loc` that stands in the file: without the names of a union's
+    members.
+    """
+    key: location.Key = ()
+    for i, part in enumerate(loc):
+        last = i == len(loc) - 1
+        if isinstance(raw, Mapping) and (part in raw or last):
+            key, raw = (*key, part), raw.get(part)
+        elif isinstance(raw, list | tuple) and isinstance(part, int):
+            key, raw = (*key, part), raw[part] if part < len(raw) else None
+    return key
+
+
+def _message(error: Any) -> str:
+    kind = error["type"]
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        got = (
+            f"got {shown(error['input'].get('kind'))}"
+            if kind == "union_tag_invalid"
+            else "kind is missing"
+        )
+        return f"{got}, expected kind = one of {', '.join(TASKS)}" + (
+            suggestion(error["input"].get("kind"), TASKS) if kind == "union_tag_invalid" else ""
+        )
+    near = (
+        suggestion(error["input"], error["ctx"]["expected"].split("'")[1::2])
+        if kind == "literal_error"
+        else ""
+    )
+    return location.message(error, _model(error["loc"][:-1])) + near
+
+
+def _model(loc: Sequence[str | int]) -> type[BaseModel]:
+    """The model of the table at `loc`."""
+    model: type[BaseModel] = Scenario
+    for part in loc:
+        if isinstance(part, str) and part in model.model_fields:
+            model = next(models_in(model.model_fields[part].annotation), model)
+        elif part in TASKS:
+            model = TASKS[str(part)]
+    return model

@@ -1,0 +1,489 @@
+"""A training session, one millisecond at a time: hands in, robots moved, hazards armed, events out.
+
+A session is a function of its scenario, its seed and a list of (tick, command): no clock, file,
+socket or thread is touched here. A headless run calls `tick` as fast as it can; the realtime loop
+calls its halves once a millisecond, `move` before frame and force go out, `conclude` after.
+
+Three robots run side by side, all with the campaigns' tick: the one that is driven, its golden run,
+and the virtual one on which a motion can be tried while the robot rests; what was tried is then
+given to the robot, row by row, for as long as the pedal is held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
+from ravenjax.train import judge, scenario, tasks
+from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
+from ravenjax.train.protocol.jaws import closing_point
+from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
+from ravenjax.train.protocol.world import Point
+from ravenjax.train.scenario import Scenario
+from ravenjax.train.session import blueprint, director, hands, pedal
+from ravenjax.train.session.blueprint import Blueprint
+from ravenjax.train.session.heard import Heard
+from ravenjax.train.session.seat import ConsoleSeat, console_of
+from ravenjax.train.session.simulation import SimulatedRobot
+from ravenjax.train.session.standstill import Standstill
+
+Event = dict[str, Any]
+READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
+REAL, VIRTUAL, REPLAY = range(len(VIEWS))
+_TOLD = (
+    ("phase", "phase"),
+    ("view", "view"),
+    ("console", "alive"),
+    ("pedal", "down"),
+    ("runlevel", "runlevel"),
+)
+"""Events that tell of each change of a state, and their word for it."""
+_STANDS = {PAUSED: pedal.PAUSED, STOPPED: pedal.STOPPED, LOST: pedal.LOST}
+"""Phases in which no pedal counts."""
+OUTCOMES_EVERY = 10
+"""Ticks between two looks at the robot's checks, at least."""
+STAND_BY_MS = 30_000
+"""How long a robot waits for the session's time to begin before its motion begins anew, see
+`Session._stand_by`: the table of the motion is as long as the session and `blueprint.SPARE_MS`."""
+
+
+class Driven(Protocol):
+    """The robot of a session, here or elsewhere; as `simulation.SimulatedRobot`."""
+
+    motion: np.ndarray
+    now: int
+    row: np.ndarray
+
+    @property
+    def heard(self) -> bool: ...
+    def step(self) -> None: ...
+    def outcomes(self) -> dict[str, Any]: ...
+    def golden_outcomes(self) -> dict[str, Any] | None: ...
+    def reset(self) -> None: ...
+    def arm(self, row: int) -> None: ...
+    def disarm(self) -> None: ...
+    def press(self, row: int, ticks: int = 100) -> None: ...
+    def stand_by(self) -> None: ...
+
+
+class _Places(NamedTuple):
+    """Where an arm's channels stand in a row."""
+
+    hand: slice  # hand, hand_quat and grasp: as in a row of motion
+    link_jpos: slice
+    tip: slice
+    virtual_jpos: slice
+    virtual_tip: slice
+
+    @staticmethod
+    def of(places: dict[str, slice], arm: str) -> _Places:
+        hand = slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop)
+        return _Places(hand, *(places[f"{arm}/{name}"] for name in _Places._fields[1:]))
+
+
+class Session:
+    """One session. `tick` until `over`."""
+
+    def __init__(
+        self,
+        chosen: Scenario,
+        seed: int,
+        *,
+        cue: bool | None = None,
+        ready: Blueprint | None = None,
+        robot: Callable[[Blueprint], Driven] = SimulatedRobot,
+    ) -> None:
+        """cue: whether the force is felt, the scenario's own if None. ready: compiled before, for
+        the same scenario and seed. robot: what makes the robot that is driven."""
+        self.scenario, self.seed = chosen, seed
+        if ready is None:
+            ready = blueprint.make(
+                scenario.campaign(chosen, seed), limit_mm=chosen.harm.excursion_mm
+            )
+        self.blueprint = ready
+        self.layout: FrameLayout = self.blueprint.layout
+        self.arms = self.layout.arms
+        self.hazards = scenario.armable(chosen, self.blueprint.plan.rows)
+        self.robot = robot(self.blueprint)
+        self.virtual = SimulatedRobot(self.blueprint)
+        self.frame = Frame(self.layout)
+        self.cue_on = chosen.cue.on if cue is None else cue
+        self.estop_row = self.blueprint.plan.runs - 1
+        self.task = tasks.make(chosen, self._tips(), seed)
+        self.director = director.Director(chosen, self.hazards, seed)
+        self.judge = judge.Judge(chosen, self.hazards, cue_on=self.cue_on)
+        self.phase, self.view = READY, REAL
+        self.ticks = 0  # ms of the session, without pauses
+        self.started: int | None = None  # tick in which its time began
+        self.seat = ConsoleSeat()
+        self.pedals = pedal.PedalReasons()
+        self._standstill = Standstill(self.layout)
+        self.ended = ""  # why it is over
+        self.heard = Heard()
+        self._hands = self._new_hands()
+        self._resume_to = READY
+        self._rest: np.ndarray | None = (
+            None  # row of the resting robot while the virtual one is driven
+        )
+        self._tried = (0, 0)  # ticks of the motion that was tried
+        self._replayed = 0  # how far the robot has followed it
+        self._pedal, self._alive = 0.0, False
+        self._told: tuple[Any, ...] = (None,) * len(_TOLD)
+        places = self.layout.places
+        self._places = [_Places.of(places, arm) for arm in self.arms]
+        self._common = slice(places["session_tick"].start, places["cue_on"].stop)
+        self._runlevel, self._trips = places["runlevel"].start, places["trips"].start
+        self._soft_estopped = places["soft_estopped"].start
+        self._seen_trips, self._looked = 0.0, -OUTCOMES_EVERY
+        self._events: list[Event] = []
+        self._moved = False  # the robots, in this tick
+        self._new: list[dict[str, Any]] = []  # commands of this tick
+
+    @property
+    def clock(self) -> int:
+        """ms since the session's time began, at the first pedal-down or when the instructor said
+        so; 0 before.
+        """
+        return 0 if self.started is None else self.ticks - self.started
+
+    @property
+    def left_ms(self) -> float:
+        """Until its time is up."""
+        return self.scenario.duration_s * 1000 - self.clock
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        return self.phase == OVER
+
+    def tick(self, commands: list[dict[str, Any]]) -> list[Event]:
+        """One millisecond: `frame` is filled, events are returned."""
+        self.move(commands)
+        return self.conclude()
+
+    def move(self, commands: list[dict[str, Any]]) -> None:
+        """First half: hands, hazards and robots; `frame` is filled. Nobody outside waits for the
+        other half.
+        """
+        self._events, self._moved, self._new = [], False, []
+        for command in commands:
+            if not self.over:
+                self._new.append(command)
+            self._command(command)
+        if self.phase in (PAUSED, OVER):
+            self._publish()
+            return
+        if self.seat.step(self.ticks):
+            self._let_go("silent")
+        hand = self._hands.advance(self.ticks)
+        goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
+        self._drive(hand)
+        for order in self.director.step(self.ticks, self.frame, self.clock):
+            self._order(order)
+        if goes_on:
+            self.robot.step()
+        if self.view == VIRTUAL:
+            self.virtual.step()
+        self._publish(hand)
+        self._moved = True
+
+    def conclude(self) -> list[Event]:
+        """Second half: what task, judge and phase make of it; the events of both."""
+        self.heard.add(self.ticks, self._new)
+        self._events += self.seat.events()
+        self.frame.settle()
+        self._tell_changes()
+        if self._moved:
+            self._follow()
+        for event in self.pedals.look(
+            {console: self._why_not(console) for console in pedal.NETWORK}
+        ):
+            self._tell("refused", **event)
+        if self._moved:
+            self.ticks += 1
+        return self._events
+
+    def _why_not(self, console: str) -> str:
+        """Why the pedal that a console holds down does not count."""
+        why = self.seat.why_not(console, self.ticks)
+        if self.over:
+            return ""
+        if not self.seat.holds(console):
+            return why
+        if self.phase in _STANDS:
+            return _STANDS[self.phase]
+        return why or (pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else "")
+
+    # --- commands ---
+
+    def _command(self, command: dict[str, Any]) -> None:
+        kind, do = command.get("type"), command.get("do")
+        if kind in ("input", "increments"):
+            self.seat.hear(
+                command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
+            )
+        elif kind == "unheard":
+            console, why = console_of(command), str(command.get("why", ""))[:200]
+            if command.get("once"):
+                self._tell("refused", **self.pedals.once(console, why))
+            else:
+                self.seat.unheard(console, why)
+        elif kind == "seat" and do in SEAT:
+            if self.seat.obey(command, self.ticks):
+                self._let_go("handover", own=command.get("by") != "instructor")
+        elif kind == "operator" and do in OPERATOR:
+            self._operator(command)
+        elif kind == "instructor" and do in INSTRUCTOR:
+            self._instructor(command)
+
+    def _operator(self, command: dict[str, Any]) -> None:
+        do, by = command["do"], command.get("by", "operator")
+        if by == "operator":
+            self._events += self.judge.command(command, self.ticks)
+        if do == "estop":
+            if by != "operator":
+                self._events += self.judge.interrupted(self.ticks, f"estop by {by}")
+            self.robot.press(self.estop_row)
+        elif do == "restart" and (
+            self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN
+        ):
+            self._restart("restart")
+        elif do == "rehearse" and self.view == REAL and self.phase == RUNNING:
+            self._rehearse()
+        elif do == "reengage" and self.view == VIRTUAL:
+            self._reengage()
+        elif do == "discard" and self.view != REAL:
+            self._discard()
+        elif do == "note":
+            self._tell("note", text=str(command.get("text", ""))[:500])
+
+    def _instructor(self, command: dict[str, Any]) -> None:
+        do = command["do"]
+        if do in ("arm", "disarm"):
+            if do == "disarm":
+                self._events += self.judge.interrupted(self.ticks, "instructor")
+            self.director.command(command, self.ticks)
+        elif do == "start" and self.phase != OVER:
+            self._start("instructor")
+        elif do == "pause" and self.phase in (READY, RUNNING, STOPPED, LOST):
+            self._events += self.judge.interrupted(self.ticks, "instructor")
+            self._resume_to, self.phase = self.phase, PAUSED
+        elif do == "resume" and self.phase == PAUSED:
+            self._let_go("resume")  # what was held may be gone
+            self.phase = self._resume_to
+        elif do == "reset" and self.phase != OVER:
+            self._events += self.judge.interrupted(self.ticks, "instructor")
+            self._restart("reset")
+        elif do == "end":
+            self._end("interrupted" if command.get("by") == "terminal" else "instructor")
+        elif do == "cue":
+            self.cue_on = bool(command.get("on"))
+            self.judge.cue_on = self.cue_on
+
+    def _let_go(self, why: str, own: bool = False) -> None:
+        """The pedal comes up, and not by the operator's foot: it is to be seen up before it drives
+        again.
+
+        own: it is the operator's act all the same, who gives the seat away or leaves.
+        """
+        self.seat.rearm(why, self.ticks)
+        self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)
+        if own:
+            self.judge.walked_away()
+        else:
+            self._events += self.judge.lifted(self.ticks, why)
+
+    def _start(self, by: str) -> None:
+        if self.started is None:
+            self.started = self.ticks
+            self._tell("started", by=by)
+
+    def _order(self, order: Any) -> None:
+        if order.kind == "arm":
+            self.robot.arm(self.hazards[order.number].row)
+            self._events += self.judge.armed(order.number, self.ticks)
+        else:
+            self._look()
+            self.robot.disarm()
+            self._events += self.judge.disarmed(self.ticks)
+
+    # --- the three robots ---
+
+    def _drive(self, hand: hands.HandsRow) -> None:
+        """Write this tick's rows of motion: who follows the hand depends on the view."""
+        now = self.robot.now
+        if self.view == VIRTUAL:
+            self.virtual.motion[:, self.virtual.now] = hand.columns
+            self.robot.motion[:, now] = self._rest
+        elif self.view == REPLAY and hand.columns[-1]:
+            first, last = self._tried
+            self.robot.motion[:, now] = self.virtual.motion[:, first + self._replayed]
+            self._replayed += 1
+            if first + self._replayed >= last:
+                self._hands.place(self.robot.motion[:, now])
+                self.view = REAL
+        elif self.view == REPLAY:  # the pedal is up: the robot waits where it is
+            self.robot.motion[:, now] = self.robot.motion[:, max(now - 1, 0)]
+            self.robot.motion[-1, now] = 0
+        else:
+            self.robot.motion[:, now] = hand.columns
+
+    def _rehearse(self) -> None:
+        """The robot rests, the virtual one takes over its place and the hand."""
+        now = self.robot.now
+        if not isinstance(self.robot, SimulatedRobot) or now == 0:
+            return
+        self.virtual.copy_from(self.robot)
+        self._rest = self.robot.motion[:, now - 1].copy()
+        self._rest[-1] = 0
+        self._tried = (now, now)
+        self.view = VIRTUAL
+
+    def _reengage(self) -> None:
+        """The robot follows what was tried."""
+        self._tried = (self._tried[0], self.virtual.now)
+        self._replayed = 0
+        self.view = REPLAY if self._tried[1] > self._tried[0] else REAL
+
+    def _discard(self) -> None:
+        """Back to the robot, which stands where it rested; the hand goes on from there."""
+        now = self.robot.now
+        self._hands.place(self.robot.motion[:, now - 1])
+        self.view = REAL
+
+    def _stand_by(self) -> bool:
+        """Nobody has driven yet: whether the robot goes on, its waiting begun anew.
+
+        The robot here does not where it is stopped: it holds its brakes until somebody restarts it
+        or the time begins.
+        """
+        if isinstance(self.robot, SimulatedRobot):
+            if self.frame.number("runlevel") != PEDAL_UP:
+                return False
+            self.judge.stood_by()
+        self.robot.stand_by()
+        return True
+
+    def _restart(self, why: str) -> None:
+        """The robot is homed again and stands at its beginning, ready."""
+        self._look()
+        self.seat.rearm(why, self.ticks)
+        self.robot.reset()
+        self._hands = self._new_hands()
+        self.director.reset(self.ticks)
+        self._events += self.judge.restarted(self.ticks)
+        self.task.restart()
+        self.phase, self.view = READY, REAL
+
+    # --- what is shown and told ---
+
+    def _publish(self, hand: hands.HandsRow | None = None) -> None:
+        """Fill the frame; without a hand what the robot and the hand show stays."""
+        row, task = self.frame.row, self.task
+        if hand is not None:
+            row[: self.robot.row.size] = self.robot.row
+            self._standstill.apply(row)
+            view_row = self.virtual.row if self.view == VIRTUAL else self.robot.row
+            for i, places in enumerate(self._places):
+                row[places.hand] = hand.columns[8 * i : 8 * i + 8]
+                row[places.virtual_jpos], row[places.virtual_tip] = (
+                    view_row[places.link_jpos],
+                    view_row[places.tip],
+                )
+            self._pedal, self._alive = float(hand.columns[-1]), hand.alive
+        row[self._common] = (
+            *(
+                self.ticks,
+                0 if self.over else self.left_ms,
+                self.phase,
+                self.view,
+                self._pedal,
+                self._alive,
+            ),
+            *(self.seat.number, self.robot.heard),
+            *(self.director.at_work, task.target, task.progress, self.cue_on),
+        )
+
+    def _tell_changes(self) -> None:
+        runlevel = int(self.frame.numbers[self._runlevel]) if self.robot.heard else self._told[-1]
+        state = (PHASES[self.phase], VIEWS[self.view], self._alive, self._pedal != 0.0, runlevel)
+        if state != self._told:
+            for (kind, word), value, before in zip(_TOLD, state, self._told, strict=True):
+                if value != before:
+                    self._tell(kind, **{word: value})
+            self._told = state
+
+    def _follow(self) -> None:
+        """Task, judge and phase after the tick."""
+        frame = self.frame
+        self._hear_of_robot()
+        self._events += self.task.step(frame, self.ticks)
+        due = self.ticks - self._looked >= OUTCOMES_EVERY  # looking costs as much as a tick
+        checked = self._checked() if due else ()
+        self._events += self.judge.step(self.ticks, frame, *checked)
+        runlevel = frame.numbers[self._runlevel]
+        if self.phase == READY and runlevel == PEDAL_DOWN:
+            self._start("pedal")
+            self.phase = RUNNING
+        elif self.phase in (READY, RUNNING) and (
+            runlevel == E_STOP or frame.numbers[self._soft_estopped]
+        ):
+            self.phase = STOPPED
+        if self.started is not None and self.left_ms <= 1:
+            self._end("time")
+        elif self.task.done:
+            self._end("task")
+
+    def _hear_of_robot(self) -> None:
+        """A robot that nothing is heard of is not one that has stopped: nobody knows."""
+        if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
+            self._let_go("link")
+            self.phase = LOST
+        elif self.robot.heard and self.phase == LOST:
+            self.seat.rearm("link", self.ticks)
+            self.phase = READY
+
+    def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
+        """Outcomes of robot and golden run where a check has tripped since the last look."""
+        trips = float(self.robot.row[self._trips])
+        if trips == self._seen_trips:
+            return ()
+        self._seen_trips, self._looked = trips, self.ticks
+        return self.robot.outcomes(), self.robot.golden_outcomes()
+
+    def _look(self) -> None:
+        """Let the judge see what the checks did until now: robot or golden run are about to
+        begin anew.
+        """
+        if checked := self._checked():
+            self._events += self.judge.look(*checked)
+
+    def _end(self, reason: str) -> None:
+        if self.phase != OVER:
+            self._look()
+            self._events += self.judge.close(self.ticks, reason)
+            self.phase, self.ended = OVER, reason
+            self._tell("end", reason=reason)
+
+    def _tell(self, kind: str, **what: Any) -> None:
+        self._events.append({"tick": self.ticks, "kind": kind, **what})
+
+    def _new_hands(self) -> hands.Hands:
+        return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)
+
+    def _tips(self) -> dict[ArmName, Point]:
+        """Where the jaws close at the beginning, m, frame 0."""
+        starts = self.blueprint.plan.motion.start_jpos
+        tips: dict[ArmName, Point] = {}
+        for arm, jpos in zip(self.arms, starts, strict=True):
+            with at_once():
+                axis = [float(number) for number in kinematics.forward(arm, Vec(jpos)).position]
+            tips[arm] = closing_point(arm, axis, [float(joint) for joint in jpos])
+        return tips

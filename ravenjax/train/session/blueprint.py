@@ -1,0 +1,209 @@
+"""What a session compiles: a campaign's tick that also fills a frame, and the fault table whose
+rows can be armed.
+
+Every hazard that can strike in a session is one row of a campaign's fault table, so that it is
+checked, named and replayed like any other; the last row is that of the E-stop button. One fault
+slot more than the table needs is kept for the button.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.faults import table
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.plan import Plan
+from ravenjax.engines import trace_key
+from ravenjax.engines.cpu.stepper import StepCode
+from ravenjax.errors import UserError
+from ravenjax.faults.fault import Faults, FaultSlot
+from ravenjax.numbers.algebra import minus
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.vec import Scalar, Vec, as_int, replace
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.robots.raven2.console.packet import silence
+from ravenjax.robots.raven2.loop import connections, observers, run, tick
+from ravenjax.robots.raven2.loop.records import Input
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.stages import monitor
+from ravenjax.train.protocol.frame import FrameLayout
+
+SPARE_MS = 60_000
+"""Rows of the motion beyond the session's length, for ticks after its end and for packets sent
+again.
+"""
+
+SOURCE = Path(__file__).read_bytes()
+"""Part of the key under which compiled code is kept: `make` decides what is compiled, too."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Blueprint:
+    """A compiled session; robots are made from it."""
+
+    plan: Plan
+    layout: FrameLayout
+    code: StepCode
+    inputs: Any  # varied parameters and faults as the robot begins with: none
+    fault_slots: int  # of a row; the buttons' slot comes after them
+    packets: bool  # packets come from a console outside, not from the motion
+
+    @property
+    def setup(self) -> RavenSetup:
+        """What picks code."""
+        return self.plan.program.setup
+
+
+def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM) -> Blueprint:
+    """Compile what `config` describes; its duration is the session's.
+
+    packets: packets come from outside, one at most a tick; UserError where a hazard needs the
+    console's older packets. limit_mm: of hazards, for the observer alone. It is not the campaign's,
+    so that run ids, and with them the random numbers of faults, are the same whatever a scenario
+    takes for harm.
+    """
+    ready = plan.make(config)
+    slots = ready.program.setup.injection.slots
+    if packets:
+        _require_strikable(ready)
+    setup = replace(
+        ready.program.setup, injection=replace(ready.program.setup.injection, slots=slots + 1)
+    )
+    params = ready.program.params
+    params = replace(params, monitor=replace(params.monitor, limit=limit_mm / 1e3))
+    program = dataclasses.replace(ready.program, setup=setup, params=params)
+    ready = dataclasses.replace(ready, program=program)
+    layout = FrameLayout.of(setup.arms)
+    own = [
+        values[-1] for values in ready.varied.values()
+    ]  # those of the last row, the button's: no hazard's
+    inputs = own, Faults(tuple(_empty() for _ in range(slots + 1)))
+    entering = (
+        [np.float32(0.0)] * run.series_length(setup),
+        np.bool_(False),
+        silence(setup) if packets else None,
+    )
+    columns = len(ready.columns)
+    length = 1 if packets else config.campaign.ticks + SPARE_MS
+
+    def begin(inputs: Any) -> tick.TickState:
+        return run.init(setup, program.params_of(inputs[0]))
+
+    def step(
+        inputs: Any, state: tick.TickState, now: Scalar, entering: Any, motion: Any
+    ) -> tuple[tick.TickState, list[Scalar]]:
+        series, apart, packet = entering
+        signal = Input(now, motion, run.reference_from(setup, series), packet, apart)
+        params = program.params_of(inputs[0])
+        new, signals = tick.tick(setup, params, inputs[1], state, signal)
+        frame = _frame(setup, params, now, new, signals, signal)
+        return new, [jnp.float32(x) for x in (*frame, *run.reference_series(setup, signals))]
+
+    def finish(inputs: Any, state: tick.TickState) -> dict[str, Scalar]:
+        return run.outcomes(setup, program.params_of(inputs[0]), state)
+
+    compile_cache.enable()
+    tables = (length,) * columns
+    key = trace_key.of("session", SOURCE, setup, params, program.module, program.varied, packets)
+    code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects(), key)
+    return Blueprint(ready, layout, code, inputs, slots, packets)
+
+
+def _frame(
+    setup: RavenSetup,
+    params: tick.TickParams,
+    now: Scalar,
+    state: tick.TickState,
+    out: tick.TickSignals,
+    signal: tick.Input,
+) -> list[Scalar]:
+    """The numbers of `frame.SIMULATED`, then of `frame.SIMULATED_ARM` for each arm."""
+    active_fault = jnp.bool_(False)
+    for active in out.fault_active:
+        active_fault = active_fault | active
+    software, observer = out.control, state.monitor
+    pulls = jnp.bool_(False)
+    for cue in out.haptics:
+        pulls = pulls | (cue.force[0] > 0.0)
+    live = observers.live(software.runlevel, state.control.state_machine.soft_estopped)
+    numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
+    numbers += [out.plc.runlevel, out.plc.brakes]
+    trips = jnp.int32(0)
+    for one in run.checks(setup, state).values():
+        trips = trips + one.count
+    numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
+    numbers += [
+        observer.halted,
+        observer.halted,
+        as_int(pulls),
+    ]  # `simulation` puts the golden run's in place of the last two
+    positions = connections.measured(setup, software)
+    golden = observers.reference(
+        setup, observers.Golden(signal.reference, signal.apart), out.tip, positions
+    )
+    for i, measured in enumerate(software.arms):
+        cue, position = out.haptics[i], positions[i]
+        numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]
+        numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
+        numbers += [
+            *out.tip[i],
+            *out.nominal[i].tip_position,
+            *(jnp.float32(x) * 1e-6 for x in position),
+        ]
+        numbers += [
+            cue.distance * 1e3,
+            *(x * cue.force[0] for x in cue.direction),
+            *measured.current_cmd_written,
+        ]
+        off = monitor.distances(
+            params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i]
+        )
+        numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]
+        numbers += [_distance(Vec(jnp.float32(x) for x in position), golden.pos[i]) * 1e-3]
+        touch = out.plant[i].touch
+        numbers += [0.0] * 5 if touch is None else [*touch.force, touch.vessel, touch.instrument]
+    return numbers
+
+
+def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
+    """unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame."""
+    while_live = jnp.where(live, 1e3, 0.0)
+    return [
+        off.unintended * while_live,
+        off.unintended_off * (1e3 - while_live),
+        off.loss * while_live,
+        off.false_report * while_live,
+    ]
+
+
+def _distance(a: Vec, b: Vec) -> Scalar:
+    x, y, z = minus(a, b)
+    return jnp.sqrt(x * x + y * y + z * z)
+
+
+def _empty() -> FaultSlot:
+    zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
+    return FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
+
+
+OLDER_PACKETS: dict[str, Sequence[str]] = {"console": (), "hand": (), "network": ("lost",)}
+"""Sites that change what the console sends, and which of their channels need no packet but the
+newest.
+"""
+
+
+def _require_strikable(ready: Plan) -> None:
+    for use in ready.program.setup.injection.sites:
+        for _, channel in use.channels:
+            if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
+                raise UserError(
+                    f"a hazard strikes site {use.site!r}, channel {channel!r}: the console's side"
+                    " of the network, which is another process here. Leave it out of the robot's"
+                    " scenario, or train without --robot."
+                )

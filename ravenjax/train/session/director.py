@@ -1,0 +1,148 @@
+"""When hazards strike: at times that the scenario draws, or when the instructor says so. One at a
+time.
+
+Planned times count from the beginning of the session's time, the first pedal-down or the
+instructor's start.
+
+A hazard that is due, or that the instructor has armed, waits until it can teach something: the
+session runs, the real robot follows the hands, the pedal has been down for `SETTLED_MS`, no other
+hazard is at work and the last one is `GAP_MS` past. It is taken back after its time
+(`Armable.lasts_ms`), so that permanent faults end too; and once the pedal has been up for
+`CLEARED_MS` where lifting it is right, as if it were mended then: who steps on again goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
+from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame
+from ravenjax.train.scenario import Armable, Scenario
+
+SETTLED_MS = 500
+"""Pedal-down is adopted and the hands move: what the library takes as its earliest start in
+pedal-down.
+"""
+GAP_MS = 3000
+"""Between two hazards: the tip has come to rest and the operator has taken up the task again."""
+
+CLEARED_MS = 500
+"""The robot has come to rest in its brakes, and what the hazard did is measured."""
+
+_RUNNING, _REAL = PHASES.index("running"), VIEWS.index("real")
+
+
+class Order(NamedTuple):
+    """What the session is to do before this tick."""
+
+    kind: Literal["arm", "disarm"]
+    number: int  # in the session's list of hazards
+
+
+class Director:
+    """The hazards of one session."""
+
+    def __init__(self, scenario: Scenario, hazards: Sequence[Armable], seed: int) -> None:
+        self.hazards = tuple(hazards)
+        self.at_work = -1
+        """Number of the hazard that is armed or at work; -1: none."""
+        self.refused: dict[str, int] = {}
+        """How many commands were refused, by reason."""
+        rng = np.random.default_rng([seed, 3])
+        planned = [
+            (float(rng.uniform(*hazard.when_ms)), hazard.number)
+            for hazard in self.hazards
+            if hazard.when_ms is not None
+        ]
+        self.plan: list[tuple[float, int]] = sorted(planned)
+        """(ms, number) of what is yet to come by itself, in order."""
+        self._pending = -1  # the instructor's
+        self._ordered = False  # at_work has been armed
+        self._since = 0  # tick of that
+        self._free_from = 0
+        self._down = 0  # ms of pedal-down so far
+        self._up = 0  # ms since the pedal came up
+        self._stop = False  # the instructor takes it back
+        self._columns: tuple[int, ...] = ()
+
+    def command(self, message: Mapping[str, Any], tick: int) -> bool:
+        """The instructor's "arm" or "disarm"; False where it is refused, and counted."""
+        do, number = message.get("do"), message.get("hazard")
+        if do == "disarm":
+            self._pending, self._stop = -1, True
+            return True
+        if do != "arm":
+            return self._refuse("neither arm nor disarm")
+        if (
+            not isinstance(number, int)
+            or isinstance(number, bool)
+            or not 0 <= number < len(self.hazards)
+        ):
+            return self._refuse("hazard is no number of the list")
+        if self._ordered:
+            return self._refuse("another hazard is at work")
+        self._pending = number
+        return True
+
+    def step(self, tick: int, frame: Frame, clock: int | None = None) -> tuple[Order, ...]:
+        """What is to be done before this tick, `frame` being that of the tick before.
+
+        clock: ms since the session's time began; the tick if None.
+        """
+        if not self._columns:
+            places = frame.layout.places
+            names = ("phase", "view", "pedal", "console_alive", "runlevel", "soft_estopped")
+            self._columns = tuple(places[name].start for name in names)
+        numbers = frame.numbers
+        phase, view, pedal, alive, runlevel, stopped = [numbers[i] for i in self._columns]
+        ready = (
+            phase == _RUNNING
+            and view == _REAL
+            and pedal
+            and alive
+            and runlevel == PEDAL_DOWN
+            and not stopped
+        )
+        self._down = self._down + 1 if ready else 0
+        self._up = 0 if pedal else self._up + 1
+        if self._ordered:
+            hazard = self.hazards[self.at_work]
+            cleared = self._up >= CLEARED_MS and "release" in hazard.right_response
+            if self._stop or cleared or tick - self._since >= hazard.lasts_ms:
+                return (self._take_back(tick),)
+            return ()
+        self._stop = False
+        choice = self._chosen(tick if clock is None else clock)
+        self.at_work = self._pending
+        if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
+            return ()
+        if choice == self._pending:
+            self._pending = -1
+        else:
+            self.plan.pop(0)
+        self.at_work, self._ordered, self._since = choice, True, tick
+        return (Order("arm", choice),)
+
+    def reset(self, tick: int) -> None:
+        """The robot was homed again and holds no fault any more; what is yet to come stays."""
+        self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
+        self._down, self._free_from = 0, tick + GAP_MS
+
+    def _chosen(self, clock: int) -> int:
+        """The instructor's hazard first, then the earliest that is due; -1: none."""
+        if self._pending >= 0:
+            return self._pending
+        return self.plan[0][1] if self.plan and self.plan[0][0] <= clock else -1
+
+    def _take_back(self, tick: int) -> Order:
+        number = self.at_work
+        self.at_work, self._ordered, self._stop = -1, False, False
+        self._free_from = tick + GAP_MS
+        return Order("disarm", number)
+
+    def _refuse(self, reason: str) -> bool:
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+        return False

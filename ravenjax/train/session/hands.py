@@ -1,0 +1,251 @@
+"""The operator's hands: what consoles say becomes the row of motion that the robot's console sends
+in this tick.
+
+Speeds of "input" messages point along the axes of the view; the hands take them up smoothly
+(critically damped, 90 % of a new speed after `SMOOTHING_MS`) and move in the ITP frame of their
+arm, as `raven2.console.motion` has it: micrometres before the console's scale, orientation relative
+to the start about the ITP axes.
+
+"increments" come from a console that has scaled them: the robot gets exactly these. The console of
+the tick truncates scaled float32 positions and sends differences, so every position here stands
+half a micrometre beyond the whole one that is meant, away from zero. What is sent is then the meant
+position, rounded, whatever single precision does to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
+from ravenjax.robots.raven2.geometry.mapping import quat_mul
+from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.world import itp_from_view, turned
+from ravenjax.train.scenario import Speeds
+from ravenjax.train.session import console_message
+from ravenjax.train.session.console_message import LEVEL, STILL, Increment, RefusedCommand
+
+SMOOTHING_MS = 30.0
+"""Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand
+cannot jump. Ours.
+"""
+_RATE = (
+    3.8897 / SMOOTHING_MS
+)  # 1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897
+_DECAY = math.exp(-_RATE)
+_AT_REST = 1e-6  # share of the fastest speed below which a hand stands
+_SETTLED = 1e-12  # and below which it no longer comes nearer to the speed that it goes for
+
+GRASP_MRAD = (-400.0, 1500.0)
+"""How far speeds open and close the jaws from where they began (about 90 degrees open);
+increments are not limited.
+"""
+
+FARTHEST_UM = 1_000_000.0
+"""Scaled positions stay below it, where single precision still holds half a micrometre. No arm
+reaches 1 m.
+"""
+
+
+class HandsRow(NamedTuple):
+    """The hands in one tick."""
+
+    columns: np.ndarray  # float32, as a row of `Motion.table`; the same array in each tick
+    alive: bool  # False: the input is stale
+
+
+class Hands:
+    """The hands of one operator, an arm each, and the foot on the pedal."""
+
+    def __init__(self, arms: Sequence[ArmName], scale: float, speeds: Speeds) -> None:
+        """scale: the console's, tip motion per hand motion. speeds: of tips at full speed input."""
+        self.arms = tuple(arms)
+        self.refused: dict[str, int] = {}
+        """How many messages were refused, by reason."""
+        self._scale = float(np.float32(scale))
+        self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
+        self._pedal = False
+        self._heard = -1  # tick of the last good message; -1: none yet
+        self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
+
+    def take(self, message: Mapping[str, Any], tick: int) -> bool:
+        """A message "input" or "increments" that came before this tick; False where it is
+        refused, and counted.
+        """
+        try:
+            pedal, meant = console_message.pedal(message), console_message.each_arm(message)
+            if message.get("type") == "increments":
+                increments = {
+                    arm: Increment.read(entry) for arm, entry in meant.items() if arm in self._hands
+                }
+                for arm, increment in increments.items():
+                    self._hands[arm].require_room(increment)
+                for arm, hand in self._hands.items():
+                    hand.aim(STILL)
+                    if arm in increments:
+                        hand.add(increments[arm])
+            else:
+                speeds = {arm: console_message.speeds(entry) for arm, entry in meant.items()}
+                for arm, hand in self._hands.items():
+                    hand.aim(speeds.get(arm, STILL))
+        except RefusedCommand as error:
+            reason = str(error)
+            self.refused[reason] = self.refused.get(reason, 0) + 1
+            return False
+        self._pedal, self._heard = pedal, tick
+        return True
+
+    def advance(self, tick: int) -> HandsRow:
+        """The hands after one more millisecond; once a tick."""
+        alive = self._heard >= 0 and tick - self._heard <= STALE_MS
+        values: list[float] = []
+        for hand in self._hands.values():
+            if alive:
+                hand.step()
+            else:
+                hand.stop()
+            hand.fill(values, self._scale)
+        values.append(1.0 if alive and self._pedal else 0.0)
+        self._columns[:] = values
+        return HandsRow(self._columns, alive)
+
+    def place(self, columns: np.ndarray) -> None:
+        """Put the hands, at rest, where a row of a motion has them: the next row is the same."""
+        width = len(ARM_COLUMNS)
+        for i, hand in enumerate(self._hands.values()):
+            hand.stop()
+            hand.place(columns[i * width : (i + 1) * width].tolist(), self._scale)
+
+
+class _Hand:
+    """One hand: where it is, scaled, and how fast it goes, as shares of full speed in ITP axes."""
+
+    __slots__ = (
+        "_aim",
+        "_axes",
+        "_change",
+        "_grasp_step",
+        "_grasped",
+        "_move",
+        "_moving",
+        "_quat",
+        "_turn",
+        "_v",
+        "_x",
+    )
+
+    def __init__(self, arm: ArmName, speeds: Speeds) -> None:
+        self._axes = itp_from_view(arm)
+        self._move = speeds.move_mm_s  # um of the tip in a ms
+        self._turn = speeds.turn_rad_s * 1e-3
+        self._grasp_step = speeds.grasp_mrad_s * 1e-3
+        self._x = [0.0, 0.0, 0.0]  # um after scaling
+        self._quat = LEVEL
+        self._grasped = 0.0
+        self._aim: tuple[float, ...] = STILL
+        self._v = [0.0] * 7
+        self._change = [0.0] * 7  # of the speeds, per ms
+        self._moving = False
+
+    def aim(self, speeds: tuple[float, ...]) -> None:
+        """Go for these speeds: move 3, turn 3 in axes of the view, grasp; each -1 to 1."""
+        if any(speeds):
+            move, turn = turned(self._axes, speeds[0:3]), turned(self._axes, speeds[3:6])  # type: ignore[arg-type]
+            self._aim, self._moving = (*move, *turn, speeds[6]), True
+        else:
+            self._aim = STILL
+
+    def stop(self) -> None:
+        """Stand, at once."""
+        if self._moving:
+            self._aim, self._moving = STILL, False
+            self._v, self._change = [0.0] * 7, [0.0] * 7
+
+    def step(self) -> None:
+        """One millisecond of going for the speeds."""
+        if not self._moving:
+            return
+        v, change = self._v, self._change
+        for i, aim in enumerate(
+            self._aim
+        ):  # the exact solution of a critically damped second order
+            off = v[i] - aim
+            if off or change[i]:
+                slope = change[i] + _RATE * off
+                v[i] = aim + (off + slope) * _DECAY
+                change[i] = (change[i] - _RATE * slope) * _DECAY
+                if abs(off) < _SETTLED and abs(change[i]) < _SETTLED:
+                    v[i], change[i] = aim, 0.0
+        if self._aim is STILL and max(map(abs, v)) < _AT_REST:
+            self.stop()
+            return
+        x, far = self._x, self._move
+        for i in (0, 1, 2):
+            moved = x[i] + v[i] * far
+            if -FARTHEST_UM < moved < FARTHEST_UM:
+                x[i] = moved
+        if v[6]:
+            low, high = GRASP_MRAD
+            wanted = self._grasped + v[6] * self._grasp_step
+            self._grasped = min(max(wanted, min(low, self._grasped)), max(high, self._grasped))
+        if v[3] or v[4] or v[5]:
+            half = 0.5 * self._turn
+            self._turn_by(unit((v[3] * half, v[4] * half, v[5] * half, 1.0)))
+
+    def require_room(self, increment: Increment) -> None:
+        """Refuse what would lead farther than the robot can be told."""
+        if any(abs(x + d) > FARTHEST_UM for x, d in zip(self._x, increment.delta_um, strict=True)):
+            raise RefusedCommand("delta_um leads out of range")
+        if abs(self._grasped + increment.grasp_mrad) > FARTHEST_UM:
+            raise RefusedCommand("grasp_mrad leads out of range")
+
+    def add(self, increment: Increment) -> None:
+        """Move by what a console has told the robot."""
+        for i, d in enumerate(increment.delta_um):
+            self._x[i] += d
+        self._grasped += increment.grasp_mrad
+        if increment.quat != LEVEL:
+            self._turn_by(increment.quat)
+
+    def fill(self, values: list[float], scale: float) -> None:
+        """Append the arm's columns of a motion."""
+        x, y, z = self._x
+        per_um = 1.0 / scale
+        values += (
+            _beyond(x) * per_um,
+            _beyond(y) * per_um,
+            _beyond(z) * per_um,
+            *self._quat,
+            _beyond(self._grasped),
+        )
+
+    def place(self, values: list[float], scale: float) -> None:
+        """Be where the arm's columns of a motion say."""
+        self._x = [_within(x * scale) for x in values[0:3]]
+        self._quat = unit(tuple(values[3:7]))  # type: ignore[arg-type]
+        self._grasped = _within(values[7])
+
+    def _turn_by(self, turn: tuple[float, float, float, float]) -> None:
+        self._quat = unit(quat_mul(Vec(turn), Vec(self._quat)))
+
+
+def _beyond(x: float) -> float:
+    """Half a micrometre (or milliradian) farther from zero: truncated, the nearest whole number."""
+    return x + 0.5 if x > 0.0 else x - 0.5 if x < 0.0 else 0.0
+
+
+def _within(x: float) -> float:
+    """What `_beyond` gives `x` for; 0 where it gives nothing like it."""
+    return x - 0.5 if x > 0.5 else x + 0.5 if x < -0.5 else 0.0
+
+
+def unit(q: Sequence[float]) -> tuple[float, float, float, float]:
+    """A quaternion at length 1."""
+    x, y, z, w = q
+    over = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+    return x * over, y * over, z * over, w * over

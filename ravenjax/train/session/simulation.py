@@ -1,0 +1,209 @@
+"""The robots of a session: the one that is driven, its golden run, and one to try things on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.engines.cpu.stepper import Stepper
+from ravenjax.faults.fault import FaultSlot
+from ravenjax.numbers import tree
+from ravenjax.numbers.vec import replace
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.loop import run
+from ravenjax.stages import monitor
+from ravenjax.train.protocol.frame import GOLDEN, Frame
+from ravenjax.train.session import blueprint
+from ravenjax.train.session.blueprint import Blueprint
+from ravenjax.train.session.standstill import Standstill
+from ravenjax.vocabulary.effects import TRIGGER_CODES
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
+HISTORY_MS = 2000
+"""How far back a packet may be sent again: rows that a copied robot takes along."""
+
+
+class SimulatedRobot:
+    """One robot, its golden run beside it; `row` is what it shows after each `step`.
+
+    As long as nothing is armed both are the same, and one is computed.
+    """
+
+    def __init__(self, blueprint: Blueprint) -> None:
+        self.blueprint = blueprint
+        code = blueprint.code
+        self._own = Stepper(code, blueprint.inputs)
+        self._beside = Stepper(code, blueprint.inputs, self._own.flat)
+        self._shown = np.zeros((2, code.outputs), np.float32)
+        self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
+        self.row = self._shown[0, : blueprint.layout.simulated]
+        self.motion = self._own.flat.reshape(
+            len(code.tables), -1
+        )  # [columns, ticks], row by row as it happens
+        first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
+        self._golden = self._shown[
+            :, first.start : last.stop
+        ]  # what the row tells of the golden run
+        self.now = 0  # tick to come
+        series = run.series_length(blueprint.setup)
+        self._series = self._shown[1, -series:]
+        self._reference = self._own.entering[:series]
+        self._apart = False
+        self._told_apart = self._own.entering[series]
+        self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._beside)]
+        """Where a packet from outside enters the two."""
+        self._fresh = self._own.snapshot()
+        places = tree.filled(code.state, list(range(len(tree.leaves(code.state)))))
+        self._slots = [
+            tree.leaves(slot) for slot in places.faults.slots
+        ]  # of each number, among the state's
+        self._fault_inputs = len(code.input_types) - len(_FIELDS) * (blueprint.fault_slots + 1)
+
+    def step(self) -> None:
+        """One tick."""
+        if self._apart:
+            self._beside.step(self.now, self._addresses[1])
+            for place, number in zip(self._reference, self._series.tolist(), strict=True):
+                place[0] = number
+        self._own.step(self.now, self._addresses[0])
+        if self._apart:
+            self._golden[0] = self._golden[1]
+        self.now += 1
+
+    def outcomes(self) -> dict[str, Any]:
+        """What became of it so far: outcome columns of a campaign."""
+        return self._own.outcomes()
+
+    def golden_outcomes(self) -> dict[str, Any]:
+        """The golden run's: the same robot without what was armed last, from that moment on."""
+        return self._beside.outcomes() if self._apart else self._own.outcomes()
+
+    heard = True
+    """Whether the robot can be heard of: this one always."""
+
+    def stand_by(self) -> None:
+        """It has waited for long: wait on from the beginning, where it stands."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to its beginning: homed, at rest, pedal up, no fault armed."""
+        self.disarm()
+        for robot in (self._own, self._beside):
+            robot.begin()
+        self.now = 0
+
+    def copy_from(self, other: SimulatedRobot) -> None:
+        """Stand where another robot of the same blueprint stands, without its faults."""
+        self.disarm()
+        for mine, theirs in ((self._own, other._own), (self._beside, other._beside)):
+            mine.restore(theirs.snapshot())
+        self._part(other._apart)
+        begin = max(0, other.now - HISTORY_MS)
+        self.motion[:, begin : other.now] = other.motion[:, begin : other.now]
+        self._shown[:] = other._shown
+        self.now = other.now
+
+    def _realign(self) -> None:
+        """From now on the golden run begins where the robot is: a hazard that is over has left the
+        two apart.
+
+        The model comes along by itself at the next pedal-up (`nominal.resync`).
+        """
+        self._own.change(lambda state: replace(state, monitor=monitor.realigned(state.monitor)))
+        self._beside.restore(self._own.snapshot())
+
+    def _part(self, apart: bool) -> None:
+        """Whether robot and golden run may differ from now on."""
+        self._apart = apart
+        self._told_apart[0] = -int(apart)
+
+    # --- faults ---
+
+    def arm(self, row: int) -> None:
+        """Let the fault of this row of the fault table strike from the next tick on.
+
+        Several slots of a row keep their distances in time; what waits for the pedal in a campaign
+        does not wait here.
+        """
+        faults = self.blueprint.plan.faults
+        slots = range(self.blueprint.fault_slots)
+        used = [slot for slot in slots if faults["code"][row, slot]]
+        first = min((int(faults["start"][row, slot]) for slot in used), default=0)
+        for slot in slots:
+            values = {name: column[row, slot] for name, column in faults.items()}
+            packets = values["trigger"] == TRIGGER_CODES["packet"]  # the first is number 1
+            values["trigger"] = TRIGGER_CODES["packet" if packets else "time"]
+            values["start"] = self.now + packets + int(values["start"]) - first
+            self._write(slot, values if slot in used else None)
+        for k, values in enumerate(self.blueprint.plan.varied.values()):
+            self._own.inputs[k][0] = values[row]
+        self._forget(slots)
+        self._realign()
+        self._part(True)
+
+    def disarm(self) -> None:
+        """Take back what `arm` and `press` armed."""
+        slots = range(self.blueprint.fault_slots + 1)
+        for slot in slots:
+            self._write(slot, None)
+        for k, value in enumerate(self.blueprint.inputs[0]):
+            self._own.inputs[k][0] = value
+        self._forget(slots)
+        self._realign()
+        self._part(False)
+
+    def press(self, row: int, ticks: int = 100) -> None:
+        """Hold the button that this row of the fault table strikes for so many ticks."""
+        if not self._apart:
+            self._beside.restore(self._own.snapshot())
+            self._part(True)
+        values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
+        slot = self.blueprint.fault_slots
+        self._write(
+            slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": ticks}
+        )
+        self._forget([slot])
+
+    def _write(self, slot: int, values: dict[str, Any] | None) -> None:
+        first = self._fault_inputs + slot * len(_FIELDS)
+        for k, name in enumerate(_FIELDS):
+            self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
+
+    def _forget(self, slots: Sequence[int] | range) -> None:
+        """Take the changed inputs over; what these slots remember of earlier faults goes."""
+        self._own.restore_leaves(
+            self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
+        )
+        self._own.inputs_changed()
+
+
+class PacketRobot(SimulatedRobot):
+    """A robot whose packets come from a console outside: `tick(packet)` once a millisecond."""
+
+    def __init__(self, config: CampaignConfig) -> None:
+        """UserError where a hazard of `config` strikes the console's side of the network."""
+        super().__init__(blueprint.make(config, packets=True))
+        self.arms = self.blueprint.setup.arms
+        self.frame = Frame(self.blueprint.layout)
+        self._standstill = Standstill(self.blueprint.layout)
+
+    def tick(self, packet: Packet | None) -> Frame:
+        """One tick with the packet that arrived, None: none did. The frame is the same object
+        each time.
+        """
+        if packet is not None:
+            leaves = tree.leaves(packet)
+            for entering in self.packets:
+                for place, number in zip(entering, leaves, strict=True):
+                    place[0] = number
+        else:
+            for entering in self.packets:
+                entering[0][0] = 0  # received
+        self.step()
+        self.frame.row[: self.row.size] = self.row
+        self._standstill.apply(self.frame.row)
+        return self.frame

@@ -1,0 +1,113 @@
+"""A study: compares groups of sessions and writes the result as a page, a table and a short
+text.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from ravenjax.store.files import require_writable, write_aside
+from ravenjax.train.debrief import html
+from ravenjax.train.recording.hazards import table as hazards_table
+from ravenjax.train.study import comparison, figures, words
+from ravenjax.train.study import table as study_table
+from ravenjax.train.study.assignment import Assignment, assign
+from ravenjax.train.study.comparison import GroupComparison
+from ravenjax.train.study.table import TrainingStudy
+
+__all__ = ["Assignment", "StudyResult", "assign", "run"]
+
+PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
+_HIDDEN = ("group", "cue", "cue_ms", "session")
+"""Columns that would tell a blinded reader who had the cue; a session's folder may be named
+after it.
+"""
+
+
+class StudyResult(NamedTuple):
+    """What a study gave."""
+
+    page: Path
+    table: Path
+    text: str
+    comparisons: list[GroupComparison]
+
+
+def run(
+    folders: Iterable[Path],
+    out: Path,
+    by: str | None = None,
+    *,
+    unblind: bool = False,
+    mixed: bool = False,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> StudyResult:
+    """Compare sessions and write study.html, study.csv (one row a hazard) and study.txt into `out`.
+
+    Arguments as `study_table.collect`; seed: of bootstrap and permutations. Raises UserError and
+    StoreError as it does.
+    """
+    study = study_table.collect(folders, by, unblind=unblind, mixed=mixed)
+    comparisons = comparison.compare(study, confidence, seed)
+    horizon = comparison.horizon_ms(study)
+    text = words.text(study, comparisons, horizon)
+    out = Path(out)
+    require_writable(out)
+    page = render(study, comparisons, horizon, text)
+    for name, content in ((PAGE, page), (TABLE, table(study)), (TEXT, text)):
+        data = content.encode()
+        write_aside(out / name, lambda target, data=data: target.write_bytes(data))
+    return StudyResult(out / PAGE, out / TABLE, text, comparisons)
+
+
+def table(study: TrainingStudy) -> str:
+    """One row a hazard that struck, as CSV; `compared` is the group as it is shown."""
+    rows = []
+    for session, label, hazard in study.rows():
+        row = dataclasses.asdict(hazard) | {
+            "participant": session.participant,
+            "session": session.name,
+        }
+        if study.blinded:
+            row = {name: value for name, value in row.items() if name not in _HIDDEN}
+        rows.append({"compared": label} | row)
+    return hazards_table.text(list(rows[0]), rows)
+
+
+def render(study: TrainingStudy, found: list[GroupComparison], horizon: float, text: str) -> str:
+    """The page as text."""
+    labels = list(study.labels.values())
+    begin, rest = words.headline(found)
+    per_outcome = {one.outcome.key: one for one in reversed(found)}
+    return html.page(
+        "study.html.j2",
+        study=study,
+        begin=begin,
+        rest=rest,
+        caveats=words.caveats(study, found),
+        comparisons=found,
+        labels=labels,
+        people=len({one.participant for one in study.sessions}),
+        hazards=len(study.rows()),
+        horizon_s=horizon / 1000,
+        forest=figures.forest(found, labels),
+        curves=figures.curves(found, labels, horizon),
+        dots={
+            one.outcome.key: figures.participants(one, found, labels)
+            for one in (per_outcome[outcome.key] for outcome in comparison.OUTCOMES)
+        },
+        heights={
+            "forest": figures.forest_height(found),
+            "curves": figures.CURVE_HEIGHT,
+            "dots": figures.POINTS_HEIGHT,
+        },
+        colours=figures.COLOURS,
+        words=words,
+        table=table(study),
+        text=text,
+        versions=study.sessions[0].header.get("versions") or {},
+    )

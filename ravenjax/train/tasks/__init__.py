@@ -1,0 +1,42 @@
+"""What the operator is asked to do: reach targets, also in levels, transfer an object, follow a
+line, or nothing.
+
+Everything lies in world coordinates, m, in the field around the middle of the tips at the
+beginning. Tips in a frame are in frame 0 of their arm. Nothing here touches the robot: pegs and
+objects stay where they are, without contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.train.protocol.world import Point, to_world
+from ravenjax.train.scenario import Scenario
+from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
+from ravenjax.train.tasks.base import FreeTask, Task, Wish
+from ravenjax.train.tasks.levels import LevelsTask
+from ravenjax.train.tasks.path import PathTask
+from ravenjax.train.tasks.pegs import PegTask
+from ravenjax.train.tasks.reach import ReachTask
+
+__all__ = ["Task", "Wish", "make"]
+
+
+def make(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
+    """The task of a session. tips: where the tips begin, m, frame 0 of their arm."""
+    settings = scenario.task
+    arms = settings.arms or scenario.arms
+    begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}
+    x, y = (sum(begin[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
+    match settings:
+        case Reach():
+            return ReachTask(settings, arms, begin, (x, y), seed)
+        case PegTransfer():
+            return PegTask(settings, arms, begin, (x, y), seed)
+        case Path():
+            return PathTask(settings, arms, begin, (x, y))
+        case Levels():
+            return LevelsTask(settings, scenario.arms, begin, (x, y), seed)
+        case _:
+            return FreeTask(begin)

@@ -1,0 +1,117 @@
+"""Follow a closed line over the tissue: how far did the tip get, and how far off was it?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.scenario.config import Path
+from ravenjax.train.tasks.base import Event, Task, Wish, rounded
+
+POINTS = 200
+"""Of the line. Half a millimetre apart on the largest."""
+AHEAD = 8
+"""Points that the tip may pass in one tick; a hand does not pass more, a short cut does."""
+LOOK_AHEAD_M = 0.003
+"""How far ahead on the line an operator looks."""
+COLOUR = "#3f7fbf"
+
+
+class PathTask(Task):
+    """One arm goes along the line; with two, each has its own, side by side in turn of laps."""
+
+    def __init__(
+        self,
+        settings: Path,
+        arms: Sequence[ArmName],
+        begin: Mapping[ArmName, Point],
+        middle: tuple[float, float],
+    ) -> None:
+        super().__init__("path", begin)
+        self.settings, self._arms = settings, tuple(arms)
+        self.points = [_point(settings, middle, k / POINTS) for k in range(POINTS)]
+        self.target = 0
+        self._tolerance_m = settings.tolerance_mm / 1e3
+        self._at = 0  # points passed so far; the next is this one, modulo POINTS
+        self._on = False  # whether the tip has come to the line
+        self._ticks, self._within = 0, 0
+        self._square_mm2, self._worst_mm = 0.0, 0.0
+        spacing = math.dist(self.points[0], self.points[1])
+        self._look_ahead = max(1, round(LOOK_AHEAD_M / max(spacing, 1e-6)))
+
+    @property
+    def _arm(self) -> ArmName:
+        return self._arms[(self._at // POINTS) % len(self._arms)]
+
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
+        tip = tips[self._arm]
+        near, ahead = math.inf, 0
+        for k in range(AHEAD):
+            distance = math.dist(tip, self.points[(self._at + k) % POINTS])
+            if distance < near:
+                near, ahead = distance, k
+        if not self._on:
+            self._on = near <= self._tolerance_m
+            return
+        self._ticks += 1
+        self._within += near <= self._tolerance_m
+        self._square_mm2 += 1e6 * near * near
+        self._worst_mm = max(self._worst_mm, 1e3 * near)
+        if not ahead or near > self._tolerance_m:  # who leaves the line goes on where it was left
+            return
+        lap = self._at // POINTS
+        self._at += ahead
+        if self._at // POINTS > lap and len(self._arms) > 1:
+            self._on = False
+        self.target = self._at % POINTS
+        self.progress = self._at / (POINTS * self.settings.laps)
+        if self._at >= POINTS * self.settings.laps:
+            self._finish(tick, events)
+
+    def restart(self) -> None:
+        super().restart()
+        self._on = False
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        if self.done or arm != self._arm:
+            return None
+        return Wish(self.points[(self._at + (self._look_ahead if self._on else 0)) % POINTS])
+
+    def geometry(self) -> dict[str, Any]:
+        path = {
+            "points": [rounded(point) for point in (*self.points, self.points[0])],
+            "radius_m": self._tolerance_m,
+            "colour": COLOUR,
+        }
+        turns = {"arms": self._arms, "of": self.settings.laps}
+        return super().geometry() | {"path": path, "turns": turns}
+
+    def result(self) -> dict[str, Any]:
+        return super().result() | {
+            "laps": round(self._at / POINTS, 3),
+            "rms_off_mm": (
+                round(math.sqrt(self._square_mm2 / self._ticks), 3) if self._ticks else None
+            ),
+            "worst_off_mm": round(self._worst_mm, 3) if self._ticks else None,
+            "within_share": round(self._within / self._ticks, 4) if self._ticks else None,
+        }
+
+    def _score(self) -> float:
+        return self.progress * (self._within / self._ticks) if self._ticks else 0.0
+
+
+def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
+    radius, turn = settings.radius_mm / 1e3, 2.0 * math.pi * share
+    x = middle[0] + radius * math.cos(turn)
+    y = middle[1]
+    if settings.shape == "circle":
+        y += radius * math.sin(turn)
+    elif settings.shape == "eight":
+        y += 0.5 * radius * math.sin(2.0 * turn)
+    return x, y, surface(x, y) + settings.height_mm / 1e3

@@ -1,0 +1,176 @@
+"""Peg transfer: take the object from its peg, carry it over, set it down on the other. Kinematic,
+without contact.
+
+Jaws that close within `tolerance_mm` of the object take it along; jaws that open let go of it: over
+its peg it is placed, elsewhere it drops to the tissue and has to be fetched there. The jaws are
+those of the true links, so a hazard that opens them drops the object too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.scenario.config import PegTransfer
+from ravenjax.train.tasks.base import Event, Task, Wish, rounded
+
+CLOSED_RAD, OPEN_RAD = 0.8, 1.1
+"""Jaw openings below which jaws hold and above which they let go; 1.57 at home, 0.67 with the 900
+mrad of the generated motion of the same name."""
+LIFT_M = 0.008
+"""How high over pegs an operator carries."""
+PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
+COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
+
+
+class PegTask(Task):
+    """One object, transferred again and again; with two arms they take turns."""
+
+    def __init__(
+        self,
+        settings: PegTransfer,
+        arms: Sequence[ArmName],
+        begin: Mapping[ArmName, Point],
+        middle: tuple[float, float],
+        seed: int,
+    ) -> None:
+        super().__init__("peg_transfer", begin)
+        self.settings, self._arms = settings, tuple(arms)
+        self.pegs = _pegs(settings, middle)
+        rng = np.random.default_rng([seed, settings.seed, 2])
+        ways = [int(rng.integers(len(self.pegs)))]
+        for _ in range(settings.transfers):
+            ways.append(int(rng.choice([peg for peg in range(len(self.pegs)) if peg != ways[-1]])))
+        self.ways = ways
+        """The pegs that the object is to be on, one after the other."""
+        self.object: Point = self.pegs[ways[0]]
+        self.held: ArmName | None = None
+        self.placed, self.dropped = 0, 0
+        self.target = len(self.pegs)
+        self._tolerance_m = settings.tolerance_mm / 1e3
+        self._jaws: dict[ArmName, tuple[str, bool]] = {
+            arm: (f"{arm}/link_jpos", False) for arm in self._arms
+        }
+        self._times: list[int] = []
+        self._since = 0
+
+    @property
+    def _arm(self) -> ArmName:
+        return self._arms[self.placed % len(self._arms)]
+
+    def _step(
+        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
+    ) -> None:
+        for arm, (channel, closed) in self._jaws.items():
+            row = frame[channel]
+            opening = float(row[5]) + float(row[6])
+            closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
+            if closes or opens:
+                self._jaws[arm] = channel, closes
+            if arm == self.held:
+                self.object = tips[arm]
+                if opens:
+                    self._let_go(tick, events)
+            elif (
+                closes
+                and self.held is None
+                and math.dist(tips[arm], self.object) <= self._tolerance_m
+            ):
+                self.held = arm
+                self.target = self.ways[self.placed + 1]
+                events.append(self._told_object(tick))
+
+    def _let_go(self, tick: int, events: list[Event]) -> None:
+        x, y, z = self.object
+        self.held, peg = None, self.pegs[self.ways[self.placed + 1]]
+        self.target = len(self.pegs)
+        if math.dist(self.object, peg) <= self._tolerance_m:
+            self.object = peg
+            self.placed += 1
+            self._times.append(tick - self._since)
+            self._since = tick
+            self.progress = self.placed / self.settings.transfers
+        else:
+            self.object = (x, y, min(z, surface(x, y) + OBJECT_RADIUS_M))
+            self.dropped += 1
+        events.append(self._told_object(tick))
+        if self.placed == self.settings.transfers:
+            self._finish(tick, events)
+
+    def _told_object(self, tick: int) -> Event:
+        return {"tick": tick, "kind": "object", "held": self.held or "", "at": rounded(self.object)}
+
+    def restart(self) -> None:
+        """What was held lies on its peg again: the robot that held it is elsewhere."""
+        super().restart()
+        if self.held is not None:
+            self.held, self.object, self.target = (
+                None,
+                self.pegs[self.ways[self.placed]],
+                len(self.pegs),
+            )
+        self._jaws = {arm: (channel, False) for arm, (channel, _) in self._jaws.items()}
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        if self.done or arm != self._arm:
+            return None
+        holding = self.held == arm
+        x, y, z = self.pegs[self.target] if holding else self.object
+        aside = math.hypot(tip[0] - x, tip[1] - y)
+        there = aside < 0.5 * self._tolerance_m and abs(tip[2] - z) < 0.5 * self._tolerance_m
+        if holding and tip[2] < z + LIFT_M - 0.002 and aside > self._tolerance_m:
+            return Wish((tip[0], tip[1], z + LIFT_M), True)  # up first
+        over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
+        return Wish((x, y, over), holding != there)
+
+    def geometry(self) -> dict[str, Any]:
+        pegs = [
+            {
+                "number": k,
+                "top": rounded(top),
+                "height_m": self.settings.height_mm / 1e3,
+                "radius_m": PEG_RADIUS_M,
+                "colour": COLOURS["peg"],
+            }
+            for k, top in enumerate(self.pegs)
+        ]
+        thing = {
+            "number": len(self.pegs),
+            "at": rounded(self.object),
+            "radius_m": OBJECT_RADIUS_M,
+            "colour": COLOURS["object"],
+        }
+        turns = {"arms": self._arms, "of": self.settings.transfers}
+        return super().geometry() | {"pegs": pegs, "object": thing, "turns": turns}
+
+    def result(self) -> dict[str, Any]:
+        return super().result() | {
+            "placed": self.placed,
+            "dropped": self.dropped,
+            "transfers": self.settings.transfers,
+            "time_per_transfer_ms": (
+                round(sum(self._times) / len(self._times), 1) if self._times else None
+            ),
+        }
+
+    def _score(self) -> float:
+        """A drop costs half a transfer."""
+        return max(0.0, self.placed - 0.5 * self.dropped) / self.settings.transfers
+
+
+def _pegs(settings: PegTransfer, middle: tuple[float, float]) -> list[Point]:
+    """Tops of the pegs, two rows of half of them."""
+    spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
+    tops = []
+    for row in range(2):
+        for k in range(per_row):
+            x = middle[0] + spacing * (k - (per_row - 1) / 2.0)
+            y = middle[1] + spacing * (row - 0.5)
+            tops.append((x, y, surface(x, y) + settings.height_mm / 1e3))
+    return tops

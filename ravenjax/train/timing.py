@@ -1,0 +1,159 @@
+"""How well this machine keeps time: an empty loop, the compiled tick alone, a session without
+and with its page.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ravenjax.train import launch, scenario
+from ravenjax.train.realtime import clock
+from ravenjax.train.realtime.clock import Clock, LoopTiming
+from ravenjax.train.session import blueprint
+from ravenjax.train.session.simulation import SimulatedRobot
+
+COLUMNS = (
+    "loop",
+    "compute, us: p50 / p99 / p99.9",
+    "with judge and log",
+    "lateness, us",
+    "late ticks",
+    "of",
+)
+AIM_US = 100
+"""p99.9 of a tick's compute time at most: a tenth of the cycle, so that a slower machine keeps
+up too.
+"""
+SCENARIO = "first_steps"
+TICK = "tick alone"
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """One loop, for so many seconds."""
+
+    loop: str
+    timing: LoopTiming
+
+    def row(self) -> tuple[str, ...]:
+        """As `COLUMNS`."""
+        timing = self.timing
+        levels = {
+            what: " / ".join(
+                f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999)
+            )
+            for what in ("compute", "whole", "lateness")
+        }
+        if not timing.whole.any():
+            levels["whole"] = ""  # nothing follows
+        return (self.loop, *levels.values(), f"{timing.late}", f"{timing.ticks}")
+
+
+def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list[Measured]:
+    """The empty loop first and last; between them the compiled tick of the robot with nothing
+    around it, and a session with all that is around it, without and with a visitor on its page.
+
+    The session is driven by commands that were recorded before, as many as a page sends.
+    """
+    setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
+    results = [
+        Measured("empty", _empty(seconds, say)),
+        Measured(TICK, _tick_alone(setting, seconds, say)),
+    ]
+    with tempfile.TemporaryDirectory() as place:
+        driven = launch.SessionOptions(
+            scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
+        )
+        commands = launch.headless(driven).folder / launch.COMMANDS
+        for name, visited in (("session, page closed", False), ("session, page open", True)):
+            say(f"{name}: {seconds:g} s")
+            options = dataclasses.replace(driven, folder=Path(place) / name, script=str(commands))
+            results.append(Measured(name, _session(options, visited)))
+    return [*results, Measured("empty again", _empty(seconds, say))]
+
+
+def verdict(found: list[Measured]) -> list[tuple[str, str]]:
+    """(state, sentence) of each thing that is asked for."""
+    out = []
+    for one in found:
+        if one.loop.startswith(("session", TICK)):
+            slow = one.timing.percentile("compute", 0.999)
+            state = "ok" if slow <= AIM_US else "slow"
+            out.append(
+                (
+                    state,
+                    (
+                        f"{one.loop}: 99.9 % of ticks are computed within {slow:.0f} us, expected"
+                        f" {AIM_US}"
+                    ),
+                )
+            )
+    idle = [one.timing for one in found if one.loop.startswith("empty")]
+    worst = max(timing.late / timing.ticks for timing in idle)
+    for one in found:
+        if one.loop.startswith("session"):
+            late, ticks = one.timing.late, one.timing.ticks
+            noise = 3 * max(1.0, (worst * ticks) ** 0.5)  # three standard deviations of a count
+            state = "ok" if late <= worst * ticks + noise else "late"
+            empty = ", ".join(f"{timing.late}" for timing in idle)
+            out.append(
+                (state, f"{one.loop}: {late} late ticks of {ticks}; the empty loops had {empty}")
+            )
+    return out
+
+
+def _empty(seconds: float, say: Callable[[str], None]) -> LoopTiming:
+    say(f"empty loop: {seconds:g} s")
+    return _paced(seconds, lambda: None)
+
+
+def _tick_alone(
+    chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]
+) -> LoopTiming:
+    say(f"{TICK}: {seconds:g} s")
+    robot = SimulatedRobot(blueprint.make(scenario.campaign(chosen, 0)))
+    return _paced(seconds, robot.step)
+
+
+def _paced(seconds: float, work: Callable[[], None]) -> LoopTiming:
+    with clock.realtime(), clock.no_collection():
+        paced = Clock()
+        for _ in range(round(seconds * 1000)):
+            paced.wait()
+            work()
+            paced.done()
+    return paced.timing
+
+
+def _session(options: launch.SessionOptions, visited: bool) -> LoopTiming:
+    with contextlib.ExitStack() as stack:
+
+        def say(text: str) -> None:
+            if visited and text.startswith("operator: "):
+                stack.enter_context(_visitor(text.removeprefix("operator: ")))
+
+        finished = launch.realtime(options, with_page=visited, linger_s=0.0, say=say)
+        assert finished.timing is not None
+        return finished.timing
+
+
+@contextlib.contextmanager
+def _visitor(url: str) -> Iterator[None]:
+    """Someone who looks at the page: a process that takes everything the page sends."""
+    from multiprocessing import get_context
+
+    from ravenjax.train.page import visitor
+
+    process = get_context("spawn").Process(target=visitor.look, args=(url,), daemon=True)
+    process.start()
+    time.sleep(2.0)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.join(5.0)

@@ -1,0 +1,151 @@
+"""A log of a virtual robot with other friction: its replay, and the friction found again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from ravenjax.analyses.calibration import drawing, parameters, position_loop, tables, virtual_log
+from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration
+from ravenjax.analyses.calibration.fit import Fit
+from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration.parameters import Unknown
+from ravenjax.analyses.calibration.sampling import ReplayEffort
+from ravenjax.cli import calibration
+from ravenjax.errors import UserError
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.plant import robot
+
+FRICTION = tuple(
+    Unknown("motor_friction", ("plant.actuators.coulomb",), j, 1.0, True) for j in (0, 1, 3)
+)
+PLANT = robot.params(virtual_log.SETUP, "gold")
+
+
+@pytest.mark.slow
+def test_hidden_friction_is_found_and_predicts_the_rest() -> None:
+    hidden = np.array([0.5, -0.4, 0.3])
+    one = virtual_log.recorded(
+        position_loop.params(PLANT), FRICTION, hidden, virtual_log.swept(6000)
+    )
+    calibrated = one.calibrated(PLANT, FRICTION)
+    np.testing.assert_allclose(calibrated.fit.steps, hidden, atol=0.05)
+    np.testing.assert_allclose(calibrated.after, calibrated.before * np.exp(hidden), rtol=0.05)
+    assert (calibrated.told < 0.1).all()
+    log, before, found, rotor = one.judged(
+        one.halves[1], {"before": calibrated.base, "after": calibrated.robot}
+    )
+    assert rotor.model == ROTOR
+    assert (found.residual[[0, 1, 3]] < 0.2 * before.residual[[0, 1, 3]]).all()
+    np.testing.assert_allclose(found.following, log.following, rtol=0.02)
+    assert (rotor.following < log.following).all() and (rotor.residual > found.residual).all()
+
+
+@pytest.mark.slow
+def test_nine_of_ten_hidden_values_of_every_kind_are_inside_their_intervals() -> None:
+    """Two logs of the twenty that docs/how-to/calibrate.md counts."""
+    wanted = parameters.unknowns(range(7))
+    base, desired = parameters.believed(PLANT, wanted), virtual_log.swept(10_000)
+    inside = []
+    for seed in (0, 1):
+        hidden = np.random.default_rng(seed).standard_normal(len(wanted))
+        one = virtual_log.recorded(base, wanted, hidden, desired).calibrated(PLANT, wanted)
+        inside.extend(np.abs(one.fit.steps - hidden) <= NORMAL_90 * one.told)
+        assert (one.told[:7] < 0.2).all() and one.told.max() < 1.001
+    assert sum(inside) >= binom.ppf(0.025, len(inside), 0.9)
+
+
+def test_unknowns_move_what_they_name() -> None:
+    base = position_loop.params(PLANT)
+    wanted = (
+        Unknown("dry_friction", ("plant.link_coulomb", "plant.actuators.viscous"), 2, 0.5, True),
+        Unknown("offset", ("plant.actuators.bias",), 0, 0.02, False),
+    )
+    moved = parameters.apply(base, wanted, np.array([2.0, -1.0])).plant
+    assert float(moved.link_coulomb[2]) == pytest.approx(
+        float(PLANT.link_coulomb[2]) * np.e, rel=1e-6
+    )
+    assert float(moved.actuators.bias[0]) == pytest.approx(
+        float(PLANT.actuators.bias[0]) - 0.02, rel=1e-6
+    )
+    assert float(moved.actuators.viscous[2]) == pytest.approx(
+        float(PLANT.actuators.viscous[2]) * np.e, rel=1e-6
+    )
+    assert moved.actuators.coulomb == PLANT.actuators.coulomb
+    np.testing.assert_allclose(
+        parameters.before(base, wanted), [PLANT.link_coulomb[2], PLANT.actuators.bias[0]]
+    )
+    assert wanted[0].path == "dry_friction.insertion"
+
+
+def test_what_is_asked_can_be_chosen() -> None:
+    everything = [one.path for one in parameters.unknowns(range(7))]
+    assert len(everything) == len({*everything}) == 6 * 7 + 2
+    assert [one.path for one in parameters.unknowns((0, 2), ("cables", "offsets"))] == [
+        "offset.shoulder",
+        "offset.insertion",
+        "cable_stiffness.shoulder",
+        "cable_stiffness.insertion",
+        "cable_damping.shoulder",
+        "cable_damping.insertion",
+    ]
+    assert ",".join(parameters.ASKS) == calibration.EVERYTHING
+    with pytest.raises(
+        UserError, match=r"got frictions, expected some of friction.*Did you mean 'friction'"
+    ):
+        parameters.unknowns((0,), ("frictions",))
+
+
+def test_a_delay_is_in_the_robot_only_where_it_is_asked_for() -> None:
+    assert parameters.believed(PLANT, FRICTION).command_delay == 0.0
+    assert (
+        parameters.believed(PLANT, parameters.unknowns((0,))).command_delay
+        == parameters.USUAL_DELAY_MS
+    )
+
+
+def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
+    """Without a replay."""
+    fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
+    coulomb = Vec((0.02, 0.08, 0.0, 0.03, 0.0, 0.0, 0.0))
+    plant = replace(PLANT, actuators=replace(PLANT.actuators, coulomb=coulomb))
+    return Calibration(FRICTION, position_loop.params(plant), fit, ReplayEffort(0, 0.0))
+
+
+def test_intervals_are_of_the_belief_after() -> None:
+    calibrated = fitted(np.diag([0.01, 0.04, 1.0]), np.array([0.5, 0.0, 0.0]))
+    low, high = calibrated.interval
+    np.testing.assert_allclose(
+        low, [0.02, 0.08, 0.03] * np.exp([0.5 - 0.16449, -0.32898, -1.6449]), rtol=1e-5
+    )
+    np.testing.assert_allclose(low * high, calibrated.after**2, rtol=1e-5)
+    inside = (np.exp(calibrated.draws(20_000)) * calibrated.before > low) & (
+        np.exp(calibrated.draws(20_000)) * calibrated.before < high
+    )
+    np.testing.assert_allclose(inside.mean(axis=0), 0.9, atol=0.01)
+
+
+def test_what_a_log_tells_only_together_is_named() -> None:
+    covariance = np.array([[0.04, 0.0, -0.09], [0.0, 0.01, 0.01], [-0.09, 0.01, 0.25]])
+    (pair,) = fitted(covariance, np.zeros(3)).confounded
+    assert pair == ("motor_friction.shoulder", "motor_friction.tool_roll", pytest.approx(-0.9))
+
+
+def test_what_was_unlikely_before_the_log_is_named() -> None:
+    calibrated = fitted(np.eye(3), np.array([2.9, -3.5, 0.0]))
+    assert calibrated.unlikely == [("motor_friction.elbow", -3.5)]
+
+
+def test_the_table_tells_value_interval_and_what_is_left() -> None:
+    rows = tables.parameters("", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3))).cells
+    assert rows[0] == ("motor_friction.shoulder", "0.02", "0.02", "0.017", "0.0236", "0.10")
+    assert rows[2][-1] == "1.00 (not told)"
+
+
+def test_pictures_are_written(tmp_path) -> None:
+    drawing.intervals(tmp_path / "a.svg", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3)))
+    log = JointLog(np.zeros(7), np.zeros((2000, 7)), np.full((400, 7), 0.01), np.arange(4, 2000, 5))
+    drawing.errors(tmp_path / "b.svg", log, np.full((400, 7), 0.02), 1000)
+    for name in ("a.svg", "b.svg"):
+        assert (tmp_path / name).read_text().rstrip().endswith("</svg>")

@@ -1,0 +1,94 @@
+"""One cycle of the position loop: delays, and the same loop on two engines."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from ravenjax.analyses.calibration import (
+    parameters,
+    position_loop,
+    replay,
+    replay_loop,
+    replays,
+    virtual_log,
+)
+from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.numbers.vec import Vec, replace
+from ravenjax.robots.raven2.plant import robot
+
+BASE = position_loop.params(robot.params(virtual_log.SETUP, "gold"))
+
+
+def log(desired: np.ndarray) -> JointLog:
+    """Of every cycle."""
+    return JointLog(
+        desired[0], desired, np.full((len(desired), 7), np.nan), np.arange(len(desired))
+    )
+
+
+def replayed(
+    desired: np.ndarray, asks: tuple[str, ...] = ("delays",), **changed: float
+) -> np.ndarray:
+    setup = replays.setup_of(
+        virtual_log.SETUP, "gold", position_loop.RAVEN2, parameters.unknowns((), asks)
+    )
+    return replays.robots(setup, [replace(BASE, **changed)], log(desired))[0]
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.0, 2.0, 1.25, 9.0])
+def test_commands_arrive_late_by_whole_cycles_or_as_a_mixture(delay) -> None:
+    commands = [Vec((float(10**k),)) for k in range(4)]  # latest first
+    arriving = float(position_loop._arriving(delay, commands[0], tuple(commands[1:]))[0])
+    assert arriving == pytest.approx(
+        {0.0: 1.0, 1.0: 10.0, 2.0: 100.0, 1.25: 0.75 * 10 + 25.0, 9.0: 1000.0}[delay]
+    )
+
+
+def test_a_late_setpoint_moves_the_joints_later() -> None:
+    """At a steady speed a shift of the setpoint is a shift of what follows it, but for the
+    encoders' steps.
+    """
+    desired = (
+        virtual_log.MIDDLE + virtual_log.SWEEP * np.minimum(np.arange(3000) * 1e-3, 3.0)[:, None]
+    )
+    at_once, late = (replayed(desired, setpoint_delay=delay) for delay in (0.0, 20.0))
+    step = virtual_log.SWEEP * 1e-3
+    np.testing.assert_allclose((at_once - late)[2000:].mean(axis=0) / step, 20.0, rtol=0.05)
+
+
+@pytest.mark.slow
+def test_engines_replay_the_same_loop() -> None:
+    """The printed code, and XLA's scan: they round otherwise, and chance moves a joint by a few
+    counts.
+    """
+    desired = virtual_log.swept(1500)
+    run = jax.jit(replay.replay(virtual_log.SETUP, "gold", position_loop.RAVEN2))
+    scan = np.asarray(
+        run(BASE.plant, *(np.asarray(x, "float32") for x in (desired[0], desired))), float
+    )
+    following = np.abs(scan - desired).mean(axis=0)
+    assert (np.abs(replayed(desired, ()) - scan).mean(axis=0) < 0.02 * following + 1e-7).all()
+
+
+def test_without_whole_numbers_a_small_step_moves_a_joint_a_little() -> None:
+    """Its size halves with the step, where that of the counting loop is chance."""
+    wanted = parameters.unknowns(range(3), ("offsets",))
+    desired = virtual_log.swept(1500)
+    setup = replays.setup_of(virtual_log.SETUP, "gold", position_loop.RAVEN2, wanted)
+    moved = {}
+    for whole in (True, False):
+        predict = replays.predictor(
+            dataclasses.replace(setup, whole=whole), BASE, wanted, log(desired)
+        )
+        joints = predict(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.1, 0.0, 0.0]]))[:, 500:, 0]
+        moved[whole] = [np.abs(joints[k] - joints[0]).mean() for k in (1, 2)]
+    assert moved[False][1] == pytest.approx(2.0 * moved[False][0], rel=0.1)
+
+
+def test_the_replay_is_a_loop_that_engines_know() -> None:
+    setup = replay_loop.ReplaySetup()
+    assert replay_loop.series_length(setup) == 7 and hash(setup) == hash(replay_loop.ReplaySetup())

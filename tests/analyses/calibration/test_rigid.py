@@ -1,0 +1,35 @@
+"""The rigid motion between two sets of points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ravenjax.analyses.calibration import rigid
+
+
+def test_a_rigid_motion_is_found_again_for_each_of_many_sets() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(50, 3)) * 0.05
+    turns = Rotation.random(4, random_state=1).as_matrix()
+    moves = rng.normal(size=(4, 3)) * 0.01
+    motion = rigid.fit(points, points @ np.swapaxes(turns, -1, -2) + moves[:, None, :])
+    np.testing.assert_allclose(motion.rotation, turns, atol=1e-12)
+    np.testing.assert_allclose(motion.translation, moves, atol=1e-12)
+
+
+def test_a_mirror_image_is_met_by_a_rotation() -> None:
+    points = np.random.default_rng(1).normal(size=(50, 3))
+    assert np.linalg.det(rigid.fit(points, points * (1.0, 1.0, -1.0)).rotation) == pytest.approx(
+        1.0
+    )
+
+
+def test_bad_frames_hardly_move_it() -> None:
+    rng = np.random.default_rng(2)
+    points = rng.normal(size=(200, 3)) * 0.05
+    onto = points + rng.normal(size=points.shape) * 1e-4
+    onto[:10] += 0.03
+    plain = np.linalg.norm((onto - points).mean(axis=0))
+    assert np.linalg.norm(rigid.fit(points, onto)(points) - points, axis=1).max() < 0.2 * plain

@@ -1,0 +1,166 @@
+"""Logs as tables: what the columns mean, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax.analyses.calibration import position_loop, table_file
+from ravenjax.errors import UserError
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.robots.raven2.geometry import transmission
+
+ARM, TOOL, SOFTWARE = "gold", "r_grasper", "fork2015"
+
+
+def read(path: Path, period_ms: float | None = 2.0):
+    return table_file.read(path, ARM, TOOL, SOFTWARE, position_loop.FORK2015, period_ms)
+
+
+def joints(rows: int = 5) -> np.ndarray:
+    return np.linspace(0.1, 0.4, rows)[:, None] * np.array([1.0, 3.0, 1.0, 0.5, 0.5, 0.2, 0.2])
+
+
+def write(folder: Path, name: str = "log.csv", **columns) -> Path:
+    table = pd.DataFrame(columns)
+    path = folder / name
+    table.to_csv(path, index=False) if name.endswith(".csv") else table.to_parquet(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+def test_joints_are_put_on_the_clock_of_the_control_cycle(tmp_path, name) -> None:
+    values = joints()
+    columns = {f"jpos_{word}": values[:, j] for j, word in enumerate(JOINTS)}
+    columns |= {f"jpos_d_{word}": values[:, j] + 0.01 for j, word in enumerate(JOINTS)}
+    log = read(write(tmp_path, name, **columns))
+    assert log.desired.shape == (9, 7) and log.cycles.tolist() == [1, 3, 5, 7]
+    np.testing.assert_allclose(log.desired[::2], values + 0.01)
+    np.testing.assert_allclose(log.desired[1], (values[0] + values[1]) / 2 + 0.01)
+    np.testing.assert_allclose(log.measured, values[1:])
+    np.testing.assert_allclose(log.start, values[0])
+
+
+def test_motors_in_degrees_become_joints(tmp_path) -> None:
+    values = joints()
+    motors = np.array(
+        [
+            [float(m) for m in transmission.motor_from_joint(ARM, TOOL, Vec(q), None, SOFTWARE)]
+            for q in values
+        ]
+    )
+    columns = {f"mpos_{word}_deg": np.degrees(motors[:, j]) for j, word in enumerate(JOINTS)}
+    columns |= {f"mpos_d_{word}_deg": np.degrees(motors[:, j]) for j, word in enumerate(JOINTS)}
+    log = read(write(tmp_path, **columns))
+    np.testing.assert_allclose(log.measured, values[1:], rtol=1e-9)
+    np.testing.assert_allclose(log.desired[::2], values, rtol=1e-9)
+
+
+def test_what_the_robot_was_asked_for_follows_from_its_torque(tmp_path) -> None:
+    """tau = KP (mpos_d - mpos) - KD mvel, in counts of the gold arm, for a robot that stands."""
+    columns: dict[str, object] = {}
+    for j, word in enumerate(JOINTS[:3]):
+        torque = float(position_loop.FORK2015.kp[j]) * 0.5
+        columns[f"mpos_{word}"] = np.full(5, 100.0)
+        columns[f"mvel_{word}"] = np.zeros(5)
+        columns[f"dac_{word}"] = -torque * float(transmission.COUNTS_PER_NM[j])
+    log = read(write(tmp_path, **columns), period_ms=1.0)
+    asked = np.array(
+        [
+            [float(m) for m in transmission.motor_from_joint(ARM, TOOL, Vec(q), None, SOFTWARE)]
+            for q in log.desired
+        ]
+    )
+    np.testing.assert_allclose(asked[:, :3], 100.5, rtol=1e-9)
+    assert np.isnan(log.measured[:, 3:]).all() and log.joints == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "period", "message"),
+    [
+        ("log.csv", {"jpos_shoulder": [0.0, 0.1]}, 1.0, "neither jpos_d and jpos"),
+        (
+            "log.csv",
+            {"jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]},
+            None,
+            "--period-ms",
+        ),
+        (
+            "log.csv",
+            {"time_s": [0.0, 0.0], "jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]},
+            None,
+            "row 1",
+        ),
+        ("log.csv", {"jpos_shoulder": [0.0]}, 1.0, "1 rows"),
+    ],
+)
+def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
+    tmp_path, name, columns, period, message
+) -> None:
+    with pytest.raises(UserError, match=message):
+        read(write(tmp_path, name, **columns), period)
+
+
+def test_other_files_are_refused(tmp_path) -> None:
+    with pytest.raises(UserError, match="no log at"):
+        read(tmp_path / "absent.csv")
+    (tmp_path / "log.txt").write_text("")
+    with pytest.raises(
+        UserError, match=r"a log is \.csv, \.parquet, \.bag, \.mcap, \.db3 or a folder"
+    ):
+        read(tmp_path / "log.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty.csv", b""),
+        ("latin.csv", b"time_s,jpos_shoulder\n0,\xbb\n"),
+        ("ragged.csv", b"a\n1\n1,2,3\n"),
+        ("cut.parquet", b"PAR1"),
+        ("other.parquet", b"a,b\n1,2\n"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path, name, content) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=f"{name}: no .(csv|parquet) table that can be read"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"jpos_elbow": ["a"] * 5}, "column jpos_elbow holds other things than numbers"),
+        (
+            {"jpos_elbow": [0.1, np.inf, 0.1, 0.1, 0.1]},
+            "row 1, column jpos_elbow: got inf, expected a finite number",
+        ),
+        ({"time_s": ["a"] * 5}, "column time_s holds other things than numbers"),
+        ({"time_s": np.arange(5) * 1e9}, "lasts 4e[+]09 s, expected seconds of motion"),
+        ({"time_s": np.arange(5) * 1e-9}, "lasts 4e-09 s, expected seconds of motion"),
+        ({"time_s": [0.0, np.nan, 0.2, 0.3, 0.4]}, "time_s does not increase at row 1"),
+    ],
+)
+def test_columns_that_hold_no_numbers_or_no_times_are_refused(tmp_path, change, words) -> None:
+    values = joints()
+    columns = {
+        f"{name}_{word}": values[:, j]
+        for name in ("jpos", "jpos_d")
+        for j, word in enumerate(JOINTS)
+    }
+    with pytest.raises(UserError, match=words):
+        read(
+            write(tmp_path, **({"time_s": np.arange(5) * 1e-3} | columns | change)), period_ms=None
+        )
+
+
+@pytest.mark.parametrize("period_ms", [0.0, -1.0, np.nan, np.inf])
+def test_a_period_that_is_none_is_refused(tmp_path, period_ms) -> None:
+    columns = {f"{name}_shoulder": joints()[:, 0] for name in ("jpos", "jpos_d")}
+    with pytest.raises(UserError, match="--period-ms"):
+        read(write(tmp_path, **columns), period_ms)

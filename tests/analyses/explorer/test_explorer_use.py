@@ -1,0 +1,235 @@
+"""The page under keys, fingers and a screen reader, and the files it writes, in a real browser."""
+
+from __future__ import annotations
+
+import csv
+import io
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from chromium import NEEDED, PATIENCE_MS
+from PIL import Image
+
+from ravenjax.analyses.explorer import page
+
+pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
+)
+pytestmark = [pytest.mark.slow, NEEDED]
+SVG = "{http://www.w3.org/2000/svg}"
+RUN = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=400&for=64&map=value~duration_ms&ms=430"  # noqa: E501
+FILE = """
+[campaign]
+name = "small"
+duration_s = 0.8
+arms = ["gold"]
+[operator]
+motion = "suture"
+seed = 1
+[[group]]
+name = "motor"
+[[group.fault]]
+site = "usb_out"
+channel = ["shoulder", "elbow"]
+effect = "overwrite"
+value = [-20000, 20000]
+start_ms = 400
+duration_ms = 64
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("used")
+    (folder / "small.toml").write_text(FILE)
+    return page.build(folder / "small.toml", folder / "page.html")
+
+
+@pytest.fixture
+def opened(browser, place):
+    """Opens the page, as a context of these settings has it, at an address."""
+    contexts, told = [], []
+
+    def opens(address="", **settings):
+        contexts.append(browser.new_context(**settings))
+        shown = contexts[-1].new_page()
+        shown.set_default_timeout(PATIENCE_MS)
+        shown.on("pageerror", lambda error: told.append(str(error)))
+        shown.goto(place.as_uri() + address)
+        if address:
+            shown.wait_for_selector("#run:not([hidden])")
+            shown.wait_for_selector("#chain li")
+        shown.wait_for_function("document.body.dataset.filled === '1'")
+        return shown
+
+    yield opens
+    for context in contexts:
+        context.close()
+    assert told == []
+
+
+def saved(shown, name):
+    with shown.expect_download() as waiting:
+        shown.click(f"[data-save='{name}']")
+    return waiting.value.suggested_filename, waiting.value.path().read_bytes()
+
+
+def picture(content):
+    image = Image.open(io.BytesIO(content))
+    image.load()
+    return image.size, np.asarray(image.convert("RGBA")).reshape(-1, 4)
+
+
+def test_the_map_is_saved_as_drawing_picture_and_table(opened):
+    shown = opened(viewport={"width": 1366, "height": 900})
+    points = sum(int(one) for one in shown.locator("#legend b").all_text_contents())
+    name, content = saved(shown, "svg")
+    assert name == "small_usb_out_overwrite.svg"
+    drawing = ElementTree.fromstring(content)
+    assert len(drawing.findall(f"{SVG}rect")) == points + 3  # paper, ground and frame
+    words = [text.text for text in drawing.iter(f"{SVG}text")]
+    assert "size, counts" in words and "lasts, ms" in words
+    _, content = saved(shown, "png")
+    size, pixels = picture(content)
+    assert size == tuple(shown.evaluate("[field.width, field.height]"))
+    assert len(np.unique(pixels, axis=0)) > 10
+    name, content = saved(shown, "csv")
+    rows = list(csv.DictReader(io.StringIO(content.decode())))
+    assert name.endswith(".csv")
+    assert len(rows) == points
+    assert {"site", "value", "duration_ms", "verdict", "unintended_mm", "class"} <= set(rows[0])
+
+
+def test_signals_and_the_robot_are_saved(opened):
+    shown = opened(RUN, viewport={"width": 1366, "height": 900})
+    name, content = saved(shown, "signals-svg")
+    assert name == "small_usb_out_overwrite_signals.svg"
+    drawing = ElementTree.fromstring(content)
+    curves = [path.get("class") for path in drawing.iter(f"{SVG}path")]
+    signals = shown.locator("#signals figure").count()
+    assert signals >= 4
+    assert curves.count("own") == curves.count("golden") == signals
+    assert all(path.get("d", "").startswith("M") for path in drawing.iter(f"{SVG}path"))
+    _, content = saved(shown, "signals-png")
+    size, pixels = picture(content)
+    assert size == (2 * int(drawing.attrib["width"]), 2 * int(drawing.attrib["height"]))
+    assert len(np.unique(pixels, axis=0)) > 10
+    _, content = saved(shown, "signals-csv")
+    rows = list(csv.DictReader(io.StringIO(content.decode())))
+    assert [int(row["ms"]) for row in rows] == list(range(800))
+    assert (
+        float(rows[420]["gold/dac_cnt[0]"]) == 20000 != float(rows[420]["golden/gold/dac_cnt[0]"])
+    )
+    name, content = saved(shown, "figure")
+    size, pixels = picture(content)
+    assert name == "small_usb_out_overwrite_430ms.png"
+    assert size == tuple(shown.evaluate("[figure.clientWidth, figure.clientHeight]"))
+    assert len(np.unique(pixels, axis=0)) > 50
+
+
+def test_keys_alone_choose_a_run_scrub_it_and_lead_back(opened):
+    shown = opened(viewport={"width": 1366, "height": 900})
+    shown.keyboard.press("Tab")
+    assert _focused(shown) == ("A", "")
+    order = []
+    while "field" not in order:
+        shown.keyboard.press("Tab")
+        order.append(_focused(shown)[1])
+    assert [name for name in order if name in ("site", "effect", "across", "up", "field")] == [
+        "site",
+        "effect",
+        "across",
+        "up",
+        "field",
+    ]
+    assert shown.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    before = shown.inner_text("#spot")
+    shown.keyboard.press("ArrowRight")
+    shown.keyboard.press("ArrowUp")
+    assert shown.inner_text("#spot") != before
+    shown.keyboard.press("Enter")
+    shown.wait_for_function("document.activeElement.id === 'run-title'")
+    while _focused(shown)[1] != "time":
+        shown.keyboard.press("Tab")
+    at = int(shown.input_value("#time"))
+    shown.keyboard.press("ArrowRight")
+    assert int(shown.input_value("#time")) == at + 1
+    assert shown.get_attribute("#time", "aria-valuetext").startswith(f"{at + 1} ms, tip ")
+    shown.keyboard.press("Escape")
+    assert _focused(shown)[1] == "field"
+
+
+def test_whatever_is_used_has_a_role_and_a_name(opened):
+    shown = opened(RUN, viewport={"width": 1366, "height": 900})
+    tree = shown.locator("body").aria_snapshot()
+    assert "slip past every safety check" in tree or "slips past every safety check" in tree
+    for role, name in [
+        ("application", "map of outcomes"),
+        ("combobox", "Where it strikes"),
+        ("combobox", "What it does"),
+        ("slider", "Size"),
+        ("slider", "time, ms"),
+        ("button", "Find the smallest size that does harm"),
+        ("button", "Play"),
+        ("img", "the robot and its instrument tips"),
+        ("heading", "One operation, with the fault and without"),
+        ("region", "Choose a fault"),
+    ]:
+        assert shown.get_by_role(role, name=name).count() >= 1, (role, name)
+    nameless = [
+        line
+        for line in tree.splitlines()
+        if line.strip() in ("- button", "- combobox", "- slider", "- spinbutton", "- img", "- link")
+    ]
+    assert nameless == []
+
+
+def test_fingers_open_a_run_scrub_and_turn_without_scrolling_away(opened):
+    shown = opened(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
+    field = shown.locator("#field")
+    field.scroll_into_view_if_needed()
+    box = field.bounding_box()
+    assert shown.locator("#run").is_hidden()
+    shown.touchscreen.tap(box["x"] + 0.9 * box["width"], box["y"] + 0.4 * box["height"])
+    shown.wait_for_selector("#run:not([hidden])")
+    shown.wait_for_selector("#chain li")
+    shown.locator("#time").scroll_into_view_if_needed()
+    box = shown.locator("#time").bounding_box()
+    middle = box["y"] + box["height"] / 2
+    _dragged(shown, [[(box["x"] + share * box["width"], middle)] for share in (0.2, 0.4, 0.6)])
+    assert int(shown.input_value("#time")) == pytest.approx(0.6 * 800, abs=40)
+    before = saved(shown, "figure")[1]
+    turned = _after(shown, lambda x, y: [[(x, y + 20 * k)] for k in range(5)])
+    nearer = _after(
+        shown, lambda x, y: [[(x - 20 - 8 * k, y), (x + 20 + 8 * k, y)] for k in range(5)]
+    )
+    assert len({before, turned, nearer}) == 3
+    assert shown.evaluate("visualViewport.scale") == 1
+
+
+def _focused(shown):
+    return tuple(shown.evaluate("[document.activeElement.tagName, document.activeElement.id]"))
+
+
+def _after(shown, steps):
+    """The robot's picture after fingers moved on it, which do not scroll the page."""
+    shown.locator("#figure").scroll_into_view_if_needed()
+    box = shown.locator("#figure").bounding_box()
+    top = shown.evaluate("scrollY")
+    _dragged(shown, steps(box["x"] + box["width"] / 2, box["y"] + box["height"] / 4))
+    assert shown.evaluate("scrollY") == top
+    return saved(shown, "figure")[1]
+
+
+def _dragged(shown, steps):
+    """Fingers go through these places, and leave."""
+    client = shown.context.new_cdp_session(shown)
+    for k, fingers in enumerate(steps):
+        points = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(fingers)]
+        client.send(
+            "Input.dispatchTouchEvent",
+            {"type": "touchMove" if k else "touchStart", "touchPoints": points},
+        )
+    client.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    client.detach()

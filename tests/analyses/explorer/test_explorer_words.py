@@ -1,0 +1,161 @@
+"""What a page says of a campaign, and whether the file that it begins with is the campaign's
+own.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+import tomllib
+from importlib import resources
+
+import pytest
+import tomlkit
+
+from ravenjax.analyses.explorer import bundle, program, rows, words
+from ravenjax.campaign import loading
+from ravenjax.campaign.file.config import validated
+from ravenjax.campaign.stop import adaptive
+from ravenjax.errors import UserError
+from ravenjax.robots.raven2.sites import SITES
+from ravenjax.store import manifest
+from ravenjax.vocabulary.effects import EFFECTS
+
+STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9, "duration_ms": 5}
+
+
+def test_every_site_and_effect_has_plain_words():
+    assert set(words.SITES) == set(SITES)
+    assert set(words.EFFECT_WORDS) == set(EFFECTS)
+    assert len(set(words.SITES.values())) == len(SITES)
+
+
+def test_the_file_that_commands_begin_with_says_what_the_campaign_says():
+    config = loading.load("quick")
+    told = words.campaign(config)
+    raw = tomllib.loads(told["toml"])
+    again = validated(
+        raw
+        | {
+            "haptics": {"combine": "zip", **told["cues"]},
+            "group": [{"name": "explored", "fault": [STUCK]}],
+        }
+    )
+    assert again.haptics.cues() == config.haptics.cues()
+    assert again.deciding() == config.deciding()
+    assert told["values"]["usb_out/overwrite"] == [-20000, 20000]
+    assert told["varied"] == []
+
+
+def test_what_a_campaign_varies_is_left_to_the_page():
+    raw = {
+        "campaign": {"name": "some"},
+        "parameters": {"operator.scale": 0.2, "plant.friction_scale": {"uniform": [0.7, 1.4]}},
+        "cross": {"plant.mass_scale": [1, 2]},
+        "group": [{"name": "own", "fault": [STUCK]}],
+    }
+    told = words.campaign(validated(raw))
+    assert told["varied"] == ["plant.friction_scale", "plant.mass_scale"]
+    assert tomllib.loads(told["toml"]) == {
+        "campaign": {"name": "some"},
+        "parameters": {"operator.scale": 0.2},
+        "operator": {"motion": "suture"},
+    }
+
+
+def test_a_motion_may_be_exchanged_where_hands_are_neither_recorded_nor_own(tmp_path):
+    """The page puts the name of another motion on the line below [operator]."""
+    raw = {"campaign": {"name": "some"}, "group": [{"name": "own", "fault": [STUCK]}]}
+    assert program.motion_name(validated(raw)) == "suture"
+    assert program.motion_name(validated(raw | {"operator": {"motion": "circle"}})) == "circle"
+    told = words.campaign(validated(raw | {"operator": {"motion": "circle", "seed": 3}}))
+    assert '\n[operator]\nmotion = "circle"\nseed = 3\n' in told["toml"]
+    (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
+    recorded = {"operator": {"file": str(tmp_path / "hand.csv"), "rate_hz": 1000.0}}
+    assert program.motion_name(validated(raw | recorded)) is None
+
+
+def test_a_long_operation_leaves_other_motions_out_of_its_page(monkeypatch):
+    config = validated(
+        {
+            "campaign": {"name": "some", "duration_s": 0.1},
+            "group": [{"name": "own", "fault": [STUCK]}],
+        }
+    )
+    ready = program.question_plan(config)
+    assert {"suture", "circle", "still"} <= set(program.motions(ready)["motions"])
+    monkeypatch.setattr(program, "MOTION_BYTES", 100)
+    assert set(program.motions(ready)["motions"]) == {"suture"}
+
+
+def test_files_are_named_as_they_lie_beside_the_campaign(tmp_path):
+    (tmp_path / "hand.csv").write_text("x,y,z\n" + "0,0,0\n" * 3000)
+    raw = {
+        "campaign": {"name": "some", "duration_s": 2.0},
+        "operator": {"file": "hand.csv", "rate_hz": 1000.0},
+        "group": [{"name": "own", "fault": [STUCK]}],
+    }
+    (tmp_path / "some.toml").write_text(tomlkit.dumps(raw))
+    told = words.campaign(loading.load(tmp_path / "some.toml"))
+    assert tomllib.loads(told["toml"])["operator"]["file"] == "hand.csv"
+
+
+def test_modules_import_each_other_by_names_of_the_map():
+    imports = json.loads(
+        bundle.import_map(resources.files("ravenjax.analyses.explorer") / "static")
+    )["imports"]
+    assert "page/main.js" in imports
+    for name, address in imports.items():
+        text = base64.b64decode(address.partition("base64,")[2]).decode()
+        asked = re.findall(r'(?:^(?:import|\}) .*from |import\()"([^"]+)"', text, re.MULTILINE)
+        assert not [one for one in asked if one not in imports], name
+
+
+def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
+    timed = STUCK | {"start_ms": 20, "duration_ms": 10}
+    shaken = timed | {"effect": "random", "value": 5.0}
+    faults = {
+        "free": [],
+        "timed": [timed],
+        "again": [timed | {"every_ms": 40}],
+        "packets": [timed | {"trigger": "packet"}],
+        "noisy": [shaken],
+        "two": [timed, timed | {"channel": "shoulder"}],
+    }
+    groups = [{"name": name} | ({"fault": own} if own else {}) for name, own in faults.items()]
+    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
+    adaptive.run(config, tmp_path, "simd")
+    told = rows.table(tmp_path, manifest.read(tmp_path))
+    assert (told["runs"], told["rows"], told["columns"]["group"]) == (6, 2, ["free", "timed"])
+    assert told["columns"]["start_ms"][1] == 20
+    assert (told["evading"]["n"], told["evading"]["k"]) == (5, 0)
+    assert math.isnan(told["evading"]["low"]), "faults that were chosen have no interval"
+
+
+def test_faults_that_were_drawn_have_an_interval(tmp_path):
+    drawn = STUCK | {"start_ms": {"uniform": [20, 60]}}
+    group = {"name": "drawn", "design": "random", "runs": 6, "fault": [drawn]}
+    adaptive.run(
+        validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [group]}),
+        tmp_path,
+        "simd",
+    )
+    told = rows.table(tmp_path, manifest.read(tmp_path))["evading"]
+    assert told["n"] == 6
+    assert 0 <= told["low"] <= told["value"] < told["high"] < 1
+
+
+def test_a_page_counts_time_whatever_its_campaign_counts():
+    packets = STUCK | {"trigger": "packet", "start_ms": 20, "duration_ms": 10}
+    groups = [{"name": "one", "fault": [packets]}]
+    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
+    assert program.question_plan(config).program.setup.injection.triggers == ("time", "packet")
+
+
+def test_a_campaign_without_faults_is_refused():
+    with pytest.raises(UserError, match=r"'some' has no fault that a page could ask about"):
+        program.question_plan(
+            validated({"campaign": {"name": "some"}, "group": [{"name": "free"}]})
+        )

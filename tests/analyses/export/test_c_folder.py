@@ -1,0 +1,163 @@
+"""The C library: compiled and run, with the bits of Python's; what it leans on; what happens
+without a compiler.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from closed_loop import drive
+
+import ravenjax as rj
+from ravenjax.analyses.export import c_folder
+from ravenjax.cli import main
+from ravenjax.errors import UserError
+
+needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+MATHEMATICS = {
+    "acos",
+    "atan2",
+    "cos",
+    "floorf",
+    "rint",
+    "sin",
+    "sqrt",
+    "sqrtf",
+    "trunc",
+    "floor",
+    "cosf",
+    "sinf",
+}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    return c_folder.write(tmp_path_factory.mktemp("c"))
+
+
+def lines(written, *flags):
+    """What the example prints."""
+    folder = written.example.parent
+    words = [
+        "cc",
+        "-std=c11",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-O2",
+        "example.c",
+        *flags,
+        "-lm",
+        "-o",
+        "example",
+    ]
+    subprocess.run(words, cwd=folder, check=True)
+    return subprocess.run(
+        ["./example"], cwd=folder, check=True, capture_output=True, text=True
+    ).stdout.splitlines()
+
+
+def expected(cycles=3000, **software):
+    """The same of Python's."""
+    own = rj.ControlSoftware(**software)
+    for ms, (output, reading) in enumerate(
+        drive(own, rj.VirtualRobot(own.setup.arms, own.setup.tools), cycles)
+    ):
+        pairs = zip(np.ravel(output.dac).tolist(), reading.encoders.ravel().tolist(), strict=True)
+        numbers = [ms, int(reading.signals.runlevel), *(n for pair in pairs for n in pair)]
+        yield " ".join([*map(str, numbers), *(f"{x:.9g}" for x in reading.signals.tip[0])])
+
+
+@needs_cc
+def test_the_example_has_pythons_bits(written):
+    found = lines(written, "-L.", "-lravenjax_raven2", "-Wl,-rpath,.")
+    assert len(written.example.read_text().splitlines()) <= 60
+    assert found == list(expected())
+    assert len({line.split(" ", 2)[2] for line in found}) > 2000  # it moves
+
+
+@needs_cc
+def test_native_code_of_one_arm_linked_as_an_object(tmp_path):
+    own = rj.ControlSoftware(arms=["green"], policy="hard_regulation")
+    written = c_folder.write(tmp_path, own, cpu="native")
+    assert lines(written, "ravenjax_raven2.o") == list(
+        expected(arms=["green"], policy="hard_regulation")
+    )
+
+
+@needs_cc
+def test_both_go_on_from_where_they_stand(tmp_path):
+    software, robot = rj.ControlSoftware(), rj.VirtualRobot()
+    rest = [f"{ms} {line.split(' ', 1)[1]}" for ms, line in enumerate(expected(450)) if ms >= 150]
+    for _ in drive(software, robot, 150):
+        pass
+    written = c_folder.write(tmp_path, software, robot)
+    text = written.example.read_text().replace("ms = 0; ms < 3000", "ms = 150; ms < 450")
+    written.example.write_text(text)
+    assert lines(written, "ravenjax_raven2.o") == rest
+
+
+@needs_cc
+def test_it_leans_on_mathematics_alone(written):
+    """So nothing can be allocated, locked or printed in a call."""
+    table = subprocess.run(
+        ["nm", "-u", written.object], check=True, capture_output=True, text=True
+    ).stdout
+    assert {line.split()[-1] for line in table.splitlines() if line.strip()} <= MATHEMATICS
+
+
+@needs_cc
+def test_cpp_reads_the_header(written):
+    words = [
+        "c++",
+        "-std=c++11",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fsyntax-only",
+        "-x",
+        "c++",
+        written.header,
+    ]
+    subprocess.run(words, check=True)
+
+
+def test_without_a_compiler_there_is_the_object(tmp_path, monkeypatch, capsys):
+    (tmp_path / "libravenjax_raven2.so").write_bytes(b"of an earlier object")
+    monkeypatch.setattr(c_folder.shutil, "which", lambda name: None)
+    assert main(["export", str(tmp_path)]) == 0
+    told = capsys.readouterr()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "example.c",
+        "ravenjax_raven2.h",
+        "ravenjax_raven2.o",
+    ]
+    assert "no C compiler" in told.err and "ravenjax_raven2.o" in told.err
+
+
+@needs_cc
+def test_json_names_the_files(tmp_path, capsys):
+    assert main(["export", str(tmp_path), "--arms", "gold", "--json"]) == 0
+    files = json.loads(capsys.readouterr().out)
+    assert set(files) == {"header", "object", "shared", "example"}
+
+
+def test_what_is_wrong_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    for words, part in (
+        ([str(tmp_path / "file")], "is a file, expected a folder"),
+        ([str(tmp_path), "--arms", "red"], "arm is 'red'"),
+        ([str(tmp_path), "--parameter-set", "steel"], "parameter_set is 'steel'"),
+    ):
+        assert main(["export", *words]) == 2
+        assert part in capsys.readouterr().err
+    with pytest.raises(UserError, match="expected the same of both"):
+        c_folder.write(tmp_path, rj.ControlSoftware(arms=["gold"]), rj.VirtualRobot(arms=["green"]))
+    with pytest.raises(UserError, match="cpu is 'fast', expected one of portable, native"):
+        c_folder.write(tmp_path, cpu="fast")
+    with pytest.raises(UserError, match="absolute"):
+        c_folder.write(tmp_path, rj.ControlSoftware("fork2015", console="absolute"))

@@ -1,0 +1,157 @@
+"""Sentences beside the numbers that they tell, for small and odd cases."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+import tiny_campaign
+
+import ravenjax as rj
+from ravenjax import robots
+from ravenjax.analyses.monitors import scores
+from ravenjax.analyses.monitors.counterfactual import output, words
+from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Candidate
+from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
+from ravenjax.analyses.monitors.counterfactual.hazards import NEVER, Hazards
+from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
+from ravenjax.analyses.monitors.counterfactual.promise import Grounds
+from ravenjax.analyses.monitors.counterfactual.question import MARGINS, Question
+
+PARTS = tuple(Candidate(score, 1) for score in scores.catalogue(robots.USUAL)[:3])
+FAULTS = 40
+
+
+def counterfactual(question, hours=100.0, peaks=0.5, robots=False, sampled=True, members=(0, 1)):
+    """Candidate 0 sees the even faults 50 ms before harm, candidate 1 those of group b,
+    candidate 2 none.
+    """
+    lead = np.full((FAULTS, len(PARTS)), NEVER)
+    lead[::2, 0] = 50
+    group = np.array(["a", "b"] * (FAULTS // 2), dtype=str)
+    group[: FAULTS // 2] = "a"
+    lead[group == "b", 1] = 20
+    hazards = Hazards(
+        group,
+        np.full(FAULTS, sampled),
+        np.arange(FAULTS) // (2 if robots else 1),
+        robots,
+        np.full(FAULTS, 900),
+        np.repeat(lead[:, :, None], len(MARGINS), axis=2),
+    )
+    free = FreeMotion(np.full((20, 1, len(PARTS)), peaks, np.float32), np.full((20, 1), hours / 20))
+    grounds = Grounds(question, free, free, hazards, *hazards.halves(question.seed))
+    return Counterfactual(
+        question,
+        tiny_campaign.config(),
+        PARTS,
+        grounds,
+        grounds.promise(members),
+        tuple(grounds.promise([place]) for place in range(len(PARTS))),
+        grounds.promise([grounds.best_single()]),
+        None,
+        grounds.promise(range(len(PARTS))),
+        grounds.at_random(len(members)),
+        grounds.of_strangers(),
+        0.5,
+    )
+
+
+def said(one):
+    return " ".join(words.sentences(one)).replace("\u202f", " ")
+
+
+def test_shares_are_those_of_the_half_that_states():
+    one = counterfactual(Question())
+    rows, hazards = one.grounds.statement_half, one.grounds.hazards
+    seen = ((np.arange(FAULTS) % 2 == 0) | (hazards.group == "b"))[rows]
+    assert f"2 checks together see {seen.sum()} of {rows.sum()} ({100 * seen.mean():.1f} %" in said(
+        one
+    )
+    first, second = words.rows(one)
+    assert first[1] == first[2]  # what the first sees it adds
+    assert float(first[2].split()[0]) + float(second[2].split()[0]) == pytest.approx(
+        100 * seen.mean(), abs=0.1
+    )
+    lost, among = int((~seen).sum()), int((hazards.group[rows] == "a").sum())
+    assert f"Not seen in time: a ({lost} of {among})." in said(one)
+
+
+def test_one_check_is_one_check():
+    text = said(counterfactual(Question(most=1), members=(0,)))
+    assert "1 check sees" in text and "It alarms above" in text and "a candidate at random" in text
+
+
+@pytest.mark.parametrize(
+    ("question", "hours", "peaks", "words"),
+    [
+        (
+            Question(false_alarms_per_hour=1.0),
+            100.0,
+            0.5,
+            "At most 1 an hour were asked for: this is shown.",
+        ),
+        (
+            Question(false_alarms_per_hour=1.0),
+            2.0,
+            0.5,
+            "at the mean over calibrations; that it is so here is not shown",
+        ),
+        (
+            Question(false_alarms_per_hour=0.1),
+            2.0,
+            0.5,
+            "too few for 2 h of calibration, which estimate up to",
+        ),
+        (Question(false_alarms_per_hour=0.1), 100.0, 9.0, "too few for"),
+    ],
+)
+def test_what_hours_can_say_of_the_rate_is_said(question, hours, peaks, words):
+    text = said(counterfactual(question, hours, peaks))
+    assert words in text
+    if "--hours" in text:
+        (enough,) = map(float, re.findall(r"--hours ([\d.]+)", text))
+        later = counterfactual(question, enough / 2, 0.5)  # half of all motion states
+        assert "this is shown" in said(later) or peaks > MARGINS[-1]
+
+
+def test_intervals_say_what_was_drawn():
+    assert "faults drawn as this campaign's were" in said(counterfactual(Question()))
+    assert f"{FAULTS} of the faults are enumerated" in said(
+        counterfactual(Question(), sampled=False)
+    )
+    assert "Intervals are of robots" in said(counterfactual(Question(), robots=True))
+
+
+def test_sets_chosen_without_a_group_are_tried_on_it():
+    one = counterfactual(Question())
+    grounds = one.grounds
+    # the first candidate sees faults of group a alone, the second of group b alone
+    assert grounds.selected() == [0, 1] and grounds.selected(without="b") == [0]
+    assert one.promise.covered.k > 0 and one.strangers.k == 0
+    assert "tried on, sets see 0.0 %." in said(one)
+
+
+def test_lead_and_groups_are_told_as_they_were_asked():
+    assert "by the time harm begins" in said(counterfactual(Question(lead_ms=0)))
+    assert "12 ms or more before harm" in said(counterfactual(Question(lead_ms=12)))
+    assert f"{FAULTS} faults of a, b and c move" in said(
+        counterfactual(Question(groups=("a", "b", "c")))
+    )
+
+
+def test_a_channel_that_never_moved_alarms_at_any_change():
+    part = Candidate(PARTS[0].score.scaled([2.0, SMALLEST_SCALE, 4.0]), 1)
+    assert words.levels(part, 1.5) == "x 3 um, y any, z 6 um"
+
+
+def test_detectors_of_the_set_have_names_that_the_campaign_has_not():
+    one = counterfactual(Question())
+    first, second = (PARTS[place].name for place in (0, 1))
+    own = rj.load_campaign(
+        tiny_campaign.tables() | {"detector": [{"name": first, "kind": "tip_error"}]}
+    )
+    assert output.names(one) == [first, second]
+    assert output.names(one._replace(config=own)) == [f"{first}_2", second]
+    assert f'file = "{first}_2.py"' in output.campaign(one._replace(config=own))

@@ -1,0 +1,60 @@
+"""Greedy cover beside every set that there is, on small random instances."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from ravenjax.analyses.monitors.counterfactual.cover import greedy
+
+INSTANCES = arrays.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 6)))
+
+
+def weight_of(covered, members, weight):
+    return float(weight[covered[:, list(members)].any(axis=1)].sum()) if members else 0.0
+
+
+@given(INSTANCES, st.integers(1, 6), st.data())
+def test_it_covers_its_share_of_what_the_best_set_of_its_size_does(covered, most, data):
+    weights = st.lists(st.integers(0, 9), min_size=len(covered), max_size=len(covered))
+    weight = np.array(data.draw(weights), float)
+    members = greedy(covered, most, weight)
+    assert len(set(members)) == len(members) <= most
+    sets = itertools.combinations(range(covered.shape[1]), min(most, covered.shape[1]))
+    best = max(weight_of(covered, one, weight) for one in sets)
+    assert weight_of(covered, members, weight) >= (1 - np.exp(-1)) * best - 1e-9
+
+
+@given(INSTANCES)
+def test_with_room_for_all_it_covers_all_and_holds_nothing_superfluous(covered):
+    members = greedy(covered, covered.shape[1])
+    ones = np.ones(len(covered))
+    assert weight_of(covered, members, ones) == covered.any(axis=1).sum()
+    for one in members:
+        others = [other for other in members if other != one]
+        assert weight_of(covered, others, ones) < weight_of(covered, members, ones)
+
+
+def test_the_first_is_the_best_alone_and_of_equal_ones_the_earlier():
+    covered = np.array([[0, 1, 1], [0, 1, 1], [1, 0, 0]], bool)
+    assert greedy(covered, 1) == [1]
+    assert greedy(covered, 3) == [1, 0]
+
+
+def test_what_later_ones_make_superfluous_is_left_out_again():
+    # the first covers most, the next two cover it whole between them
+    covered = np.zeros((8, 3), bool)
+    covered[[0, 1, 2, 3], 0] = covered[[0, 1, 4], 1] = covered[[2, 3, 5], 2] = True
+    assert greedy(covered, 3) == [1, 2]
+
+
+@pytest.mark.parametrize(("least", "size"), [(0.0, 2), (0.05, 2), (0.2, 1)])
+def test_a_candidate_that_adds_too_little_is_not_taken(least, size):
+    covered = np.zeros((10, 2), bool)
+    covered[:9, 0] = covered[9, 1] = True
+    assert len(greedy(covered, 2, least=least)) == size

@@ -1,0 +1,144 @@
+"""From a campaign to a set of checks that keeps its promise, and what cannot be asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+
+import pandas as pd
+import pytest
+
+import ravenjax as rj
+from ravenjax import cli
+from ravenjax.analyses.monitors.counterfactual import confirmation, finding, output, words
+from ravenjax.analyses.monitors.counterfactual.question import Question
+from ravenjax.errors import UserError
+
+
+def tables(**changes):
+    """A campaign of faults behind the checks, and one kind that no check misses to see."""
+    fault = {
+        "site": "usb_out",
+        "channel": ["shoulder", "elbow", "insertion"],
+        "effect": "overwrite",
+        "value": {"uniform": [-20000, 20000]},
+        "start_ms": {"uniform": [600, 900]},
+        "duration_ms": [16, 64],
+    }
+    return {
+        "campaign": {"name": "small", "duration_s": 1.2, "seed": 4},
+        "operator": {"motion": "suture"},
+        "group": [
+            {"name": "boards", "design": "random", "runs": 160, "fault": [fault]},
+            {
+                "name": "pulse",
+                "fault": [fault | {"value": [0, 1], "start_ms": 700, "duration_ms": 1}],
+            },
+        ],
+    } | changes
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        (
+            {"false_alarms_per_hour": 0.0},
+            "--false-alarms-per-hour is 0.0, expected a number above 0",
+        ),
+        ({"hours": float("nan")}, "--hours is nan"),
+        (
+            {"false_alarms_per_hour": 200.0},
+            "--false-alarms-per-hour 200 is one in 18 s, and runs of 60 s count one",
+        ),
+        ({"hours": -1.0}, "--hours is -1.0"),
+        ({"lead_ms": -1}, "--lead-ms is -1, expected a whole number from 0 on"),
+        ({"lead_ms": 1.5}, "--lead-ms is 1.5"),
+        ({"most": 0}, "--most is 0"),
+        ({"groups": ("bords",)}, "--group 'bords': unknown, expected boards, pulse"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_before_anything_runs(changes, complaint):
+    with pytest.raises(UserError, match=re.escape(complaint)):
+        finding.find(rj.load_campaign(tables()), Question()._replace(**changes))
+
+
+@pytest.mark.parametrize("motion", ["still"])
+def test_a_motion_that_has_no_other_says_so(motion):
+    config = rj.load_campaign(tables(operator={"motion": motion}))
+    with pytest.raises(UserError, match="same motion for every seed"):
+        finding.find(config, Question())
+
+
+def test_a_robot_without_signals_says_so(monkeypatch):
+    config = rj.load_campaign(tables())
+    silent = dataclasses.replace(config.robot, signals=())
+    monkeypatch.setattr(type(config), "robot", property(lambda _: silent))
+    with pytest.raises(UserError, match="declares no signals"):
+        finding.find(config, Question())
+
+
+def test_the_command_says_what_is_wrong_in_one_line(tmp_path, capsys):
+    place = str(tmp_path / "out")
+    assert cli.main(["counterfactual", "quick", "--hours", "0", "--out", place]) == 2
+    assert cli.main(["counterfactual", str(tmp_path / "none.toml"), "--out", place]) == 2
+    assert cli.main(["counterfactual", "quick", "--group", "dac", "--out", place]) == 2
+    errors = capsys.readouterr().err
+    assert errors.count("error:") == 3 and "Traceback" not in errors
+    assert "did you mean" in errors or "expected" in errors
+
+
+@pytest.mark.slow
+def test_the_set_as_real_detectors_keeps_its_promise(tmp_path):
+    one = finding.find(rj.load_campaign(tables()), Question(hours=0.05, lead_ms=5))
+    paths = output.write(one, tmp_path)
+    both = one.promise.selected.k + one.promise.covered.k
+    same = confirmation.run(
+        one, paths[-1], seed=4
+    )  # the same faults: what was computed offline happens, to the run
+    assert (same.every.k, same.every.n) == (both, one.grounds.hazards.count)
+    other = confirmation.run(one, paths[-1], seed=5)
+    assert other.verdict == "as" and "as promised" in other.sentence
+    assert other.anew.n > 20 and other.anew == other.every and other.promised == one.promise.covered
+    assert one.promise.covered.value > one.best.covered.value - 1e-9
+    assert one.everything.selected.k >= max(single.selected.k for single in one.alone) - 2
+
+    table = pd.read_csv(tmp_path / output.TABLE)
+    assert len(table) == len(one.parts) and table["chosen"].sum() == len(one.promise.members)
+    assert set(table["kind"]) == {"bound", "rate", "residual"}
+    ElementTree.parse(tmp_path / output.FIGURE)
+    said = " ".join(words.sentences(one))
+    assert f"{one.promise.covered.k} of {one.promise.covered.n} (" in said and "too few for" in said
+
+
+@pytest.mark.slow
+def test_faults_that_nothing_misses_have_nothing_to_cover():
+    config = rj.load_campaign(tables())
+    with pytest.raises(UserError, match="no fault of pulse evades"):
+        finding.find(config, Question(hours=0.05, groups=("pulse",)))
+
+
+@pytest.mark.slow
+def test_the_command_on_a_result_folder_and_from_python(tmp_path, capsys):
+    folder = tmp_path / "small"
+    config = tables(campaign={"name": "small", "duration_s": 1.2, "seed": 4, "noise": True})
+    config["parameters"] = {"plant.friction_scale": {"uniform": [0.8, 1.2]}}  # robots are drawn
+    rj.run(config, folder)
+    options = [
+        "--hours",
+        "0.05",
+        "--false-alarms-per-hour",
+        "40",
+        "--most",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert cli.main(["counterfactual", str(folder), *options, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["checks"]) == 1 and len(told["files"]) == 4
+    table = rj.counterfactual(folder, hours=0.05, false_alarms_per_hour=40.0, most=1)
+    assert list(table.loc[table["chosen"], "candidate"]) == [told["checks"][0]["candidate"]]
+    assert table.attrs["sentences"] == told["sentences"] and table.attrs["files"] == []
+    assert (table["false_alarms_hours"] > 0).all()

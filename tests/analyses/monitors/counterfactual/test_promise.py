@@ -1,0 +1,161 @@
+"""Margins and stated rates against closed forms, and what they promise against simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from scipy import stats
+
+from ravenjax.analyses.monitors.counterfactual import promise, words
+from ravenjax.analyses.monitors.counterfactual.hazards import NEVER, Hazards
+from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
+from ravenjax.analyses.monitors.counterfactual.promise import Grounds, JointScore
+from ravenjax.analyses.monitors.counterfactual.question import MARGINS, Question
+
+
+def motion(peaks, hours=0.1):
+    peaks = np.asarray(peaks, np.float32)
+    return JointScore(peaks, np.full(peaks.shape, hours))
+
+
+def test_without_alarms_the_bound_is_one_in_one_motion_more():
+    margin = promise.calibrated(motion(np.full((9, 1), 0.5)), per_hour=2.0)
+    assert margin == (0, 0, pytest.approx(1 / (10 * 0.1)))
+
+
+def test_the_least_margin_that_keeps_the_rate_is_taken():
+    peaks = np.full((99, 1), 0.5)
+    peaks[:3, 0] = 1.05, 1.3, 4.0
+    assert (
+        promise.calibrated(motion(peaks), 0.41).value == 1.0
+    )  # (3 alarms + 1) / 100 motions / 0.1 h
+    assert promise.calibrated(motion(peaks), 0.39).value == 1.1
+    assert promise.calibrated(motion(peaks), 0.21).value == 1.5
+    assert promise.calibrated(motion(peaks), 0.11).value == 5.0
+    assert promise.calibrated(motion(peaks), 100.0).value == 1.0
+
+
+def test_where_no_margin_keeps_the_rate_the_best_bound_is_told():
+    margin = promise.calibrated(motion([[0.5], [9.0], [1.2]]), per_hour=0.1)
+    assert (
+        margin.bound == pytest.approx(2 / 4 / 0.1) and margin.value == 1.25 and margin.alarms == 1
+    )
+
+
+@given(
+    arrays.arrays(
+        np.float32,
+        st.tuples(st.integers(2, 8), st.integers(1, 3)),
+        elements=st.floats(0, 10, width=32),
+    )
+)
+def test_more_alarms_allowed_never_raise_the_margin(peaks):
+    places = [promise.calibrated(motion(peaks), rate).place for rate in (0.1, 1.0, 10.0, 100.0)]
+    assert places == sorted(places, reverse=True)
+
+
+def test_one_motion_more_keeps_the_rate_at_the_mean_whatever_the_scores():
+    rng = np.random.default_rng(7)
+    alarms, hours, asked = 0, 0.0, 4.0
+    for _ in range(2000):
+        operator = rng.lognormal(-0.4, 0.5, (20, 1))  # the runs of a motion resemble each other
+        peaks = operator * rng.uniform(0.8, 1.25, (20, 2))
+        margin = promise.calibrated(motion(peaks[:-1]), asked)
+        assert margin.bound <= asked
+        alarms += int((np.float32(peaks[-1]) > np.float32(margin.value)).sum())
+        hours += 0.2
+    assert (
+        stats.poisson.cdf(alarms / 2, asked * hours / 2) < 0.999
+    )  # two runs of a motion alarm together
+
+
+def test_stated_alarms_have_the_exact_poisson_interval():
+    peaks = np.full((50, 1), 0.9)
+    peaks[:4] = 2.0
+    rate = promise.stated(motion(peaks), 1.5)
+    assert (rate.count, rate.hours, rate.per_hour) == (4, pytest.approx(5.0), pytest.approx(0.8))
+    assert rate.low == pytest.approx(stats.chi2.ppf(0.025, 8) / 2 / 5)
+    assert rate.high == pytest.approx(stats.chi2.ppf(0.975, 10) / 2 / 5)
+
+
+def test_runs_of_one_motion_are_no_further_motions():
+    peaks = np.full((10, 4), 0.9)
+    peaks[0] = 2.0  # one operator's motion, all its robots
+    together, alone = promise.stated(motion(peaks), 1.5), promise.stated(motion(peaks[:, :1]), 1.5)
+    assert together.count == 4 and together.per_hour == pytest.approx(alone.per_hour)
+    assert (together.low, together.high) == pytest.approx((alone.low, alone.high))
+
+
+def test_hours_that_show_a_rate_show_it():
+    hours = promise.hours_to_show(0.5)
+    assert promise.stated(motion(np.zeros((10, 1)), hours / 10), 1.0).high == pytest.approx(0.5)
+    for rate in (0.1, 0.5, 4.0, 30.0):
+        assert words.hours_needed(rate) >= 2 * promise.hours_to_show(rate)
+    enough = words.hours_needed(2.0, runs=4) / 2  # of the half that states
+    assert promise.stated(motion(np.zeros((10, 4)), enough / 40), 1.0).high <= 2.0
+
+
+def grounds(lead, lead_ms=10, groups=None, robots=None):
+    """Of runs [runs, candidates] with these leads at every margin."""
+    lead = np.asarray(lead)
+    runs, among = lead.shape
+    group = np.array(["a"] * runs if groups is None else groups)
+    unit = np.arange(runs) if robots is None else np.asarray(robots)
+    hazards = Hazards(
+        group,
+        np.ones(runs, bool),
+        unit,
+        robots is not None,
+        np.full(runs, 900),
+        np.repeat(lead[:, :, None], len(MARGINS), axis=2),
+    )
+    free = FreeMotion(np.full((8, 1, among), 0.5, np.float32), np.full((8, 1), 1.0))
+    return Grounds(Question(lead_ms=lead_ms), free, free, hazards, *hazards.halves(0))
+
+
+def test_an_alarm_counts_from_the_lead_on():
+    one = grounds([[10], [9], [NEVER], [300]] * 25)
+    covered = one.promise([0]).covered
+    whole = one.selection_half | one.statement_half
+    assert whole.all() and not (one.selection_half & one.statement_half).any()
+    hit = np.array([True, False, False, True] * 25)[one.statement_half]
+    assert (covered.k, covered.n) == (hit.sum(), len(hit))
+
+
+def test_the_earliest_alarm_of_a_set_counts():
+    one = grounds([[20, 50], [NEVER, 30]] * 10)
+    assert sorted(one.leads([0, 1], 0)) == [30] * 10 + [50] * 10
+
+
+@given(st.lists(st.integers(1, 30), min_size=1, max_size=6), st.integers(0, 5))
+def test_halves_are_halves_of_every_group(sizes, seed):
+    groups = np.repeat([f"g{k}" for k in range(len(sizes))], sizes)
+    hazards = grounds(np.zeros((len(groups), 1)), groups=groups).hazards
+    mine, others = hazards.halves(seed)
+    assert abs(int(mine.sum()) - int(others.sum())) <= 1
+    for name in np.unique(groups):
+        assert abs(int(mine[groups == name].sum()) - int(others[groups == name].sum())) <= 1
+
+
+def test_a_robot_lies_in_one_half_and_widens_the_interval():
+    robots = np.repeat(np.arange(12), 10)
+    lead = np.where(robots % 3 == 0, NEVER, 100)[:, None]  # all faults of a robot alike
+    one = grounds(lead, robots=robots)
+    assert not set(robots[one.selection_half]) & set(robots[one.statement_half])
+    alone = grounds(lead)
+    wide, narrow = one.promise([0]).covered, alone.promise([0]).covered
+    assert wide.high - wide.low > 1.5 * (narrow.high - narrow.low)
+
+
+def test_what_sees_every_group_sees_strangers_too():
+    lead = np.where(np.arange(60) % 3 == 0, NEVER, 100)[:, None]
+    one = grounds(lead, groups=[f"g{number % 6}" for number in range(60)])
+    strangers = one.of_strangers()
+    assert (strangers.k, strangers.n) == (one.promise([0]).covered.k, one.promise([0]).covered.n)
+    assert (
+        strangers.high - strangers.low > 0.5
+    )  # groups 0 and 3 are missed whole: six groups say little of a seventh
+    assert grounds(lead).of_strangers() is None

@@ -1,0 +1,78 @@
+"""The promise on the robot itself, at a reduced size: calibrations drawn from operations whose
+truth is known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from ravenjax.analyses.monitors import calibrate
+from ravenjax.analyses.monitors.monitor import WHOLE, terms
+from ravenjax.analyses.monitors.operations import OperationDesign
+from ravenjax.campaign import loading
+from ravenjax.stats.conformal import bands, shift, threshold
+from ravenjax.stats.conformal.target import FalseAlarmTarget
+from ravenjax.stats.conformal.threshold import OperationScores
+
+ROBOTS, LENGTH_S, UNITS, CALIBRATIONS = 4, 4.0, 60, 200
+VARIED = {
+    "drawn": [],
+    "one": ["parameters.plant.friction_scale=1", "campaign.kinematic_errors=none"],
+}
+
+
+def operations(folder, name, changes, count, seed):
+    config = loading.load("drawn_robots", changes)
+    wanted = terms(calibrate.chosen(config.robot, calibrate.SIGNALS))
+    design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
+    return calibrate.operate(
+        config, design, wanted, WHOLE, folder / name, count, "simd", lambda *_: None
+    )
+
+
+def joint(peaks, scale):
+    return OperationScores(peaks.unit, bands.joint(peaks.peak[:, :, None], scale), peaks.hours)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VARIED)
+def test_calibrations_keep_the_risk_with_their_confidence(tmp_path, name):
+    peaks = operations(tmp_path, name, VARIED[name], 150, 1)
+    learns = peaks.unit < 20
+    scale = bands.scales(peaks.peak[learns][:, :, None])
+    population = joint(peaks.taken_from(~learns), scale)
+    target, rng, broken, naive = (
+        FalseAlarmTarget(80.0, 0.9, LENGTH_S / 3600),
+        np.random.default_rng(2),
+        0,
+        0,
+    )
+    rows = np.arange(len(population.unit)).reshape(-1, ROBOTS)
+
+    def risk(limit):
+        return np.where(
+            population.score > limit, 1.0, target.without_alarm(population.hours)
+        ).mean()
+
+    for _ in range(CALIBRATIONS):
+        some = rows[rng.integers(len(rows), size=UNITS)].ravel()
+        own = OperationScores(
+            np.repeat(np.arange(UNITS), ROBOTS), population.score[some], population.hours[some]
+        )
+        broken += risk(threshold.least(own, target).value) > target.risk
+        naive += risk(threshold.naive(own, target)) > target.risk
+    assert broken <= binom.ppf(0.999, CALIBRATIONS, 0.1) < naive
+
+
+@pytest.mark.slow
+def test_a_robot_with_other_friction_is_a_shift(tmp_path):
+    first = slice(None, None, ROBOTS)  # of each operator
+    same = operations(tmp_path, "same", [], 80, 1)
+    worn = operations(tmp_path, "worn", ["parameters.plant.friction_scale=5"], 20, 2)
+    scale = bands.scales(same.peak[: 10 * ROBOTS][:, :, None])
+    own = joint(same, scale).score[first][10:]
+    assert shift.shift(own[:50], own[50:]).p > 0.001
+    tip = -1  # the last term: the distance from the nominal model
+    assert shift.shift(same.peak[first, tip][10:], worn.peak[first, tip]).p < 0.01

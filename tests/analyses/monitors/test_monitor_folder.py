@@ -1,0 +1,602 @@
+"""A monitor from its calibration to C: the folder, its bits, what fresh operations say of it,
+and bad input.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import ravenjax as rj
+from ravenjax import cli
+from ravenjax.analyses.monitors import (
+    c_code,
+    calibrate,
+    calibration,
+    checking,
+    fresh,
+    score_folder,
+    test_vector,
+    writing,
+)
+from ravenjax.analyses.monitors.monitor import Monitor, Segments, reads, terms
+from ravenjax.analyses.monitors.operations import OperatorScores
+from ravenjax.analyses.monitors.scores import catalogue
+from ravenjax.errors import StoreError, UserError
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.stats.conformal.target import FalseAlarmTarget
+
+CAMPAIGN = """
+[campaign]
+name = "robots"
+noise = true
+arms = ["gold", "green"]
+[operator]
+motion = "suture"
+[parameters]
+plant.friction_scale = { loguniform = [0.7, 1.4] }
+plant.encoder_noise = 1
+[[group]]
+name = "healthy"
+design = "random"
+runs = 2
+"""
+OPTIONS = [
+    "--false-alarms-per-hour",
+    "150",
+    "--confidence",
+    "0.5",
+    "--length-s",
+    "3",
+    "--robots",
+    "2",
+]
+HOURS = ["--hours", "0.0534"]  # 32 operators
+SIGNALS = [
+    "--signals",
+    "tip_error_bound",
+    "boards_cmd_rate",
+    "jpos_residual_model_jpos",
+    "--segments",
+    "tick=800",
+]
+
+
+def command(*words: object) -> int:
+    return cli.main(list(map(str, words)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("monitor")
+    (place / "robots.toml").write_text(CAMPAIGN)
+    assert (
+        command(
+            "monitor",
+            "calibrate",
+            place / "robots.toml",
+            "--out",
+            place / "m",
+            *OPTIONS,
+            *HOURS,
+            *SIGNALS,
+        )
+        == 0
+    )
+    return place / "m"
+
+
+@pytest.fixture(scope="module")
+def one_arm(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder as if its scores were of the first arm alone, so that logs can be checked."""
+    place = tmp_path_factory.mktemp("one_arm") / "m"
+    shutil.copytree(folder, place)
+    path = place / writing.RECORD
+    path.write_text(path.read_text().replace('arms = ["gold", "green"]', 'arms = ["gold"]'))
+    return place
+
+
+@pytest.fixture(scope="module")
+def compiler() -> str:
+    found = shutil.which("cc")
+    if found is None:
+        pytest.skip("no C compiler here")
+    return found
+
+
+def compiled(
+    compiler: str, folder: Path, out: Path, *options: str
+) -> subprocess.CompletedProcess[str]:
+    """The folder's C, compiled without a warning and run over its test vector."""
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *options]
+    sources = [str(folder / name) for name in (c_code.SOURCE, c_code.TEST)]
+    subprocess.run([compiler, *strict, *sources, "-lm", "-o", str(out)], check=True)
+    return subprocess.run([str(out), str(folder / writing.VECTOR)], capture_output=True, text=True)
+
+
+# --- C ---
+
+
+@pytest.mark.parametrize("options", [["-O0"], ["-O3", "-march=native"]])
+def test_c_gives_the_bits_of_the_tick(folder, compiler, tmp_path, options):
+    result = compiled(compiler, folder, tmp_path / "a.out", *options)
+    assert result.returncode == 0, result.stdout
+    rows = list(csv.DictReader((folder / writing.VECTOR).open()))
+    alarms = sum(row["alarm"] == "1" for row in rows)
+    assert (
+        result.stdout == f"3000 milliseconds, {alarms} in alarm, 0 differ\n" and 0 < alarms < 2000
+    )
+    assert {row["live"] for row in rows} == {"0", "1"} and all(
+        row["score"] == "0" for row in rows if row["live"] == "0"
+    )
+
+
+def test_the_c_test_fails_for_another_threshold_and_for_another_bit(folder, compiler, tmp_path):
+    for name, change in ((c_code.HEADER, _half_threshold), (writing.VECTOR, _other_score)):
+        other = tmp_path / name
+        shutil.copytree(folder, other, ignore=shutil.ignore_patterns("operations"))
+        (other / name).write_text(change((folder / name).read_text()))
+        result = compiled(compiler, other, tmp_path / f"{name}.out")
+        assert result.returncode == 1 and " 0 differ" not in result.stdout
+
+
+def _half_threshold(text: str) -> str:
+    before, after = text.split("MONITOR_THRESHOLD ", 1)
+    return f"{before}MONITOR_THRESHOLD 0.5f * {after}"
+
+
+def _other_score(text: str) -> str:
+    lines = text.splitlines()
+    cells = lines[1000].split(",")
+    cells[-2] = f"{np.nextafter(np.float32(cells[-2]), np.float32(9)):.9g}"
+    return "\n".join([*lines[:1000], ",".join(cells), *lines[1001:]]) + "\n"
+
+
+@pytest.mark.parametrize("kind", ["bound", "rate", "residual"])
+def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
+    """All candidates of a kind at once, scales of all sizes."""
+    scores = terms([score for score in catalogue(ROBOT) if score.kind == kind])
+    rng, segments = np.random.default_rng(1), Segments("tick", (700.0, 1600.0))
+    scales = np.exp(rng.normal(0, 4, (len(scores), 3))).astype(np.float32)
+    monitor = Monitor(scores, segments, tuple(tuple(map(float, row)) for row in scales), 3.0)
+    config = rj.load_campaign(
+        {"campaign": {"name": "a"}, "operator": {"motion": "reach"}, "group": [{"name": "f"}]}
+    )
+    vector = test_vector.of(config, monitor, 2, "simd")
+    assert np.isfinite(vector.score).all() and len(set(vector.score.tolist())) > 100
+    for name, text in (
+        (c_code.HEADER, c_code.header(monitor, ["a"])),
+        (c_code.SOURCE, c_code.source(monitor)),
+    ):
+        (tmp_path / name).write_text(text)
+    (tmp_path / c_code.TEST).write_text(c_code.test(monitor))
+    (tmp_path / writing.VECTOR).write_text(vector.text())
+    assert compiled(compiler, tmp_path, tmp_path / "a.out").stdout.endswith(" 0 differ\n")
+
+
+# --- the folder ---
+
+
+def test_the_record_says_what_the_promise_rests_on(folder):
+    monitor, record = writing.read(folder)
+    assert (
+        record["promise"]["false_alarms_per_hour"] == 150 and record["promise"]["confidence"] == 0.5
+    )
+    peaks = score_folder.read(folder / score_folder.FOLDER)
+    uses = calibration.uses(peaks.unit)
+    assert record["calibration"]["operators"] == len(set(peaks.unit[uses.threshold])) > 0
+    assert (
+        record["calibration"]["operations"]
+        == uses.threshold.sum()
+        == 2 * record["calibration"]["operators"]
+    )
+    assert (
+        not (uses.scale & uses.threshold).any() and (uses.scale | uses.threshold | uses.test).all()
+    )
+    score = calibration.joint(peaks, np.array(monitor.scales, np.float32))
+    assert (
+        record["calibration"]["alarms"]
+        == (score[uses.threshold] > np.float32(monitor.threshold)).sum()
+    )
+    assert record["test"]["alarms"] == (score[uses.test] > np.float32(monitor.threshold)).sum()
+    quiet = uses.test & (score <= np.float32(monitor.threshold))
+    assert record["test"]["hours"] == pytest.approx(peaks.hours[quiet].sum(), rel=1e-6)
+    assert record["test"]["alarms_per_hour"] == pytest.approx(
+        record["test"]["alarms"] / record["test"]["hours"]
+    )
+    assert monitor.segments == Segments("tick", (800.0,)) and len(monitor.terms) == 7
+    assert tomllib.loads((folder / "monitor.toml").read_text())["term"][0]["alarm_above"]
+
+
+def test_the_part_scores_an_operation_as_its_calibration_did(folder, tmp_path):
+    """monitor.py as a detector of a campaign: the joint score of the operation to the bit,
+    whatever it was made of.
+    """
+    from ravenjax.analyses.monitors import operations
+    from ravenjax.analyses.monitors.operations import OperationDesign
+    from ravenjax.campaign.file.config import validated
+
+    monitor, record = writing.read(folder)
+    design = record["design"]
+    own = OperationDesign(tuple(design["motions"]), design["robots"], 3.0, design["seed"])
+    config = rj.load_campaign(folder.parent / "robots.toml")
+    raw = operations.of_operator(operations.campaign(config, own), own, 3).model_dump(mode="json")
+    raw["detector"] = [
+        {"name": "monitor", "file": str(folder / writing.PART), "threshold": [monitor.threshold]}
+    ]
+    table = rj.run(validated(raw), engine="simd")
+    peaks = score_folder.read(folder / score_folder.FOLDER)
+    expected = calibration.joint(
+        peaks.taken_from(peaks.unit == 3), np.array(monitor.scales, np.float32)
+    )
+    assert table["detector0_score"].to_numpy().tolist() == expected.tolist()
+    assert (
+        (table["detector0_threshold0_first_ms"] >= 0) == (expected > np.float32(monitor.threshold))
+    ).all()
+
+
+def test_the_detector_table_of_the_folder_has_the_calibrated_threshold(folder):
+    monitor, _ = writing.read(folder)
+    lines = (folder / "detector.toml").read_text()
+    (own,) = tomllib.loads(lines)["detector"]
+    assert np.float32(own["threshold"][0]) == np.float32(monitor.threshold) != 1.0
+    assert own["file"] == writing.PART and (folder / own["file"]).is_file()
+    (folder / "watched.toml").write_text(f"{CAMPAIGN}\n{lines}")
+    config = rj.load_campaign(folder / "watched.toml")
+    assert len(config.detectors) == 1
+    assert f"threshold = [{own['threshold'][0]:.9g}]" in (folder / writing.PART).read_text()
+
+
+def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
+    other = tmp_path / "m"
+    shutil.copytree(folder, other)
+    parts = sorted((other / score_folder.FOLDER / score_folder.PARTS).iterdir())
+    before = pq.read_table(parts[0])
+    rows = before.filter(np.array(before.column("operator").to_numpy() < 5))
+    pq.write_table(rows, parts[0])
+    assert (
+        command(
+            "monitor",
+            "calibrate",
+            folder.parent / "robots.toml",
+            "--out",
+            other,
+            *OPTIONS,
+            *HOURS,
+            *SIGNALS,
+        )
+        == 0
+    )
+    assert pq.read_table(parts[0]).equals(before)
+    for name in (writing.RECORD, writing.PART, writing.VECTOR, writing.REFERENCE):
+        left, right = (
+            (
+                tomllib.loads((one / name).read_text())
+                if name == writing.RECORD
+                else (one / name).read_text()
+            )
+            for one in (folder, other)
+        )
+        if name == writing.RECORD:
+            left["design"].pop("operations_sha256"), right["design"].pop("operations_sha256")
+        assert left == right
+
+
+# --- fresh operations ---
+
+
+def test_a_shifted_robot_is_reported_and_a_like_one_is_not(folder, tmp_path, capsys):
+    for name, changes, code in (
+        ("like", [], 0),
+        (
+            "shifted",
+            ["--set", "parameters.plant.friction_scale=6", "parameters.plant.encoder_noise=12"],
+            1,
+        ),
+    ):
+        out = tmp_path / name
+        assert (
+            command(
+                "monitor",
+                "operate",
+                folder,
+                "--out",
+                out,
+                "--hours",
+                0.0184,
+                "--robots",
+                1,
+                *changes,
+            )
+            == 0
+        )
+        capsys.readouterr()
+        assert command("monitor", "check", folder, out, "--json") == code
+        result = json.loads(capsys.readouterr().out)
+        assert result["shifted"] == bool(code) and result["units"] == 22
+    assert max(one["shift"]["place"] for one in result["signals"]) > 0.9
+
+
+def test_fresh_operators_of_the_calibrations_stream_are_its_own(folder, tmp_path, monkeypatch):
+    """The campaign that is read back from the folder draws what the calibration drew."""
+    monkeypatch.setattr(fresh, "FRESH", 0)
+    again = fresh.fresh(folder, tmp_path / "again", 0.00834)
+    there = score_folder.read(folder / score_folder.FOLDER, len(set(again.unit)))
+    assert len(there.unit) == 10 and (again.peak == there.peak).all()
+    with pytest.raises(
+        UserError, match="operators are those of the calibration: nothing of it is fresh"
+    ):
+        checking.check(folder, [tmp_path / "again"])
+
+
+def test_results_and_logs_are_checked(one_arm, tmp_path, capsys):
+    folder = one_arm
+    monitor, _ = writing.read(folder)
+    raw = tomllib.loads(CAMPAIGN)
+    raw["campaign"] |= {"duration_s": 3.0, "seed": 9}
+    raw["detector"] = [{"name": "mine", "file": str(folder / writing.PART), "consecutive": [4, 1]}]
+    rj.run(raw, tmp_path / "result", engine="simd")
+    assert checking.check(folder, [tmp_path / "result"]).units == 1
+    log = tmp_path / "log.csv"
+    lines = (folder / writing.VECTOR).read_text().splitlines(keepends=True)
+    log.write_text("".join(lines))
+    result = checking.check(folder, [log])
+    for twice in (log, tmp_path / "result"):
+        with pytest.raises(UserError, match="check each by itself"):
+            checking.check(folder, [twice, twice])
+    assert result.units == 1 and {one.name for one in result.signals} > {"score"}
+    rows = list(csv.DictReader(lines))
+    peak = checking.series_scores(
+        monitor,
+        np.array([row["live"] == "1" for row in rows]),
+        {name: np.array([row[name] for row in rows], np.float32) for name in rows[0]},
+    )
+    joint = (peak.reshape(-1, 2) / np.array(monitor.scales, np.float32)).max()
+    assert joint == max(np.float32(row["score"]) for row in rows)
+
+
+def _log(change):
+    def made(folder: Path, place: Path) -> Path:
+        lines = (folder / writing.VECTOR).read_text().splitlines(keepends=True)
+        (place / "log.csv").write_text("".join(change(lines)))
+        return place / "log.csv"
+
+    return made
+
+
+BAD_SOURCES = {
+    "nothing": (
+        lambda folder, place: place / "none",
+        r"none: expected a folder of `ravenjax monitor operate`",
+    ),
+    "itself": (lambda folder, place: folder, "operators are those of the calibration"),
+    "short": (
+        _log(lambda lines: lines[:500]),
+        r"499 ms long, the calibration's operations are 3000 ms",
+    ),
+    "column": (
+        _log(lambda lines: [lines[0].replace("tip_error", "tip"), *lines[1:]]),
+        "has no column tip_error",
+    ),
+    "text": (
+        _log(lambda lines: [*lines[:7], lines[7].replace("0,", "zero,", 1), *lines[8:]]),
+        "line 8 has something",
+    ),
+    "cell": (
+        _log(lambda lines: [*lines[:7], "1,0\n", *lines[8:]]),
+        "line 8 has something else than a number",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_SOURCES)
+def test_what_cannot_be_compared_is_refused(one_arm, tmp_path, case):
+    make, message = BAD_SOURCES[case]
+    with pytest.raises(UserError, match=message):
+        checking.check(one_arm, [make(one_arm, tmp_path)])
+
+
+def test_a_log_of_one_arm_is_not_compared_with_two(folder):
+    with pytest.raises(UserError, match=r"a log is of one arm, .* the larger of gold and green"):
+        checking.check(folder, [folder / writing.VECTOR])
+
+
+def test_a_failed_operation_hides_no_term(folder, tmp_path):
+    """Of one operator the first operation failed: every term is tested all the same."""
+    fresh.fresh(folder, tmp_path / "fresh", 0.0184, robots=1)
+    whole = {one.name for one in checking.check(folder, [tmp_path / "fresh"]).signals}
+    (part,) = (tmp_path / "fresh" / score_folder.FOLDER / score_folder.PARTS).iterdir()
+    table = pq.read_table(part)
+    scores = table.column("score").to_pylist()
+    scores[0] = [float("nan")] * len(scores[0])
+    place = table.column_names.index("score")
+    pq.write_table(
+        table.set_column(place, "score", pa.array(scores, table.schema.field("score").type)), part
+    )
+    result = checking.check(folder, [tmp_path / "fresh"])
+    assert {one.name for one in result.signals} == whole and len(whole) > 5 and result.alarms >= 1
+    with pytest.raises(UserError, match="check each by itself"):
+        checking.check(folder, [tmp_path / "fresh", tmp_path / "fresh"])
+
+
+def test_what_is_no_number_is_above_none_in_a_log():
+    term = terms([score for score in catalogue(ROBOT) if score.kind == "rate"][:1])[0]
+    monitor = Monitor((term,), Segments(), ((1.0,),), 1.0)
+    (name,) = reads(monitor.terms, monitor.segments)
+    values = np.array([1, 3, np.nan, np.inf, np.inf, 2], np.float32)
+    assert checking.series_scores(monitor, np.ones(6, bool), {name: values}) == [np.inf]
+    assert checking.series_scores(monitor, np.arange(6) < 3, {name: values}) == [3.0]
+    assert checking.series_scores(monitor, np.arange(6) == 4, {name: values}) == [0.0]
+
+
+def test_a_changed_file_is_refused(folder, tmp_path):
+    other = tmp_path / "m"
+    shutil.copytree(folder, other)
+    path = other / c_code.SOURCE
+    path.write_text(path.read_text().replace("score = 0.0f", "score = 1.0f"))
+    with pytest.raises(StoreError, match=r"monitor\.c: is not what the calibration wrote"):
+        writing.read(other)
+    with pytest.raises(StoreError, match=r"none/monitor\.toml: cannot be read"):
+        writing.read(tmp_path / "none")
+
+
+BAD_OPTIONS = {
+    "signal": (
+        ["--signals", "tip_eror_bound"],
+        "Raven-II has none of that name; .* Did you mean 'tip_error_bound'",
+    ),
+    "segments": (
+        ["--segments", "tick=5,3"],
+        "expected a field and ascending numbers, as tick=1000,5000",
+    ),
+    "hours": (["--hours", "0.001"], r"--hours \d+ or more\. With --robots 1 it would be"),
+    "rate": (["--false-alarms-per-hour", "0"], "a rate and a length lie above 0"),
+    "confidence": (["--confidence", "1"], "a confidence lies between 0 and 1"),
+    "robots": (["--robots", "0"], "0 robots an operator: expected a number from 1 on"),
+    "length": (["--length-s", "9000"], "expected 1 to 3600 s"),
+    "motion": (
+        ["--motions", "stil"],
+        r"motion 'stil' is none: expected one of suture, .* Did you mean 'still'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_bad_options_are_one_error(folder, tmp_path, capsys, case):
+    options, message = BAD_OPTIONS[case]
+    usual = dict(zip(OPTIONS[::2], OPTIONS[1::2], strict=True))
+    words = [word for pair in (usual | dict([options])).items() for word in pair]
+    code = command(
+        "monitor", "calibrate", folder.parent / "robots.toml", "--out", tmp_path / "m", *words
+    )
+    captured = capsys.readouterr()
+    assert code == 2 and re.search(message, captured.err.replace("\n", " "))
+
+
+def test_another_campaign_does_not_go_on_in_the_folder(folder, tmp_path, capsys):
+    other = tmp_path / "m"
+    shutil.copytree(folder, other)
+    code = command(
+        "monitor",
+        "calibrate",
+        folder.parent / "robots.toml",
+        "--out",
+        other,
+        *OPTIONS,
+        *HOURS,
+        *SIGNALS,
+        "--seed",
+        3,
+    )
+    assert code == 2 and "holds operations of another design" in capsys.readouterr().err.replace(
+        "\n", " "
+    )
+
+
+def test_python_says_what_the_command_says(folder, tmp_path):
+    """The same monitor, and the same words on what is fresh."""
+    again = rj.calibrate_monitor(
+        folder.parent / "robots.toml",
+        tmp_path / "m",
+        signals=SIGNALS[1:4],
+        segments="tick=800",
+        false_alarms_per_hour=150,
+        confidence=0.5,
+        length_s=3,
+        robots=2,
+        hours=0.0534,
+    )
+    _, record = writing.read(folder)
+    assert again == record
+    path = tmp_path / "m" / writing.RECORD
+    path.write_text(path.read_text().replace('arms = ["gold", "green"]', 'arms = ["gold"]'))
+    table = rj.check_monitor(tmp_path / "m", tmp_path / "m" / writing.VECTOR)
+    assert table["score"][0] == "score" and table.attrs["units"] == 1
+
+
+@pytest.mark.parametrize("hours", ["nan", "inf"])
+def test_hours_that_are_no_number_are_one_error(folder, tmp_path, capsys, hours):
+    words = [
+        "monitor",
+        "calibrate",
+        folder.parent / "robots.toml",
+        "--out",
+        tmp_path / "m",
+        "--hours",
+        hours,
+    ]
+    assert (
+        command(*words)
+        == command("monitor", "operate", folder, "--out", tmp_path / "f", "--hours", hours)
+        == 2
+    )
+    assert capsys.readouterr().err.count(f"--hours {hours}: expected a number above 0") == 2
+
+
+def test_parameters_of_detectors_that_are_left_out_are_left_out(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "def step(params, state, view):\n    return state, view.tip_error * params.gain\n"
+    )
+    raw = tomllib.loads(CAMPAIGN)
+    raw["detector"] = [{"name": "mine", "file": str(tmp_path / "mine.py")}]
+    config = rj.load_campaign(raw)
+    axis = config.parameters["plant.encoder_noise"]
+    config = config.model_copy(
+        update={"parameters": {**config.parameters, "detectors.own.mine.gain": axis}}
+    )
+    one = calibrate.request(config)
+    assert set(one.config.parameters) == {"plant.friction_scale", "plant.encoder_noise"}
+    wanted = terms(calibrate.chosen(one.config.robot, one.signals))
+    assert calibrate.measuring(
+        one.config, wanted[:1], one.segments, tmp_path / "detectors"
+    ).detector
+
+
+def test_an_operator_is_stored_once(tmp_path):
+    some = [
+        OperatorScores(k, "a", k, np.full((2, 1), k, np.float32), np.full(2, 0.1)) for k in range(4)
+    ]
+    one = score_folder.ScoreFolder(tmp_path, {})
+    one.put(some[:3])
+    one.put(some[1:])  # by another process
+    assert one.read(9).unit.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def test_what_keeps_a_promise_from_being_made_is_said():
+    target, unit = FalseAlarmTarget(150.0, 0.5, 3 / 3600), np.repeat(np.arange(320), 2)
+    peak = np.arange(640, dtype=np.float32)[:, None] % 7 + 1
+    hours = np.full(640, 3 / 3600)
+    (term,) = terms(catalogue(ROBOT)[:1])[:1]
+    half = peak.copy()
+    half[::2] = np.nan
+    with pytest.raises(UserError, match=r"50\.00% of the operations failed"):
+        calibration.calibrate(score_folder.Peaks(unit, hours, half), (term,), Segments(), target, 2)
+    with pytest.raises(UserError, match=r"does not for 100% of it: give more --hours, as 1\b"):
+        calibration.calibrate(
+            score_folder.Peaks(unit, 0 * hours, peak), (term,), Segments(), target, 2
+        )
+    rare = FalseAlarmTarget(1.0, 0.95, 1 / 12)
+
+    def calibrated(operators: int) -> calibration.Calibrated:
+        unit = np.repeat(np.arange(operators), 2)
+        peaks = score_folder.Peaks(
+            unit, np.full(len(unit), 0.8 / 12), np.ones((len(unit), 1), np.float32)
+        )
+        return calibration.calibrate(peaks, (term,), Segments(), rare, 2)
+
+    with pytest.raises(
+        UserError, match=r"does not for 20% of it: give more --hours, as 26 \(what"
+    ) as few:
+        calibrated(84)
+    assert calibrated(int(26 / 2 * 12)).test.alarms == 0, few.value
+    assert calibration.uses(np.arange(calibration.units_for(1))).test.any()

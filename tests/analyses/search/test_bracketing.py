@@ -1,0 +1,107 @@
+"""Brackets of functions whose crossings are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ravenjax.analyses.search.boundary.brackets import (
+    ALWAYS,
+    CROSSING,
+    INVALID,
+    NEVER,
+    SearchRange,
+    bracket,
+)
+
+LOG, LINEAR = SearchRange(1.0, 10_000.0, True, 0.01), SearchRange(-5.0, 5.0, False, 0.001)
+
+
+def thresholds(values):
+    """Yes from the threshold of each cell on; counts its calls."""
+    at = np.asarray(values, float)
+
+    def asked(cell, number):
+        asked.batches += 1
+        asked.numbers += len(number)
+        return (number >= at[cell]).astype(float)
+
+    asked.batches = asked.numbers = 0
+    return asked
+
+
+@pytest.mark.parametrize("sections", [2, 3, 16])
+@pytest.mark.parametrize("within", [LOG, LINEAR])
+def test_known_thresholds_are_enclosed_to_the_tolerance(within, sections):
+    rng = np.random.default_rng(1)
+    at = np.exp(rng.uniform(0.1, 9.0, 50)) if within.log else rng.uniform(-4.9, 4.9, 50)
+    found = bracket(thresholds(at), within, np.zeros(50, bool), scan=9, sections=sections)
+    assert (found.state == CROSSING).all() and found.monotone.all()
+    assert (found.low < at).all() and (at <= found.high).all()
+    widest = 0.01 * found.low if within.log else 0.001 * 10.0
+    assert (found.high - found.low <= widest).all()
+
+
+def test_all_cells_share_each_batch():
+    """As many batches as the hardest cell needs, and in each step one number a cell."""
+    asked = thresholds(np.geomspace(2.0, 9000.0, 40))
+    found = bracket(asked, LOG, np.zeros(40, bool), scan=17)
+    assert asked.batches == 1 + found.steps
+    assert asked.numbers <= 40 * (17 + found.steps)
+
+
+def test_whole_numbers_are_found_exactly():
+    at = np.array([2, 3, 7, 55, 1234, 9999])
+    tried: list[np.ndarray] = []
+
+    def asked(cell, number):
+        tried.append(number)
+        return (number >= at[cell]).astype(float)
+
+    for sections in (2, 5):
+        found = bracket(
+            asked,
+            SearchRange(1.0, 10_000.0, True, 1e-6),
+            np.ones(6, bool),
+            scan=5,
+            sections=sections,
+        )
+        np.testing.assert_array_equal(found.high, at)
+        np.testing.assert_array_equal(found.low, at - 1)
+    assert all((numbers == np.rint(numbers)).all() for numbers in tried)
+
+
+def test_cells_without_a_crossing_are_censored():
+    found = bracket(thresholds([1e9, 0.5, 100.0]), LOG, np.zeros(3, bool), scan=5)
+    assert found.state.tolist() == [NEVER, ALWAYS, CROSSING]
+    assert found.low[0] == 10_000.0 and np.isnan(found.high[0])
+    assert np.isnan(found.low[1]) and found.high[1] == 1.0
+    assert found.monotone.all()
+
+
+def test_a_window_of_harm_is_not_taken_for_a_threshold():
+    def asked(cell, number):
+        return ((number >= 10) & (number < 100) | (cell == 1) & (number > 1000)).astype(float)
+
+    found = bracket(asked, LOG, np.zeros(2, bool), scan=33)
+    assert not found.monotone.any()
+    assert [len(changes) for changes in found.changes] == [2, 3]
+    assert (found.low < 10).all() and (found.high >= 10).all() and (found.high < 10.2).all()
+    low, high = found.changes[0][1]
+    assert low < 100 <= high
+
+
+def test_harm_that_ends_within_the_range_is_not_monotone_either():
+    found = bracket(
+        lambda cell, number: (number < 50).astype(float), LOG, np.zeros(1, bool), scan=9
+    )
+    assert found.state[0] == ALWAYS and not found.monotone[0]
+
+
+def test_a_cell_with_an_invalid_answer_has_no_boundary():
+    def asked(cell, number):
+        return np.where((cell == 0) & (number > 5000), np.nan, number >= 100.0)
+
+    found = bracket(asked, LOG, np.zeros(2, bool), scan=9)
+    assert found.state.tolist() == [INVALID, CROSSING]
+    assert np.isnan(found.low[0]) and np.isnan(found.high[0])

@@ -1,0 +1,193 @@
+"""Runs of a search on disk: taken over by the next start, whatever became of the last one."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from ravenjax.analyses.search import journal
+from ravenjax.analyses.search.evaluator import Evaluator
+from ravenjax.analyses.search.file import loading, outcome
+from ravenjax.analyses.search.file.template import Template
+from ravenjax.analyses.search.journal import Journal
+from ravenjax.campaign import plan, runner
+from ravenjax.errors import StoreError
+from ravenjax.store import folder, manifest, parts, schema
+
+FAULT = {
+    "site": "usb_out",
+    "channel": ["shoulder", "elbow"],
+    "effect": "offset",
+    "start_ms": 250,
+    "duration_ms": 9,
+}
+TEMPLATE = Template(
+    loading.from_dict(
+        {
+            "campaign": {"name": "kept", "duration_s": 0.3, "seed": 3},
+            "operator": {"motion": "reach"},
+            "search": {"kind": "rare", "event": "peak_golden_deviation_mm >= 1", "runs": 100},
+            "group": [{"name": "dac", "fault": [FAULT | {"value": {"uniform": [0, 9000]}}]}],
+        }
+    ).campaign
+)
+SHAPE = runner.shape_of(plan.make(TEMPLATE.config))
+CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
+
+
+@contextlib.contextmanager
+def searching(out, checksum=None) -> Iterator[Evaluator]:
+    """An evaluator that keeps its runs in `out`."""
+    made = Evaluator(TEMPLATE, [outcome.parse("peak_golden_deviation_mm")], "simd")
+    with Journal(out, "same", checksum) as into:
+        made.keep_in(into, 30, None)
+        yield made
+
+
+def content(rows: pa.Table) -> bytes:
+    """Every byte of a table, types and words included."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(rows, sink)
+    return sink.getvalue().to_pybytes()
+
+
+def ask(evaluator) -> np.ndarray:
+    """Three batches, and what they return."""
+    return np.concatenate(
+        [
+            evaluator(CASE[rows], VALUES[rows])
+            for rows in (slice(0, 10), slice(10, 12), slice(12, 30))
+        ]
+    )
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """A folder with three batches, each in a part of its own; what they returned; their rows."""
+    monkeypatch.setattr(journal, "EVERY_S", 0.0)
+    with searching(tmp_path) as made:
+        found = ask(made)
+    assert made.progress.stored == 30 and len(np.unique(found)) > 20
+    assert [parts.row_range(path) for path in parts.files(tmp_path / folder.PARTS)] == [
+        (0, 9),
+        (10, 11),
+        (12, 29),
+    ]
+    return tmp_path, found, made.rows()
+
+
+@pytest.mark.slow
+def test_the_next_start_computes_nothing_again_and_has_the_same_table(kept):
+    out, found, rows = kept
+    with searching(out) as again:
+        assert (again.held, again.runs, again.batches) == (30, 0, 0)
+        np.testing.assert_array_equal(ask(again), found)
+    assert (again.progress.stored, again.runs, again.batches) == (0, 30, 3)
+    assert content(again.rows()) == content(rows)
+
+
+@pytest.mark.slow
+def test_small_batches_share_a_part_which_an_error_does_not_lose(tmp_path, monkeypatch):
+    monkeypatch.setattr(journal, "EVERY_S", 3600.0)
+    with pytest.raises(KeyboardInterrupt), searching(tmp_path) as made:
+        found = ask(made)
+        assert not parts.files(tmp_path / folder.PARTS)
+        raise KeyboardInterrupt
+    assert [parts.row_range(path) for path in parts.files(tmp_path / folder.PARTS)] == [(0, 29)]
+    with searching(tmp_path) as again:
+        np.testing.assert_array_equal(ask(again), found)
+    assert again.progress.stored == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "damage",
+    [lambda path: path.write_bytes(path.read_bytes()[:-9]), Path.unlink],
+    ids=["truncated", "missing"],
+)
+def test_a_part_that_is_lost_is_computed_again_and_no_other(kept, damage):
+    out, found, rows = kept
+    damage(parts.files(out / folder.PARTS)[1])
+    with searching(out) as again:
+        assert again.held == 28
+        np.testing.assert_array_equal(ask(again), found)
+    assert again.progress.stored == 2 and content(again.rows()) == content(rows)
+    assert [parts.row_range(path) for path in parts.files(out / folder.PARTS)] == [
+        (0, 9),
+        (12, 29),
+        (30, 31),
+    ]
+
+
+def test_a_damaged_part_is_set_aside_and_named(kept):
+    out, _, _ = kept
+    last = parts.files(out / folder.PARTS)[2]
+    content = bytearray(last.read_bytes())
+    content[len(content) // 2] ^= 1
+    last.write_bytes(content)
+    (note,) = Journal(out, "same").notes
+    assert (
+        str(out / folder.SET_ASIDE / last.name) in note and "start the same command again" in note
+    )
+    assert not last.exists()
+
+
+def test_a_part_of_something_else_is_left_alone_and_refused(kept):
+    out, _, _ = kept
+    with pytest.raises(StoreError, match="belongs to another campaign"):
+        Journal(out, "other")
+    assert len(parts.files(out / folder.PARTS)) == 3
+
+
+def test_what_is_done_is_one_file_and_taken_over_too(kept):
+    out, found, rows = kept
+    made = Journal(out, "same")
+    checksum = made.conclude(rows)
+    made.forget()
+    assert not (out / folder.PARTS).exists() and not (out / manifest.PARTS_FILE).exists()
+    with searching(out, checksum) as again:
+        np.testing.assert_array_equal(ask(again), found)
+    assert again.progress.stored == 0
+
+    (out / journal.ROWS).write_bytes(b"changed")
+    spoiled = Journal(out, "same", checksum)
+    assert not spoiled.tables and "its content was changed" in spoiled.notes[0]
+
+
+def test_runs_in_both_the_file_and_a_part_count_once(kept):
+    """As a kill between the last two steps of a search leaves them."""
+    out, found, rows = kept
+    with searching(out, Journal(out, "same").conclude(rows)) as made:
+        assert made.held == 30
+        np.testing.assert_array_equal(ask(made), found)
+
+
+def test_runs_of_earlier_starts_that_failed_are_counted(kept):
+    out, _, rows = kept
+    spoiled = rows.to_pandas().assign(failed=["nan"] * 3 + [""] * 27)
+    made = Journal(out, "same")
+    checksum = made.conclude(schema.conform(spoiled, SHAPE))
+    made.forget()
+    with searching(out, checksum) as again:
+        found = ask(again)
+    assert again.progress.failed == np.isnan(found).sum() == 3
+
+
+def test_a_disk_that_refuses_is_told_of(tmp_path, monkeypatch):
+    def full(*_):
+        raise StoreError("no space left")
+
+    with pytest.raises(StoreError, match="no space left"), searching(tmp_path) as made:
+        monkeypatch.setattr(parts, "put", full)
+        ask(made)
+    monkeypatch.undo()
+    with searching(tmp_path) as again:
+        assert again.held == 0
+        ask(again)
+    assert again.progress.stored == 30

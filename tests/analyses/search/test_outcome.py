@@ -1,0 +1,101 @@
+"""What a search asks of a run: columns and events of the result table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax.analyses.search.file import outcome
+from ravenjax.outcomes.events import Rules
+from ravenjax.store import schema
+
+FRAME = pd.DataFrame(
+    {
+        "peak_model_deviation_mm": [0.5, 3.0, 4.0, 9.0],
+        "jump_code": [False, True, False, True],
+        "response": ["silent", "stopped", "flagged", "stopped"],
+        "response_ms": [-1, 700, 20, 30],
+        "hazard": ["unintended motion", "unintended motion", "none", "false report"],
+        "cue1_first_ms": [-1, 600, 20, 30],
+        "golden_cue1_first_ms": [-1, -1, 10, -1],
+        "failed": ["", "", "", "nan"],
+    }
+)
+RULES = Rules(cue=1)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("peak_model_deviation_mm", [0.5, 3.0, 4.0]),
+        ("peak_model_deviation_mm>=3", [0, 1, 1]),
+        ("peak_model_deviation_mm <= 3", [1, 1, 0]),
+        ("jump_code", [0, 1, 0]),
+        ("response = stopped", [0, 1, 0]),
+        ("evades", [1, 0, 0]),
+        ("told", [0, 1, 1]),
+        ("cue", [0, 1, 0]),
+        ("hazard = none", [0, 0, 1]),
+        ("response_ms <= 100", [0, 0, 1]),  # a response that never came is not an early one
+    ],
+)
+def test_values(text, expected):
+    values = outcome.parse(text).values(FRAME, RULES)
+    np.testing.assert_array_equal(values[:3], expected)
+    assert np.isnan(values[3]), "a failed run has no valid outcome"
+
+
+def test_margins_are_zero_at_the_bound_and_grow_into_the_event():
+    np.testing.assert_allclose(
+        outcome.parse("peak_model_deviation_mm >= 3").margins(FRAME)[:3], [-2.5, 0.0, 1.0]
+    )
+    np.testing.assert_allclose(
+        outcome.parse("peak_model_deviation_mm <= 3").margins(FRAME)[:3], [2.5, 0.0, -1.0]
+    )
+
+
+def test_text_is_written_one_way():
+    assert str(outcome.parse(" peak_model_deviation_mm>=3.0 ")) == "peak_model_deviation_mm >= 3"
+    assert str(outcome.parse("response=stopped")) == "response = stopped"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a > 3", "peak_model_deviation_mm >= far", "response =", "a b"]
+)
+def test_other_forms_are_refused(text):
+    with pytest.raises(ValueError, match="expected"):
+        outcome.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("peak_model_deviation", "Did you mean 'peak_model_deviation_mm'"),
+        ("response", "response = stopped"),
+        ("response = stoped", "Did you mean 'stopped'"),
+        ("jump_code = yes", "holds numbers"),
+        ("response_ms", "-1 where it never came"),
+        ("fault0_value", "unknown outcome"),
+        ("seed >= 3", "unknown outcome"),
+        ("evade", "Did you mean 'evades'"),
+        ("cable_overload", "tensions of this robot's cables are not known"),
+    ],
+)
+def test_complaints_say_what_to_write(text, told):
+    (complaint,) = outcome.parse(text).complaints(schema.Shape())
+    assert told in complaint
+
+
+def test_events_and_margins_are_told_apart():
+    with pytest.raises(ValueError, match="peak_model_deviation_mm >= 1"):
+        outcome.require_event("peak_model_deviation_mm")
+    for text in (
+        "jump_code",
+        "response = stopped",
+        "peak_model_deviation_mm",
+        "response_ms >= 100",
+    ):
+        with pytest.raises(ValueError, match="how near a run came"):
+            outcome.require_margin(text)
+    assert outcome.require_event("jump_code") and outcome.require_margin("tip_path_mm <= 5")

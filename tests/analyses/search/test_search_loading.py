@@ -1,0 +1,172 @@
+"""Search files: what they may say, and what is told of those that say something else."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from ravenjax.analyses.search.file import loading
+from ravenjax.analyses.search.file.template import Template
+from ravenjax.bundled import resources
+from ravenjax.errors import UserError
+
+FILE = """
+[campaign]
+name = "search"
+duration_s = 0.7
+
+[operator]
+motion = "reach"
+
+[search]
+kind = "boundary"
+harm = "peak_golden_deviation_mm >= 1"
+signs = [1, -1]
+
+[[group]]
+name = "dac"
+[[group.fault]]
+site = "usb_out"
+channel = ["shoulder", "elbow"]
+effect = "offset"
+value = { loguniform = [100, 30000] }
+start_ms = 300
+duration_ms = [4, 8]
+"""
+
+
+def written(tmp_path, old="", new=""):
+    assert not old or old in FILE
+    path = tmp_path / "search.toml"
+    path.write_text(FILE.replace(old, new) if old else FILE)
+    return path
+
+
+def refused(path, *overrides):
+    with pytest.raises(UserError) as told:
+        loading.load(path, overrides)
+    return str(told.value)
+
+
+def test_a_file_loads_and_overrides_reach_both_parts(tmp_path):
+    path = written(tmp_path)
+    config = loading.load(
+        path, ["search.tolerance=0.1", "campaign.seed=7", "group.dac.fault.0.start_ms=310"]
+    )
+    assert (
+        config.source == path
+        and config.search.tolerance == 0.1
+        and config.campaign.campaign.seed == 7
+    )
+    template = Template(config.campaign)
+    assert template.cases == 4 and template.labels == ("fault0_value",)
+    assert template.case(3) == {"fault0_channel": "elbow", "fault0_duration_ms": 8}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            'kind = "boundary"',
+            'kind = "boundery"',
+            ":10: search.kind: got 'boundery', expected one of boundary, sobol",
+        ),
+        ('kind = "boundary"', "", "search.kind: missing"),
+        ("signs = [1, -1]", "sings = [1]", "search.sings: unknown key"),
+        (
+            "signs = [1, -1]",
+            "scan = 1",
+            ":12: search.scan: got 1, expected greater than or equal to 2",
+        ),
+        ("signs = [1, -1]", "signs = [1, 1]", "expected each sign once"),
+        ('harm = "peak_golden_deviation_mm >= 1"', "", "search.harm: missing: event, such as"),
+        (
+            "_mm >= 1",
+            "_mm",
+            ":11: search.harm: got 'peak_golden_deviation_mm', a number; expected an event",
+        ),
+        ("loguniform = [100, 30000]", "normal = [0, 300]", "needs one uniform or loguniform"),
+        ("{ loguniform = [100, 30000] }", "500", "got none"),
+        (
+            "start_ms = 300",
+            "start_ms = { uniform = [300, 400] }",
+            "got fault0_value, fault0_start_ms",
+        ),
+        (
+            "loguniform = [100,",
+            "uniform = [-100,",
+            "search.signs: -1 needs a fault's value with a range from 0 on",
+        ),
+        (
+            '"offset"',
+            '{ choice = ["offset", "scale"] }',
+            ":19: group[0].fault[0].effect: a search has no distribution",
+        ),
+        (
+            'name = "dac"',
+            'name = "dac"\ndesign = "lhs"\nruns = 5',
+            "group[0].design: got 'lhs', expected grid or zip",
+        ),
+        (
+            "duration_s = 0.7",
+            "duration_s = 0.7\nlimit = 5",
+            ":5: campaign.limit: a search decides how many runs",
+        ),
+        ("[[group]]", '[[group]]\nname = "free"\n[[group]]', "got 2 groups, expected one"),
+        (
+            "[search]",
+            "[cross]\nplant.friction_scale = [1, 2]\n[search]",
+            "cross: a search crosses nothing",
+        ),
+    ],
+)
+def test_errors_name_line_key_and_what_was_expected(tmp_path, old, new, told):
+    assert told in refused(written(tmp_path, old, new))
+
+
+def test_all_that_is_wrong_is_told_at_once(tmp_path):
+    path = tmp_path / "search.toml"
+    path.write_text(FILE.replace('"usb_out"', '"usb_uot"').replace("signs = [1, -1]", "scan = 1"))
+    told = refused(path)
+    assert "Did you mean 'usb_out'" in told and "search.scan" in told
+
+
+def test_an_override_is_named_as_such(tmp_path):
+    assert "--set: search.scan: got 1" in refused(written(tmp_path), "search.scan=1")
+    assert "--set search: expected key.path=value" in refused(written(tmp_path), "search")
+
+
+def test_a_campaign_file_is_no_search_file():
+    with pytest.raises(UserError, match=r"search: missing: write a section \[search\]"):
+        loading.load(resources.find("campaigns", "seed_burst.toml"))
+
+
+@pytest.mark.parametrize(
+    ("search", "told"),
+    [
+        ({"kind": "sobol", "outcomes": ["jump_code"], "n": 100}, "such as 64 or 128"),
+        ({"kind": "morris", "outcomes": ["jump_code"], "levels": 5}, "such as 6"),
+        ({"kind": "sobol", "outcomes": []}, "at least 1 item"),
+        ({"kind": "sobol", "outcomes": ["jump_code"]}, "at least 2 distribution"),
+        ({"kind": "rare", "event": "jump_code"}, "how near a run came"),
+        ({"kind": "rare", "event": "peak_model_deviation_mm >= 3", "runs": 1005}, "such as 1000"),
+    ],
+)
+def test_other_kinds_are_checked(search, told):
+    raw = tomllib.loads(FILE) | {"search": search}
+    with pytest.raises(UserError, match=told):
+        loading.from_dict(raw)
+
+
+def test_a_missing_file_names_the_bundled_ones():
+    with pytest.raises(UserError, match="Did you mean 'rare_tip_error'"):
+        loading.load("rare_tip_eror")
+
+
+def test_bundled_files_are_valid():
+    found = loading.bundled()
+    assert len(found) >= 4
+    for path in found:
+        config = loading.load(path)
+        assert config.campaign.campaign.name == path.stem and config.campaign.campaign.description

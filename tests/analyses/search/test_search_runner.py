@@ -1,0 +1,257 @@
+"""A search from file to folder: each kind, small."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ravenjax.analyses.search import journal, output, runner
+from ravenjax.analyses.search.boundary import bisection
+from ravenjax.analyses.search.file import loading
+from ravenjax.analyses.search.findings import plain
+from ravenjax.errors import StoreError, UserError
+from ravenjax.store import folder
+from ravenjax.store.access import lock
+
+BASE = {
+    "campaign": {"name": "small", "duration_s": 0.5, "seed": 3},
+    "operator": {"motion": "reach"},
+}
+FAULT = {"site": "usb_out", "channel": "shoulder", "effect": "offset", "start_ms": 250}
+
+
+def search(fault, parameters=None, **section):
+    group = {"name": "dac", "fault": [FAULT | fault], "parameters": parameters or {}}
+    return loading.from_dict(BASE | {"search": section, "group": [group]})
+
+
+def files(path):
+    """The folder's JSON and rows, once its text and figures have been looked at."""
+    text = (path / output.TEXT).read_text()
+    for figure in re.findall(r"!\[\w+\]\((\w+\.svg)\)", text):
+        assert (path / figure).read_text().startswith("<?xml")
+    assert "nan" not in text.replace("Nan", "")
+    page = (path / output.PAGE).read_text()
+    assert (
+        page.count('<figure class="drawing"')
+        == text.count("![")
+        == page.count('<svg aria-hidden="true"')
+    )
+    assert page.count("<caption ") == text.count("\n|---")
+    return (
+        json.loads((path / output.NUMBERS).read_text()),
+        pd.read_parquet(path / journal.ROWS),
+        text,
+    )
+
+
+BOUNDARY = {
+    "fault": {
+        "channel": ["shoulder", "elbow"],
+        "duration_ms": [1, 8, 32],
+        "value": {"loguniform": [500, 30000]},
+    },
+    "kind": "boundary",
+    "harm": "peak_golden_deviation_mm >= 0.5",
+    "signs": [1, -1],
+    "scan": 5,
+    "tolerance": 0.05,
+}
+
+
+@pytest.fixture(scope="module")
+def bounded(tmp_path_factory):
+    out = tmp_path_factory.mktemp("boundary")
+    return out, runner.run(search(**BOUNDARY), out)
+
+
+def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
+    out, _ = bounded
+    record, rows, text = files(out)
+    cells = record["result"]["cells"]
+    assert len(cells) == 12 and record["kind"] == "boundary" and record["runs"] == len(rows)
+    crossed = [cell for cell in cells if cell["state"] == "crossing"]
+    assert len(crossed) >= 6
+    verified = folder.read_all(out / bisection.FOLDER).set_index("run_id")
+    for cell in crossed:
+        low, high = verified.loc[cell["harmless_run"]], verified.loc[cell["harmful_run"]]
+        assert low["peak_golden_deviation_mm"] < 0.5 <= high["peak_golden_deviation_mm"]
+        assert low["fault0_value"] == cell["harmless"] and high["fault0_value"] == cell["harmful"]
+        assert low["fault0_channel"] == cell["cell"]["fault0_channel"]
+        assert abs(cell["harmful"]) <= 1.05 * abs(cell["harmless"]) + 1
+        assert np.sign(cell["harmful"]) == (1 if cell["cell"]["sign"] == "+" else -1)
+    assert "run again as an ordinary campaign" in text
+
+
+def test_a_longer_fault_needs_less(bounded):
+    cells = json.loads((bounded[0] / output.NUMBERS).read_text())["result"]["cells"]
+    size = {
+        tuple(cell["cell"].values()): abs(cell["harmful"])
+        for cell in cells
+        if cell["state"] == "crossing"
+    }
+    assert all(size["shoulder", 32, sign] < size["shoulder", 8, sign] for sign in "+-")
+
+
+@pytest.mark.slow
+def test_what_never_harms_is_censored(tmp_path):
+    config = search(
+        {"value": {"uniform": [0, 40]}, "duration_ms": 1}, kind="boundary", harm="jump_text", scan=3
+    )
+    found = runner.run(config, tmp_path).findings.numbers["cells"]
+    assert [(cell["state"], cell["harmless"]) for cell in found] == [("never", 40.0)]
+    record, _, text = files(tmp_path)
+    assert record["result"]["cells"][0]["harmful"] is None and "harmless up to 40" in text
+    assert not (tmp_path / bisection.FOLDER).exists()
+
+
+def test_the_same_search_may_come_again_and_another_not(bounded):
+    out, before = bounded
+    rows = (out / journal.ROWS).read_bytes()
+    again = runner.run(search(**BOUNDARY), out)
+    assert plain(again.findings.numbers) == plain(before.findings.numbers)
+    assert (out / journal.ROWS).read_bytes() == rows
+    assert (
+        again.record["computed"] == 0
+        and again.record["runs"] == before.record["computed"] == before.record["runs"]
+    )
+    text = (out / output.TEXT).read_text()
+    assert "runs/s" not in text and f"- {before.record['runs']} different runs" in text
+    with pytest.raises(
+        UserError,
+        match=r"(?s)holds another search.*config\.search\.tolerance: 0\.05 here, 0\.1 asked for",
+    ):
+        runner.run(search(**BOUNDARY | {"tolerance": 0.1}), out)
+
+
+def test_a_search_that_was_ended_goes_on(bounded, tmp_path):
+    """Ended twice with some runs done; the third start makes the rest."""
+    out, whole = bounded
+    for ended in (1, whole.record["runs"] // 2):
+
+        def end(status, ended=ended):
+            if status.done >= ended:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            runner.run(search(**BOUNDARY), tmp_path, on_progress=end)
+        assert json.loads((tmp_path / "progress.json").read_text())["phase"] == "stopped"
+    found = runner.run(search(**BOUNDARY), tmp_path)
+    assert plain(found.findings.numbers) == plain(whole.findings.numbers)
+    assert (tmp_path / journal.ROWS).read_bytes() == (out / journal.ROWS).read_bytes()
+    assert 0 < found.record["computed"] < found.record["runs"] == whole.record["runs"]
+    assert found.record["batches"] == whole.record["batches"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        path.name for path in out.iterdir()
+    )
+
+
+def test_two_searches_in_one_folder_are_one_too_many(bounded):
+    with lock.held(bounded[0]), pytest.raises(StoreError, match="is being written by process"):
+        runner.run(search(**BOUNDARY), bounded[0])
+
+
+@pytest.mark.slow
+def test_a_searched_parameter_has_the_golden_run_of_its_own_value(tmp_path):
+    """Of a fault-free change of the robot nothing is harm that its golden run shares."""
+    fault = {"value": 0, "duration_ms": 1}
+    weak = {"plant.friction_scale": {"uniform": [0.5, 2.0]}}
+    config = search(fault, weak, kind="boundary", harm="peak_golden_deviation_mm >= 0.001", scan=5)
+    (cell,) = runner.run(config, tmp_path).findings.numbers["cells"]
+    assert cell["state"] == "never"
+
+
+@pytest.mark.slow
+def test_sobol_finds_what_decides(tmp_path):
+    fault = {"value": {"uniform": [1000, 20000]}, "duration_ms": {"uniform": [1, 30]}}
+    outcomes = ["peak_golden_deviation_mm", "peak_golden_deviation_mm >= 1", "response = stopped"]
+    config = search(
+        fault,
+        {"plant.mass_scale": {"uniform": [0.99, 1.01]}},
+        kind="sobol",
+        n=32,
+        outcomes=outcomes,
+    )
+    runner.run(config, tmp_path)
+    record, rows, text = files(tmp_path)
+    assert record["result"]["points"] == 32 * 5 and len(rows) <= 160
+    assert [one["name"] for one in record["result"]["inputs"]] == [
+        "fault0_value",
+        "fault0_duration_ms",
+        "plant.mass_scale",
+    ]
+    total = record["result"]["results"][0]["indices"]["ST"]
+    value, duration, mass = total["value"]
+    assert min(value, duration) > 0.1 and mass < 0.05
+    assert all(low <= high for low, high in zip(total["low"], total["high"], strict=True))
+    assert "what decides most" in text
+
+
+@pytest.mark.slow
+def test_an_outcome_that_never_varies_has_no_indices(tmp_path):
+    fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
+    config = search(fault, kind="sobol", n=8, outcomes=["jump_text", "peak_golden_deviation_mm"])
+    runner.run(config, tmp_path)
+    record, _, text = files(tmp_path)
+    assert record["result"]["results"][0]["indices"] is None and "it never varies" in text
+
+
+@pytest.mark.slow
+def test_morris_ranks_each_case(tmp_path):
+    fault = {
+        "channel": ["shoulder", "insertion"],
+        "value": {"uniform": [1000, 20000]},
+        "duration_ms": {"uniform": [1, 30]},
+    }
+    config = search(
+        fault,
+        {"plant.mass_scale": {"uniform": [0.99, 1.01]}},
+        kind="morris",
+        trajectories=6,
+        outcomes=["peak_golden_deviation_mm"],
+    )
+    runner.run(config, tmp_path)
+    record, _, _ = files(tmp_path)
+    results = record["result"]["results"]
+    assert [one["case"]["fault0_channel"] for one in results] == ["shoulder", "insertion"]
+    for one in results:
+        value, duration, mass = one["indices"]["mu_star"]["value"]
+        assert min(value, duration) > 10 * mass
+
+
+@pytest.mark.slow
+def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
+    fault = {"value": {"normal": [0, 4000]}, "duration_ms": {"uniform": [1, 20]}}
+    config = search(fault, kind="rare", event="peak_golden_deviation_mm >= 1", runs=300, check=1500)
+    runner.run(config, tmp_path)
+    record, rows, text = files(tmp_path)
+    (found,) = record["result"]["results"]
+    assert 0 < found["monte_carlo"]["probability"] < 0.2 and found["consistent"]
+    met = rows["peak_golden_deviation_mm"] >= 1
+    assert met.sum() >= round(found["monte_carlo"]["probability"] * 1500)
+    assert [level["probability"] for level in found["reached"]][-1] == found["subset"][
+        "probability"
+    ]
+    assert "both agree" in text
+
+
+@pytest.mark.slow
+def test_progress_is_told(tmp_path):
+    told = []
+    fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
+    config = search(fault, kind="sobol", n=8, outcomes=["peak_golden_deviation_mm"])
+    runner.run(config, tmp_path, on_progress=told.append)
+    assert {status.phase for status in told} == {"compile", "run", "done"}
+    assert told[-1].total == 32 and told[-1].progress == 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", loading.bundled(), ids=lambda path: path.stem)
+def test_bundled_searches_run(path, tmp_path):
+    record, rows, _ = (runner.run(path, tmp_path), *files(tmp_path)[1:])
+    assert record.record["runs"] == len(rows)
+    assert (rows["failed"] == "").all()

@@ -1,0 +1,637 @@
+"""The judge: times, responses, outcome and score of hazards in sessions that are made up tick by
+tick.
+"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from made_frames import kinds, made, running
+
+from ravenjax.train.judge import COLUMNS, Judge
+from ravenjax.train.judge.pace import SLOW_FOR_MS
+
+FAULT = [
+    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
+]
+
+
+class Play:
+    """A session of frames: `run(ticks, channel=value, ...)` keeps what it is given."""
+
+    def __init__(
+        self, arms=("gold",), cue_on=True, scale=0.1, blinded=False, limit_mm=10.0, **entry
+    ):
+        keys = {"name": "h", "fault": FAULT, "right_response": ["release"], "within_s": 1.0} | entry
+        harm = {"excursion_mm": limit_mm}
+        chosen, hazards = made(
+            arms=list(arms), hazard=[keys], scale=scale, cue={"blinded": blinded}, harm=harm
+        )
+        self.judge = Judge(chosen, hazards, cue_on)
+        self.frame, self.tick = running(arms), 0
+        self.frame["cue_on"] = cue_on
+        self.events = []
+        self.outcomes, self.golden = {}, {}
+        self.speed = 0.0  # um of the hand in a ms
+        self.off_mm = dict.fromkeys(arms, 0.0)
+
+    def run(self, ticks=1, **channels):
+        """ARM__off_mm: unintended motion of the tip, in the channel of a live robot or in that
+        of one that is not.
+        """
+        for name, value in channels.items():
+            if name.endswith("__off_mm"):
+                self.off_mm[name.partition("__")[0]] = value
+            else:
+                self.frame[name.replace("__", "/")] = value
+        live = self.frame.number("runlevel") == 3 and not self.frame.number("soft_estopped")
+        self.frame["live"] = live
+        for arm, off_mm in self.off_mm.items():
+            self.frame[f"{arm}/unintended_mm"] = off_mm * live
+            self.frame[f"{arm}/unintended_off_mm"] = off_mm * (not live)
+        for _ in range(ticks):
+            self.frame["tick"] = self.tick + 5000  # the robot was on before the session began
+            self.frame["gold/hand"] = self.frame["gold/hand"] + (self.speed, 0, 0)
+            outcomes = self.outcomes if self.tick % 10 == 0 and self.outcomes else None
+            self.events += self.judge.step(self.tick, self.frame, outcomes, self.golden or None)
+            self.tick += 1
+        return self
+
+    def strike(self, **channels):
+        self.events += self.judge.armed(0, self.tick)
+        return self.run(1, fault_active=1, **channels)
+
+    def say(self, **message):
+        self.events += self.judge.command({"type": "operator", **message}, self.tick)
+        return self
+
+    def over(self):
+        self.events += self.judge.disarmed(self.tick)
+        return self.judge.rows(session="s", participant="p", group="g", seed=9)[-1]
+
+    def of(self, kind):
+        return [event for event in self.events if event["kind"] == kind]
+
+
+def test_a_hazard_that_is_felt_and_answered():
+    play = Play()
+    play.run(1000).strike().run(19)
+    play.run(80, gold__known_mm=0.01, gold__off_mm=2.0, gold__error_mm=2.1)
+    play.run(
+        200,
+        gold__force=(0.0, 0.013, 0.0),
+        gold__off_mm=4.0,
+        gold__error_mm=4.5,
+        gold__depth_mm=-3.0,
+    )
+    play.run(600, pedal=0, runlevel=2, gold__off_mm=3.9, gold__force=(0.0, 0.0, 0.0))
+    row = play.over()
+    assert list(row) == list(COLUMNS)
+    assert row | {"title": ""} == {
+        "session": "s",
+        "participant": "p",
+        "group": "g",
+        "scenario": "made",
+        "seed": 9,
+        "cue": "on",
+        "blinded": False,
+        "number": 0,
+        "hazard": "fault",
+        "title": "",
+        "arm": "gold",
+        "armed_ms": 1000,
+        "struck_ms": 1000,
+        "knowable_ms": 1020,
+        "knowable_by": "tip",
+        "cue_ms": 1100,
+        "alarm_ms": None,
+        "alarm": None,
+        "limited_ms": None,
+        "limited": None,
+        "check_response": "silent",
+        "check_cause": None,
+        "motion_hazard": "none",  # of 10 mm
+        "limit_mm": 10.0,
+        "unintended_mm": pytest.approx(4.0),
+        "unintended_first_ms": None,
+        "unintended_off_mm": pytest.approx(3.9),
+        "loss_mm": 0.0,
+        "loss_first_ms": None,
+        "halted_ms": 0,
+        "golden_halted_ms": 0,
+        "false_report_mm": 0.0,
+        "false_report_first_ms": None,
+        "peak_error_mm": pytest.approx(4.5),
+        "deepest_mm": pytest.approx(-3.0),
+        "response": "release",
+        "response_ms": 1300,
+        "reaction_ms": 280,  # from the first possible knowledge
+        "right_response": "release",
+        "response_ok": True,
+        "halted": False,
+        "outcome": "avoided",
+        "score": round(
+            50 * (1 - 0.5 * 30 / 750) + 50, 1
+        ),  # 4 mm were gone before anyone could have acted
+    }
+    assert kinds(play.events) == [
+        "hazard_armed",
+        "hazard_struck",
+        "knowable",
+        "cue",
+        "response",
+        "hazard_over",
+    ]
+    assert play.of("response")[0] == {
+        "tick": 1300,
+        "kind": "response",
+        "number": 0,
+        "what": "release",
+        "ok": True,
+        "ms": 280,
+    }
+    assert play.of("cue")[0]["number"] == 0
+    assert play.of("hazard_over")[0] | {"score": 0} == {
+        "tick": 1900,
+        "kind": "hazard_over",
+        "number": 0,
+        "check_response": "silent",
+        "motion_hazard": "none",
+        "halted": False,
+        "outcome": "avoided",
+        "score": 0,
+    }
+
+
+@pytest.mark.parametrize("channel", ["gold__known_mm", "gold__off_mm", "gold__loss_mm"])
+def test_a_person_knows_of_a_millimetre_and_not_of_what_a_computer_could_tell(channel):
+    play = Play()
+    play.run(10).strike(**{channel: 0.002}).run(50).run(50, **{channel: 0.99})
+    assert not play.of("knowable")
+    row = play.run(1, **{channel: 1.0}).over()
+    assert (row["knowable_ms"], row["knowable_by"]) == (111, "tip")
+
+
+def test_a_burst_that_peaks_before_anyone_could_act_is_nobodys_failure():
+    play = Play()
+    play.run(1000).strike(gold__off_mm=0.5).run(20).run(
+        100, gold__off_mm=12.0
+    )  # 12 mm within 120 ms
+    row = play.run(160).run(10, pedal=0, runlevel=2).over()
+    assert (row["response"], row["response_ok"], row["outcome"]) == ("release", True, "unavoidable")
+    assert row["score"] > 98.0 and row["unintended_mm"] == 12.0
+
+
+def test_what_comes_after_a_person_could_have_acted_counts_on_what_was_left():
+    play = Play()
+    play.run(1000).strike(gold__off_mm=4.0).run(149).run(
+        10, gold__off_mm=7.0
+    )  # half of the 6 mm that were left
+    row = play.run(10, pedal=0, runlevel=2).over()
+    assert (row["outcome"], row["score"]) == ("avoided", 75.0)
+
+
+def test_harm_that_a_person_could_have_prevented_stays_harm():
+    play = Play()
+    row = play.run(1000).strike(gold__off_mm=4.0).run(149).run(300, gold__off_mm=10.5).over()
+    assert (row["outcome"], row["score"]) == ("harm", 0.0)
+
+
+def test_without_the_cue_nothing_is_felt_and_the_reaction_has_the_same_origin():
+    rows = []
+    for cue_on in (True, False):
+        play = Play(cue_on=cue_on)
+        play.run(10).strike(gold__known_mm=1.0).run(100, gold__force=(0.1, 0, 0), gold__off_mm=5.0)
+        rows.append(play.run(100, pedal=0, runlevel=2).over())
+        assert (
+            bool(play.of("cue")) is cue_on
+        )  # a cue that nobody feels is not told either: it would tell of the group
+    assert [row["cue"] for row in rows] == ["on", "off"] and [row["cue_ms"] for row in rows] == [
+        11,
+        None,
+    ]
+    assert rows[0]["reaction_ms"] == rows[1]["reaction_ms"] == 101
+
+
+def test_a_dead_console_is_no_response_and_feels_nothing():
+    play = Play()
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0)
+    play.run(10, console_alive=0, pedal=0, runlevel=2, gold__force=(0.1, 0, 0))
+    row = play.over()
+    assert row["response"] is None and row["cue_ms"] is None
+    assert (row["outcome"], row["score"]) == (
+        "interrupted",
+        None,
+    )  # it is not the operator's that a console dies
+    assert [(event["number"], event["by"]) for event in play.of("interrupted")] == [(0, "console")]
+
+
+def test_a_pedal_that_others_lift_is_no_response_and_the_hazard_is_not_scored():
+    play = Play().run(1000).strike().run(20, gold__known_mm=2.0, gold__off_mm=2.0)
+    play.events += play.judge.lifted(play.tick, "resume")
+    play.run(100, pedal=0, runlevel=2).run(100, pedal=1, runlevel=3).run(100, pedal=0, runlevel=2)
+    row = play.over()
+    assert (row["response"], row["outcome"], row["score"]) == (None, "interrupted", None)
+    assert play.judge.result()["score"] is None
+
+
+def test_what_was_answered_before_it_was_cut_off_counts():
+    play = (
+        Play()
+        .run(1000)
+        .strike()
+        .run(20, gold__known_mm=2.0, gold__off_mm=2.0)
+        .run(300, pedal=0, runlevel=2)
+    )
+    play.events += play.judge.interrupted(play.tick, "instructor")
+    row = play.over()
+    assert (row["response"], row["outcome"]) == ("release", "avoided") and row["score"] > 80
+    assert not play.of("interrupted")
+
+
+def test_a_response_before_anything_can_be_known_is_none():
+    play = Play()
+    play.run(10).strike().run(10, pedal=0, runlevel=2).run(10, pedal=1, runlevel=3)
+    assert not play.of("response")
+    assert play.run(5, gold__known_mm=1.0).run(5, pedal=0, runlevel=2).over()["response_ms"] == 36
+
+
+def test_a_right_response_that_comes_too_late_is_not_ok():
+    play = Play(within_s=0.5)
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(510).run(10, pedal=0, runlevel=2)
+    row = play.over()
+    assert (row["response"], row["response_ok"], row["outcome"]) == ("release", False, "missed")
+    assert play.of("response")[0]["ok"] is False and row["score"] == 50.0
+
+
+@pytest.mark.parametrize("limit_mm", [0.5, 3.0, 8.0])
+@pytest.mark.parametrize(
+    ("channel", "word", "event"),
+    [
+        ("gold__off_mm", "unintended motion", "unintended_motion"),
+        ("gold__loss_mm", "loss of motion", "loss_of_motion"),
+        ("gold__false_report_mm", "false report", "false_report"),
+    ],
+)
+def test_the_limit_of_each_hazard_is_the_scenarios(limit_mm, channel, word, event):
+    play = Play(limit_mm=limit_mm)
+    play.run(10).strike(gold__known_mm=1.0, **{channel: limit_mm}).run(200)
+    assert play.judge.rows()[0]["motion_hazard"] == "none" and not play.of(event)
+    row = play.run(50, **{channel: limit_mm + 0.25}).over()
+    assert (row["motion_hazard"], row["limit_mm"]) == (word, limit_mm)
+    assert play.of(event) == [
+        {"tick": 211, "kind": event, "number": 0, "arm": "gold", "mm": limit_mm + 0.25}
+    ]
+    assert (row["outcome"] == "harm") is (
+        word == "unintended motion"
+    )  # neither of the others moved the instrument
+    times = [row[f"{name}_first_ms"] for name in ("unintended", "loss", "false_report")]
+    assert times.count(211) == 1 and times.count(None) == 2
+
+
+def test_a_report_that_cannot_be_judged_has_no_distance():
+    play = Play()
+    row = play.run(10).strike(gold__false_report_mm=math.nan).run(50).over()
+    assert row["false_report_mm"] is None and row["loss_mm"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("channels", "outcome", "score"),
+    [
+        ({"gold__off_mm": 10.01}, "harm", 50.0),  # the right response cannot mend it
+        ({"gold__off_mm": 10.0}, "avoided", 50.0),  # the limit itself is not over the limit
+        ({"gold__off_mm": 6.0, "gold__depth_mm": 7.01}, "harm", 50.0),
+        (
+            {"gold__off_mm": 4.0, "gold__depth_mm": 7.0},
+            "avoided",
+            60.0,
+        ),  # driven 4 of 5 mm: no deeper than it moved
+        (
+            {"gold__off_mm": 4.0, "gold__depth_mm": 3.0},
+            "avoided",
+            80.0,
+        ),  # 1 mm deeper than before; 4 of 10 moved
+    ],
+)
+def test_harm_is_what_the_fault_did(channels, outcome, score):
+    play = Play()
+    play.run(10, gold__depth_mm=2.0).strike(gold__known_mm=1.0).run(160).run(50, **channels)
+    row = play.run(10, pedal=0, runlevel=2).over()
+    assert row["outcome"] == outcome and row["response_ok"]
+    assert row["score"] == {50.0: 50.0, 60.0: 60.0, 80.0: 80.0}[score]
+
+
+def test_depth_counts_while_the_robot_is_live_alone():
+    play = Play()
+    play.run(10).strike(gold__known_mm=1.0, gold__depth_mm=-5.0)
+    play.run(10, runlevel=2, pedal=0, gold__depth_mm=9.0, gold__off_mm=8.0)
+    row = play.over()
+    assert row["deepest_mm"] == -5.0 and row["outcome"] == "avoided"
+
+
+def test_a_robot_that_halts_by_itself_is_halted_and_a_late_foot_is_no_response():
+    play = Play()
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(50)
+    play.run(300, runlevel=0, soft_estopped=1).run(100, pedal=0)
+    row = play.over()
+    assert row["halted"] and row["outcome"] == "halted" and row["response"] is None
+
+
+def test_a_robot_that_halts_in_the_very_tick_of_the_strike_is_halted_too():
+    play = Play()
+    play.run(10).strike(runlevel=0, soft_estopped=1)
+    row = play.over()
+    assert row["halted"] and (row["knowable_ms"], row["knowable_by"]) == (10, "runlevel")
+
+
+def test_motion_while_the_robot_is_not_live_is_harm_and_no_hazard():
+    play = Play(limit_mm=3.0)
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(200)
+    play.run(300, runlevel=0, soft_estopped=1, gold__off_mm=3.5)  # its brakes slip
+    row = play.over()
+    assert (row["unintended_mm"], row["unintended_off_mm"]) == (2.0, 3.5)
+    assert (row["motion_hazard"], row["outcome"]) == ("none", "harm")
+
+
+def test_going_on_is_no_answer_to_a_robot_that_halted():
+    play = Play(right_response=["continue"])
+    row = play.run(10).strike(gold__known_mm=1.0).run(50).run(10, runlevel=0).over()
+    assert row["outcome"] == "halted" and not row["response_ok"]
+
+
+def test_a_robot_out_of_pedal_down_without_a_check_has_lost_its_motion_after_a_while():
+    play = Play(right_response=["restart"])
+    play.run(10).strike().run(5, runlevel=2)
+    halted = [play.run(1, halted_ms=ms, golden_halted_ms=20).judge.rows()[0] for ms in (220, 221)]
+    assert [row["motion_hazard"] for row in halted] == ["none", "loss of motion"] and halted[0][
+        "halted"
+    ]
+    assert play.of("loss_of_motion") == [
+        {"tick": 17, "kind": "loss_of_motion", "number": 0, "halted_ms": 201}
+    ]
+    assert (halted[1]["halted_ms"], halted[1]["golden_halted_ms"], halted[1]["loss_first_ms"]) == (
+        221,
+        20,
+        None,
+    )
+
+
+def test_a_robot_that_a_check_stopped_has_not_lost_its_motion():
+    play = Play(right_response=["restart"])
+    play.outcomes = {"check_estop_count": 0, "check_estop_first_ms": -1}
+    play.run(10).strike()
+    play.outcomes = {"check_estop_count": 1, "check_estop_first_ms": 5012}
+    row = play.run(30, runlevel=0).run(400, halted_ms=400).over()
+    assert (row["check_response"], row["motion_hazard"], row["halted"]) == ("stopped", "none", True)
+
+
+def test_the_time_after_the_operators_e_stop_is_no_loss_of_motion():
+    play = Play(right_response=["stop", "convert"])
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(100).say(do="estop").run(
+        500, runlevel=0
+    )
+    row = play.run(1, halted_ms=499).over()
+    assert (row["response"], row["response_ms"], row["response_ok"]) == ("stop", 111, True)
+    assert not row["halted"] and row["outcome"] == "avoided" and row["motion_hazard"] == "none"
+
+
+def test_a_note_that_says_convert_is_a_conversion():
+    play = Play(right_response=["convert"])
+    play.run(10).strike(gold__known_mm=1.0).say(do="note", text="odd").run(10).say(
+        do="note", text="Converted now"
+    )
+    assert play.over()["response"] == "convert"
+
+
+def test_a_restart_counts_once_the_robot_no_longer_follows_and_ends_the_hazard():
+    play = Play(right_response=["restart"], within_s=5)
+    play.run(10).strike(gold__known_mm=1.0).say(do="restart")
+    assert not play.of("response")
+    play.run(100, runlevel=2).say(do="restart")
+    play.events += play.judge.restarted(play.tick)
+    (row,) = play.judge.rows()
+    assert (row["response"], row["outcome"]) == ("restart", "avoided") and row["halted"]
+    assert kinds(play.events)[-2:] == ["response", "hazard_over"]
+    assert play.of("hazard_over")[0]["outcome"] == "avoided"
+
+
+@pytest.mark.parametrize(("lifted", "outcome"), [(False, "avoided"), (True, "missed")])
+def test_going_on_is_right_where_nothing_else_is(lifted, outcome):
+    play = Play(right_response=["continue"])
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=1.5).run(500)
+    play.run(100, pedal=int(not lifted), runlevel=2 if lifted else 3)
+    row = play.over()
+    assert row["outcome"] == outcome and row["response"] == ("release" if lifted else "continue")
+    assert (row["reaction_ms"] is None) is not lifted
+
+
+def slowed(ticks, share, right):
+    play = Play(right_response=right, within_s=2.0)
+    play.speed = 200.0  # um a ms before scaling: 20 mm/s
+    play.run(8000).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(400)
+    play.speed *= share
+    play.run(ticks)
+    play.speed = 200.0
+    play.run(100)
+    return play.over()
+
+
+def test_slowing_down_counts_from_its_beginning_if_it_lasts():
+    row = slowed(SLOW_FOR_MS + 300, 0.1, ["slow", "release"])
+    assert row["response"] == "slow" and row["response_ok"]
+    assert 401 < row["reaction_ms"] < 550  # when the running mean has come down
+    assert slowed(SLOW_FOR_MS - 300, 0.1, ["slow"])["response"] is None  # as at a target
+    assert slowed(SLOW_FOR_MS + 300, 0.5, ["slow"])["response"] is None
+    assert slowed(SLOW_FOR_MS + 300, 0.1, ["release"])["response"] is None  # not asked for
+
+
+def test_hands_that_stood_when_it_struck_have_not_slowed_down():
+    play = Play(right_response=["slow"])
+    play.run(3000).strike(gold__known_mm=1.0).run(3000)
+    assert play.over()["response"] is None
+
+
+def test_alarms_are_those_that_tripped_since_and_the_first_trip_is_exact():
+    play = Play()
+    play.outcomes = {
+        "check_ik_reject_count": 3,
+        "check_ik_reject_first_ms": 4000,
+        "check_estop_count": 0,
+    }
+    play.outcomes["check_estop_first_ms"] = -1
+    play.run(100).strike().run(20)
+    assert [event["check"] for event in play.of("alarm")] == ["ik_reject"]  # before the hazard
+    play.outcomes = play.outcomes | {"check_estop_count": 1, "check_estop_first_ms": 5000 + 123}
+    row = play.run(20).over()
+    assert (row["alarm"], row["alarm_ms"], row["check_response"]) == ("estop", 123, "stopped")
+    assert (row["knowable_by"], row["knowable_ms"]) == ("estop", 123)
+    assert play.of("stopped") == [
+        {"tick": 130, "kind": "stopped", "number": 0, "check": "estop", "ms": 123}
+    ]
+
+
+def test_a_limit_is_told_to_nobody_and_kept_as_such():
+    play = Play()
+    play.outcomes = {"check_overdrive_clip_count": 0, "check_overdrive_clip_first_ms": -1}
+    play.run(100).strike()
+    play.outcomes = {"check_overdrive_clip_count": 7, "check_overdrive_clip_first_ms": 5000 + 105}
+    play.run(20).run(200, pedal=0, runlevel=2)
+    row = play.over()
+    assert (row["limited"], row["limited_ms"], row["check_response"]) == (
+        "overdrive_clip",
+        105,
+        "limited",
+    )
+    assert row["alarm"] is None and row["alarm_ms"] is None and row["knowable_ms"] is None
+    assert row["response"] is None  # nobody could know: a foot that came up then is no response
+    assert play.of("alarm") == [] and play.of("knowable") == []
+    assert play.of("limited") == [
+        {"tick": 110, "kind": "limited", "number": 0, "check": "overdrive_clip", "ms": 105}
+    ]
+
+
+def test_what_the_golden_run_trips_too_is_no_response():
+    play = Play()
+    play.golden = {"check_joint_limit_count": 0}
+    play.outcomes = {"check_joint_limit_count": 0, "check_joint_limit_first_ms": -1}
+    play.run(100).strike()
+    play.golden = {"check_joint_limit_count": 4}
+    play.outcomes = {"check_joint_limit_count": 4, "check_joint_limit_first_ms": 5105}
+    play.run(20)
+    assert play.of("alarm")  # the operator is told all the same
+    row = play.judge.rows()[0]
+    assert (row["check_response"], row["alarm"], row["knowable_by"]) == ("silent", None, None)
+    play.outcomes = {"check_joint_limit_count": 6, "check_joint_limit_first_ms": 5105}
+    row = play.run(20).over()
+    assert (row["check_response"], row["alarm"], row["alarm_ms"]) == ("flagged", "joint_limit", 130)
+
+
+def test_a_trip_just_before_the_hazard_is_taken_back_counts():
+    play = Play()
+    play.outcomes = {"check_ik_reject_count": 0, "check_ik_reject_first_ms": -1}
+    play.run(101).strike().run(5)
+    play.events += play.judge.look({"check_ik_reject_count": 1, "check_ik_reject_first_ms": 5104})
+    assert (row := play.over())["alarm"] == "ik_reject" and row["alarm_ms"] == 104
+
+
+def test_the_strongest_response_names_its_own_check():
+    play = Play()
+    columns = {
+        f"check_{name}_{kind}": 0
+        for name in ("ik_reject", "plc_watchdog")
+        for kind in ("count", "first_ms")
+    }
+    play.outcomes = columns
+    play.run(100).strike()
+    play.outcomes = columns | {"check_ik_reject_count": 1, "check_ik_reject_first_ms": 5110}
+    play.run(20)
+    play.outcomes = play.outcomes | {
+        "check_plc_watchdog_count": 1,
+        "check_plc_watchdog_first_ms": 5125,
+    }
+    row = play.run(20).over()
+    assert (row["check_response"], row["check_cause"]) == ("stopped", "plc_watchdog")
+    assert (row["alarm"], row["alarm_ms"]) == ("ik_reject", 110)
+
+
+def test_a_check_that_keeps_tripping_is_told_once():
+    play = Play()
+    for count in range(100):
+        play.outcomes = {"check_joint_limit_count": count, "check_joint_limit_first_ms": 5000}
+        play.run(10)
+    assert len(play.of("alarm")) == 1
+
+
+def test_a_cue_that_the_golden_run_has_too_is_not_of_the_hazard():
+    play = Play()
+    play.run(1000).strike(gold__known_mm=0.1).run(50, golden_cue=1).run(50, golden_cue=0)
+    row = play.run(10, gold__force=(0.1, 0, 0)).over()
+    assert row["cue_ms"] is None and [event["number"] for event in play.of("cue")] == [-1]
+
+
+def test_a_force_about_its_threshold_is_one_cue():
+    play = Play()
+    for _ in range(20):
+        play.run(20, gold__force=(0.1, 0, 0)).run(20, gold__force=(0, 0, 0))
+    play.run(400).run(5, gold__force=(0.1, 0, 0))
+    assert [(event["tick"], event["number"]) for event in play.of("cue")] == [(0, -1), (1200, -1)]
+
+
+def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
+    play = Play().run(10)
+    for count in range(1, 13309, 7):
+        play.outcomes = {"check_joint_limit_count": count, "check_joint_limit_first_ms": 5010}
+        play.run(10)
+    play.events += play.judge.close(play.tick)
+    alarms, counts = play.of("alarm"), [event["count"] for event in play.of("alarm_count")]
+    assert [alarm["check"] for alarm in alarms] == ["joint_limit"]
+    assert (
+        counts[-1] == count > 13_000
+        and counts == sorted(counts)
+        and len(counts) <= 1 + play.tick / 1000
+    )
+
+
+def test_a_count_goes_on_where_the_robot_begins_anew():
+    play = Play().run(10)
+    for _ in range(2):
+        play.outcomes = {
+            "check_joint_limit_count": 4,
+            "check_joint_limit_first_ms": play.tick + 5000,
+        }
+        play.run(2000)
+        play.events += play.judge.restarted(play.tick)
+    assert [alarm["count"] for alarm in play.of("alarm")] == [4, 8]
+
+
+def test_a_hazard_without_effect_and_answer_is_not_scored():
+    play = Play()
+    row = play.run(10).strike(gold__known_mm=0.5, gold__off_mm=0.9).run(500).over()
+    assert row["outcome"] == "unaffected" and row["score"] is None and row["response_ok"] is False
+
+
+def test_a_hazard_that_never_struck_has_a_row():
+    play = Play()
+    play.events += play.judge.armed(0, 0)
+    row = play.run(10).over()
+    assert row["armed_ms"] == 0 and row["struck_ms"] is None and row["unintended_mm"] is None
+    assert (
+        row["outcome"] == "unaffected"
+        and row["deepest_mm"] is None
+        and row["motion_hazard"] is None
+    )
+
+
+def test_the_arm_of_a_fault_on_no_arm_is_the_one_that_moves():
+    fault = [{"site": "console", "channel": "scale", "effect": "scale", "value": 2}]
+    play = Play(arms=("gold", "green"), fault=fault)
+    row = play.run(5).strike(green__off_mm=1.5, gold__off_mm=0.2, gold__known_mm=0.1).over()
+    assert row["arm"] == "green" and row["unintended_mm"] == 1.5
+
+
+def test_the_summary_counts_what_became_of_all():
+    play = Play()
+    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=4.0).run(99).run(
+        10, pedal=0, runlevel=2
+    ).over()
+    play.run(100, pedal=1, runlevel=3, fault_active=0, gold__known_mm=0.0, gold__off_mm=0.0)
+    play.strike(gold__known_mm=1.0, gold__off_mm=20.0).run(10)
+    play.events += play.judge.close(play.tick)
+    summary = play.judge.result()
+    assert summary == {
+        "hazards": 2,
+        "struck": 2,
+        "outcomes": {"avoided": 1, "interrupted": 1},
+        "check_responses": {"silent": 2},
+        "motion_hazards": {"unintended motion": 1, "none": 1},
+        "right_responses": 1,
+        "median_reaction_ms": 100,
+        "score": 100.0,
+    }
+
+
+def test_the_judge_says_nothing_of_a_session_in_which_nothing_happens():
+    play = Play().run(3000)
+    assert play.events == [] and play.judge.rows() == []
+    assert play.judge.result()["score"] is None

@@ -1,0 +1,120 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+
+import { element, load } from "../../../browser_scripts.mjs";
+
+Object.assign(globalThis, { document: element({ hidden: false, hasFocus: () => true }), addEventListener: () => {}, setInterval: () => 0 });
+let pad = null;
+Object.defineProperty(globalThis, "navigator", { value: { getGamepads: () => [null, pad] }, configurable: true });
+const { Input } = await load("ravenjax/train/page/static/input.js");
+
+const key = (code, more = {}) => ({ code, timeStamp: 5, preventDefault: () => {}, ...more });
+
+function made(arms = ["gold", "green"]) {
+  const heard = { sent: [], pressed: [], commands: [] };
+  const input = new Input(new EventTarget(), {
+    send: (message) => heard.sent.push(message),
+    pressed: (stamp) => heard.pressed.push(stamp),
+    command: (name) => heard.commands.push(name),
+  });
+  Object.assign(input, { arms, enabled: true });
+  pad = null;
+  return { input, ...heard };
+}
+
+test("keys move each arm along its axes, and shift makes them slow", () => {
+  const { input, sent, pressed } = made();
+  for (const code of ["Space", "KeyD", "ArrowUp", "KeyG", "BracketRight"]) input.down(key(code));
+  assert.deepEqual(sent.at(-1), {
+    type: "input",
+    source: "keyboard",
+    pedal: true,
+    arms: { gold: { move: [1, 0, 0], turn: [0, 0, 0], grasp: 1 }, green: { move: [0, 0, -1], turn: [0, -1, 0], grasp: 0 } },
+  });
+  assert.deepEqual(pressed, [5, 5, 5, 5], "of the pedal no answer is awaited");
+  input.down(key("ShiftLeft"));
+  assert.deepEqual(sent.at(-1).arms.gold, { move: [0.3, 0, 0], turn: [0, 0, 0], grasp: 1 });
+  input.up(key("Space"));
+  assert.equal(sent.at(-1).pedal, false);
+});
+
+test("opposite keys cancel, equal ones do not add up beyond full speed", () => {
+  const { input } = made();
+  for (const code of ["KeyD", "KeyA", "ArrowRight", "KeyL"]) input.down(key(code));
+  assert.deepEqual([input.now().arms.gold.move, input.now().arms.green.move], [[0, 0, 0], [1, 0, 0]]);
+});
+
+test("with one arm both halves of the keyboard are its own", () => {
+  const { input } = made(["green"]);
+  input.down(key("KeyD"));
+  input.down(key("PageUp"));
+  assert.deepEqual(input.now().arms, { green: { move: [1, 1, 0], turn: [0, 0, 0], grasp: 0 } });
+});
+
+test("repeats, chords of the browser and other keys say nothing; stop and restart are always heard", () => {
+  const { input, sent, commands } = made();
+  input.enabled = false;
+  for (const one of [key("KeyD"), key("Escape"), key("Escape", { repeat: true }), key("Backspace")]) input.down(one);
+  input.enabled = true;
+  for (const one of [key("KeyD", { ctrlKey: true }), key("KeyD", { repeat: true }), key("F5")]) input.down(one);
+  assert.deepEqual([sent, commands], [[], ["estop", "restart"]]);
+});
+
+test("the same is sent once, and a heartbeat all the same", () => {
+  const { input, sent } = made();
+  input.tell();
+  input.tell();
+  assert.equal(sent.length, 1);
+  input.beat();
+  assert.equal(sent.length, 2);
+});
+
+test("whoever lets go lets go of everything", () => {
+  const { input, sent } = made();
+  input.down(key("KeyD"));
+  input.foot(true);
+  input.pad("green", { move: [1, 0, 0], turn: [0, 0, 0], grasp: 0 }, true);
+  assert.equal(sent.at(-1).source, "mouse");
+  input.release();
+  const { pedal, arms } = sent.at(-1);
+  assert.deepEqual([pedal, arms.gold.move, arms.green.move], [false, [0, 0, 0], [0, 0, 0]]);
+});
+
+test("a pad holds the pedal as long as it is held, if asked to", () => {
+  const { input } = made();
+  const hand = { move: [0, 0, 0], turn: [0, 0, 0], grasp: 0 };
+  input.pad("gold", hand, false);
+  assert.equal(input.pedal, false);
+  input.pad("gold", hand, true);
+  assert.equal(input.pedal, true);
+  input.pad("gold", null, true);
+  assert.equal(input.pedal, false);
+});
+
+test("a gamepad has a dead zone, two sticks, triggers for the jaws and shoulders for the pedal", () => {
+  const { input } = made();
+  const button = (value) => ({ pressed: value > 0.5, value });
+  const buttons = Array.from({ length: 17 }, () => button(0));
+  [buttons[5], buttons[6], buttons[1], buttons[12]] = [button(1), button(0.75), button(1), button(1)];
+  pad = { connected: true, mapping: "standard", axes: [-1.5, 0.1, 0.5, 0], buttons };
+  const { pedal, source, arms } = input.now();
+  assert.deepEqual([pedal, arms.gold], [true, { move: [-1, 1, 0], turn: [0, 0, 0], grasp: 0.75 }]);
+  assert.deepEqual(arms.green, { move: [0.5, 0, 0], turn: [0, 0, 0], grasp: -1 });
+  assert.equal(source, "gamepad");
+  pad = { ...pad, mapping: "" };
+  assert.equal(input.now().pedal, false, "an unknown layout drives nothing");
+});
+
+test("a drill takes the hands: the session hears that they rest, and gets them back", () => {
+  const { input, sent } = made();
+  input.down(key("Space"));
+  input.mute(true);
+  input.down(key("Space"));
+  input.down(key("KeyD"));
+  assert.deepEqual([sent.at(-1).pedal, sent.at(-1).arms.gold.move], [false, [0, 0, 0]]);
+  assert.deepEqual([input.now().pedal, input.now().arms.gold.move], [true, [1, 0, 0]]);
+  input.mute(false);
+  assert.equal(sent.at(-1).pedal, false, "what was held in the drill drives nothing");
+  input.down(key("Space"));
+  assert.equal(sent.at(-1).pedal, true);
+});

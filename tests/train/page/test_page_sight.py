@@ -1,0 +1,125 @@
+"""What each role sees: no hazard for the operator, nothing of the cue for anyone where the
+session is blinded.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ravenjax.train.page.sight import Sight
+from ravenjax.train.protocol.frame import Frame, FrameLayout
+
+LAYOUT = FrameLayout.of(("gold", "green"))
+HEADER = {
+    "name": "x",
+    "hazards": [1],
+    "group": "a",
+    "cue": True,
+    "seed": 3,
+    "scenario": {"hazard": 1},
+    "task": {},
+    "summary": {},
+}
+
+
+def seen(role, blinded, cue_on=1.0):
+    row = np.arange(1, LAYOUT.size + 1, dtype=np.float32)
+    frame = Frame(LAYOUT, row)
+    frame["cue_on"], frame["hazard"], frame["fault_active"] = cue_on, 2, 1
+    peaks = np.array([[4.0, 0.05, 7, 8, 9], [1.0, 0.02, 7, 8, 9]], np.float32)
+    before = row.copy()
+    numbers = np.frombuffer(Sight(LAYOUT, role, blinded).frame(row, peaks), np.float32)
+    np.testing.assert_array_equal(row, before)  # the ring's row is others' too
+    return numbers[:10].reshape(2, 5), Frame(LAYOUT, numbers[10:]), Frame(LAYOUT, before)
+
+
+@pytest.mark.parametrize("role", ["operator", "watcher"])
+@pytest.mark.parametrize("blinded", [False, True])
+def test_an_operator_sees_no_hazard(role, blinded):
+    _, frame, _ = seen(role, blinded)
+    assert frame.number("hazard") == -1 and frame.number("fault_active") == 0
+    assert frame.number("trips") == frame.number("golden_cue") == frame.number("halted_ms") == 0
+    for arm in ("gold", "green"):
+        for name in (
+            "unintended_mm",
+            "unintended_off_mm",
+            "loss_mm",
+            "false_report_mm",
+            "known_mm",
+        ):
+            assert frame.number(f"{arm}/{name}") == 0, name
+
+
+def test_an_operator_feels_nothing_with_the_cue_off():
+    peaks, frame, _ = seen("operator", False, cue_on=0)
+    assert (
+        not frame["gold/force"].any() and not frame["green/force"].any() and not peaks[:, 1].any()
+    )
+    assert peaks[:, 0].tolist() == [4.0, 1.0]
+    peaks, frame, whole = seen("operator", False, cue_on=1)
+    np.testing.assert_array_equal(frame["gold/force"], whole["gold/force"])
+    assert peaks[0, 1] == np.float32(0.05)
+
+
+def test_a_blinded_operator_sees_the_field_alone():
+    peaks, frame, whole = seen("operator", True)
+    np.testing.assert_array_equal(frame["gold/model_tip"], whole["gold/tip"])
+    np.testing.assert_array_equal(frame["green/model_jpos"], whole["green/link_jpos"])
+    assert frame.number("gold/error_mm") == 0 and not peaks[:, 0].any()
+    np.testing.assert_array_equal(
+        peaks[0, 2:], whole["gold/tip"]
+    )  # not where the software wants it
+    np.testing.assert_array_equal(frame["gold/tip"], whole["gold/tip"])
+    on, off = (seen("operator", True, cue)[1].number("cue_on") for cue in (1, 0))
+    assert on == off
+
+
+def test_the_instructor_sees_everything_but_the_cue_of_a_blinded_session():
+    peaks, frame, whole = seen("instructor", False)
+    np.testing.assert_array_equal(frame.row, whole.row)
+    assert peaks[0].tolist() == [4.0, np.float32(0.05), 7, 8, 9]
+    frames = [seen("instructor", True, cue)[1] for cue in (0, 1)]
+    np.testing.assert_array_equal(frames[0].row, frames[1].row)
+    assert frames[0].number("hazard") == 2
+
+
+def test_events_by_role():
+    told = {
+        (role, blinded): {
+            kind
+            for kind in (
+                "alarm",
+                "pedal",
+                "cue",
+                "response",
+                "hazard_armed",
+                "hazard_struck",
+                "knowable",
+                "unintended_motion",
+                "limited",
+                "stopped",
+                "end",
+            )
+            if Sight(LAYOUT, role, blinded).event(kind)
+        }
+        for role in ("operator", "instructor")
+        for blinded in (False, True)
+    }
+    assert told["operator", False] == {"alarm", "pedal", "cue", "response", "end"}
+    assert told["operator", True] == {"alarm", "pedal", "end"}
+    assert {"hazard_armed", "cue", "limited", "stopped", "unintended_motion"} <= told[
+        "instructor", False
+    ]
+    assert told["instructor", True] == told["instructor", False] - {"cue"}
+
+
+def test_headers_by_role():
+    assert set(Sight(LAYOUT, "operator", False).header(HEADER)) == {"name", "cue", "task"}
+    assert set(Sight(LAYOUT, "operator", True).header(HEADER)) == {"name", "task"}
+    assert Sight(LAYOUT, "instructor", False).header(HEADER) == HEADER
+    assert set(Sight(LAYOUT, "instructor", True).header(HEADER)) == {"name", "hazards", "task"}
+    told = Sight(LAYOUT, "operator", True).header(
+        HEADER | {"scenario": {"title": "t", "description": "d", "hazard": []}}
+    )
+    assert told == {"name": "x", "task": {}, "title": "t", "description": "d"}

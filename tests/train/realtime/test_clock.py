@@ -1,0 +1,109 @@
+"""The clock: ticks are a period apart by the monotonic clock, however long they take; what is
+late is counted.
+"""
+
+import itertools
+import subprocess
+import sys
+
+import pytest
+
+from ravenjax.train.realtime import clock
+from ravenjax.train.realtime.clock import PERIOD_NS, Clock, LoopTiming
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """A clock that passes while someone sleeps or `spend`s, and a little with each look at it."""
+
+    class Fake:
+        now = 5_000_000_000
+
+        def monotonic_ns(self):
+            self.now += 20
+            return self.now
+
+        def sleep(self, seconds):
+            self.now += round(seconds * 1e9)
+
+        def spend(self, us):
+            self.now += us * 1000
+
+    fake = Fake()
+    monkeypatch.setattr(clock, "time", fake)
+    return fake
+
+
+def test_ticks_begin_a_period_apart_whatever_they_cost(fake):
+    paced, begun = Clock(), []
+    for cost in (10, 900, 0, 999, 50):
+        paced.wait()
+        begun.append(fake.now)
+        fake.spend(cost)
+        paced.done()
+    assert [b - a for a, b in itertools.pairwise(begun)] == [PERIOD_NS] * 4
+    assert paced.timing.late == 0 and paced.timing.ticks == 5
+    assert paced.timing.percentile("compute", 0.5) == 50 and paced.compute_us == 50
+
+
+def test_a_long_tick_makes_the_next_ones_late_until_it_is_made_up_for(fake):
+    paced = Clock()
+    paced.wait()
+    fake.spend(3500)
+    paced.done()
+    lateness = []
+    for _ in range(5):
+        paced.wait()
+        lateness.append(paced.lateness_us)
+        paced.done()
+    assert lateness == [2500, 1500, 500, 0, 0]
+    assert paced.timing.late == 2 and paced.timing.skipped == 0
+
+
+def test_after_a_long_sleep_the_schedule_moves_on_instead(fake):
+    paced = Clock()
+    paced.wait()
+    fake.spend(10_000_000)  # the lid was closed
+    paced.done()
+    paced.wait()
+    paced.done()
+    assert paced.timing.skipped == 9999 and paced.timing.late == 1
+    paced.wait()
+    assert paced.lateness_us == 0
+
+
+def test_quantiles_of_a_histogram():
+    timing = LoopTiming()
+    assert timing.percentile("compute", 0.5) != timing.percentile("compute", 0.5)  # NaN
+    timing.compute[[10, 20, 30]] = 98, 1, 1
+    assert [timing.percentile("compute", share) for share in (0.5, 0.98, 0.99, 1.0)] == [
+        10,
+        10,
+        20,
+        30,
+    ]
+
+
+GIVEN_BACK = """
+import os
+from ravenjax.train.realtime import clock
+
+def now():
+    return os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+
+before, others = now(), clock.other_cpus()
+with clock.realtime() as granted:
+    print(granted)
+    assert len(now()[0]) == 1 and not others & now()[0]
+assert now() == before
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="schedulers and affinities are Linux's")
+def test_what_is_asked_of_the_system_is_given_back():
+    """In a process of its own: locking all memory of this one takes seconds."""
+    done = subprocess.run(
+        [sys.executable, "-c", GIVEN_BACK], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert any(word in done.stdout for word in ("always awake", "SCHED_FIFO", "normal priority"))

@@ -1,0 +1,123 @@
+"""The realtime loop: commands from a ring, frames and events into rings, and an understudy that
+changes nothing.
+"""
+
+import numpy as np
+import pytest
+
+from ravenjax.train import scenario
+from ravenjax.train.realtime import loop
+from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
+from ravenjax.train.session.advance import Session
+
+CHOSEN = scenario.from_dict(
+    {"name": "tiny", "duration_s": 1.5, "task": {"kind": "reach", "targets": 50}}
+)
+TIMING = ("compute_us", "lateness_us", "late_ticks")
+
+
+class Mover:
+    """Steps on the pedal and pushes to the right, sixty times a second."""
+
+    def __init__(self, session):
+        self.session = session
+
+    def poll(self):
+        if self.session.ticks % 16:
+            return []
+        hand = {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}
+        pedal = self.session.ticks > 50
+        return [{"type": "input", "source": "keyboard", "pedal": pedal, "arms": {"gold": hand}}]
+
+    def tell(self, frame):
+        pass
+
+
+@pytest.fixture(scope="module")
+def blueprint():
+    return Session(CHOSEN, 5).blueprint
+
+
+@pytest.fixture
+def rings():
+    made = [
+        Ring.create(4096, 4 * 256),
+        Ring.create(1024, EVENT_BYTES),
+        Ring.create(8, COMMAND_BYTES),
+    ]
+    yield made
+    for ring in made:
+        ring.close()
+
+
+def test_the_inbox_hands_over_what_the_page_said_and_counts_what_it_missed(rings):
+    ring = rings[2]
+    inbox = loop.PageCommands(ring)
+    assert inbox.poll() == []
+    for number in range(3):
+        put_json(ring, {"type": "operator", "do": "note", "text": f"ä{number}"})
+    assert [command["text"] for command in inbox.poll()] == ["ä0", "ä1", "ä2"]
+    assert inbox.poll() == [] and inbox.lost == 0
+    for number in range(20):
+        put_json(ring, {"type": "operator", "do": "note", "text": str(number)})
+    texts = [command["text"] for command in inbox.poll()]
+    assert texts == [str(number) for number in range(20 - len(texts), 20)] and 0 < len(texts) < 8
+    assert inbox.lost == 20 - len(texts)
+
+
+def test_the_page_has_its_stamp_and_where_a_script_drives_no_hand_of_it_gets_through(rings):
+    for drives in (True, False):
+        inbox = loop.PageCommands(rings[2], drives)
+        inbox.poll()
+        hand = {"type": "input", "pedal": False, "arms": {}}
+        for one in (hand, {"type": "seat", "do": "take"}, {"type": "operator", "do": "estop"}):
+            put_json(rings[2], one)
+        expected = [("input", "page"), ("seat", "page"), ("operator", None)]
+        assert [(one["type"], one.get("console")) for one in inbox.poll()] == expected[
+            0 if drives else 2 :
+        ]
+
+
+@pytest.mark.slow
+def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
+    """The understudy runs the same code on the same tables' shapes in between: not a bit of the
+    session is its.
+    """
+    alone = Session(CHOSEN, 5, ready=blueprint)
+    driver, rows, told = Mover(alone), [], []
+    while not alone.over:
+        told += alone.tick(driver.poll())
+        rows.append(alone.frame.row.copy())
+    session = Session(CHOSEN, 5, ready=blueprint)
+    frames = Ring.create(4096, 4 * session.layout.size)
+    try:
+        timing = loop.run(session, frames, rings[1], [Mover(session)])
+        _, raw = frames.read(0)
+    finally:
+        frames.close()
+    found = raw.view(np.float32)[: len(rows)]
+    kept = np.ones(session.layout.size, bool)
+    kept[[session.layout.places[name].start for name in TIMING]] = False
+    np.testing.assert_array_equal(found[:, kept], np.stack(rows)[:, kept])
+    events = [event for event in read_json(rings[1].read(0)[1]) if event["kind"] != "overrun"]
+    assert events[: len(told)] == told  # and then that it is over
+    assert alone.frame.number("runlevel") == 3 and alone.heard == session.heard
+    assert timing.ticks == len(raw) and timing.whole.sum() == timing.ticks
+
+
+@pytest.mark.slow
+def test_trouble_elsewhere_is_told_once(blueprint, rings):
+    session = Session(CHOSEN, 5, ready=blueprint)
+    frames, asked = Ring.create(4096, 4 * session.layout.size), []
+
+    def trouble():
+        asked.append(session.ticks)
+        return "the disk is full"
+
+    try:
+        loop.run(session, frames, rings[1], [Mover(session)], trouble=trouble)
+    finally:
+        frames.close()
+    (one,) = (event for event in read_json(rings[1].read(0)[1]) if event["kind"] == "trouble")
+    assert one["text"] == "the disk is full" and one["tick"] == 1000
+    assert len(asked) == 1

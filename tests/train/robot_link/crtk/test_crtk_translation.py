@@ -1,0 +1,510 @@
+"""Frames, increments, states and moves of CRTK, without any transport."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ravenjax import UserError
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.robots.raven2.geometry.arrays import forward_kinematics
+from ravenjax.train import launch, scenario
+from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.robot_link.crtk import follower, frames, messages, names
+from ravenjax.train.robot_link.crtk.exchange import BridgeEnd, LoopEnd
+from ravenjax.train.robot_link.crtk.follower import STILL, Setpoint, SetpointFollower
+from ravenjax.train.robot_link.crtk.interpreter import Interpreter
+from ravenjax.train.robot_link.crtk.messages import TipPose
+from ravenjax.train.robot_link.crtk.operating_state import COMMANDS, IDLE_MS, OperatingState
+from ravenjax.train.robot_link.crtk.trajectory import FASTEST, STRONGEST, Trajectory
+from ravenjax.train.session import pedal
+from ravenjax.train.session.advance import Session
+
+BOTH = ("gold", "green")
+# raven2, params/raven_*_crtk.yaml: joints, position m, quaternion, told to two or three digits
+YAML = {
+    "gold": (
+        (0.523, 1.584, 0.4002, 0.0715, 0.0950, 0.7537, 0.852),
+        (0.0239, -0.0144, -0.0779),
+        (-0.14, 0.636, 0.02, 0.76),
+    ),
+    "green": (
+        (0.524, 1.583, 0.400, 0.0660, 0.0598, 0.736, 0.844),
+        (0.0242, 0.0141, -0.0780),
+        (0.12, 0.62, 0.07, 0.77),
+    ),
+}
+
+
+@pytest.mark.parametrize("arm", BOTH)
+def test_the_home_poses_of_raven2s_own_crtk_are_told(arm):
+    jpos, position, quat = YAML[arm]
+    told = frames.from_frame0(arm, *frames.reached(arm, np.array(jpos)))
+    assert told.position == pytest.approx(position, abs=6e-4)
+    assert abs(np.dot(told.quat, quat)) / np.linalg.norm(quat) > 0.999
+
+
+@pytest.mark.parametrize("arm", BOTH)
+def test_a_pose_comes_back_from_its_frame(arm):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        position, rotation = rng.normal(size=3), Rotation.random(random_state=seed).as_matrix()
+        again = frames.to_frame0(arm, frames.from_frame0(arm, position, rotation))
+        np.testing.assert_allclose(again[0], position, atol=1e-12)
+        np.testing.assert_allclose(again[1], rotation, atol=1e-9)
+    assert np.linalg.det(frames.BASE[arm]) == pytest.approx(1.0)
+
+
+def test_readings_are_the_kinematics_and_their_derivative():
+    rng = np.random.default_rng(3)
+    jpos = np.array([YAML[arm][0] for arm in BOTH])
+    mvel = rng.normal(size=(2, 7))
+    for arm, q, rates in zip(BOTH, jpos, mvel, strict=True):
+        one = frames.read(arm, "r_grasper", q, q + 0.01, rates)
+        position, rotation = forward_kinematics(q, arm)
+        np.testing.assert_allclose(one.position, position, atol=1e-9)
+        np.testing.assert_allclose(one.rotation, rotation, atol=1e-9)
+        np.testing.assert_allclose(one.position_d, forward_kinematics(q + 0.01, arm)[0], atol=1e-9)
+        h = 1e-6
+        ahead, behind = (forward_kinematics(q + sign * h * one.jvel, arm) for sign in (1, -1))
+        np.testing.assert_allclose(one.linear, (ahead[0] - behind[0]) / (2 * h), atol=1e-6)
+        spin = Rotation.from_matrix(ahead[1] @ behind[1].T).as_rotvec() / (2 * h)
+        np.testing.assert_allclose(one.angular, spin, atol=1e-5)
+
+
+@pytest.mark.parametrize("arm", BOTH)
+def test_increments_add_up_to_the_target_within_the_limits(arm):
+    """Accumulated as raven2 does it (`mapping.cpp`, `local_io.cpp`), written here anew."""
+    axes = {
+        "gold": [[0, 0, -1], [-1, 0, 0], [0, 1, 0]],
+        "green": [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
+    }[arm]
+    start = Setpoint(np.array([-78000.4, -24000.0, 14000.0]), (0.0, 0.0, 0.0, 1.0), 1570.0)
+    quat = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_quat()
+    target = Setpoint(start.position_um + [4000, -3000, 2500], tuple(quat), 1200.0)
+    one = SetpointFollower(arm)
+    assert not one.aim(target) and one.step(1.0) == STILL  # pedal up
+    one.engage(start)
+    assert one.aim(target)
+    position, turn, jaws = np.array([-78000, -24000, 14000]), Rotation.identity(), 1570
+    for _ in range(120):
+        step = one.step(1.0)
+        delta = np.array(axes) @ step.delta_um
+        assert np.linalg.norm(delta) <= 200 * 1.01 and abs(step.grasp_mrad) <= 4
+        increment = (
+            Rotation.from_matrix(axes)
+            * Rotation.from_quat(step.quat)
+            * Rotation.from_matrix(axes).inv()
+        )
+        assert increment.magnitude() <= 4.01e-3
+        position, turn, jaws = position + delta, increment * turn, jaws - step.grasp_mrad
+    np.testing.assert_allclose(position, target.position_um, atol=0.6)
+    assert (turn * Rotation.from_quat(quat).inv()).magnitude() < 1e-5
+    assert jaws == 1200
+    assert one.step(1.0) == STILL
+
+
+def test_a_robot_that_slipped_is_not_pushed_on():
+    one = SetpointFollower("gold")
+    one.engage(Setpoint(np.zeros(3), (0.0, 0.0, 0.0, 1.0), 0.0))
+    assert one.aim(Setpoint(np.array([1000.0, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))
+    for _ in range(10):
+        one.step(1.0)
+    one.compare(Setpoint(np.array([990.0, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))
+    assert one.slips == 0 and one.target is not None
+    one.compare(Setpoint(np.array([500.0, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0))
+    assert one.slips == 1 and one.target is None and one.sum.position_um[0] == 500
+    assert not one.aim(
+        Setpoint(np.array([500.0 + 75_001, 0, 0]), (0.0, 0.0, 0.0, 1.0), 0.0)
+    )  # too far at once
+
+
+def test_a_grasp_gain_of_two_takes_half_as_many():
+    one = SetpointFollower("gold", grasp_gain=2)
+    one.engage(Setpoint(np.zeros(3), (0.0, 0.0, 0.0, 1.0), 100.0))
+    one.aim(Setpoint(np.zeros(3), (0.0, 0.0, 0.0, 1.0), 60.0))
+    assert sum(one.step(1.0).grasp_mrad for _ in range(60)) == 20
+
+
+def test_a_move_begins_and_ends_at_rest_within_its_limits():
+    start, goal = (
+        np.array(YAML["gold"][0]),
+        np.array(YAML["gold"][0]) + [0.1, -0.2, 0.02, 0.5, 0, 0, 0.01],
+    )
+    move = Trajectory(start, goal, 1000.0)
+    times = 1000.0 + np.linspace(0, 1e3 * move.seconds, 2001)
+    path = np.array([move.at(ms)[0] for ms in times])
+    np.testing.assert_allclose(path[0], start)
+    np.testing.assert_allclose(path[-1], goal)
+    assert move.at(times[-1])[1] and not move.at(times[-2])[1]
+    dt = move.seconds / 2000
+    speed = np.abs(np.diff(path, axis=0) / dt).max(axis=0)
+    acceleration = np.abs(np.diff(path, 2, axis=0) / dt**2).max(axis=0)
+    assert (speed <= FASTEST * 1.001).all() and (acceleration <= STRONGEST * 1.001).all()
+    assert (
+        max((speed / FASTEST).max(), (acceleration / STRONGEST).max()) > 0.99
+    )  # no slower than it must be
+    assert Trajectory(start, start, 0.0).at(0.0)[1]
+
+
+def settled(state, runlevel=None, ms=0.0, connected=True, stopped=False):
+    level = (3 if state.pedal else 2) if runlevel is None else runlevel
+    state.observe(level, stopped, connected, ms)
+    return state.state
+
+
+def driven():
+    state = OperatingState()
+    assert settled(state) == "DISABLED"
+    state.command("enable", 0.0)
+    assert settled(state) == "ENABLED"
+    return state
+
+
+def in_state(name):
+    state = driven()
+    if name == "PAUSED":
+        state.command("pause", 0.0)
+        settled(state)
+    elif name == "DISABLED":
+        state.command("disable", 0.0)
+        settled(state, 0)
+    elif name == "FAULT":
+        settled(state, 0)
+    assert state.state == name
+    return state
+
+
+# CRTK's own table of transitions, what is invalid there included
+TABLE = {
+    "DISABLED": ("ENABLED", "DISABLED", "DISABLED", "DISABLED"),
+    "ENABLED": ("ENABLED", "DISABLED", "PAUSED", "ENABLED"),
+    "PAUSED": ("PAUSED", "DISABLED", "PAUSED", "ENABLED"),
+    "FAULT": ("ENABLED", "DISABLED", "FAULT", "FAULT"),
+}
+
+
+@pytest.mark.parametrize("begin", TABLE)
+@pytest.mark.parametrize("number", range(4))
+def test_commands_lead_where_crtks_table_says(begin, number):
+    state = in_state(begin)
+    level = state.runlevel
+    for order in state.command(("enable", "disable", "pause", "resume")[number], 0.0):
+        level = {"estop": 0, "restart": 2}[order]
+        settled(state, level)
+    if level != 0:
+        settled(state)
+    assert settled(state, level if level == 0 else None) == TABLE[begin][number]
+    assert state.is_homed == (level != 0)
+
+
+def test_a_pedal_is_held_by_somebody_or_comes_up():
+    state = driven()
+    assert (
+        settled(state, ms=IDLE_MS) == "ENABLED"
+        and settled(state, ms=IDLE_MS + 1.0) == "PAUSED"
+        and state.why == "idle"
+    )
+    state = driven()
+    state.servo(100.0)
+    assert (
+        settled(state, ms=350.0) == "ENABLED"
+        and settled(state, ms=351.0) == "PAUSED"
+        and state.why == "silence"
+    )
+    state = driven()
+    assert settled(state, connected=False) == "PAUSED" and state.why == "nobody"
+    state = driven()
+    state.is_busy = True  # a move needs no word on its way
+    assert settled(state, ms=60_000.0) == "ENABLED"
+    assert settled(state, ms=60_001.0, connected=False) == "PAUSED"
+
+
+def test_a_robot_that_was_not_heard_for_a_while_is_what_it_was_but_for_the_pedal():
+    state = OperatingState()
+    state.observe(2, False, True, 0.0, lost=True)
+    assert state.state == "FAULT"
+    assert settled(state) == "DISABLED"  # nobody has enabled it meanwhile
+    state = driven()
+    state.observe(3, False, True, 0.0, lost=True)
+    assert state.state == "FAULT" and not state.pedal
+    assert settled(state) == "PAUSED"
+
+
+def test_a_robot_that_had_stopped_itself_can_be_disabled():
+    state = driven()
+    assert settled(state, 3, stopped=True) == "FAULT"
+    assert state.command("disable", 0.0) == ["estop"]
+    assert settled(state, 0) == "DISABLED"
+
+
+def test_a_pedal_that_the_robot_does_not_follow_is_let_go():
+    state = OperatingState()
+    state.command("enable", 0.0)
+    assert settled(state, 2, 400.0) == "PAUSED" and state.pedal
+    settled(state, 2, 501.0)
+    assert not state.pedal and state.why == "refused"
+
+
+def test_a_foot_that_never_moved_does_not_drive_after_an_estop():
+    state = OperatingState()
+    state.foot(True, None, 0.0)
+    assert settled(state) == "ENABLED"
+    assert settled(state, 0) == "FAULT"
+    assert state.command("resume", 1.0) == [] and state.command("home", 1.0) == ["restart"]
+    state.foot(True, None, 2.0)
+    assert settled(state, 2) == "PAUSED" and not state.pedal
+    state.foot(False, None, 3.0)
+    state.foot(True, None, 4.0)
+    assert settled(state) == "ENABLED"
+
+
+def test_a_clutch_lets_go_and_takes_up_what_was_held():
+    state = driven()
+    state.foot(None, True, 0.0)
+    assert settled(state) == "PAUSED"
+    state.foot(None, False, 0.0)
+    assert settled(state) == "ENABLED"
+    state.foot(None, True, 0.0)
+    settled(state, 0)
+    settled(state, 2)
+    state.foot(None, False, 0.0)
+    assert settled(state) == "PAUSED"  # an E-stop came between
+
+
+def test_who_asks_while_another_drives_does_not_get_the_pedal_when_that_one_lets_go():
+    state = driven()
+    state.command("pause", 0.0)
+    settled(state)
+    for ms in range(0, 600, 100):
+        settled(state, 3, float(ms))
+    assert state.state == "PAUSED"  # it may still be coming up
+    assert settled(state, 3, 601.0) == "ENABLED" and not state.drives
+    state.command("resume", 601.0)
+    state.foot(True, None, 601.0)
+    assert settled(state, 3, 602.0) == "ENABLED" and not state.pedal and not state.drives
+    assert settled(state, 2, 603.0) == "PAUSED" and not state.pedal
+
+
+def test_unknown_commands_are_told():
+    with pytest.raises(ValueError, match="expected one of enable"):
+        OperatingState().command("go", 0.0)
+    assert "unhome" in COMMANDS
+
+
+# --- messages ---
+
+MD5 = {  # as Debian's message packages have them, and crtk_msgs for its own
+    messages.JOINT_STATE: "3066dcd76a6cfaef579bd0f34173e9fd",
+    messages.POSE: "d3812c3cbc69362b77dc0b19b345f8f5",
+    messages.TWIST: "98d34b0043a2093cf9d9345ab6eef12e",
+    messages.WRENCH: "d78d3cb249ce23087ade7e7d0c40cfa7",
+    messages.JOY: "5a9ea5f83505693b71e785041e67a8bb",
+}
+
+
+def test_the_types_of_ros_1_are_those_of_its_packages():
+    store = messages.types("ros1").store
+    assert {kind: store.generate_msgdef(kind)[1] for kind in MD5} == MD5
+
+
+@pytest.mark.parametrize("ros", ["ros1", "ros2"])
+def test_every_message_comes_back_from_its_bytes(ros):
+    types = messages.types(ros)
+    interpreter = Interpreter(BOTH, ("r_grasper",) * 2, types)
+    row = robot_row()
+    published = {topic.name: topic.kind for topic in names.published(BOTH, ros == "ros1")}
+    interpreter.observe(row, True, row.clock_ns * 1e-6)
+    told = [*interpreter.readings(row), *interpreter.states(row.stamp_ns)]
+    assert {name for name, _ in told} == set(published)
+    for name, message in told:
+        again = types.decode(types.encode(message, published[name]), published[name])
+        if name == "arm2/measured_js":
+            assert messages.stamp_ns(again) == row.stamp_ns and again.header.frame_id == "arm2_base"
+            assert list(again.position) == pytest.approx(YAML["green"][0], abs=1e-6)
+        if name == "ravenstate":  # degrees, the insertion too, as raven2 multiplies everything
+            assert again.jpos[2] == pytest.approx(math.degrees(0.4002), rel=1e-5)
+            assert (
+                again.jpos[8] == pytest.approx(math.degrees(0.524), rel=1e-5) and again.jpos[3] == 0
+            )
+            assert list(again.pos[:3]) == pytest.approx([-77850, -24120, 14340], abs=400)
+    with pytest.raises(ValueError, match="JointState"):
+        types.decode(b"\0\1\0\0\7", messages.JOINT_STATE)
+
+
+def robot_row(runlevel=2, taken=0):
+    """A row as the loop tells it, through its ring."""
+    frame = Frame(FrameLayout.of(BOTH))
+    for arm in BOTH:
+        frame[f"{arm}/jpos"] = frame[f"{arm}/jpos_d"] = YAML[arm][0]
+    frame["runlevel"] = runlevel
+    loop = LoopEnd(frame.layout)
+    loop.taken = taken
+    bridge = BridgeEnd(loop.rows.name, loop.commands.name, frame.layout)
+    assert bridge.newest() is None
+    loop.tell(frame.row)
+    row = bridge.newest()
+    assert bridge.send({"type": "operator", "do": "estop"}) == 1
+    assert (
+        loop.poll() == [{"type": "operator", "do": "estop"}]
+        and loop.taken == 1
+        and loop.poll() == []
+    )
+    bridge.close()
+    loop.close()
+    return row
+
+
+# what x, y, z of the base frame are in frame 0, as docs/how-to/crtk.md has them
+DOCUMENTED = {"gold": lambda x, y, z: (-y, -z, x), "green": lambda x, y, z: (y, z, x)}
+
+
+@pytest.mark.parametrize("ros", ["ros1", "ros2"])
+def test_the_force_on_the_environment_is_told_against_the_one_that_is_felt(ros):
+    types, row = messages.types(ros), robot_row()
+    felt = {"gold": (0.5, -1.25, 2.0), "green": (0.0, 3.0, -0.75)}
+    for arm, force in felt.items():
+        row.frame[f"{arm}/contact"] = force
+    told = dict(Interpreter(BOTH, ("r_grasper",) * 2, types, contact=True).readings(row))
+    kinds = {topic.name: topic.kind for topic in names.published(BOTH, ros == "ros1", contact=True)}
+    assert set(told) == {name for name in kinds if not name.endswith("operating_state")}
+    for arm, name in names.ARM_NAMES.items():
+        kind = kinds[f"{name}/measured_cf"]
+        assert kind == "geometry_msgs/msg/WrenchStamped"
+        again = types.decode(types.encode(told[f"{name}/measured_cf"], kind), kind)
+        force, torque = again.wrench.force, again.wrench.torque
+        assert (force.x, force.y, force.z) == tuple(-one for one in DOCUMENTED[arm](*felt[arm]))
+        assert (torque.x, torque.y, torque.z) == (0, 0, 0)
+        assert messages.stamp_ns(again) == row.stamp_ns and again.header.frame_id == f"{name}_base"
+
+
+def test_a_robot_that_touches_nothing_has_no_topic_for_it():
+    told = {
+        name
+        for name, _ in Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2")).readings(
+            robot_row()
+        )
+    }
+    offered = {topic.name for topic in names.published(BOTH)}
+    assert not [name for name in told | offered if "measured_cf" in name]
+
+
+@pytest.mark.slow
+def test_who_presses_on_the_tissue_is_told_a_force_into_it():
+    session = Session(scenario.load("touch"), 0)
+    for _ in range(4000):  # down in the view is down in the world
+        hands = {"gold": {"move": [0, -1, 0], "turn": [0, 0, 0], "grasp": 0}}
+        session.tick(
+            [{"type": "input", "console": "page", "pedal": session.ticks > 100, "arms": hands}]
+        )
+        if np.linalg.norm(session.frame["gold/contact"]) > 1.0:
+            break
+    row = robot_row()._replace(frame=session.frame)
+    told = dict(
+        Interpreter(BOTH, ("r_grasper",) * 2, messages.types("ros2"), contact=True).readings(row)
+    )
+    force = told["arm1/measured_cf"].wrench.force
+    frame0 = (force.z, -force.x, -force.y)  # x, y, z of the base frame are -y, -z, x
+    down = Rotation.from_quat(scene.base_pose("gold")[1]).apply(frame0)[2]
+    assert (
+        np.linalg.norm(frame0) == pytest.approx(np.linalg.norm(session.frame["gold/contact"]))
+        and down < -0.8
+    )
+    free = told["arm2/measured_cf"].wrench.force
+    assert (free.x, free.y, free.z) == (0, 0, 0)
+
+
+def test_a_servo_command_becomes_increments_that_add_up():
+    types = messages.types("ros2")
+    interpreter = Interpreter(BOTH, ("r_grasper",) * 2, types)
+    row = robot_row(2)
+    ms = row.clock_ns * 1e-6
+    header = types.header(row.stamp_ns, "")
+    interpreter.observe(row, True, ms)
+    interpreter.hear("arm1/servo_jr", types.joint_state(header, [], [0.1] + [0] * 6), ms)
+    assert interpreter.counts == {"servo_jr: the robot is not enabled": 1}
+    interpreter.hear("state_command", types.string(header, "enable"), ms)
+    row.frame["runlevel"] = 3
+    interpreter.observe(row, True, ms)
+    assert interpreter.state.drives
+    start = frames.from_frame0("gold", *frames.reached("gold", np.array(YAML["gold"][0])))
+    goal = TipPose((start.position[0] + 0.003, *start.position[1:]), start.quat)
+    interpreter.hear("arm1/servo_cp", types.pose(header, goal), ms)
+    total = np.zeros(3)
+    for i in range(40):
+        (command,) = interpreter.commands(ms + i)
+        assert command["pedal"] is True and command["console"] == "crtk"
+        total += command["arms"]["gold"]["delta_um"]
+        assert command["arms"]["green"]["delta_um"] == [0, 0, 0]
+    # x of CRTK is -y of gold's frame 0, which is x of the ITP frame
+    assert total.tolist() == pytest.approx([3000, 0, 0], abs=1)
+    for bad in ([9.0] + [0] * 6, [0.0] * 3, [float("nan")] * 7):
+        interpreter.hear("arm1/servo_jp", types.joint_state(header, [], bad), ms)
+    assert sum(interpreter.counts.values()) == 4
+    (still,) = interpreter.commands(ms + 60)
+    assert still["arms"]["gold"]["delta_um"] == [0, 0, 0]
+
+
+def test_a_busy_machine_has_not_taken_the_robot_elsewhere():
+    """The robot's own ticks count since it took the last increment, not the clock."""
+    types = messages.types("ros2")
+    interpreter = Interpreter(("gold",), ("r_grasper",), types)
+    row = robot_row(3)
+    ms = row.clock_ns * 1e-6
+    header = types.header(row.stamp_ns, "")
+    row.frame["runlevel"] = 2
+    interpreter.observe(row, True, ms)
+    interpreter.hear("state_command", types.string(header, "enable"), ms)
+    row.frame["runlevel"] = 3
+    interpreter.observe(row, True, ms)
+    interpreter.hear("arm1/servo_jr", types.joint_state(header, [], [0.004] + [0] * 6), ms)
+    interpreter.commands(ms)
+    for number in range(1, 100):
+        interpreter.commands(ms + number)
+        interpreter.note_sent(number)
+    elsewhere = "the robot went elsewhere: at a joint limit, or out of reach"
+    for taken, number in (
+        (0, 500),
+        (99, 501),
+        (99, 530),
+    ):  # its setpoint stays where it was all the time
+        interpreter.observe(row._replace(last_command=taken, number=number), True, ms + 240)
+        assert elsewhere not in interpreter.counts
+    interpreter.observe(row._replace(last_command=99, number=531), True, ms + 240)
+    assert interpreter.counts[elsewhere] == 1
+
+
+def test_a_robot_over_ros_has_an_address_of_its_own():
+    assert launch.address("raven:36000:ros1") == ("raven", (36000, "ros1"))
+    assert launch.address("raven") == ("raven", (36000, 36002))
+    for bad in ("raven:36000:ros3", "raven:ros1", "raven:1:ros1:2", ":1:ros1"):
+        with pytest.raises(UserError, match="ros1 or ros2"):
+            launch.address(bad)
+
+
+def test_a_pose_in_frame_0_is_a_setpoint_in_micrometres():
+    one = follower.setpoint(np.array([0.001, -0.002, 0.003]), np.eye(3), 1.5)
+    assert (
+        one.position_um.tolist() == [1000, -2000, 3000]
+        and one.quat == (0, 0, 0, 1)
+        and one.grasp_mrad == 1500
+    )
+
+
+def test_the_user_is_told_why_the_pedal_of_crtk_does_not_count():
+    types, told, row = messages.types("ros2"), [], robot_row(runlevel=3)
+    interpreter = Interpreter(("gold",), ("r_grasper",), types, refused=told.append)
+    header, now = types.header(0, ""), row.clock_ns * 1e-6
+    for ms in (0, 600):  # somebody else has the pedal down
+        interpreter.observe(row._replace(clock_ns=row.clock_ns + ms * 10**6), True, now + ms)
+    for _ in range(3):  # one foot that stays, and one word
+        interpreter.hear("console/operator_present", types.joy(header, [1]), now + 600)
+    interpreter.hear("state_command", types.string(header, "resume"), now + 600)
+    assert told == [pedal.rival("another console")] * 2
+    alone = robot_row(runlevel=2)
+    later = alone._replace(clock_ns=row.clock_ns + 700 * 10**6)
+    interpreter.observe(later, True, now + 700)
+    interpreter.hear("state_command", types.string(header, "enable"), now + 700)
+    interpreter.observe(later, False, now + 701)
+    assert told[2:] == [pedal.RELEASED["nobody"]] and not interpreter.state.pedal

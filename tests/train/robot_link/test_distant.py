@@ -1,0 +1,238 @@
+"""A robot elsewhere, driven by packets and compared with the model here, goes as the one in this
+process does.
+"""
+
+import numpy as np
+import pytest
+
+from ravenjax.campaign import loading
+from ravenjax.robots.raven2.console.packet import decode
+from ravenjax.train import scenario
+from ravenjax.train.judge.trips import Trips
+from ravenjax.train.protocol.frame import PHASES, FrameLayout
+from ravenjax.train.robot_link.distant import DistantRobot
+from ravenjax.train.robot_link.joints.decoder import Decoder
+from ravenjax.train.robot_link.joints.record import Reporter
+from ravenjax.train.session import advance, blueprint
+from ravenjax.train.session.advance import Session
+from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
+
+pytestmark = pytest.mark.slow
+
+TICKS = 800
+
+
+class Wire:
+    """The other end: a robot that steps when a packet comes, and whose report is back at once."""
+
+    def __init__(self, robot):
+        self.robot, self.orders, self.stale = robot, [], False
+        self.report, self.texts = None, []
+        self._reporter, self._decoder, self._tick = (
+            Reporter(FrameLayout.of(robot.arms)),
+            Decoder(),
+            0,
+        )
+
+    def exchange(self, datagram):
+        assert len(datagram) == 124
+        frame = self.robot.tick(decode(datagram, self.robot.arms))
+        self._tick += 1
+        self.report = self._decoder.feed(self._reporter.encode(frame, self._tick, self._tick))[-1]
+        return self.report
+
+    def order(self, content):
+        self.orders.append(content)
+
+    def answers(self):
+        texts, self.texts = self.texts, []
+        return texts
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Rows of a robot here and of one elsewhere on the same motion, and the one elsewhere."""
+    config = loading.from_dict(
+        {
+            "campaign": {"name": "far", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
+            "operator": {"motion": "suture", "scale": 0.1},
+            "group": [
+                {
+                    "name": "estop",
+                    "fault": [
+                        {
+                            "site": "buttons",
+                            "channel": "estop",
+                            "effect": "overwrite",
+                            "value": 1,
+                            "start_ms": 0,
+                        }
+                    ],
+                }
+            ],
+        }
+    )
+    made = blueprint.make(config)
+    far = DistantRobot(made, Wire(PacketRobot(config)))
+    rows = []
+    for robot in (SimulatedRobot(made), far):
+        for column, values in zip(robot.motion, made.plan.columns, strict=True):
+            column[: len(values)] = values
+        rows.append(np.stack([(robot.step(), robot.row.copy())[1] for _ in range(TICKS)]))
+    return made.layout.places, *rows, far
+
+
+def test_packets_on_the_wire_move_it_as_the_motion_does(driven):
+    places, here, there, far = driven
+    assert here[-1, places["runlevel"]] == 3 and there[-1, places["runlevel"]] == 3
+    for arm in ("gold", "green"):
+        for name in ("jpos", "jpos_d", "mpos", "dac"):
+            np.testing.assert_allclose(
+                there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6
+            )
+    assert far.outcomes() == {}
+
+
+def test_the_model_here_is_the_model_of_the_tick_and_the_error_that_of_a_tick_ago(driven):
+    places, here, there, _ = driven
+    for arm in ("gold", "green"):
+        for name in ("model_jpos", "model_tip"):
+            np.testing.assert_allclose(
+                there[:, places[f"{arm}/{name}"]], here[:, places[f"{arm}/{name}"]], atol=2e-6
+            )
+        error = places[f"{arm}/error_mm"]
+        # the robot's report of this tick comes after the packet of this tick: one tick of motion,
+        # at most 60 mm/s
+        assert np.abs(there[1:, error] - here[1:, error]).max() < 0.06
+        np.testing.assert_array_equal(there[:, places[f"{arm}/known_mm"]], there[:, error])
+
+
+def test_what_cannot_be_seen_from_here_is_not_made_up(driven):
+    """Without a golden run the model stands for it; whether the report is true nobody here can
+    say.
+    """
+    places, here, there, _ = driven
+    live = there[1:, places["live"]].ravel() != 0
+    np.testing.assert_array_equal(live, here[1:, places["live"]].ravel() != 0)
+    was_live = np.concatenate([[False], live[:-1]])  # the distances are of the report before
+    for arm in ("gold", "green"):
+        error, off = (
+            there[1:, places[f"{arm}/{name}"]].ravel() for name in ("error_mm", "unintended_mm")
+        )
+        assert (off <= error + 1e-4).all() and not off[~was_live].any() and off[was_live].any()
+        loss = there[1:, places[f"{arm}/loss_mm"]].ravel()
+        assert not loss[~was_live].any() and (loss <= error + 1e-4).all()
+        assert np.isnan(there[:, places[f"{arm}/false_report_mm"]]).all()
+    assert there[-1, places["halted_ms"]] == pytest.approx(here[-1, places["halted_ms"]], abs=2)
+
+
+def test_orders_go_to_the_robots_process(driven):
+    *_, far = driven
+    far.arm(0)
+    far.press(1)
+    far.disarm()
+    assert [order["order"] for order in far.remote.orders] == ["arm", "estop", "disarm"]
+    assert far.remote.orders[0]["number"] == 0
+
+
+def test_a_robot_that_is_silent_counts_as_stopped_and_does_not_pull(driven):
+    places, *_, far = driven
+    assert far.golden_outcomes() is None
+    far.remote.stale = True
+    far.motion[:, far.now] = far.motion[:, far.now - 1]
+    far.step()
+    assert far.row[places["runlevel"]] == 0 and not far.row[places["gold/force"]].any()
+    assert far.row[places["live"]] == 0
+
+
+def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
+    places, *_, far = driven
+    far.remote.stale = False
+    robot = far.remote.robot
+    robot.press(robot.blueprint.plan.runs - 1)
+    for _ in range(200):
+        far.motion[:, far.now] = far.motion[:, far.now - 1]
+        far.step()
+    outcomes = far.outcomes()
+    assert far.row[places["runlevel"]] == 0 and far.row[places["trips"]] == 1
+    assert outcomes["check_estop_count"] == 1 and outcomes["check_estop_first_ms"] > TICKS
+    (trip,) = Trips().look(far.now, far.now, outcomes)
+    assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)
+
+
+def test_what_the_robots_process_tells_of_its_checks_is_shown(driven):
+    places, *_, far = driven
+    far.remote.stale = False
+    trips = far.row[places["trips"]].item()
+    told = {
+        "joint_limit": [13308, 40],
+        "no_such_check": [1, 1],
+        "ik_reject": "many",
+        "watchdog": [True, 0],
+    }
+    far.remote.texts = [{"checks": told}, {"answer": "arm", "ok": True}]
+    far.motion[:, far.now] = far.motion[:, far.now - 1]
+    far.step()
+    outcomes = far.outcomes()
+    assert (outcomes["check_joint_limit_count"], outcomes["check_joint_limit_first_ms"]) == (
+        13308,
+        far.now - 41,
+    )
+    assert far.row[places["trips"]] == trips + 13308
+    names = {trip.check.name for trip in Trips().look(far.now, far.now, outcomes)}
+    assert "joint_limit" in names and not {"no_such_check", "ik_reject", "watchdog"} & names
+
+
+def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():
+    chosen = scenario.from_dict({"name": "far", "duration_s": 30, "task": {"kind": "free"}})
+    wires = []
+
+    def robot(made):
+        wires.append(Wire(PacketRobot(scenario.campaign(chosen, 0))))
+        return DistantRobot(made, wires[0])
+
+    session, events = Session(chosen, 0, robot=robot), []
+
+    def drive(ticks, pedal=True):
+        for k in range(ticks):
+            hand = {"type": "input", "pedal": pedal, "arms": {"gold": {"move": [0.5, 0.0, 0.0]}}}
+            events.extend(session.tick([hand] if k % 20 == 0 else []))
+        return PHASES[int(session.frame.number("phase"))]
+
+    drive(100, pedal=False)
+    assert drive(500) == "running" and session.frame.number("link") == 1
+    events.clear()
+    wires[0].stale = True
+    assert drive(500) == "lost" and session.frame.number("link") == 0
+    assert not session.frame["gold/force"].any()
+    assert {event["kind"] for event in events} == {
+        "phase",
+        "pedal",
+        "rearm",
+    }  # no alarm, no run level
+    wires[0].stale = False
+    assert drive(500) == "ready" and session.frame.number("pedal") == 0  # the foot never came up
+    drive(100, pedal=False)
+    assert drive(500) == "running"
+
+
+def test_a_robot_that_nothing_is_heard_of_is_waited_for_as_long_as_it_takes(monkeypatch):
+    monkeypatch.setattr(advance, "STAND_BY_MS", 300)
+    chosen = scenario.from_dict({"name": "far", "duration_s": 2, "task": {"kind": "free"}})
+    wires = []
+
+    def robot(made):
+        wires.append(Wire(PacketRobot(scenario.campaign(chosen, 0))))
+        wires[0].stale = True
+        return DistantRobot(made, wires[0])
+
+    session, latest = Session(chosen, 0, robot=robot), 0
+    for k in range(4000):
+        wires[0].stale = k < 2000
+        hand = {"type": "input", "pedal": k >= 3000, "arms": {"gold": {"move": [0.5, 0.0, 0.0]}}}
+        session.tick([hand] if k % 20 == 0 else [])
+        latest = max(latest, session.robot.now if session.started is None else 0)
+    assert latest <= 300 and PHASES[int(session.frame.number("phase"))] == "running"
+    assert (
+        session.frame["gold/error_mm"] < 1.0 and not session.frame["gold/force"].any()
+    )  # the model came along

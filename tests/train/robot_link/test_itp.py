@@ -1,0 +1,237 @@
+"""The ITP server on real loopback sockets, driven by a console that shares no code with it."""
+
+import math
+import socket
+
+import numpy as np
+import pytest
+from itp_client import IDENTITY, STILL, Console, datagram
+
+from ravenjax.errors import UserError
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console.packet import UDP_PORT
+from ravenjax.robots.raven2.console.profile import LargestSteps
+from ravenjax.robots.raven2.geometry import mapping
+from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot_link.itp import PER_TICK, USUAL_PER_TICK, ItpServer
+
+BOTH = ("gold", "green")
+
+
+class Clock:
+    def __init__(self):
+        self.ms = 1000.0
+
+    def __call__(self):
+        return round(self.ms * 1e6)
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def server(clock):
+    made = ItpServer(BOTH, port=0, clock=clock)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def console(server):
+    made = Console(server.address)
+    yield made
+    made.close()
+
+
+def polled(server, ticks=1):
+    """Everything said in so many ticks."""
+    return [message for _ in range(ticks) for message in server.poll()]
+
+
+def test_binds_loopback_and_says_when_the_port_is_taken(server):
+    host, port = server.address
+    assert host == "127.0.0.1"
+    with pytest.raises(UserError, match=rf"UDP 127.0.0.1:{port} cannot be opened.*another port"):
+        ItpServer(BOTH, port=port)
+    assert UDP_PORT == 36000
+
+
+def test_silence_is_no_message(server):
+    assert server.poll() == []
+    assert not server.alive
+    assert not server.send_force({"gold": (1, 1, 1)})
+
+
+def test_message_of_one_packet(server, console):
+    console.send(gold=(1, -2, 3), green=(4, 5, -6), grasp=(7, -8), surgeon_mode=1)
+    (message,) = server.poll()
+    assert message == {
+        "type": "increments",
+        "source": "itp",
+        "pedal": True,
+        "arms": {
+            "gold": {"delta_um": [1, -2, 3], "quat": list(IDENTITY), "grasp_mrad": 7},
+            "green": {"delta_um": [4, 5, -6], "quat": list(IDENTITY), "grasp_mrad": -8},
+        },
+    }
+
+
+def test_packets_of_a_tick_add_up_in_their_order(server, console):
+    about_x, about_y = (
+        (math.sin(0.02), 0.0, 0.0, math.cos(0.02)),
+        (0.0, math.sin(0.03), 0.0, math.cos(0.03)),
+    )
+    console.send(gold=(1, 2, 3), grasp=(5, 0), quats=(about_x, IDENTITY), surgeon_mode=1)
+    console.send(gold=(10, 20, 30), grasp=(-7, 0), quats=(about_y, IDENTITY), surgeon_mode=0)
+    (message,) = server.poll()
+    gold = message["arms"]["gold"]
+    assert (gold["delta_um"], gold["grasp_mrad"], message["pedal"]) == ([11, 22, 33], -2, False)
+    robot = mapping.matrix_from_quat(
+        Vec(gold["quat"])
+    )  # the robot multiplies later turns from the left
+    steps = [np.array(mapping.matrix_from_quat(Vec(q))) for q in (about_x, about_y)]
+    np.testing.assert_allclose(np.array(robot), steps[1] @ steps[0], atol=1e-12)
+
+
+def test_a_burst_is_spread_over_ticks(server, console):
+    for _ in range(11):
+        console.send(gold=(100, 0, 0))
+    each = [m["arms"]["gold"]["delta_um"][0] for m in polled(server, 4)]
+    assert each == [400, 400, 300]
+    assert USUAL_PER_TICK * LargestSteps().step_um <= 4000, "what bounds the displacement of a tick"
+
+
+def test_a_flood_costs_a_tick_no_more_than_its_share_and_is_counted(server, console):
+    console.send(gold=(5, 0, 0))
+    polled(server)
+    flooder = Console(server.address)
+    for _ in range(5000):
+        flooder.send_bytes(datagram(1, gold=(900, 0, 0)))
+    assert server.poll() == []
+    counters = server.counters()
+    assert counters["stranger"] == PER_TICK
+    ticks = 0
+    while server.gate.received - 1 + server.counters()["kernel_dropped"] < 5000:
+        assert server.poll() == []
+        ticks += 1
+        assert ticks < 1000
+    assert 0 < server.counters()["kernel_dropped"] < 5000
+    console.send(gold=(6, 0, 0))
+    assert polled(server)[0]["arms"]["gold"]["delta_um"] == [6, 0, 0]
+    flooder.close()
+
+
+def test_force_in_the_axes_of_the_console(server, console, clock):
+    console.send(surgeon_mode=1)
+    server.poll()
+    gold, green = (0.01, -0.02, 0.03), (0.0, 0.0, 0.05)
+    assert server.send_force({"gold": np.float32(gold), "green": green}, runlevel=3)
+    got = console.force()
+    for arm, felt in (
+        ("gold", gold),
+        ("green", green),
+    ):  # spec 5.2: frame 0 of gold is (-z, -x, y) of the console
+        x, y, z = got[arm]
+        assert {"gold": (-z, -x, y), "green": (-z, x, -y)}[arm] == tuple(
+            round(1000 * f) for f in felt
+        )
+    assert (got["sequence"], got["last_sequence"], got["runlevel"]) == (1, 1, 3)
+    assert got["jointflags"] == 0b11_0010_1111
+    assert got["checksum"] == sum(got["gold"]) + sum(got["green"]) + 3 + 1
+
+
+def test_flags(server, console, clock):
+    console.send(surgeon_mode=0)
+    server.poll()
+    server.send_force({"gold": STILL, "green": STILL}, runlevel=0, soft_estopped=True)
+    assert console.force()["jointflags"] == 0b11_1011
+
+
+@pytest.mark.parametrize("felt", [(math.nan, 0, 0), (0, 0, 0)])
+def test_a_force_that_is_no_number_is_none(server, console, felt):
+    console.send()
+    server.poll()
+    server.send_force({"gold": felt})
+    assert console.force()["gold"] == STILL
+
+
+def test_a_force_beyond_32_bits_is_the_greatest(server, console):
+    console.send()
+    server.poll()
+    server.send_force({"gold": (math.inf, 0, -1e30)})
+    assert console.force()["gold"] == (
+        0,
+        -(2**31 - 1),
+        -(2**31 - 1),
+    ), "along -z and y of the console"
+
+
+def test_a_dead_console_gets_no_force_and_its_pedal_counts_as_up(server, console, clock):
+    console.send(surgeon_mode=1)
+    server.poll()
+    clock.ms += STALE_MS
+    assert server.alive
+    server.send_force({"gold": (0.05, 0, 0)})
+    assert any(console.force()["gold"])
+    clock.ms += 0.1
+    assert not server.alive
+    server.send_force({"gold": (0.05, 0, 0)}, runlevel=3)
+    got = console.force()
+    assert (got["gold"], got["jointflags"], got["runlevel"]) == (STILL, 0b10_0011, 3)
+    clock.ms += 2000
+    assert not server.send_force({"gold": (0.05, 0, 0)}), "nobody is there any more"
+
+
+def test_the_next_console_takes_over_after_silence(server, console, clock):
+    console.send(gold=(1, 0, 0))
+    server.poll()
+    other = Console(server.address)
+    other.send(gold=(2, 0, 0))
+    assert server.poll() == []
+    clock.ms += 2000.1
+    other.sequence = 0
+    other.send(gold=(3, 0, 0))
+    assert server.poll()[0]["arms"]["gold"]["delta_um"] == [3, 0, 0]
+    server.send_force({"gold": STILL})
+    assert other.force()["last_sequence"] == 1
+    other.close()
+
+
+def test_a_console_that_went_away_does_no_harm(server, console, clock):
+    console.send()
+    server.poll()
+    console.close()
+    for _ in range(20):  # the host answers that the port is closed
+        server.send_force({"gold": (0.01, 0, 0)})
+        assert server.poll() == []
+
+
+def test_one_arm(clock):
+    server = ItpServer(("green",), port=0, clock=clock)
+    console = Console(server.address)
+    console.send(green=(1, 2, 3), quats=((0.0,) * 4, IDENTITY))
+    assert list(server.poll()[0]["arms"]) == ["green"]
+    server.send_force({"green": (0.0, 0.01, 0.0)})
+    got = console.force()
+    assert (got["gold"], got["green"], got["jointflags"]) == (STILL, (10, 0, 0), 0b10_0010_1110)
+    console.close()
+    server.close()
+
+
+def test_empty_and_oversized_datagrams(server, console):
+    console.send_bytes(b"")
+    console.send_bytes(datagram(1, gold=(4, 0, 0)) + bytes(60_000))
+    assert polled(server)[0]["arms"]["gold"]["delta_um"] == [4, 0, 0]
+    counters = server.counters()
+    assert (counters["short"], counters["cut"], counters["accepted"]) == (1, 1, 1)
+
+
+def test_closing_gives_the_port_back(clock):
+    server = ItpServer(BOTH, port=0, clock=clock)
+    address = server.address
+    server.close()
+    again = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    again.bind(address)
+    again.close()

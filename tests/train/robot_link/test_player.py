@@ -1,0 +1,134 @@
+"""Recorded packets sent again: byte by byte, in their order, with the pedal up ahead of them."""
+
+from __future__ import annotations
+
+import socket
+import threading
+
+import numpy as np
+import pandas as pd
+import pytest
+import waiting
+from itp_client import datagram
+from live_session import LiveSession
+
+from ravenjax.cli import USER_ERROR, main
+from ravenjax.errors import UserError
+from ravenjax.store.consoles import loading
+from ravenjax.train.robot_link import player
+from ravenjax.train.robot_link.itp import ItpServer
+from ravenjax.train.robot_link.packet_filter import TAKEN, Gate, PacketLimits
+
+BOTH = ("gold", "green")
+
+
+def recorded(first=1, count=40):
+    return [datagram(first + n, gold=(3, 0, -1), green=(0, 2, 0)) for n in range(count)]
+
+
+@pytest.fixture
+def ear():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        port.bind(("127.0.0.1", 0))
+        port.settimeout(waiting.DEADLINE_S)
+        yield port
+
+
+@pytest.mark.parametrize("first", [1, 90, 20468, 2**32 - 5])
+def test_ahead_goes_what_moves_nothing_with_the_pedal_up(first):
+    packets = recorded(first, 3)
+    gate = Gate(BOTH)
+    asked = [
+        gate.admit(one, ("h", 1), float(n))
+        for n, one in enumerate([*player.lead(packets[0]), *packets])
+    ]
+    assert gate.counts[TAKEN] == len(asked) - 1, "only the first of all is lost, as of any stream"
+    ahead, own = asked[1:-3], asked[-3:]
+    assert all(one.pedal == 0 and one.delta_um == ((0, 0, 0),) * 2 for one in ahead)
+    assert [one.pedal for one in own] == [1] * 3 and own[0].delta_um == ((3, 0, -1), (0, 2, 0))
+
+
+def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypatch):
+    monkeypatch.setattr(player, "KNOCK_S", 0.01)
+    packets = recorded()
+    told = player.play(packets, np.arange(40) * 5e-3, ear.getsockname(), lambda _: None)
+    heard = [ear.recv(2048) for _ in range(1 + len(player.lead(packets[0])) + 40)]
+    assert heard[-40:] == packets
+    assert told[:2] == (40, 40) and told.seconds >= 39 * 5e-3
+    assert "does a robot listen there?" in str(told)
+
+
+@pytest.mark.parametrize("arms", [BOTH, ("gold",)])
+def test_a_second_play_waits_until_the_first_is_let_go(arms, monkeypatch):
+    """Where nobody follows the first packets, the pedal would never be seen up: the recording
+    has it down.
+    """
+    server, stop, counted = (
+        ItpServer(arms, port=0, limits=PacketLimits(release_ms=400.0)),
+        threading.Event(),
+        [],
+    )
+
+    def robot():
+        while not stop.wait(1e-3):
+            increments = server.receive()
+            counted.extend([] if increments is None else [increments.pedal])
+            server.send_force({})
+
+    thread = threading.Thread(target=robot)
+    thread.start()
+    for _ in range(2):
+        player.play(recorded(20468), np.arange(40) * 2e-3, server.address, lambda _: None)
+    stop.set()
+    thread.join()
+    downs = [i for i, pedal in enumerate(counted) if pedal]
+    ups = [i for i, pedal in enumerate(counted) if not pedal]
+    assert server.gate.counts["stranger"] > 0, "the second came while the first was followed"
+    assert server.gate.counts[TAKEN] > 470 and ups[0] < downs[0]
+    assert [i for i in ups if i > downs[0]], (
+        "the pedal of the second was seen up before it was down"
+    )
+    server.close()
+
+
+@pytest.mark.slow
+def test_a_recording_drives_a_session_and_drives_it_again(tmp_path):
+    session = LiveSession("first_steps", tmp_path / "session")
+    packets, seconds = recorded(20468, 500), np.arange(500) * 2e-3
+    told = [player.play(packets, seconds, session.console, lambda _: None) for _ in range(2)]
+    session.close()
+    assert all(one.driving > 400 for one in told), [str(one) for one in told]
+
+
+def test_a_file_is_played_by_command(ear, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(player, "KNOCK_S", 0.01)
+    frame = pd.DataFrame({"packet": recorded(), "arrival_ms": np.arange(40) * 1.0})
+    frame.to_parquet(tmp_path / "packets.parquet")
+    address = "{}:{}".format(*ear.getsockname())
+    assert (
+        main(["play", str(tmp_path / "packets.parquet"), "--to", address, "--console", "raven"])
+        == 0
+    )
+    assert "40 of 40 packets sent" in capsys.readouterr().out
+    assert main(["play", str(tmp_path / "packets.parquet"), "--to", "nowhere"]) == USER_ERROR
+
+
+@pytest.mark.parametrize("text", ["", "host", ":36000", "h:0", "h:70000", "h:x"])
+def test_an_address_is_host_and_port(text):
+    with pytest.raises(UserError, match="expected HOST:PORT"):
+        player.parse(text)
+    assert player.parse("[::1]:36000") == ("::1", 36000)
+
+
+def test_the_recorded_console_is_taken_whole(shared_data):
+    """Halves, single arms and pieces of the recording, at the times at which their packets came."""
+    rows = pd.read_parquet(shared_data("console_itp_packets.parquet"))
+    packets, ms = list(rows["packet"]), rows["arrival_us"].to_numpy() * 1e-6
+    half = len(packets) // 2
+    for begin, end in ((0, half), (half, len(packets)), (5000, 6000), (15900, 16600)):
+        for arms in (BOTH, ("gold",), ("green",)):
+            gate = Gate(arms, profiles=loading.choice("dv_trainer"))
+            for packet, at in zip(packets[begin:end], ms[begin:end], strict=True):
+                gate.admit(packet, ("h", 1), at)
+            assert gate.counts[TAKEN] >= 0.998 * (end - begin)

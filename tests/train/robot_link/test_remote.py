@@ -1,0 +1,386 @@
+"""A robot elsewhere: against a stand-in in this process, then against `ravenjax robot` in a
+process of its own.
+"""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import waiting
+from itp_client import datagram
+
+from ravenjax.errors import UserError
+from ravenjax.train import scenario
+from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot_link import process as robot_process
+from ravenjax.train.robot_link import remote
+from ravenjax.train.robot_link.distant import DistantRobot
+from ravenjax.train.robot_link.joints.record import Reporter
+from ravenjax.train.robot_link.joints.stream import JointServer
+from ravenjax.train.robot_link.remote import RemoteRobot
+from ravenjax.train.session.advance import Session
+
+GOLD = ("gold",)
+
+
+class Clock:
+    def __init__(self):
+        self.ms = 0.0
+
+    def __call__(self):
+        return round(self.ms * 1e6)
+
+
+class StandIn:
+    """Both ports of a robot; its joint stream is polled by a thread, as another process would."""
+
+    def __init__(self, greeting=None, token=None):
+        self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.udp.bind(("127.0.0.1", 0))
+        self.udp.settimeout(waiting.DEADLINE_S)
+        self.joints = JointServer(
+            greeting or {"robot": "ravenjax", "arms": ["gold"]}, "127.0.0.1", 0, token
+        )
+        self.reporter, self.frame = Reporter(FrameLayout.of(GOLD)), Frame(FrameLayout.of(GOLD))
+        self.orders, self.tick = [], 0
+        self._over = threading.Event()
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._poll)
+        self._thread.start()
+
+    @property
+    def ports(self):
+        return self.udp.getsockname()[1], self.joints.address[1]
+
+    def _poll(self):
+        while not self._over.wait(0.002):
+            with self._lock:
+                for order in self.joints.poll():
+                    self.orders.append(order.content)
+                    self.joints.answer(order)
+
+    def publish(self):
+        self.tick += 1
+        with self._lock:
+            self.joints.publish(self.reporter.encode(self.frame, self.tick, 0))
+
+    def close(self):
+        self._over.set()
+        self._thread.join()
+        self.joints.close()
+        self.udp.close()
+
+
+@pytest.fixture
+def robot():
+    made = StandIn()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def session(robot):
+    made = RemoteRobot("127.0.0.1", *robot.ports, arms=GOLD, clock=Clock())
+    yield made
+    made.close()
+
+
+def until(done, act=lambda: None):
+    waiting.until(lambda: (act(), done())[1], every_s=0.005)
+
+
+def test_packets_go_out_and_the_newest_report_comes_in(robot, session):
+    sent = datagram(1, gold=(1, 2, 3))
+    assert session.exchange(sent) is None
+    assert robot.udp.recv(200) == sent
+    for _ in range(3):
+        robot.publish()
+    until(lambda: session.reports == 3, lambda: session.exchange(sent))
+    assert session.report.tick == 3
+    assert session.exchange(sent).tick == 3, "it holds until the next"
+
+
+def test_staleness(robot, session):
+    clock = session._clock
+    assert session.stale
+    robot.publish()
+    until(lambda: session.reports == 1, lambda: session.exchange(b""))
+    clock.ms += STALE_MS
+    assert (session.age_ms, session.stale) == (STALE_MS, False)
+    clock.ms += 1
+    assert session.stale
+
+
+def test_orders_are_answered(robot, session):
+    session.order({"order": "arm", "number": 1})
+    answers = []
+    until(lambda: answers, lambda: (session.exchange(b""), answers.extend(session.answers())))
+    assert robot.orders == [{"order": "arm", "number": 1}]
+    assert answers == [{"answer": "arm", "ok": True}]
+    assert session.answers() == []
+
+
+def test_after_a_reset_only_reports_of_the_reset_robot_count(robot, session):
+    robot.publish()
+    until(lambda: session.report is not None, lambda: session.exchange(b""))
+    with robot._lock:  # the order waits while two more of the old reports come
+        session.order({"order": "reset"})
+        for tick in (2, 3):
+            robot.joints.publish(robot.reporter.encode(robot.frame, tick, 0))
+        assert session.report is None
+    seen = []
+    until(lambda: session.answers(), lambda: seen.append(session.exchange(b"")))
+    assert seen == [None] * len(seen)
+    robot.tick = 3
+    robot.publish()
+    until(lambda: session.report is not None, lambda: session.exchange(b""))
+    assert session.report.tick == 4
+
+
+def test_the_token_goes_along(robot):
+    session = RemoteRobot("127.0.0.1", *robot.ports, token="secret")
+    session.order({"order": "estop"})
+    until(lambda: robot.orders)
+    assert robot.orders == [{"order": "estop", "token": "secret"}]
+    session.close()
+
+
+def test_a_robot_that_ends(session, robot):
+    robot.close()
+    until(lambda: session.lost, lambda: session.exchange(datagram(1)))
+    assert session.stale
+    for _ in range(5):
+        session.order({"order": "disarm"})
+        session.exchange(datagram(2))
+    assert session.unsent > 0, "the host says that nobody listens"
+    robot.__init__()  # for the fixture to close
+
+
+def test_nobody_there():
+    free = socket.socket()
+    free.bind(("127.0.0.1", 0))
+    port = free.getsockname()[1]
+    free.close()
+    with pytest.raises(UserError, match=rf"no robot answers at 127.0.0.1:{port}.*ravenjax robot"):
+        RemoteRobot("127.0.0.1", port, port)
+    with pytest.raises(UserError, match="expected a name or address"):
+        RemoteRobot("no.such.host.invalid")
+
+
+def test_somebody_else_there(monkeypatch):
+    monkeypatch.setattr(remote, "PATIENCE_S", 0.1)
+    other = StandIn({"hello": "world"})
+    with pytest.raises(UserError, match="is no ravenjax robot"):
+        RemoteRobot("127.0.0.1", *other.ports)
+    other.close()
+
+
+def test_an_arm_that_is_missing(robot):
+    with pytest.raises(UserError, match=r"has arms \['gold'\], but the session needs green"):
+        RemoteRobot("127.0.0.1", *robot.ports, arms=("gold", "green"))
+
+
+def test_without_a_joint_stream(robot):
+    session = RemoteRobot("127.0.0.1", robot.ports[0], None)
+    assert session.exchange(datagram(1)) is None
+    assert robot.udp.recv(200) == datagram(1)
+    session.order({"order": "arm"})
+    assert session.stale
+    session.close()
+
+
+# --- hardware in the loop: two processes ---
+
+SCENARIO = {
+    "name": "loop",
+    "arms": ["gold"],
+    "hazard": [
+        {
+            "title": "shoulder burst",
+            "fault": [
+                {
+                    "site": "usb_out",
+                    "channel": "shoulder",
+                    "effect": "overwrite",
+                    "value": 20000,
+                    "duration_ms": 40,
+                }
+            ],
+        }
+    ],
+}
+PROGRAM = """
+import json, sys
+from ravenjax.train import scenario
+from ravenjax.train.robot_link import process as robot_process
+say = lambda line: print(line, flush=True)
+robot_process.run(scenario.from_dict(json.loads(sys.argv[1])), itp_port=0, joint_port=0, say=say)
+"""
+
+
+@pytest.fixture(scope="module")
+def process():
+    """`robot_process.run` in a process of its own, and its ports; the last test ends it."""
+    started = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, json.dumps(SCENARIO)],
+        stdout=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+    )
+    watchdog = threading.Timer(300.0, started.kill)
+    watchdog.start()
+    ports, lines = [], []
+    while len(ports) < 2:
+        line = started.stdout.readline()
+        assert line, f"the process ended: {lines}"
+        lines.append(line)
+        if "127.0.0.1:" in line:
+            ports.append(int(line.split("127.0.0.1:")[1]))
+    yield started, ports
+    started.kill()
+    started.wait()
+    watchdog.cancel()
+    started.stdout.close()
+
+
+class Driver:
+    """A console that pulls the gold tip along one axis, a packet a ms, and notes where the robot
+    says it is.
+    """
+
+    def __init__(self, session):
+        self.session, self.sequence = session, 0
+
+    def drive(self, packets, arm_at=None):
+        """Pedal down and move; tip (um) by number of the packet, counted from here on."""
+        first, seen = self.sequence, {}
+        for count in range(packets):
+            self.sequence += 1
+            if count == arm_at:
+                self.session.order({"order": "arm", "number": 0})
+            moving = (
+                (5, 0, 0) if count > 200 else (0, 0, 0)
+            )  # at rest until the pedal has taken effect
+            down = int(count > 50)  # the pedal is seen up first
+            report = self.session.exchange(datagram(self.sequence, gold=moving, surgeon_mode=down))
+            while (
+                report is not None and first < report.last_seq < self.sequence - 50
+            ):  # fewer than the kernel holds
+                time.sleep(0.001)
+                report = self.session.exchange(b"")
+            if report is not None and first < report.last_seq <= self.sequence:
+                seen[report.last_seq - first] = (
+                    report.runlevel,
+                    report["gold"]["position_um"].tolist(),
+                )
+            time.sleep(0.001)
+        return seen
+
+    def reset(self):
+        """A robot that stands at its beginning, pedal up."""
+        self.session.order({"order": "reset"})
+        answers = []
+        told = {"answer": "reset", "ok": True}
+        until(
+            lambda: told in answers,
+            lambda: (self.session.exchange(b""), answers.extend(self.session.answers())),
+        )
+
+
+@pytest.mark.slow
+def test_a_hazard_strikes_in_the_robots_process_while_the_console_is_clean(process):
+    """The same input three times: twice without a fault, once with; only then do the reported
+    joints part.
+    """
+    _, ports = process
+    session = RemoteRobot("127.0.0.1", *ports, arms=GOLD)
+    assert session.greeting["scenario"] == "loop"
+    driver, runs = Driver(session), []
+    for arm_at in (None, None, 400):
+        runs.append(driver.drive(700, arm_at))
+        driver.reset()
+    free, again, struck = runs
+    assert {level for level, _ in free.values()} >= {2, 3}
+    assert parted(free, again, 0, 700) < 2000, "um: the same but for the pace of two processes"
+    assert parted(free, struck, 0, 380) < 2000
+    assert parted(free, struck, 400, 700) > 3000, (
+        "the hazard takes it across the 3 mm line, and its joints say so"
+    )
+    assert session._decoder.skipped == 0
+    session.close()
+
+
+@pytest.mark.slow
+def test_a_session_with_its_robot_elsewhere(process):
+    """The instructor arms a hazard here and it strikes there: reported joints leave the model
+    here, the cue pulls.
+    """
+    _, ports = process
+    chosen = scenario.from_dict(SCENARIO)
+    session = Session(
+        chosen,
+        0,
+        robot=lambda made: DistantRobot(made, RemoteRobot("127.0.0.1", *ports, arms=GOLD)),
+    )
+    link = session.robot.remote
+    assert link.greeting["hazards"] == robot_process.digest(session.hazards), (
+        "numbers mean the same on both sides"
+    )
+    frame, events, peak = session.frame, [], {"error": 0.0, "force": 0.0}
+
+    def ticks(count, delta=(0, 0, 0), pedal=True, **more):
+        for i in range(count):
+            moved = {"delta_um": list(delta), "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
+            commands = [
+                {"type": "increments", "source": "itp", "pedal": pedal, "arms": {"gold": moved}}
+            ]
+            events.extend(session.tick(commands + ([more] if more and i == 0 else [])))
+            peak["error"] = max(peak["error"], float(frame["gold/error_mm"][0]))
+            peak["force"] = max(peak["force"], float(np.linalg.norm(frame["gold/force"])))
+            time.sleep(0.001)
+
+    ticks(
+        2500, pedal=False
+    )  # the console before this one counts as there for two seconds; the pedal is seen up first
+    until(lambda: frame.number("runlevel") == 2, lambda: ticks(50, pedal=False))
+    until(lambda: frame.number("runlevel") == 3, lambda: ticks(50))
+    peak.update(error=0.0, force=0.0)
+    ticks(200, (20, 0, 0))
+    assert frame.number("runlevel") == 3
+    assert peak["error"] < 2
+    assert peak["force"] == 0
+    ticks(1, type="instructor", do="arm", hazard=0)
+    until(lambda: any(event["kind"] == "hazard_struck" for event in events), lambda: ticks(10))
+    ticks(60)
+    assert peak["error"] > 3
+    assert peak["force"] > 0
+    assert {"hazard_armed", "hazard_struck", "cue"} <= {event["kind"] for event in events}
+    link.close()
+
+
+@pytest.mark.slow
+def test_the_process_ends_when_asked_and_says_what_it_saw(process):
+    started, ports = process
+    session = RemoteRobot("127.0.0.1", *ports, arms=GOLD)
+    until(lambda: session.exchange(datagram(1)) is not None, lambda: time.sleep(0.005))
+    session.close()
+    started.send_signal(signal.SIGTERM)
+    told = started.stdout.read()
+    assert started.wait(20) == 0
+    assert re.search("console: accepted [1-9]", told)
+    assert re.search("joint stream: listeners [1-9]", told)
+
+
+def parted(one, other, first, last):
+    """The greatest distance, um, between two runs after the same packet."""
+    both = [n for n in one if n in other and first <= n < last]
+    assert len(both) > 0.3 * (last - first)
+    return max(np.linalg.norm(np.subtract(one[n][1], other[n][1])) for n in both)

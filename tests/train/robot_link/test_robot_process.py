@@ -1,0 +1,360 @@
+"""The robot as a process: what reaches it, what it reports, what it obeys; the control software
+among bad packets.
+"""
+
+import json
+import socket
+
+import numpy as np
+import pytest
+import waiting
+from itp_books import BOOKED, Books
+from itp_client import Console, datagram
+
+from ravenjax.errors import UserError
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.geometry import kinematics, mapping
+from ravenjax.train import scenario
+from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.realtime.clock import LoopTiming
+from ravenjax.train.robot_link import process
+from ravenjax.train.robot_link.itp import ItpServer
+from ravenjax.train.robot_link.joints.decoder import Decoder
+from ravenjax.train.robot_link.joints.record import JointReport
+from ravenjax.train.robot_link.joints.stream import JointServer
+from ravenjax.train.robot_link.packet_filter import TAKEN
+from ravenjax.train.robot_link.process import Counters, Strike
+from ravenjax.train.robot_link.station import Station
+from ravenjax.train.session.simulation import PacketRobot
+
+BOTH = ("gold", "green")
+
+
+class Integrator:
+    """A machine that adds up what it is asked, and remembers its orders."""
+
+    arms = BOTH
+
+    def __init__(self):
+        self.frame, self.packets, self.orders = Frame(FrameLayout.of(BOTH)), [], []
+        self.deaf, self.pedals = False, []
+        self.frame["last_seq"] = 111
+        self.um = np.zeros((2, 3))
+
+    def tick(self, packet):
+        if packet is not None:
+            self.packets.append(packet)
+            self.pedals.append(packet.surgeon_mode)
+            if not self.deaf:
+                self.um += np.array(packet.delta)
+                self.frame["last_seq"] = packet.sequence
+                self.frame["surgeon_mode"] = packet.surgeon_mode
+        for i, arm in enumerate(BOTH):
+            self.frame[f"{arm}/position"] = self.um[i] * 1e-6
+        return self.frame
+
+    def arm(self, row):
+        self.orders.append(("arm", row))
+
+    def disarm(self):
+        self.orders.append(("disarm",))
+
+    def press(self, row):
+        self.orders.append(("press", row))
+
+    def outcomes(self):
+        return {
+            "check_joint_limit_count": 13308,
+            "check_joint_limit_first_ms": 2,
+            "check_estop_count": 0,
+            "check_estop_first_ms": -1,
+        }
+
+    def reset(self):
+        self.orders.append(("reset",))
+        self.frame["last_seq"] = 111
+
+
+class Clock:
+    def __init__(self):
+        self.ms = 0.0
+
+    def __call__(self):
+        return round(self.ms * 1e6)
+
+
+class Rig:
+    """A station with open ports, a console and a listener beside it."""
+
+    def __init__(self, machine, hazards=3):
+        self.clock = Clock()
+        self.itp = ItpServer(machine.arms, port=0, clock=self.clock)
+        self.joints = JointServer({"robot": "ravenjax", "arms": list(machine.arms)}, "127.0.0.1", 0)
+        self.station = Station(machine, self.itp, self.joints, hazards, estop_row=hazards)
+        self.machine = machine
+        self.console = Console(self.itp.address)
+        self.listener = socket.create_connection(self.joints.address)
+        self.listener.settimeout(waiting.DEADLINE_S)
+        self.decoder, self.said = Decoder(), []
+
+    def tick(self, count=1):
+        for _ in range(count):
+            self.clock.ms += 1.0
+            frame = self.station.tick()
+        return frame
+
+    def heard(self, done):
+        """What the listener has heard so far, once `done` of it."""
+        while not done(self.said):
+            self.said += self.decoder.feed(self.listener.recv(1 << 16))
+        return self.said
+
+    def report(self):
+        """The record of the newest tick."""
+        tick = self.station.ticks - 1
+        return self.heard(
+            lambda said: said and isinstance(said[-1], JointReport) and said[-1].tick == tick
+        )[-1]
+
+    def ask(self, **order):
+        """Send an order; the answer."""
+        before = sum(isinstance(one, dict) for one in self.said)
+        self.listener.sendall(json.dumps(order).encode() + b"\n")
+
+        def answer():
+            self.tick()
+            self.report()
+            answers = [one for one in self.said if isinstance(one, dict)]
+            return len(answers) > before + (before == 0) and answers[-1]
+
+        return waiting.until(answer, every_s=0.002)
+
+    def close(self):
+        for one in (self.console, self.listener, self.itp, self.joints):
+            one.close()
+
+
+@pytest.fixture
+def rig():
+    made = Rig(Integrator())
+    yield made
+    made.close()
+
+
+def test_what_the_checks_did_is_told_now_and_then(rig):
+    rig.machine.frame["tick"], rig.machine.frame["trips"] = 42, 13308
+    rig.tick(150)
+    heard = rig.heard(lambda said: any("checks" in one for one in said if isinstance(one, dict)))
+    assert [one for one in heard if isinstance(one, dict)][1:] == [
+        {"checks": {"joint_limit": [13308, 40]}}
+    ]
+
+
+@pytest.mark.parametrize("why", ["beginning", "silence", "estop", "reset"])
+def test_a_pedal_of_a_console_counts_after_it_was_seen_up(rig, why):
+    def press(mode, count=3):
+        del rig.machine.pedals[:]
+        for _ in range(count):
+            rig.console.send(surgeon_mode=mode)
+            rig.tick()
+        return rig.machine.pedals
+
+    if why != "beginning":
+        press(0)
+        assert press(1) == [1, 1, 1]
+    if why == "silence":
+        rig.tick(300)
+    elif why in ("estop", "reset"):
+        rig.ask(order=why)
+    assert press(1) == [0, 0, 0]
+    assert press(0) == [0, 0, 0] and press(1) == [1, 1, 1]
+
+
+def test_why_a_pedal_does_not_count_is_told_once(rig):
+    def told(mode, count=5):
+        for _ in range(count):
+            rig.console.send(surgeon_mode=mode)
+            rig.tick()
+        return rig.station.news()
+
+    line = "itp: the pedal is down, and counts once it was seen up: lift it first"
+    assert told(1) == [line] and told(1) == []
+    assert told(0) == [] and told(1) == []
+    rig.tick(300)
+    assert told(1) == [line]
+
+
+def test_a_console_drives(rig):
+    for _ in range(5):
+        rig.console.send(gold=(10, -20, 30), green=(1, 2, 3))
+        rig.tick()
+    assert rig.machine.um.tolist() == [[50, -100, 150], [5, 10, 15]]
+    report = rig.report()
+    assert report["gold"]["position_um"].tolist() == [50, -100, 150]
+    assert report.last_seq == 5
+    assert rig.console.force()["last_sequence"] == 1
+
+
+def test_a_burst_is_one_packet_a_tick(rig):
+    for _ in range(6):
+        rig.console.send(gold=(100, 0, 0))
+    rig.tick(3)
+    assert [p.delta[0][0] for p in rig.machine.packets] == [400, 200]
+    assert rig.report().last_seq == 6
+
+
+def test_the_robot_sees_a_stream_without_gaps_and_reports_the_consoles_numbers(rig):
+    for number in (1, 2, 5, 6, 7):  # 5 comes after a gap and is lost
+        rig.console.send_bytes(datagram(number, gold=(1, 0, 0)))
+        rig.tick()
+    assert [p.sequence for p in rig.machine.packets] == [1, 2, 3, 4]
+    assert rig.report().last_seq == 7
+
+
+def test_before_the_first_packet_and_when_the_robot_hears_none(rig):
+    rig.tick()
+    assert rig.report().last_seq == 111
+    rig.console.send()
+    rig.tick()
+    rig.machine.deaf = True  # a fault on the network
+    rig.console.send()
+    rig.tick()
+    assert rig.report().last_seq == 1
+
+
+def test_orders(rig):
+    assert rig.ask(order="arm", number=2) == {"answer": "arm", "ok": True}
+    assert rig.station.armed == 2
+    assert rig.ask(order="disarm")["ok"]
+    assert rig.station.armed is None
+    assert rig.ask(order="estop")["ok"]
+    rig.console.send()
+    rig.tick()
+    assert rig.ask(order="reset")["ok"]
+    rig.console.send()
+    rig.tick()
+    assert rig.machine.orders == [("arm", 2), ("disarm",), ("press", 3), ("reset",)]
+    assert rig.machine.packets[-1].sequence == 1, "a robot that is reset hears a new stream"
+    assert rig.report().last_seq == 2, "which is the console's old one"
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        ({"order": "arm"}, "number is None, expected a hazard's number 0..2"),
+        ({"order": "arm", "number": 3}, "number is 3, expected a hazard's number 0..2"),
+        ({"order": "arm", "number": -1}, "0..2"),
+        ({"order": "arm", "number": True}, "0..2"),
+        ({"order": "arm", "number": [1]}, "0..2"),
+        ({"order": "sing"}, "order is 'sing', expected one of arm, disarm, estop, reset"),
+        ({"order": ["arm"]}, "expected one of"),
+        ({"order": json.loads("[" * 400 + "]" * 400)}, "expected one of"),
+        ({}, "expected one of"),
+    ],
+)
+def test_orders_that_cannot_be_carried_out(rig, order, words):
+    answer = rig.ask(**order)
+    assert not answer["ok"]
+    assert words in answer["error"]
+    assert rig.machine.orders == []
+
+
+def test_no_hazards():
+    rig = Rig(Integrator(), hazards=0)
+    assert "the scenario has none" in rig.ask(order="arm", number=0)["error"]
+    rig.close()
+
+
+def test_hazards_by_schedule(rig):
+    seen = []
+    rig.machine.arm = lambda row: seen.append((rig.station.ticks, "arm", row))
+    rig.machine.disarm = lambda: seen.append((rig.station.ticks, "disarm"))
+    strikes = [Strike(1, 5), Strike(0, 2), Strike(2, 20)]
+    orders = process.due(strikes, {0: 30, 1: 10, 2: 100})
+    timing = process.serve(rig.station, orders, seconds=0.04)
+    assert seen == [
+        (2, "arm", 0),
+        (5, "arm", 1),
+        (15, "disarm"),
+        (20, "arm", 2),
+    ], "hazard 0 gave way to hazard 1"
+    assert timing.ticks == rig.station.ticks == 40
+
+
+def test_ends_when_told(rig):
+    timing = process.serve(rig.station, stopped=lambda: rig.station.ticks == 7)
+    assert timing.ticks == 7
+
+
+def test_strikes_as_words():
+    assert Strike.parse("3@5000") == Strike(3, 5000)
+    for wrong in ("3", "3@", "@5", "a@b", "-1@5", "1@-5", "1@2@3"):
+        with pytest.raises(UserError, match="expected NUMBER@MS"):
+            Strike.parse(wrong)
+
+
+def test_who_listens_to_the_world_is_told():
+    assert (
+        process.exposed("127.0.0.1", None, None) == process.exposed("localhost", None, None) == []
+    )
+    assert len(process.exposed("0.0.0.0", None, None)) == 2
+    assert process.exposed("0.0.0.0", "secret", "10.0.0.7") == []
+
+
+def test_counters_in_words():
+    lines = Counters(LoopTiming(), {"accepted": 3, "short": 0}, {}).lines()
+    assert lines[1:] == ["console: accepted 3", "joint stream: nothing"]
+
+
+@pytest.mark.slow
+def test_the_control_software_goes_where_the_good_packets_say():
+    """Twenty thousand datagrams on a real socket, most of them bad, into the virtual robot with
+    both arms.
+
+    The desired tip of the control software must be where the oracle's books have it.
+    """
+    chosen = scenario.from_dict({"name": "books", "arms": list(BOTH)})
+    rig = Rig(PacketRobot(scenario.campaign(chosen, 0)))
+    start = desired(rig.tick())
+    books, stranger, count = Books(5, pedal=(1,), step=10), Console(rig.itp.address), 0
+
+    def pump(packets, sender=rig.console):
+        nonlocal count
+        for first in range(0, len(packets), 50):  # fewer than the kernel holds
+            for packet in packets[first : first + 50]:
+                sender.send_bytes(packet)
+            count += len(packets[first : first + 50])
+            while rig.itp.gate.received < count:
+                rig.tick()
+
+    for i in range(100):  # until the pedal is down, with nothing asked; it is seen up first
+        books.sequence += 1
+        pump([datagram(books.sequence, surgeon_mode=int(i > 1))])
+    assert rig.tick().number("runlevel") == 3
+    while count < 20_000:
+        pump([books.good()])
+        if books.random.random() < 0.3:
+            bad, elsewhere = books.bad()
+            pump(bad, stranger if elsewhere else rig.console)
+    frame = rig.tick(3)
+    assert rig.itp.counters()["kernel_dropped"] == 0
+    assert frame.number("runlevel") == 3
+    for i, arm in enumerate(BOTH):
+        asked = mapping.position_from_itp(arm, Vec(books.um[3 * i : 3 * i + 3]))
+        moved = (desired(frame)[arm] - start[arm]) * 1e6
+        np.testing.assert_allclose(moved, asked, atol=2.0)  # um: float32 joints, whole micrometres
+    counts = rig.itp.gate.counts
+    assert all(counts[cause] for cause in BOOKED)
+    assert counts[TAKEN] > 500
+    assert max(abs(x) for x in books.um) > 100, "it has been somewhere"
+    stranger.close()
+    rig.close()
+
+
+def desired(frame):
+    """Of each arm, m, frame 0."""
+    poses = {
+        arm: kinematics.forward(arm, Vec(frame[f"{arm}/jpos_d"].astype(float).tolist()))
+        for arm in BOTH
+    }
+    return {arm: np.array([float(x) for x in pose.position]) for arm, pose in poses.items()}

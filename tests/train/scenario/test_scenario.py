@@ -1,0 +1,338 @@
+"""Scenario files: what they may say, what is told of those that say something else, and the
+campaigns they make.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_frames import made
+
+from ravenjax.bundled import resources
+from ravenjax.campaign import loading
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.faults.fault_table import FaultTable
+from ravenjax.errors import UserError
+from ravenjax.hazards import expansion, library
+from ravenjax.outcomes.events import Rules
+from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
+from ravenjax.train import scenario
+from ravenjax.train.scenario import hazard as hazards
+
+FILE = """
+name = "written"
+duration_s = 40
+arms = ["gold", "green"]
+
+[task]
+kind = "reach"
+targets = 4
+
+[[hazard]]
+name = "burst"
+hazards = ["B27"]
+arm = "green"
+value = [1000, 2000]
+when = [5, 20]
+times = 2
+right_response = ["release"]
+
+[[hazard]]
+name = "own"
+title = "pushed"
+[[hazard.fault]]
+site = "usb_out"
+channel = "elbow"
+effect = "offset"
+value = 700
+duration_ms = 900
+"""
+
+
+def written(tmp_path, old="", new=""):
+    assert not old or old in FILE
+    path = tmp_path / "scenario.toml"
+    path.write_text(FILE.replace(old, new) if old else FILE)
+    return path
+
+
+def refused(path, *overrides):
+    with pytest.raises(UserError) as told:
+        scenario.load(path, overrides)
+    return str(told.value)
+
+
+def table_of(chosen, seed=0):
+    return design.expand(scenario.campaign(chosen, seed))
+
+
+def test_a_file_becomes_a_campaign_of_one_row_a_hazard_and_the_button_last(tmp_path):
+    chosen = scenario.load(
+        written(tmp_path), ["task.targets=6", "cue.on=false", "hazard.own.within_s=3"]
+    )
+    assert chosen.task.kind == "reach" and chosen.task.targets == 6 and not chosen.cue.on
+    config = scenario.campaign(chosen, 4)
+    assert (
+        config.campaign.seed == 4
+        and config.campaign.duration_s == 40
+        and config.operator.scale == 0.1
+    )
+    assert config.operator.motion == "still" and config.haptics.cues()[
+        0
+    ].threshold_m == pytest.approx(3e-3)
+    table = table_of(chosen, 4)
+    assert table["group"].tolist() == ["burst/B27#1", "burst/B27#2", "own/fault", "buttons/estop"]
+    assert table["fault0_site"].tolist() == ["usb_out", "usb_out", "usb_out", "buttons"]
+    assert table["fault0_arm"].tolist() == ["green", "green", "gold", ""]
+    assert sorted(table["fault0_value"].tolist()[:2]) == [1000, 2000]  # times = 2: different rows
+    assert table["fault0_start_ms"].tolist() == [0] * 4 and set(table["fault0_trigger"]) == {"time"}
+
+
+def test_harm_begins_beyond_the_cue_unless_the_scenario_says_otherwise(tmp_path):
+    chosen = scenario.load(written(tmp_path))
+    assert (chosen.harm.excursion_mm, chosen.cue.threshold_mm) == (10.0, PUBLISHED_CUE_MM)
+    assert scenario.campaign(chosen, 4).rules == Rules()
+    other = scenario.load(written(tmp_path), ["harm.excursion_mm=7.5"])
+    assert other.harm.excursion_mm == 7.5
+    assert (
+        table_of(other)["run_id"].tolist() == table_of(chosen)["run_id"].tolist()
+    )  # the same faults, whatever is harm
+    cue = scenario.load(written(tmp_path), ["cue.threshold_mm=2"])
+    assert scenario.campaign(cue, 4).rules.threshold_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "instead"),
+    [
+        ("monitor.limit", "write [harm] excursion_mm"),
+        ("haptics.cues.0.threshold_m", "write [cue] threshold_mm, kp_per_mm, kd_per_mm_s or cap"),
+    ],
+)
+def test_a_limit_has_one_key(tmp_path, path, instead):
+    message = refused(written(tmp_path), f"parameters.{path}=0.02")
+    assert f"parameters.{path}: cannot be set: {instead}" in message and "[outcomes]" not in message
+
+
+@pytest.mark.parametrize("path", scenario.bundled(), ids=lambda path: path.stem)
+def test_a_bundled_scenario_leaves_time_between_cue_and_harm(path):
+    chosen = scenario.load(path)
+    assert not chosen.hazard or chosen.harm.excursion_mm > 2 * chosen.cue.threshold_mm
+
+
+def test_the_list_of_hazards_says_what_each_asks(tmp_path):
+    chosen = scenario.load(written(tmp_path), ["hazard.own.within_s=3"])
+    table = table_of(chosen)
+    first, second, own = scenario.armable(chosen, FaultTable.of(table))
+    assert (first.number, first.row, first.hazard, first.arm) == (0, 0, "B27", "green")
+    assert second.number == second.row == 1 and second.title == library.find("B27").title
+    assert first.when_ms == (5000.0, 20000.0) and first.right_response == ("release",)
+    assert (
+        first.duration_ms is None and first.lasts_ms == 5000
+    )  # bursts again and again have no end
+    assert own.title == "pushed" and own.hazard == "fault" and own.when_ms is None
+    assert own.right_response == ("release", "slow", "stop")
+    assert own.duration_ms == 900 and own.lasts_ms == 3500  # the response's time and half a second
+    assert [int(one.run_id, 16) for one in (first, second, own)] == table["run_id"].tolist()[:3]
+    assert first.header() == {
+        "number": 0,
+        "hazard": "B27",
+        "title": library.find("B27").title,
+        "group": "burst/B27#1",
+        "run_id": first.run_id,
+        "within_s": 2.0,
+        "right_response": ["release"],
+        "layer": library.layers()[library.find("B27").layer],
+    }
+
+
+@pytest.mark.slow
+def test_all_is_one_row_of_each_case_and_another_seed_takes_others():
+    chosen, armable = made(duration_s=5, hazard=[{"name": "library", "hazards": "all"}])
+    runnable = [row for row in library.rows() if row.runnable]
+    assert {one.hazard for one in armable} == {row.id for row in runnable}
+    assert len(armable) == sum(len(row.case) for row in runnable)
+    first, again, other = (table_of(chosen, seed) for seed in (0, 0, 1))
+    assert first.equals(again)
+    assert (first["fault0_value"] != other["fault0_value"]).sum() > 30
+
+
+def test_a_row_that_is_taken_is_one_of_the_librarys_but_for_its_time():
+    chosen, armable = made(hazard=[{"name": "x", "hazards": ["B32", "B29", "M01", "N05"]}])
+    table = table_of(chosen)
+    whole = loading.from_dict(
+        {
+            "campaign": {"name": "x", "duration_s": 3600},
+            "group": [{"name": "x", "hazards": ["B32", "B29", "M01", "N05"]}],
+        }
+    )
+    every = design.expand(whole)
+    keys = ("site", "channel", "effect", "duration_ms", "every_ms")
+    for one in armable:
+        row, meant = table.iloc[one.row], every[every["group"] == one.group]
+        for s in range(2):
+            same = np.all(
+                [
+                    meant[f"fault{s}_{key}"].eq(row[f"fault{s}_{key}"])
+                    for key in keys
+                    if row["fault0_site"]
+                ],
+                axis=0,
+            )
+            drawn = one.hazard in (
+                "C01",
+                "N04",
+            )  # from a distribution that the seed draws alike only for the same group
+            assert same.any() or drawn or not row[f"fault{s}_site"]
+    button_held = table[table["group"] == "x/B32-never"].iloc[0]
+    assert (button_held["fault0_start_ms"], button_held["fault1_start_ms"]) == (
+        0,
+        500,
+    )  # distances stay
+
+
+def test_what_waits_for_the_pedal_counts_time_in_a_session():
+    assert "pedal" in {
+        fault.trigger for row in library.rows() for case in row.case for fault in case.fault
+    }
+    chosen, _ = made(hazard=[{"name": "x", "hazards": "all"}])
+    table = table_of(chosen)
+    assert set(table["fault0_trigger"]) == {"time", "packet"}
+    starts = table[[f"fault{s}_start_ms" for s in range(4)]]
+    assert (starts.min(axis=1) == 0).all()
+
+
+def test_parameters_are_drawn_once_for_all_hazards():
+    keys = {
+        "hazard": [{"hazards": ["B26"], "times": 3}],
+        "parameters": {"plant": {"friction_scale": {"uniform": [0.5, 2]}}},
+    }
+    chosen, _ = made(**keys)
+    drawn = [table_of(chosen, seed)["param:plant.friction_scale"] for seed in (1, 1, 2)]
+    assert (
+        drawn[0].nunique() == 1
+        and 0.5 <= drawn[0][0] <= 2
+        and drawn[0][0] == drawn[1][0] != drawn[2][0]
+    )
+
+
+def test_the_right_response_follows_from_what_the_hazard_does():
+    _, armable = made(hazard=[{"hazards": ["C03", "B07", "B27", "K12"]}])
+    right = {one.hazard: one.right_response for one in armable}
+    assert right == {
+        "C03": ("restart",),  # temporarily unavailable
+        "B07": ("convert", "stop"),  # permanently
+        "B27": ("release", "slow", "stop"),  # sudden jump
+        "K12": ("continue",),  # nothing
+    }
+    assert all(hazards.responses(scenario.Entry(hazards=("B27",)), row) for row in library.rows())
+
+
+WRONG = [
+    (
+        'name = "written"',
+        'nam = "written"',
+        "nam: unknown key, expected one of name,",
+        "name: missing: short name",
+    ),
+    (
+        'kind = "reach"',
+        'kind = "rech"',
+        ":6: task",
+        "got 'rech', expected kind = one of reach,",
+        "Did you mean 'reach'?",
+    ),
+    ('kind = "reach"', "", "task: kind is missing"),
+    ("targets = 4", "target = 4", ":8: task.target: unknown key", "Did you mean 'targets'?"),
+    ("targets = 4", "targets = 0", "task.targets: got 0, expected greater than or equal to 1"),
+    ('"B27"', '"B72"', ":12: hazard[0].hazards: unknown hazard 'B72'", "Did you mean"),
+    ('arm = "green"', 'arm = "gren"', "hazard[0].arm: got 'gren'", "Did you mean 'green'?"),
+    ("when = [5, 20]", "when = [20, 5]", "hazard[0].when: got [20, 5]"),
+    (
+        "when = [5, 20]",
+        "when = [50, 60]",
+        "hazard[0].when: got 50, but the session ends after 40 s",
+    ),
+    (
+        '["release"]',
+        '["relase"]',
+        "hazard[0].right_response[0]: got 'relase'",
+        "Did you mean 'release'?",
+    ),
+    ('["release"]', '["release", "continue"]', '"continue" stands alone'),
+    ('name = "own"', 'name = "burst"', "hazard[1].name: got 'burst' twice"),
+    (
+        'site = "usb_out"',
+        'site = "usb_ot"',
+        "hazard[1].fault[0].site: unknown fault site 'usb_ot'",
+        "Did you mean 'usb_out'?",
+    ),
+    ("value = 700", "value = 0.5", ":26: hazard[1].fault[0].value: "),
+    ("value = [1000, 2000]", "value = [1000, 0.5]", ":14: hazard[0].value: "),
+    ('title = "pushed"', 'hazards = ["B27"]', "hazard[1]: expected either hazards"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "told"), [(old, new, told) for old, new, *told in WRONG])
+def test_what_is_wrong_is_told_with_its_place(tmp_path, old, new, told):
+    path = written(tmp_path, old, new)
+    message = refused(path)
+    assert str(path) in message
+    for words in told:
+        assert words in message, message
+
+
+def test_an_arm_that_the_session_lacks_is_told(tmp_path):
+    path = written(tmp_path, 'arms = ["gold", "green"]', 'arms = ["gold"]')
+    assert "hazard[0].arm: got 'green', expected one of the session's arms ['gold']" in refused(
+        path
+    )
+    assert "task.arms: arm 'green'" in refused(
+        written(tmp_path), "task.arms=['green']", "arms=['gold']", "hazard=[]"
+    )
+    assert "--set: arms" in refused(written(tmp_path), "arms=['green', 'gold']")
+
+
+def test_an_unknown_name_suggests_a_bundled_one():
+    with pytest.raises(
+        UserError, match=r"no such scenario file; bundled are .*Did you mean 'dac_burst'"
+    ):
+        scenario.load("dac_bursts")
+    with pytest.raises(UserError, match="is a folder"):
+        scenario.load(".")
+
+
+BUNDLED = scenario.bundled()
+
+
+@pytest.mark.parametrize("path", BUNDLED, ids=lambda path: path.stem)
+def test_bundled_scenarios_load_by_name_and_make_campaigns(path):
+    chosen = scenario.load(path.stem)
+    assert chosen.name == path.stem and chosen.title and chosen.description
+    table = table_of(chosen, chosen.seed)
+    armable = scenario.armable(chosen, FaultTable.of(table))
+    assert len(armable) == len(table) - 1 and table["group"].iloc[-1] == "buttons/estop"
+    assert all(one.lasts_ms >= one.within_s * 1000 for one in armable)  # the response is seen
+    assert (
+        scenario.from_dict(chosen.resolved()).resolved() == chosen.resolved()
+    )  # what session.json keeps is the scenario again
+
+
+def test_bundled_scenarios_are_no_campaigns_and_lie_where_wheels_take_them_from():
+    assert {path.stem for path in BUNDLED} >= {
+        "first_steps",
+        "dac_burst",
+        "creep",
+        "peg_transfer",
+        "path_network",
+        "instructor",
+    }
+    campaigns = resources.bundled("campaigns", "*.toml")
+    assert campaigns and not {path.name for path in BUNDLED} & {path.name for path in campaigns}
+    assert all(path.parent == campaigns[0].parent / "training" for path in BUNDLED)
+
+
+def test_expansion_and_session_name_cases_alike():
+    for row in library.rows():
+        for group in expansion.expand({"name": "x", "hazards": [row.id]}) if row.runnable else []:
+            entry, identity, case = hazards.named(group["name"])
+            assert (entry, identity) == ("x", row.id) and case in [one.name for one in row.case]

@@ -1,0 +1,132 @@
+"""When hazards are let loose and taken back."""
+
+from __future__ import annotations
+
+import pytest
+from made_frames import made, running
+
+from ravenjax.train.protocol.frame import PHASES, VIEWS
+from ravenjax.train.session.director import CLEARED_MS, GAP_MS, SETTLED_MS, Director, Order
+
+FAULT = [
+    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 100}
+]
+
+
+def hazard(name, **keys):
+    return {"name": name, "fault": FAULT, "right_response": ["release"], "within_s": 1.0, **keys}
+
+
+def director(*entries, seed=0):
+    chosen, armable = made(hazard=list(entries))
+    return Director(chosen, armable, seed)
+
+
+def run(one, frame, first, last):
+    """(tick, order) of each order."""
+    return [(tick, order) for tick in range(first, last) for order in one.step(tick, frame)]
+
+
+def test_a_hazard_strikes_when_due_and_is_taken_back_after_its_time():
+    one = director(hazard("a", when=2))
+    frame = running()
+    assert run(one, frame, 0, 2000) == []
+    (armed,) = run(one, frame, 2000, 2001)
+    assert armed == (2000, Order("arm", 0)) and one.at_work == 0
+    assert run(one, frame, 2001, 10_000) == [
+        (3500, Order("disarm", 0))
+    ]  # the response's time and half a second
+    assert one.at_work == -1
+
+
+def test_random_times_follow_the_seed_and_lie_in_their_interval():
+    entries = [hazard("a", when=[5, 50], times=20), hazard("b", when=[1, 2])]
+    plans = [director(*entries, seed=seed).plan for seed in (3, 3, 4)]
+    assert plans[0] == plans[1] != plans[2] and plans[0] == sorted(plans[0])
+    times = {number: ms for ms, number in plans[0]}
+    assert 1000 <= times[20] <= 2000 and all(5000 <= times[n] <= 50_000 for n in range(20))
+    assert len(set(times.values())) == 21
+
+
+@pytest.mark.parametrize(
+    ("channel", "value"),
+    [
+        ("phase", PHASES.index("stopped")),
+        ("phase", PHASES.index("ready")),
+        ("view", VIEWS.index("virtual")),
+        ("pedal", 0),
+        ("console_alive", 0),
+        ("runlevel", 2),
+        ("soft_estopped", 1),
+    ],
+)
+def test_nothing_strikes_while_it_could_teach_nothing(channel, value):
+    one = director(hazard("a", when=1))
+    frame, idle = running(), running()
+    idle[channel] = value
+    assert run(one, idle, 0, 4000) == []
+    assert run(one, frame, 4000, 9000)[0] == (4000 + SETTLED_MS - 1, Order("arm", 0))
+
+
+def test_one_at_a_time_with_a_gap_between():
+    one = director(hazard("a", when=1), hazard("b", when=1.01), hazard("c", when=1.02))
+    orders = run(one, running(), 0, 20_000)
+    assert [order for _, order in orders] == [
+        Order(kind, n) for n in range(3) for kind in ("arm", "disarm")
+    ]
+    armed, taken = [tick for tick, _ in orders[::2]], [tick for tick, _ in orders[1::2]]
+    assert [a - t for a, t in zip(armed[1:], taken, strict=False)] == [GAP_MS, GAP_MS]
+
+
+def test_lifting_the_pedal_mends_what_it_is_right_for():
+    lifted = running()
+    lifted["pedal"] = 0
+    one = director(hazard("a", when=1), hazard("b", when=4, right_response=["slow"], within_s=2))
+    run(one, running(), 0, 1100)
+    assert run(one, lifted, 1100, 1100 + CLEARED_MS) == [(1099 + CLEARED_MS, Order("disarm", 0))]
+    assert run(one, running(), 2000, 5000)[0][1] == Order("arm", 1)
+    assert (
+        run(one, lifted, 5000, 6000) == []
+    )  # lifting the pedal is not right for this one: it stays
+    assert run(one, lifted, 6000, 9000)[0][1] == Order("disarm", 1)
+
+
+def test_the_instructor_arms_any_hazard_and_takes_it_back():
+    one = director(hazard("a"), hazard("b"), hazard("c", when=3))
+    frame, lifted = running(), running()
+    lifted["pedal"] = 0
+    run(one, frame, 0, 1000)
+    assert one.command({"do": "arm", "hazard": 1}, 1000)
+    assert run(one, lifted, 1000, 2000) == [] and one.at_work == 1  # armed, and waits for the pedal
+    assert run(one, frame, 2000, 3000) == [(1999 + SETTLED_MS, Order("arm", 1))]
+    assert not one.command({"do": "arm", "hazard": 0}, 3000)  # one at a time
+    assert one.command({"do": "disarm"}, 3000)
+    assert run(one, frame, 3000, 3001) == [(3000, Order("disarm", 1))]
+    assert run(one, frame, 3001, 8000)[0] == (3000 + GAP_MS, Order("arm", 2))  # the plan goes on
+    assert one.refused == {"another hazard is at work": 1}
+
+
+def test_an_armed_hazard_can_be_taken_back_before_it_strikes():
+    one = director(hazard("a"))
+    one.command({"do": "arm", "hazard": 0}, 0)
+    one.step(0, running())
+    one.command({"do": "disarm"}, 1)
+    assert run(one, running(), 1, 5000) == [] and one.at_work == -1
+
+
+@pytest.mark.parametrize("number", [-1, 1, "0", None, True, 0.0])
+def test_numbers_that_are_none_of_the_list_are_refused_and_counted(number):
+    one = director(hazard("a"))
+    assert not one.command({"do": "arm", "hazard": number}, 0)
+    assert not one.command({"do": "pause"}, 0)
+    assert one.refused == {"hazard is no number of the list": 1, "neither arm nor disarm": 1}
+    assert run(one, running(), 0, 3000) == []
+
+
+def test_after_a_reset_nothing_is_at_work_and_the_rest_still_comes():
+    one = director(hazard("a", when=1), hazard("b", when=2))
+    run(one, running(), 0, 1500)
+    assert one.at_work == 0
+    one.reset(1500)
+    assert one.at_work == -1
+    assert run(one, running(), 1500, 9000)[0] == (1500 + GAP_MS, Order("arm", 1))

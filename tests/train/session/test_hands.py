@@ -1,0 +1,277 @@
+"""The operator's hands: messages become rows of motion, which the console of the tick turns into
+packets.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.console import operator
+from ravenjax.robots.raven2.geometry import mapping, scene
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.scenario import Speeds
+from ravenjax.train.session.hands import FARTHEST_UM, SMOOTHING_MS, Hands
+
+ARMS = ("gold", "green")
+SETUP = RavenSetup(arms=ARMS, tools=("r_grasper", "r_grasper"))
+HOME = ((0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.7),) * 2
+RATE = 3.8897 / SMOOTHING_MS  # 1/ms, of a critically damped step that is at 90 % after SMOOTHING_MS
+
+
+def hands(arms=ARMS, scale=0.1, **speeds):
+    return Hands(arms, scale, Speeds(**speeds))
+
+
+def said(pedal=True, **arms):
+    return {"type": "input", "source": "test", "pedal": pedal, "arms": arms}
+
+
+def incremented(pedal=True, **arms):
+    return {"type": "increments", "source": "test", "pedal": pedal, "arms": arms}
+
+
+def packets(rows, scale):
+    """What the console of the tick sends for rows [T, columns]: deltas [T-1, A, 3], quats [T-1,
+    A, 4], grasps.
+    """
+    table = [jnp.asarray(column, jnp.float32) for column in np.asarray(rows).T]
+
+    def picked(part):
+        return operator.MotionRow(
+            position=tuple(Vec(column[part] for column in table[i : i + 3]) for i in (0, 8)),
+            quat=tuple(Vec(column[part] for column in table[i + 3 : i + 7]) for i in (0, 8)),
+            grasp=tuple(table[i + 7][part] for i in (0, 8)),
+            surgeon_mode=table[-1][part].astype(jnp.int32),
+        )
+
+    packet = operator.packet(
+        SETUP, operator.params(SETUP, HOME, scale), picked(slice(1, None)), picked(slice(-1)), 1
+    )
+    return (
+        np.moveaxis(np.array(packet.delta), 2, 0),
+        np.moveaxis(np.array(packet.quat), 2, 0),
+        np.array(packet.grasp).T,
+    )
+
+
+def advanced(who, ticks, first=0):
+    return np.array([who.advance(first + k).columns.copy() for k in range(ticks)])
+
+
+def tip_way(arm, rows, scale=0.1):
+    """Way of the tip in the world, mm, as robot.mapping and robot.scene have it."""
+    hand = (rows[-1] - rows[0])[ARMS.index(arm) * 8 :][:3] * scale
+    way = mapping.position_from_itp(arm, Vec(map(float, hand)))
+    origin = scene.world(arm, Vec((0.0, 0.0, 0.0)))
+    return np.array([a - b for a, b in zip(scene.world(arm, way), origin, strict=True)]) * 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [0.05, 0.1, 0.15, 0.3, 1.0])
+def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
+    rng = np.random.default_rng(1)
+    deltas = rng.integers(-900, 900, (400, 2, 3))
+    deltas[:40] = rng.integers(
+        -1, 2, (40, 2, 3)
+    )  # about zero, where truncation changes its direction
+    deltas[200:260] += 9_000  # far out, where single precision is coarse
+    grasps = rng.integers(-30, 30, (400, 2))
+    who = hands(scale=scale)
+    rows = [who.advance(0).columns.copy()]
+    for k in range(400):
+        each = {
+            arm: {
+                "delta_um": deltas[k, i].tolist(),
+                "quat": [0, 0, 0, 1],
+                "grasp_mrad": int(grasps[k, i]),
+            }
+            for i, arm in enumerate(ARMS)
+        }
+        assert who.take(incremented(**each), k + 1)
+        rows.append(who.advance(k + 1).columns.copy())
+    delta, _, grasp = packets(rows, scale)
+    np.testing.assert_array_equal(delta, deltas)
+    np.testing.assert_array_equal(grasp, grasps)
+
+
+def test_several_increments_of_one_tick_add_up_and_turns_follow_each_other():
+    who = hands(("gold", "green"))
+    rows = [who.advance(0).columns.copy()]
+    about_x, about_y = [np.sin(0.05), 0, 0, np.cos(0.05)], [0, np.sin(0.1), 0, np.cos(0.1)]
+    assert who.take(incremented(gold={"delta_um": [3, 0, -2], "quat": about_x, "grasp_mrad": 5}), 1)
+    assert who.take(incremented(gold={"delta_um": [4, 1, 0], "quat": about_y, "grasp_mrad": 5}), 1)
+    rows.append(who.advance(1).columns.copy())
+    delta, quat, grasp = packets(rows, 0.1)
+    assert delta[0, 0].tolist() == [7, 1, -2] and grasp[0].tolist() == [10, 0]
+    whole = mapping.quat_mul(Vec(about_y), Vec(about_x))
+    np.testing.assert_allclose(quat[0, 0], whole, atol=1e-6)
+    np.testing.assert_allclose(quat[0, 1], [0, 0, 0, 1], atol=1e-7)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize(
+    ("move", "world"),
+    [
+        ((1, 0, 0), (1, 0, 0)),
+        ((0, 1, 0), (0, 0, 1)),
+        ((0, 0, 1), (0, -1, 0)),
+        ((3, 4, 0), (0.6, 0, 0.8)),
+    ],
+)
+def test_moving_in_the_view_moves_the_tip_so_in_the_world_at_the_asked_speed(arm, move, world):
+    who = hands(move_mm_s=20.0)
+    for k in range(0, 1000, 100):
+        who.take(said(**{arm: {"move": list(move)}}), k)
+        rows = advanced(who, 100, k)
+    way = tip_way(arm, rows)  # of the last 99 ms, at full speed; longer input is cut to length 1
+    np.testing.assert_allclose(way, np.array(world) * 20.0 * 0.099, atol=0.003)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_turning_about_the_views_up_turns_the_tip_about_the_worlds_z(arm):
+    who = hands(turn_rad_s=0.5)
+    start = advanced(who, 1)[0]
+    for k in range(1, 1001, 100):
+        who.take(said(**{arm: {"turn": [0, 1, 0]}}), k)
+        end = advanced(who, 100, k)[-1]
+    at = ARMS.index(arm) * 8
+    assert start[at + 3 : at + 7].tolist() == [0, 0, 0, 1]
+    x, y, z, w = (float(c) for c in end[at + 3 : at + 7])
+    axis = mapping.position_from_itp(arm, Vec((x, y, z)))
+    turned = np.array(scene.frame0(arm)[1]) @ np.array([float(c) for c in axis])
+    angle = 2 * np.arctan2(np.linalg.norm(turned), w)
+    np.testing.assert_allclose(turned / np.linalg.norm(turned), [0, 0, 1], atol=1e-6)
+    assert angle == pytest.approx(
+        0.5 * (1.0 - 2e-3 / RATE), rel=0.01
+    )  # a second, less the time of taking it up
+
+
+def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
+    who = hands(move_mm_s=30.0)
+    who.take(said(gold={"move": [1, 0, 0]}), 0)
+    rows = advanced(who, 200)
+    speed = np.diff(rows[:, 1]) * 0.1  # mm/s of the tip: itp y is the world's x
+    assert np.all(np.diff(speed) > -0.05) and speed.max() < 30.1  # no overshoot
+    assert speed[int(SMOOTHING_MS) - 2] == pytest.approx(27.0, abs=0.4)  # 90 %
+    assert (
+        np.abs(np.diff(speed)).max() < 1.05 * 30.0 * RATE / np.e
+    )  # no jump: the steepest of a critically damped step
+    who.take(said(), 200)
+    rest = advanced(who, 200, 200)
+    assert (
+        rest[0, 1] > rows[-1, 1] and 0 <= rest[-1, 1] - rest[-50, 1] < 5.0
+    )  # um before scaling in 49 ms
+
+
+def test_jaws_close_with_positive_grasp_and_not_without_end():
+    who = hands(grasp_mrad_s=2000.0)
+    for k in range(0, 2000, 100):
+        who.take(said(gold={"grasp": 1.0}), k)
+        rows = advanced(who, 100, k)
+    assert rows[-1, 7] == pytest.approx(1500.5) and rows[-1, 15] == 0.0
+    assert rows[-1, 7] == rows[0, 7]
+
+
+def test_stale_input_lifts_the_pedal_and_stops_the_hands():
+    who = hands()
+    assert not who.advance(0).alive
+    who.take(said(gold={"move": [1, 0, 0]}), 1)
+    row = [who.advance(k) for k in range(1, STALE_MS + 2)][-1]
+    held = row.columns.copy()
+    assert row.alive and held[-1] == 1.0
+    row = who.advance(STALE_MS + 2)
+    assert not row.alive and row.columns[-1] == 0.0
+    np.testing.assert_array_equal(row.columns[:-1], held[:-1])
+    who.take(said(), STALE_MS + 3)
+    row = who.advance(STALE_MS + 3)
+    assert row.alive and row.columns[-1] == 1.0
+
+
+def test_hands_can_be_put_where_a_row_has_them():
+    who, other = hands(), hands()
+    for k in range(300):
+        who.take(said(gold={"move": [0.3, -0.7, 0.2], "turn": [0.1, 0.4, 0], "grasp": 0.5}), k)
+        row = who.advance(k).columns.copy()
+    other.place(row)
+    other.take(said(), 0)
+    np.testing.assert_allclose(other.advance(0).columns, row, rtol=1e-6)
+
+
+BAD = [
+    ({}, "type is neither input nor increments"),
+    ({"type": "input"}, "pedal is neither true nor false"),
+    ({"type": "input", "pedal": 1}, "pedal is neither true nor false"),
+    (said() | {"arms": []}, "arms is no table of tables"),
+    (said(gold=3), "arms is no table of tables"),
+    (said(golden={}), "unknown arm"),
+    (said(gold={"move": [1, 2]}), "move is not 3 finite numbers"),
+    (said(gold={"move": [1, 2, float("nan")]}), "move is not 3 finite numbers"),
+    (said(gold={"turn": "left"}), "turn is not 3 finite numbers"),
+    (said(gold={"grasp": True}), "grasp is no finite number"),
+    (incremented(gold={}), "delta_um is not 3 finite numbers"),
+    (incremented(gold={"delta_um": [1, 1, 10**400]}), "delta_um is not 3 finite numbers"),
+    (incremented(gold={"delta_um": [1, 1, 1], "quat": [0, 0, 0, 0]}), "quat is no rotation"),
+    (incremented(gold={"delta_um": [FARTHEST_UM + 1, 0, 0]}), "delta_um leads out of range"),
+    (incremented(gold={"delta_um": [0, 0, 0], "grasp_mrad": 1e8}), "grasp_mrad leads out of range"),
+]
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"), BAD, ids=[reason + str(i) for i, (_, reason) in enumerate(BAD)]
+)
+def test_a_malformed_message_is_refused_counted_and_without_effect(message, reason):
+    who = hands()
+    who.take(said(), 0)
+    before = who.advance(0).columns.copy()
+    assert not who.take(message, 1) and not who.take(message, 1)
+    assert who.refused == {reason: 2}
+    np.testing.assert_array_equal(who.advance(1).columns, before)
+
+
+def test_one_bad_arm_refuses_the_whole_message():
+    who = hands()
+    assert not who.take(
+        incremented(gold={"delta_um": [5, 5, 5]}, green={"delta_um": [FARTHEST_UM * 2, 0, 0]}), 0
+    )
+    assert not who.advance(0).columns.any(where=np.arange(17) % 8 != 6)
+
+
+def test_an_arm_that_the_session_does_not_have_is_no_error():
+    who = hands(("gold",))
+    assert who.take(incremented(gold={"delta_um": [5, 0, 0]}, green={"delta_um": [7, 0, 0]}), 0)
+    assert who.advance(0).columns.shape == (9,)
+
+
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+_KEYED = st.fixed_dictionaries(
+    {"type": st.sampled_from(["input", "increments"]), "pedal": st.booleans() | _JSON},
+    optional={
+        "arms": st.dictionaries(
+            st.sampled_from(["gold", "green", "x"]),
+            st.dictionaries(
+                st.sampled_from(["move", "turn", "grasp", "delta_um", "quat", "grasp_mrad"]), _JSON
+            ),
+        )
+    },
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(_JSON | _KEYED, max_size=5))
+def test_nothing_that_is_said_raises_or_makes_numbers_that_are_none(messages):
+    who = hands()
+    for tick, message in enumerate(messages):
+        who.take(message, tick)
+        assert np.isfinite(who.advance(tick).columns).all()

@@ -1,0 +1,379 @@
+"""Whole sessions: the folder that one leaves, headless and against the clock, and what is asked
+before one starts.
+"""
+
+import csv
+import dataclasses
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+import ros2_log
+import waiting
+from websockets.sync.client import connect
+
+from ravenjax.errors import UserError
+from ravenjax.train import launch, page, processes, scenario
+from ravenjax.train.launch import SessionOptions
+from ravenjax.train.recording import reader
+
+CHOSEN = scenario.from_dict(
+    {
+        "name": "tiny",
+        "duration_s": 4,
+        "task": {"kind": "reach", "targets": 50},
+        "hazard": [
+            {
+                "when": [1.5, 1.5],
+                "within_s": 1.0,
+                "right_response": ["release"],
+                "fault": [
+                    {
+                        "site": "usb_out",
+                        "channel": "shoulder",
+                        "effect": "overwrite",
+                        "value": 6000,
+                        "start_ms": 0,
+                        "duration_ms": 40,
+                    }
+                ],
+            }
+        ],
+    }
+)
+
+
+def options(folder, **more):
+    return SessionOptions(
+        scenario=CHOSEN,
+        folder=folder,
+        seed=3,
+        participant="P7",
+        group="A",
+        script="release",
+        **more,
+    )
+
+
+@pytest.fixture(scope="module")
+def headless(tmp_path_factory):
+    return launch.headless(options(tmp_path_factory.mktemp("sessions") / "one"))
+
+
+@pytest.mark.slow
+def test_a_session_leaves_a_folder_that_says_everything(headless):
+    header = json.loads((headless.folder / "session.json").read_text())
+    assert (
+        header["participant"] == "P7" and header["scenario"]["name"] == "tiny" and header["ended"]
+    )
+    assert header["summary"]["ended"] == "time" and header["summary"]["hazards"]["struck"] == 1
+    with open(headless.folder / "hazards.csv", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["session"] == "one" and row["group"] == "A" and row["response"] == "release"
+    read = reader.read(headless.folder)
+    (started,) = [event for event in read.events if event["kind"] == "started"]
+    assert (
+        started["by"] == "pedal" and 200 < started["tick"] < 220
+    )  # its four seconds begin as somebody drives
+    assert (
+        read.complete
+        and len(read.rows) == started["tick"] + 4000
+        and read["tick"][-1] == len(read.rows) - 1
+    )
+    assert read["left_ms"][0] == 4000 and read["left_ms"][-2] == 2
+    assert {event["kind"] for event in read.events} >= {"hazard_struck", "cue", "response", "end"}
+    assert "<html" in (headless.folder / "debrief.html").read_text()
+
+
+@pytest.mark.slow
+def test_its_recording_is_a_log_for_other_tools(headless):
+    log = ros2_log.read(headless.folder / "session.mcap")
+    frames = log.topics["/tf"]
+    assert (
+        len(frames) == -(-len(reader.read(headless.folder).rows) // 10)
+        and frames[0].value.transforms[0].header.frame_id == "world"
+    )
+    assert {one.child_frame_id for one in frames[0].value.transforms} >= {
+        "arm1_base",
+        "arm1_tip_true",
+    }
+    words = [message.value.msg for message in log.topics["/ravenjax/log"]]
+    assert "hazard 0 strikes" in words and "session ends: time" in words
+    header = json.loads((headless.folder / "session.json").read_text())
+    told = log.metadata["ravenjax"]
+    assert (told["scenario"], told["seed"], told["code_hash"]) == ("tiny", "3", header["code_hash"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["script", "commands"])
+def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
+    said = options(tmp_path / "one")
+    if by == "commands":
+        said = dataclasses.replace(said, script=str(headless.folder / "commands.jsonl"))
+    again = launch.headless(said)
+    np.testing.assert_array_equal(reader.read(again.folder).rows, reader.read(headless.folder).rows)
+    assert (again.folder / "hazards.csv").read_bytes() == (
+        headless.folder / "hazards.csv"
+    ).read_bytes()
+
+
+@pytest.mark.slow
+def test_against_the_clock_it_is_the_same_session_but_for_the_timing(headless, tmp_path):
+    found = launch.realtime(options(tmp_path / "one"), with_page=False, say=lambda _: None)
+    assert found.hazards == headless.hazards and found.ended == "time"
+    real, plain = reader.read(found.folder), reader.read(headless.folder)
+    assert real.complete and len(real.rows) >= len(plain.rows)
+    timing = [
+        plain.layout.places[name].start for name in ("compute_us", "lateness_us", "late_ticks")
+    ]
+    untimed = np.delete(np.arange(plain.layout.size), timing)
+    np.testing.assert_array_equal(real.rows[: len(plain.rows), untimed], plain.rows[:, untimed])
+    assert (
+        json.loads((found.folder / "session.json").read_text())["summary"]["timing"]["ticks"] > 4000
+    )
+
+
+def test_somebody_must_drive_a_headless_session(tmp_path):
+    with pytest.raises(UserError, match="give a script, one of none, release"):
+        launch.headless(SessionOptions(scenario=CHOSEN, folder=tmp_path / "x", seed=0))
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    "how", [launch.headless, lambda one: launch.realtime(one, with_page=False)]
+)
+def test_a_script_that_is_none_leaves_no_session(tmp_path, how):
+    script = tmp_path / "commands.jsonl"
+    script.write_text("release\n")
+    with pytest.raises(UserError, match=r"commands\.jsonl"):
+        how(dataclasses.replace(options(tmp_path / "x"), script=str(script)))
+    assert not list(tmp_path.glob("x*/*")) and not list(tmp_path.glob("x*/.*"))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (
+            {"host": "203.0.113.1"},
+            (
+                r"host is '203\.0\.113\.1', where the page cannot listen \(.*\); give an address of"
+                r" this"
+            ),
+        ),
+        ({"host": "no.such.host.invalid"}, "where the page cannot listen"),
+        ({"port": 65536}, "port is 65536, expected 0"),
+    ],
+)
+def test_an_address_where_no_page_can_be_is_refused_at_once(tmp_path, wrong, told):
+    with pytest.raises(UserError, match=told):
+        launch.realtime(options(tmp_path / "x", **wrong))
+    assert not (tmp_path / "x").exists()
+
+
+def leave(_):
+    """In place of a page."""
+    sys.exit(3)
+
+
+@pytest.mark.slow
+def test_a_page_that_ends_at_its_start_is_told_of_at_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(page, "run_when_told", leave)
+    monkeypatch.setattr(processes, "STARTING_S", 600.0)
+    with pytest.raises(UserError, match="the page's process ended with code 3"):
+        launch.realtime(options(tmp_path / "x"))
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("host", ("host", (36000, 36002))),
+        ("h:1", ("h", (1, 36002))),
+        ("127.0.0.1:1:2", ("127.0.0.1", (1, 2))),
+    ],
+)
+def test_addresses_of_robots(text, meant):
+    assert launch.address(text) == meant
+
+
+@pytest.mark.parametrize("text", ["", ":1", "h:x", "h:1:2:3", "h:70000"])
+def test_addresses_that_are_none(text):
+    with pytest.raises(UserError, match="expected HOST"):
+        launch.address(text)
+
+
+@pytest.mark.slow
+def test_a_session_begins_without_jax_trimesh_and_pandas(tmp_path):
+    code = """if True:
+        import sys
+        from pathlib import Path
+        from ravenjax.train import launch, scenario
+        from ravenjax.train.page import process
+        setting = scenario.load("first_steps", ["duration_s=5"])
+        launch.headless(launch.SessionOptions(setting, Path(sys.argv[1]), 0, script="release"))
+        print([name for name in ("jax", "trimesh", "pandas") if name in sys.modules])
+    """
+    ran = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "x"], capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.strip() == "[]"
+
+
+def test_a_session_that_never_began_leaves_nothing(tmp_path):
+    folder = tmp_path / "x"
+    assert launch._claimed(folder) and not launch._claimed(folder)
+    launch._release(folder)
+    assert not folder.exists() and launch._claimed(folder)
+    (folder / "session.json").touch()
+    launch._release(folder)
+    assert [one.name for one in folder.iterdir()] == ["session.json"]
+
+
+@pytest.mark.slow
+def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
+    ran = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "ravenjax.cli",
+            "train",
+            "first_steps",
+            "--out",
+            tmp_path / "x",
+            "--port",
+            "0",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    said = ""
+    for line in ran.stdout:
+        said += line
+        if "robot: ready" in line:
+            ran.terminate()
+    assert (
+        ran.wait(60) == 128 + signal.SIGTERM
+        and "of a session that had begun the recording is kept" in said
+    )
+    assert "Traceback" not in said and not (tmp_path / "x" / launch.CLAIM).exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["the session is being prepared", "operator:", "realtime:"])
+def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = ["train", "first_steps", "--out", tmp_path / "x", "--port", port]
+        ran = subprocess.Popen(
+            [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        said = ""
+        late = threading.Timer(
+            waiting.DEADLINE_S, ran.kill
+        )  # an interruption that is lost ends nothing
+        late.start()
+        for line in ran.stdout:
+            said += line
+            if when in line:
+                time.sleep(0.3)
+                os.killpg(ran.pid, signal.SIGINT)  # as a terminal does: every process of the group
+        late.cancel()
+        ended = (
+            0,
+            130,
+            -signal.SIGINT,
+        )  # by the signal: Python does so where it came while a dataclass was being made
+        assert ran.wait(60) in ended and "Traceback" not in said
+    if when != "the session is being prepared":
+        assert f"port {port} is taken: the page is at port" in said
+    if when == "realtime:":
+        assert (tmp_path / "x" / "debrief.html").exists() and "(interrupted)" in said
+    assert not (tmp_path / "x" / launch.CLAIM).exists()
+
+
+@pytest.mark.slow
+def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
+    """The second takes the first's port and tokens; strangers get neither it nor the list."""
+    command = [
+        "train",
+        "first_steps",
+        "--out",
+        tmp_path / "one",
+        "--port",
+        0,
+        "--instructor-token",
+        "chair",
+    ]
+    ran = subprocess.Popen(
+        [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    said, ports = "", []
+    try:
+        for line in ran.stdout:
+            said += line
+            if line.startswith("operator: "):
+                ports.append(int(line.split(":")[3].split("/")[0]))
+            if line.startswith("realtime: ") and len(ports) == 1:
+                say(ports[0], {"type": "instructor", "do": "end"})
+            if "the page stays" in line and len(ports) == 1:
+                with pytest.raises(urllib.error.HTTPError, match="403"):
+                    urllib.request.urlopen(f"http://127.0.0.1:{ports[0]}/sessions")
+                asked = urllib.request.urlopen(
+                    f"http://127.0.0.1:{ports[0]}/sessions?instructor_token=chair"
+                )
+                text = asked.read().decode()
+                assert (
+                    "first_steps" in text
+                    and "/sessions/one/debrief.html?instructor_token=chair" in text
+                )
+                debrief = (
+                    f"http://127.0.0.1:{ports[0]}/sessions/one/debrief.html?instructor_token=chair"
+                )
+                assert b"ravenjax training session" in urllib.request.urlopen(debrief).read()
+                say(ports[0], {"type": "instructor", "do": "next", "participant": "P9", "seed": 4})
+            if line.startswith("realtime: ") and len(ports) == 2:
+                assert say(ports[1], {"type": "instructor", "do": "end"})["participant"] == "P9"
+                time.sleep(2.0)
+                os.killpg(ran.pid, signal.SIGINT)
+        assert ran.wait(60) == 0 and ports[0] == ports[1], said
+    finally:
+        ran.kill()
+    assert (
+        len(
+            [
+                one
+                for one in tmp_path.iterdir()
+                if (one / "debrief.html").exists() and "P9" in one.name
+            ]
+        )
+        == 1
+    )
+
+
+def say(port, command):
+    """Say it as the instructor; the header that the instructor's window is greeted with."""
+    with connect(f"ws://127.0.0.1:{port}/session?role=instructor&instructor_token=chair") as socket:
+        greeting = json.loads(socket.recv())
+        socket.send(json.dumps(command))
+        time.sleep(0.3)
+    return greeting["header"]

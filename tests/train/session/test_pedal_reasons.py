@@ -1,0 +1,122 @@
+"""Why a pedal that is held down over the network does not count: told once, in words, at each
+change.
+"""
+
+import pytest
+
+from ravenjax.train import scenario
+from ravenjax.train.consoles import PedalWords, Refusals
+from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
+from ravenjax.train.session import blueprint, pedal
+from ravenjax.train.session.advance import Session
+
+CHOSEN = scenario.from_dict({"name": "pedal", "arms": ["gold"], "duration_s": 60})
+
+
+@pytest.fixture(scope="module")
+def ready():
+    return blueprint.make(scenario.campaign(CHOSEN, 0), limit_mm=CHOSEN.harm.excursion_mm)
+
+
+class Told:
+    """A session, and what was told of the console's pedal."""
+
+    def __init__(self, ready):
+        self.session, self.lines, self.whys = Session(CHOSEN, 0, ready=ready), [], []
+        self._words = PedalWords(self.session, self.lines.append)
+
+    def run(self, down, ms, *commands, console="itp"):
+        """Hold the pedal so for a while; None: nothing comes. The reasons that were told
+        meanwhile.
+        """
+        before = len(self.whys)
+        for tick in range(ms):
+            hands = {"type": "input", "console": console, "pedal": down, "arms": {}}
+            said = [*(commands if tick == 0 else ()), *([] if down is None else [hands])]
+            self.whys += [one["why"] for one in self.session.tick(said) if one["kind"] == "refused"]
+            self._words.tell(self.session.frame)
+        return self.whys[before:]
+
+
+@pytest.fixture
+def told(ready):
+    return Told(ready)
+
+
+def instructor(do):
+    return {"type": "instructor", "do": do}
+
+
+def test_a_foot_that_is_down_from_the_beginning_is_told_once_to_lift(told):
+    assert told.run(True, 600) == [f"itp: {pedal.LIFT}"]
+    assert told.run(False, 100) == [""]  # nothing is wrong any more
+    assert told.run(True, 100) == [] and told.session.frame.number("pedal") == 1
+    assert told.lines == [f"itp: {pedal.LIFT}"]
+
+
+def test_each_change_of_the_reason_is_told_once(told):
+    told.run(False, 100)
+    assert told.run(True, 300) == []
+    assert told.run(None, STALE_MS + 200) == [f"itp: {pedal.SILENT}"]
+    assert told.run(True, 100) == [f"itp: {pedal.LIFT} (the console was silent)"]
+    told.run(False, 100)
+    assert told.run(True, 100) == []
+    assert told.run(True, 100, instructor("pause")) == [f"itp: {pedal.PAUSED}"]
+    assert told.run(True, 100, instructor("resume")) == [
+        f"itp: {pedal.LIFT} (the session was paused)"
+    ]
+    told.run(False, 100)
+    assert told.run(True, 100) == []
+    assert told.run(True, 200, {"type": "operator", "do": "estop"}) == [f"itp: {pedal.STOPPED}"]
+    again = told.run(True, 200, {"type": "operator", "do": "restart"})
+    assert again[-1] == f"itp: {pedal.LIFT} (the robot began anew)"
+
+
+def test_who_steps_on_a_pedal_while_another_console_drives_is_told(told):
+    told.run(False, 100, console="page")
+    told.run(True, 100, console="page")
+    told.run(False, 10)
+    assert told.run(True, 100) == [f"itp: {pedal.other('page')}"]
+    told.run(True, 100, console="page")
+    assert not [line for line in told.lines if line.startswith("page")], "the page shows its own"
+
+
+def test_what_flickers_is_not_told(told):
+    for _ in range(20):
+        told.run(True, 20)
+        told.run(None, 1, {"type": "operator", "do": "restart"})
+        told.run(False, 20)
+    assert told.whys == told.lines == []
+
+
+def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
+    gate = Gate(("gold",))
+    refusals = Refusals(gate)
+
+    def commands(**counts):
+        for cause, count in counts.items():
+            gate.counts[cause] += count
+        return [one for _ in range(STALE_MS) for one in refusals.poll()]
+
+    why = pedal.packets("behind")
+    assert commands(behind=50) == [{"type": "unheard", "why": why}] and commands(behind=50) == []
+    said = {"type": "unheard", "console": "itp", "why": why}
+    assert told.run(None, 100, said) == [f"itp: {why}"]
+    assert commands(**{TAKEN: 50, "step": 1}) == [{"type": "unheard", "why": ""}]
+    assert told.run(None, 100, {**said, "why": ""}) == [""]
+    assert "another console" in commands(**{TAKEN: 50, "stranger": 50})[0]["why"]
+    assert commands(step=3) == [], "a few are no reason"
+
+
+def test_increments_that_lead_too_far_are_told(told):
+    told.run(False, 100)
+    far = {"gold": {"delta_um": [2_000_000, 0, 0], "quat": [0, 0, 0, 1], "grasp_mrad": 0}}
+    for _ in range(100):
+        told.run(None, 1, {"type": "increments", "console": "itp", "pedal": True, "arms": far})
+    assert told.whys == [f"itp: {pedal.OUT_OF_RANGE}"]
+
+
+def test_what_crtk_did_not_follow_is_told_each_time(told):
+    once = {"type": "unheard", "console": "crtk", "once": True, "why": pedal.RELEASED["silence"]}
+    assert told.run(None, 10, once) == [f"crtk: {once['why']}"] == told.lines

@@ -1,0 +1,221 @@
+"""Scripted and recorded operators, alone and in a whole session."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+
+import numpy as np
+import pytest
+from made_frames import TIPS, made, put, running
+from recording_operator import RecordingOperator
+
+from ravenjax.errors import UserError
+from ravenjax.train import scenario, tasks
+from ravenjax.train.protocol.frame import PHASES
+from ravenjax.train.session import scripts
+from ravenjax.train.session.advance import Session
+from ravenjax.train.session.hands import Hands
+from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower, Recorded
+
+
+def follower(**keys):
+    chosen, _ = made(task={"kind": "reach"})
+    task = tasks.make(chosen, TIPS, 0)
+    return Follower(task, ("gold",), chosen.speeds, **keys), task
+
+
+def said(operator, frame, first, last):
+    return [
+        (tick, message) for tick in range(first, last) for message in operator.messages(tick, frame)
+    ]
+
+
+def pedals(messages):
+    """(tick, pedal) of each change."""
+    found = [(tick, message["pedal"]) for tick, message in messages if message["type"] == "input"]
+    return [
+        now for before, now in zip([(0, None), *found], found, strict=False) if now[1] != before[1]
+    ]
+
+
+def test_it_goes_for_the_target_and_steps_on_the_pedal():
+    operator, task = follower(pedal_ms=100)
+    frame = running()
+    x, y, z = task.targets[0][1]
+    put(frame, "gold", (x - 0.002, y, z + 0.001))  # to the right and down
+    messages = said(operator, frame, 0, 200)
+    assert [tick for tick, _ in messages] == list(range(0, 200, INPUT_EVERY_MS))
+    assert pedals(messages) == [(0, False), (112, True)]
+    right, up, toward = messages[-1][1]["arms"]["gold"]["move"]
+    assert (
+        right > 0
+        and up == pytest.approx(-right / 2, rel=1e-3)
+        and toward == pytest.approx(0, abs=1e-6)
+    )
+    assert all(Hands(("gold",), 0.1, scenario.Speeds()).take(message, 0) for _, message in messages)
+
+
+@pytest.mark.parametrize(("cue_on", "alive", "expected"), [(1, 1, 800), (0, 1, None), (1, 0, None)])
+def test_it_reacts_to_the_onset_of_what_it_feels_after_its_delay(cue_on, alive, expected):
+    operator, _ = follower(delay_ms=300, rest_ms=1000)
+    frame = running()
+    frame["cue_on"], frame["console_alive"] = cue_on, alive
+    said(operator, frame, 0, 500)
+    frame["gold/force"] = (0.0, 0.01, 0.0)
+    changes = pedals(said(operator, frame, 500, 5000))[1:]
+    if expected is None:
+        assert changes == []
+    else:  # the pull that stays is no news
+        assert (
+            changes[0] == (expected, False)
+            and changes[1][1]
+            and 0 <= changes[1][0] - 1800 < INPUT_EVERY_MS
+        )
+        assert len(changes) == 2
+
+
+def test_it_may_see_what_it_does_not_feel():
+    operator, _ = follower(sees_mm=5.0, sees_delay_ms=400)
+    frame = running()
+    frame["cue_on"] = 0
+    frame["gold/error_mm"] = 4.9
+    assert len(pedals(said(operator, frame, 300, 1000))) == 1
+    frame["gold/error_mm"] = 5.1
+    assert pedals(said(operator, frame, 1000, 1500))[1] == (1400, False)
+
+
+def test_it_may_do_nothing_slow_down_or_press_the_button():
+    frame = running()
+    spoken = {}
+    for reaction in ("none", "slow", "stop"):
+        operator, _ = follower(reaction=reaction)
+        frame["gold/force"] = 0
+        said(operator, frame, 0, 500)
+        frame["gold/force"] = 1
+        spoken[reaction] = said(operator, frame, 500, 900)
+    assert pedals(spoken["none"])[0][1] and len(pedals(spoken["none"])) == 1
+    before, after = (np.linalg.norm(spoken["slow"][k][1]["arms"]["gold"]["move"]) for k in (0, -1))
+    assert after == pytest.approx(before / 10) and len(pedals(spoken["slow"])) == 1
+    assert (750, {"type": "operator", "do": "estop"}) in spoken["stop"]
+    assert pedals(spoken["stop"])[-1] == (750, False)
+    with pytest.raises(
+        UserError, match="reaction is 'jump', expected one of none, release, slow, stop"
+    ):
+        follower(reaction="jump")
+
+
+def test_it_restarts_a_stopped_robot_and_steps_on_again():
+    operator, _ = follower(rest_ms=1000, sees_delay_ms=300)
+    frame = running()
+    said(operator, frame, 0, 500)
+    frame["phase"], frame["runlevel"] = PHASES.index("stopped"), 0
+    messages = said(operator, frame, 500, 1501)
+    assert [tick for tick, message in messages if message["type"] == "operator"] == [1500]
+    lifted = [tick for tick, down in pedals(messages) if not down]
+    assert len(lifted) == 1 and 800 <= lifted[0] < 800 + INPUT_EVERY_MS
+    frame["phase"], frame["pedal"] = PHASES.index("ready"), 0
+    assert [down for _, down in pedals(said(operator, frame, 1501, 3000))] == [False, True]
+
+
+def test_it_restarts_a_robot_that_does_not_follow_its_pedal():
+    operator, _ = follower(rest_ms=1000, sees_delay_ms=300)
+    frame, lifted = running(), running()
+    said(operator, frame, 0, 500)
+    frame["runlevel"] = lifted["runlevel"] = 2
+    lifted["pedal"] = 0
+    assert [m for _, m in said(operator, frame, 500, 1000 + 800) if m["type"] == "operator"] == []
+    spoken = said(operator, lifted, 1800, 3000)
+    assert [tick for tick, message in spoken if message["type"] == "operator"] == [
+        500 + 1000 + 1000
+    ]
+
+
+def test_what_was_said_can_be_kept_and_said_again(tmp_path):
+    operator, _ = follower()
+    kept = RecordingOperator(operator)
+    frame = running()
+    first = said(kept, frame, 0, 100)
+    assert kept.said == first
+    scripts.save(tmp_path / "said.jsonl", kept.said)
+    again = scripts.load(tmp_path / "said.jsonl")
+    assert said(again, frame, 0, 100) == first
+
+
+def test_a_recorded_operator_says_what_was_missed_at_once_and_in_order():
+    operator = Recorded([(5, {"do": "b"}), (1, {"do": "a"}), (9, {"do": "c"})])
+    assert [m["do"] for m in operator.messages(6, running())] == ["a", "b"]
+    assert operator.messages(7, running()) == [] and operator.messages(9, running()) == [
+        {"do": "c"}
+    ]
+
+
+@pytest.mark.parametrize(
+    "line", ["{", "[]", '{"tick": -1, "message": {}}', '{"tick": 1}', '{"tick": 1, "message": 3}']
+)
+def test_a_line_that_is_no_message_is_told_with_its_number(tmp_path, line):
+    path = tmp_path / "said.jsonl"
+    path.write_text('{"tick": 0, "message": {}}\n\n' + line + "\n")
+    with pytest.raises(UserError, match=r"said.jsonl:3: got .*, expected"):
+        scripts.load(path)
+    with pytest.raises(UserError, match="cannot be read"):
+        scripts.load(tmp_path / "none.jsonl")
+
+
+# --- a whole session ---
+
+CREEPING = {
+    "name": "creeping",
+    "duration_s": 9,
+    "task": {"kind": "reach", "targets": 50, "tolerance_mm": 3},
+    "harm": {"excursion_mm": 10},
+    "hazard": [
+        {
+            "name": "creep",
+            "when": 2,
+            "within_s": 3,
+            "fault": [
+                {
+                    "site": "jpos_d",
+                    "channel": "shoulder",
+                    "effect": "drift",
+                    "value": 4e-5,
+                    "duration_ms": 4000,
+                }
+            ],
+        }
+    ],
+}
+
+
+def played(session, operator):
+    """The session's frames, hashed, and its events."""
+    hashed, events, tick = hashlib.sha256(), [], 0
+    while not session.over:
+        events += session.tick(operator.messages(tick, session.frame))
+        hashed.update(session.frame.row.tobytes())
+        tick += 1
+    return hashed.hexdigest(), events
+
+
+@pytest.mark.slow
+def test_a_session_runs_without_a_person_and_is_the_same_again():
+    chosen = scenario.from_dict(CREEPING)
+    session = Session(chosen, 1)
+    kept = RecordingOperator(Follower(session.task, session.arms, chosen.speeds, delay_ms=250))
+    frames, events = played(session, kept)
+    (row,) = session.judge.rows()
+    assert row["struck_ms"] == 2212 and row["knowable_by"] == "tip"
+    assert 100 < row["knowable_ms"] - 2212 < row["cue_ms"] - 2212  # a drift: 1 mm off before 3 mm
+    assert (
+        row["response"] == "release" and row["response_ms"] == row["cue_ms"] + 251
+    )  # felt a tick later
+    assert (
+        row["outcome"] == "avoided"
+        and 3.0 < row["unintended_mm"] < 10.0
+        and math.isfinite(row["deepest_mm"])
+    )
+    assert session.task.result()["reached"] >= 5
+    again = Session(chosen, 1, ready=session.blueprint)
+    assert played(again, Recorded(kept.said)) == (frames, events)
+    assert again.judge.rows() == [row]

@@ -1,0 +1,425 @@
+"""A session is a function of scenario, seed and commands: who drives, who rests, who is stopped;
+without a clock.
+"""
+
+import numpy as np
+import pytest
+from recording_operator import RecordingOperator
+
+from ravenjax.train import scenario
+from ravenjax.train.session import scripts
+from ravenjax.train.session.advance import Session
+from ravenjax.train.session.simulation import SimulatedRobot
+
+CHOSEN = scenario.from_dict(
+    {
+        "name": "short",
+        "duration_s": 12,
+        "scale": 0.1,
+        "task": {"kind": "reach", "targets": 100, "tolerance_mm": 2.5, "dwell_ms": 100},
+        "hazard": [
+            {
+                "name": "burst",
+                "when": [3, 3],
+                "within_s": 1.5,
+                "right_response": ["release"],
+                "fault": [
+                    {
+                        "site": "usb_out",
+                        "channel": "shoulder",
+                        "effect": "overwrite",
+                        "value": 6000,
+                        "start_ms": 0,
+                        "duration_ms": 40,
+                    }
+                ],
+            },
+            {
+                "name": "other",
+                "when": "instructor",
+                "fault": [
+                    {
+                        "site": "usb_out",
+                        "channel": "elbow",
+                        "effect": "overwrite",
+                        "value": -6000,
+                        "start_ms": 0,
+                        "duration_ms": 20,
+                    }
+                ],
+            },
+        ],
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def made():
+    return Session(CHOSEN, 5).blueprint
+
+
+@pytest.fixture
+def session(made):
+    return Session(CHOSEN, 5, ready=made)
+
+
+def hand(pedal=True, move=(0.0, 0.0, 0.0)):
+    return {
+        "type": "input",
+        "source": "test",
+        "pedal": pedal,
+        "arms": {"gold": {"move": list(move)}},
+    }
+
+
+def drive(session, ticks, *, pedal=True, move=(0.0, 0.0, 0.0), also=()):
+    """So many ticks with the same hand; rows and events."""
+    rows, events = [], []
+    for k in range(ticks):
+        commands = [hand(pedal and session.ticks > 0, move)] if k % 20 == 0 else []  # seen up first
+        events += session.tick([*commands, *(also if k == 0 else ())])
+        rows.append(session.frame.row.copy())
+    return np.array(rows), events
+
+
+def started(session):
+    drive(session, 800)
+    assert session.frame.number("runlevel") == 3
+    return session
+
+
+def whole(session, operator):
+    rows, events = [], []
+    while not session.over:
+        events += session.tick(operator.messages(session.ticks, session.frame))
+        rows.append(session.frame.row.copy())
+    return np.array(rows), events, session.judge.rows()
+
+
+def channel(session, rows, name):
+    return rows[:, session.layout.places[name]]
+
+
+def follower(session, **settings):
+    return scripts.Follower(session.task, session.arms, CHOSEN.speeds, **settings)
+
+
+def test_a_session_comes_again_to_the_bit_from_its_script_and_from_what_was_said(made):
+    first = Session(CHOSEN, 5, ready=made)
+    heard = RecordingOperator(follower(first))
+    rows, events, hazards = whole(first, heard)
+    for operator in (None, scripts.Recorded(heard.said)):
+        again = Session(CHOSEN, 5, ready=made)
+        other, told, table = whole(again, operator or follower(again))
+        np.testing.assert_array_equal(rows, other)
+        assert (events, hazards) == (told, table)
+    kinds = [event["kind"] for event in events]
+    for kind in (
+        "phase",
+        "pedal",
+        "runlevel",
+        "target",
+        "hazard_armed",
+        "hazard_struck",
+        "knowable",
+        "cue",
+        "response",
+    ):
+        assert kind in kinds, kind
+    assert kinds[-1] == "end" and len(rows) == first.started + 12_000
+    (row,) = hazards
+    assert row["response"] == "release" and row["response_ok"]
+    assert (
+        row["armed_ms"]
+        <= row["struck_ms"]
+        <= row["knowable_ms"]
+        <= row["cue_ms"]
+        < row["response_ms"]
+    )
+
+
+def test_without_a_living_console_the_pedal_is_up_and_nothing_moves(session):
+    started(session)
+    rows, _ = drive(session, 50, move=(0.5, 0.0, 0.0))
+    silent = np.array([(session.tick([]), session.frame.row.copy())[1] for _ in range(1500)])
+    assert (
+        channel(session, silent, "console_alive")[-1] == 0
+        and channel(session, silent, "pedal")[-1] == 0
+    )
+    assert channel(session, silent, "runlevel")[-1] == 2  # pedal up, as the robot sees it
+    tips = channel(session, silent, "gold/tip")
+    assert np.linalg.norm(tips[-1] - tips[-300]) < 1e-4
+    assert channel(session, rows, "console_alive").all()
+
+
+def test_the_estop_button_stops_and_a_restart_begins_anew(session):
+    started(session)
+    drive(session, 600, move=(1.0, 0.0, 0.0))
+    _, events = drive(session, 400, also=[{"type": "operator", "do": "estop"}])
+    assert session.frame.number("runlevel") == 0
+    assert {"phase": "stopped"}.items() <= next(e for e in events if e["kind"] == "phase").items()
+    _, events = drive(session, 5, pedal=False, also=[{"type": "operator", "do": "restart"}])
+    start = session.blueprint.plan.motion.start_jpos[0]
+    assert session.frame.number("runlevel") == 2
+    np.testing.assert_allclose(session.frame["gold/link_jpos"], start, atol=1e-3)
+    drive(session, 20, pedal=False)
+    assert started(session).frame.number("phase") == 1
+
+
+def test_a_pause_stops_time_and_releases_what_was_held(session):
+    started(session)
+    drive(session, 100, move=(1.0, 0.0, 0.0))
+    before, ticks = session.frame.row.copy(), session.ticks
+    drive(session, 300, also=[{"type": "instructor", "do": "pause"}])
+    assert session.ticks == ticks
+    places = session.layout.places
+    np.testing.assert_array_equal(session.frame["gold/tip"], before[places["gold/tip"]])
+    session.tick([{"type": "instructor", "do": "resume"}])
+    assert session.frame.number("pedal") == 0 and session.ticks == ticks + 1
+
+
+def test_after_an_estop_there_is_no_force_and_the_model_stands_where_the_robot_was_stopped(session):
+    started(session)
+    drive(session, 300, move=(1.0, 0.0, 0.0))
+    rows, events = drive(
+        session, 6000, move=(1.0, 0.0, 0.0), also=[{"type": "operator", "do": "estop"}]
+    )
+    after = channel(session, rows, "runlevel").ravel() == 0
+    assert (
+        after.sum() > 5900 and channel(session, rows, "pedal").all()
+    )  # the foot stays where it is
+    assert not channel(session, rows, "gold/force")[after].any()
+    assert np.ptp(channel(session, rows, "gold/model_tip")[after], axis=0).max() == 0.0
+    assert channel(session, rows, "gold/error_mm")[after].max() < 3.0
+    assert not [event for event in events if event["kind"] == "cue"]
+    drive(session, 5, pedal=False, also=[{"type": "operator", "do": "restart"}])
+    drive(session, 200, pedal=False)
+    began = session.frame["gold/model_tip"].copy()
+    drive(session, 1500, move=(0.3, 0.0, 0.0))
+    assert (
+        np.linalg.norm(session.frame["gold/model_tip"] - began) > 5e-3
+    )  # it goes with the robot again
+
+
+def moved_mm(session, ticks, **how):
+    before = session.frame["gold/tip"].copy()
+    drive(session, ticks, **how)
+    return 1e3 * float(np.linalg.norm(session.frame["gold/tip"] - before))
+
+
+@pytest.mark.parametrize("why", ["silence", "restart", "reset", "resume", "reconnection"])
+def test_a_pedal_that_is_still_down_drives_nothing_until_it_was_seen_up(session, why):
+    started(session)
+    assert moved_mm(session, 300, move=(1.0, 0.0, 0.0)) > 3.0
+    if why == "silence":
+        for _ in range(300):
+            session.tick([])
+    elif why == "restart":
+        drive(session, 400, also=[{"type": "operator", "do": "estop"}])
+        session.tick([{"type": "operator", "do": "restart"}])
+    elif why == "reset":
+        session.tick([{"type": "instructor", "do": "reset"}])
+    elif why == "resume":
+        session.tick([{"type": "instructor", "do": "pause"}])
+        session.tick([{"type": "instructor", "do": "resume"}])
+    else:
+        session.tick([{"type": "seat", "do": "left"}])
+    drive(session, 200)
+    assert moved_mm(session, 600, move=(1.0, 0.0, 0.0)) < 0.1 and session.frame.number("pedal") == 0
+    drive(session, 20, pedal=False)
+    drive(session, 200)
+    assert moved_mm(session, 300, move=(1.0, 0.0, 0.0)) > 3.0
+
+
+def test_the_time_of_a_session_begins_with_the_first_pedal_down(session):
+    rows, events = drive(
+        session, 40_000, pedal=False
+    )  # longer than the session, and than a robot waits
+    assert not session.over and not [event for event in events if event["kind"] == "hazard_armed"]
+    assert set(channel(session, rows, "left_ms").ravel()) == {12_000.0}
+    rows, events = drive(session, 12_100)
+    (began,) = [event["tick"] for event in events if event["kind"] == "started"]
+    (armed,) = [event["tick"] for event in events if event["kind"] == "hazard_armed"]
+    assert armed - began >= 3000  # as the scenario has it
+    assert session.ended == "time" and session.ticks - began == 12_000
+    left = channel(session, rows, "left_ms").ravel()
+    assert left[0] == 12_000 and left[-1] == 0 and (np.diff(left) <= 0).all()
+
+
+def test_the_instructor_may_start_the_time(session):
+    drive(session, 100, pedal=False)
+    _, events = drive(session, 12_100, pedal=False, also=[{"type": "instructor", "do": "start"}])
+    assert {"tick": 100, "kind": "started", "by": "instructor"} in events
+    assert session.ended == "time" and session.ticks == 12_100
+
+
+def struck(session):
+    """A hazard that keeps on, at work."""
+    started(session)
+    drive(session, 5, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
+    assert [row["struck_ms"] for row in session.judge.rows()] != [None]
+    drive(session, 100)
+    return session
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        [{"type": "instructor", "do": "pause"}, {"type": "instructor", "do": "resume"}],
+        [{"type": "instructor", "do": "disarm"}],
+        [{"type": "instructor", "do": "reset"}],
+        [{"type": "instructor", "do": "end"}],
+        [{"type": "operator", "do": "estop", "by": "instructor"}],
+        [{"type": "operator", "do": "estop", "by": "watcher"}],
+        [{"type": "seat", "do": "give", "to": "page", "by": "instructor"}],
+    ],
+    ids=lambda act: " ".join(one.get("by", "") + one["do"] for one in act),
+)
+def test_what_is_not_the_trainees_never_scores(session, act):
+    struck(session)
+    for command in act:
+        session.tick([command])
+    drive(session, 900)
+    (row,) = session.judge.rows()
+    assert (row["response"], row["outcome"], row["score"]) == (None, "interrupted", None)
+
+
+@pytest.mark.parametrize(
+    "act", [{"do": "left"}, {"do": "give", "to": "nobody"}, {"do": "give", "to": "itp"}], ids=str
+)
+@pytest.mark.parametrize("pedal", [True, False])
+def test_who_walks_away_has_lifted_the_pedal_and_voids_nothing(session, act, pedal):
+    struck(session)
+    if not pedal:
+        drive(session, 20, pedal=False)
+    events = session.tick([{"type": "seat", **act}])
+    for _ in range(3000):  # longer than a console that is silent keeps the seat
+        events += session.tick([])
+    (row,) = session.judge.rows()[:1]
+    assert row["response"] == "release" and row["outcome"] != "interrupted"
+    assert not [event for event in events if event["kind"] == "interrupted"]
+
+
+def test_a_console_that_falls_silent_cuts_off_what_the_next_one_meets(session):
+    struck(session)
+    session.tick([{"type": "seat", "do": "left"}])
+    drive(session, 4000, pedal=False)
+    drive(session, 1000, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
+    for _ in range(400):
+        session.tick([])
+    assert session.judge.rows()[-1]["outcome"] == "interrupted"
+
+
+def test_an_instructors_note_converts_nobody(session):
+    struck(session)
+    session.tick([{"type": "operator", "do": "note", "text": "convert?", "by": "instructor"}])
+    assert session.judge.rows()[0]["response"] is None
+    session.tick([{"type": "operator", "do": "note", "text": "convert"}])
+    assert session.judge.rows()[0]["response"] == "convert"
+
+
+def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
+    started(session)
+    say = lambda do: {"type": "operator", "do": do}  # noqa: E731
+    tried, _ = drive(session, 700, move=(0.6, 0.2, 0.0), also=[say("rehearse")])
+    assert session.frame.number("view") == 1
+    rest, virtual = channel(session, tried, "gold/tip"), channel(session, tried, "gold/virtual_tip")
+    assert np.ptp(rest, axis=0).max() < 1e-3 and np.linalg.norm(virtual[-1] - virtual[0]) > 5e-3
+    assert channel(session, tried, "runlevel")[-1] == 2  # disengaged: pedal up
+
+    drive(session, 300, pedal=False, also=[say("reengage")])
+    held = session.frame["gold/tip"].copy()
+    assert session.frame.number("view") == 2
+    np.testing.assert_allclose(held, rest[-1], atol=1e-3)  # a lifted pedal holds the replay back
+
+    followed, _ = drive(session, 2000)
+    assert session.frame.number("view") == 0
+    end = channel(session, followed, "gold/tip")[-1]
+    np.testing.assert_allclose(end, virtual[-1], atol=1.5e-3)
+    before = session.frame["gold/tip"].copy()
+    drive(session, 50)
+    assert (
+        np.linalg.norm(session.frame["gold/tip"] - before) < 2e-4
+    )  # the hand goes on from there without a jump
+
+
+def test_what_is_tried_can_be_left_alone(session):
+    started(session)
+    rest = session.frame["gold/tip"].copy()
+    drive(session, 500, move=(0.6, 0.0, 0.0), also=[{"type": "operator", "do": "rehearse"}])
+    drive(session, 800, also=[{"type": "operator", "do": "discard"}])
+    assert session.frame.number("view") == 0
+    np.testing.assert_allclose(session.frame["gold/tip"], rest, atol=1e-3)
+
+
+def test_an_end_at_the_terminal_is_nobodys_act(session):
+    started(session)
+    drive(session, 100)
+    _, events = drive(session, 2, also=[{"type": "instructor", "do": "end", "by": "terminal"}])
+    assert session.over and session.ended == "interrupted"
+    assert [e["reason"] for e in events if e["kind"] == "end"] == ["interrupted"]
+
+
+def test_the_instructor_arms_switches_the_cue_and_ends(session):
+    started(session)
+    arm = {"type": "instructor", "do": "arm", "hazard": 1}
+    rows, events = drive(session, 200, also=[arm, {"type": "instructor", "do": "cue", "on": False}])
+    assert [e["number"] for e in events if e["kind"] == "hazard_struck"] == [1]
+    assert channel(session, rows, "fault_active").sum() == 20
+    assert not channel(session, rows, "cue_on")[1:].any()
+    _, events = drive(session, 2, also=[{"type": "instructor", "do": "end"}])
+    assert session.over and session.ended == "instructor"
+    assert [e["reason"] for e in events if e["kind"] == "end"] == ["instructor"]
+
+
+class Tripping(SimulatedRobot):
+    """A robot one of whose checks trips in its tick `at`, without the fault it would not; until
+    it is disarmed.
+    """
+
+    at = 10**9
+
+    def step(self):
+        super().step()
+        self.row[self.blueprint.layout.places["trips"]] += self.now > self.at
+
+    def outcomes(self):
+        tripped = self.now > self.at
+        return super().outcomes() | {
+            "check_ik_reject_count": int(tripped),
+            "check_ik_reject_first_ms": self.at,
+        }
+
+    def golden_outcomes(self):
+        return self.outcomes() | ({"check_ik_reject_count": 0} if self._apart else {})
+
+
+@pytest.mark.parametrize("end", ["disarm", "reset", "end"])
+def test_a_check_that_trips_in_the_last_tick_of_a_hazard_is_of_that_hazard(made, end):
+    session = started(Session(CHOSEN, 5, ready=made, robot=Tripping))
+    drive(session, 205, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
+    session.robot.at, at_ms = session.robot.now, session.ticks
+    session._looked = (
+        session.ticks
+    )  # the checks were looked at just now, and not again for some ticks
+    drive(session, 1)
+    (row,) = session.judge.rows()
+    assert row["struck_ms"] is not None and row["alarm"] is None
+    drive(session, 1, also=[{"type": "instructor", "do": end}])
+    (row,) = session.judge.rows()
+    assert (row["alarm"], row["alarm_ms"], row["check_response"]) == ("ik_reject", at_ms, "flagged")
+
+
+def test_a_command_that_is_none_changes_nothing(made):
+    quiet, pestered = Session(CHOSEN, 5, ready=made), Session(CHOSEN, 5, ready=made)
+    nonsense = [
+        {},
+        {"type": "operator", "do": "fly"},
+        {"type": ["input"]},
+        {"type": "input", "pedal": "yes"},
+        {"type": "input", "pedal": True, "arms": {"gold": {"move": [9e9, None, 1]}}},
+        {"type": "instructor", "do": "arm", "hazard": 99},
+    ]
+    one, _ = drive(quiet, 900)
+    other, _ = drive(pestered, 900, also=nonsense)
+    np.testing.assert_array_equal(one, other)

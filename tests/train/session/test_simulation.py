@@ -1,0 +1,320 @@
+"""The robot of a session is the robot of a campaign: same motion, same fault, same bits, however
+it is stepped.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made_frames import made as made_scenario
+
+from ravenjax.campaign import loading
+from ravenjax.campaign.inspection import replay
+from ravenjax.errors import UserError
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.robots.raven2.console.motion import columns
+from ravenjax.robots.raven2.console.operator import lookup, packet
+from ravenjax.robots.raven2.loop.run import series_length
+from ravenjax.train.judge import Judge
+from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.session import blueprint
+from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
+
+TICKS, START = 900, 600
+FAULTS = {
+    "pedal": {
+        "site": "packet_header",
+        "channel": "surgeon_mode",
+        "effect": "overwrite",
+        "value": 0,
+    },
+    "encoder": {
+        "site": "encoder",
+        "arm": "gold",
+        "channel": "shoulder",
+        "effect": "drift",
+        "value": 30,
+    },
+    "stop": {"site": "runlevel", "channel": "rl_desired", "effect": "overwrite", "value": 0},
+}
+
+
+def config(**fault):
+    struck = {
+        "site": "usb_out",
+        "arm": "gold",
+        "channel": "shoulder",
+        "effect": "overwrite",
+        "value": 9000,
+    }
+    return loading.from_dict(
+        {
+            "campaign": {"name": "live", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
+            "operator": {"motion": "suture", "scale": 0.1},
+            "group": [
+                {
+                    "name": "burst",
+                    "fault": [struck | {"start_ms": START, "duration_ms": 24} | fault],
+                },
+                *(
+                    {"name": name, "fault": [{**one, "start_ms": START}]}
+                    for name, one in FAULTS.items()
+                    if not fault
+                ),
+                {
+                    "name": "estop",
+                    "fault": [
+                        {
+                            "site": "buttons",
+                            "channel": "estop",
+                            "effect": "overwrite",
+                            "value": 1,
+                            "start_ms": 0,
+                        }
+                    ],
+                },
+            ],
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def made():
+    return blueprint.make(config())
+
+
+def robot_of(made):
+    robot = SimulatedRobot(made)
+    for column, values in zip(robot.motion, made.plan.columns, strict=True):
+        column[: len(values)], column[len(values) :] = values, values[-1]
+    return robot
+
+
+def run(robot, ticks):
+    return np.stack([(robot.step(), robot.row.copy())[1] for _ in range(ticks)])
+
+
+def by_the_rules(series, arm, live):
+    """Distances of an arm by the definitions of outcomes, mm, from the series of its run in the
+    campaign.
+    """
+    tip, golden = series[f"{arm}/tip"].astype(float), series[f"{arm}/golden_tip"].astype(float)
+
+    def size(vectors):
+        return np.linalg.norm(vectors, axis=-1)
+
+    asked = np.diff(golden, axis=0, prepend=golden[:1])
+    idle = (size(asked) > 1e-6) & (size(np.diff(tip, axis=0, prepend=tip[:1])) < 0.25 * size(asked))
+    missed = np.cumsum(np.where((idle | ~live)[:, None], asked, 0.0), axis=0)
+    from_golden, standing = size(tip - golden), size(tip - golden + missed)
+    from_both = np.minimum(from_golden, size(tip - series[f"{arm}/model_position"]))
+    unintended = np.minimum(from_both, standing) * 1e3
+    loss = (2 * standing < from_both) | ((from_both * 1e3 > LIMIT_MM) & (unintended <= LIMIT_MM))
+    return {
+        "unintended_mm": unintended * live,
+        "unintended_off_mm": np.minimum(from_golden, standing) * 1e3 * ~live,
+        "loss_mm": from_both * 1e3 * (loss & live),
+    }
+
+
+@pytest.mark.slow
+def test_an_armed_row_does_what_it_does_in_its_campaign(made):
+    robot = robot_of(made)
+    before = run(robot, START)
+    robot.arm(0)
+    rows = np.concatenate([before, run(robot, TICKS - START)])
+    again = replay.replay(config(), 0, engine="simd")
+    places = made.layout.places
+    live = rows[:, places["live"]].ravel() != 0
+    np.testing.assert_array_equal(
+        live, (again.series["runlevel"] == 3) & (again.series["soft_estopped"] == 0)
+    )
+    for arm in ("gold", "green"):
+        for name, series in (
+            ("jpos", "jpos"),
+            ("link_jpos", "link_jpos"),
+            ("tip", "tip"),
+            ("dac", "dac_cnt"),
+        ):
+            mine = rows[:, places[f"{arm}/{name}"]]
+            np.testing.assert_array_equal(
+                mine, again.series[f"{arm}/{series}"].astype(np.float32), err_msg=name
+            )
+        for name, distance in by_the_rules(again.series, arm, live).items():
+            np.testing.assert_allclose(
+                rows[:, places[f"{arm}/{name}"]].ravel(), distance, atol=1e-3, err_msg=name
+            )
+    assert (
+        rows[:START, places["fault_active"]].sum() == 0
+        and rows[START:, places["fault_active"]].sum() == 24
+    )
+    outcomes = robot.outcomes()
+    for name in (
+        "first_active_ms",
+        "cue0_first_ms",
+        "check_soft_estop_first_ms",
+        "halted_ms",
+        "end_runlevel",
+    ):
+        assert outcomes[name] == pytest.approx(again.row[name], nan_ok=True, rel=1e-6), name
+    for name in ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm"):
+        peak = max(rows[:, places[f"{arm}/{name}"]].max() for arm in ("gold", "green"))
+        assert (
+            outcomes[name]
+            == pytest.approx(peak, rel=1e-6)
+            == pytest.approx(again.row[name], abs=1e-4)
+        ), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", range(4), ids=["burst", *FAULTS])
+def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, row):
+    again = replay.replay(config(), row, engine="simd").row
+    robot, frame = robot_of(made), Frame(made.layout)
+    harm = {"excursion_mm": LIMIT_MM}  # as the campaign has it
+    judge = Judge(*made_scenario(hazard=[{"fault": [{**FAULTS["stop"]}]}], harm=harm), cue_on=True)
+    frame["pedal"] = frame["console_alive"] = 1
+    for now in range(TICKS):
+        if now == START:
+            robot.arm(row)
+            judge.armed(0, now)
+        robot.step()
+        frame.row[: robot.row.size] = robot.row
+        frame.settle()
+        judge.step(now, frame, robot.outcomes(), robot.golden_outcomes())
+    (told,) = judge.rows()
+    assert (told["check_response"], told["motion_hazard"]) == (again["response"], again["hazard"])
+    for name in ("unintended_mm", "unintended_off_mm", "loss_mm", "false_report_mm"):
+        assert told[name] == pytest.approx(again[name], abs=1e-3), name
+    for name in ("unintended_first_ms", "loss_first_ms", "false_report_first_ms"):
+        assert (-1 if told[name] is None else told[name]) == again[name], name
+    assert (
+        told["halted_ms"] - told["golden_halted_ms"]
+        == again["halted_ms"] - again["golden_halted_ms"]
+    )
+    assert (-1 if told["alarm_ms"] is None else told["alarm_ms"]) == again["told_ms"]
+    limited = {
+        "response": "limited",
+        "response_ms": told["limited_ms"],
+        "response_cause": told["limited"],
+    }
+    assert told["limited"] is None or limited.items() <= dict(again).items()
+    assert {"burst": "unintended motion", "pedal": "loss of motion", "stop": "none"}.get(
+        ["burst", *FAULTS][row], "unintended motion"
+    ) == told["motion_hazard"]
+
+
+@pytest.mark.slow
+def test_a_hazard_armed_before_the_first_tick_finds_nothing_missed(made):
+    robot, states = robot_of(made), []
+    robot.arm(0)
+    robot.step()
+    robot._own.change(lambda state: states.append(state) or state)
+    for arm in states[0].monitor.arms:
+        assert np.abs(arm.missed).max() < 1e-6  # the golden run begins where the robot is
+
+
+def test_as_long_as_nothing_has_struck_the_robot_is_its_own_golden_run(made):
+    """The golden run is computed from the first arming on only; computed all along it gives the
+    same bits.
+    """
+    lazy, eager = robot_of(made), robot_of(made)
+    eager._part(True)
+    for robot in (lazy, eager):
+        robot.rows = [run(robot, 600)]
+        robot.press(made.plan.runs - 1)
+        robot.rows += [run(robot, 100)]
+        robot.disarm()
+    assert not lazy._apart
+    eager._part(True)
+    places = made.layout.places
+    for robot in (lazy, eager):
+        robot.rows += [run(robot, 100)]
+    np.testing.assert_array_equal(np.concatenate(lazy.rows), np.concatenate(eager.rows))
+    for arm in ("gold", "green"):
+        for name in ("known_mm", "unintended_off_mm"):
+            place = places[f"{arm}/{name}"]
+            assert not lazy.rows[0][:, place].any() and lazy.rows[1][:, place].any()
+
+
+def test_a_fault_may_be_armed_again_and_taken_back(made):
+    robot = robot_of(made)
+    place = made.layout.places["fault_active"].start
+    run(robot, 500)
+    for _ in range(2):
+        robot.arm(0)
+        assert run(robot, 30)[:, place].sum() == 24
+    robot.arm(0)
+    run(robot, 5)
+    robot.disarm()
+    assert run(robot, 30)[:, place].sum() == 0
+    assert robot.outcomes()["first_active_ms"] == -1  # what is armed is what is told of
+
+
+def test_the_button_beside_the_robot_stops_it(made):
+    robot = robot_of(made)
+    run(robot, 600)
+    robot.press(made.plan.runs - 1)
+    rows = run(robot, 200)
+    assert (
+        rows[0, made.layout.places["runlevel"]] == 3
+        and rows[-1, made.layout.places["runlevel"]] == 0
+    )
+    assert robot.outcomes()["check_estop_first_ms"] >= 600
+
+
+def test_a_copy_goes_on_alike_and_a_reset_begins_anew(made):
+    robot, other = robot_of(made), robot_of(made)
+    first = run(robot, 700)
+    other.copy_from(robot)
+    np.testing.assert_array_equal(run(robot, 100), run(other, 100))
+    robot.reset()
+    np.testing.assert_array_equal(run(robot, 700), first)
+
+
+def packets(made, count):
+    setup, params = made.setup, made.plan.program.params
+    motion = tuple(map(jnp.asarray, made.plan.columns))
+
+    def one(k):
+        return packet(setup, params.operator, lookup(motion, k), lookup(motion, k - 1), k + 1)
+
+    many = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.arange(count, dtype=jnp.int32)))
+    return [jax.tree.map(lambda leaf: leaf[k], many) for k in range(count)]  # noqa: B023
+
+
+@pytest.fixture(scope="module")
+def outside():
+    return PacketRobot(config())
+
+
+@pytest.mark.slow
+def test_every_packet_from_outside_gives_the_same_bits(made, outside):
+    outside.reset()
+    inside = robot_of(made)
+    for sent in packets(made, 500):
+        frame = outside.tick(sent)
+        inside.step()
+        np.testing.assert_array_equal(frame.row[: inside.row.size], inside.row)
+    assert frame.number("runlevel") == 3
+
+
+@pytest.mark.slow
+def test_packets_that_do_not_arrive_are_missed_by_the_robot(made, outside):
+    outside.reset()
+    for k, sent in enumerate(packets(made, 450)):
+        frame = outside.tick(None if k == 400 else sent)
+    found = outside.outcomes()
+    assert found["check_packet_skip_count"] == 1 and found["check_packet_skip_first_ms"] == 401
+    assert frame.number("last_seq") == 450
+
+
+def test_a_robot_with_a_console_elsewhere_refuses_faults_of_that_console():
+    with pytest.raises(UserError, match="site 'network', channel 'delay'"):
+        PacketRobot(config(site="network", arm=None, channel="delay", effect="overwrite", value=3))
+
+
+def test_names_of_a_frame_are_the_numbers_of_a_row(made):
+    assert len(made.layout.names()) == made.layout.size == Frame(made.layout).row.size
+    assert made.code.outputs == made.layout.simulated + series_length(made.setup)
+    assert made.plan.motion.table().shape[1] == len(columns(made.setup.arms))

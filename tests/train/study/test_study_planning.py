@@ -1,0 +1,71 @@
+"""A study's plan: the floor that it states is the p that `study` itself reaches with the largest
+effect there is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ravenjax.errors import UserError
+from ravenjax.stats import multiplicity
+from ravenjax.stats.comparison import clustered
+from ravenjax.train.study import planning
+
+
+def largest(n, paired):
+    """p of a difference without any overlap."""
+    first, second = ([np.array([base + i]) for i in range(n)] for base in (0.0, 1000.0))
+    return clustered.permutation_p(first, second, is_paired=paired)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6, 8, 13, 14, 30])
+def test_the_floor_of_pairs_is_what_the_test_reaches(n):
+    assert planning.smallest_p(n) == pytest.approx(largest(n, True), rel=0.02)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 7, 20])
+def test_the_floor_of_two_groups_is_what_the_test_reaches(n):
+    assert planning.smallest_p(2 * n, paired=False) == pytest.approx(largest(n, False), rel=0.02)
+
+
+def test_six_pairs_can_never_be_clear_over_four_outcomes():
+    found = planning.plan(6)
+    assert (found.smallest_p, found.adjusted, found.possible) == (0.03125, 0.125, False)
+    holm = multiplicity.holm({str(i): found.smallest_p for i in range(4)})
+    assert [one.adjusted for one in holm.values()] == [pytest.approx(found.adjusted)] * 4
+    text = planning.sentences(found)
+    assert (
+        "the smallest p is 0.0312; after Holm over 4 comparisons 0.125" in text
+        and "no result can be clear" in text
+    )
+
+
+@pytest.mark.parametrize("paired", [True, False])
+@pytest.mark.parametrize("outcomes", [1, 2, 4, 12])
+def test_what_is_needed_is_the_least_that_can_be_clear(paired, outcomes):
+    needed = planning.plan(6, paired=paired, outcomes=outcomes).needed
+    assert planning.plan(needed, paired=paired, outcomes=outcomes).possible
+    assert not planning.plan(needed - 1, paired=paired, outcomes=outcomes).possible
+
+
+def test_a_floor_of_the_draws_is_told_as_theirs():
+    assert "0.0002, as 9,999 exchanges are drawn; after Holm" in planning.sentences(
+        planning.plan(24, paired=False)
+    )
+    assert "drawn" not in planning.sentences(planning.plan(6))
+
+
+def test_an_effect_needs_more_and_a_smaller_one_more_still():
+    large, small = (planning.plan(6, effect=effect).for_effect for effect in (1.0, 0.5))
+    assert planning.plan(6).needed == 8 < large < small
+    # 33.4 pairs for d 0.5, power 0.8 and one test (Cohen 1988), so 34
+    assert planning.plan(6, outcomes=1, effect=0.5).for_effect == 34
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"groups": 1}, {"outcomes": 0}, {"effect": -1.0}, {"power": 1.0}, {"effect": 1e-9}]
+)
+def test_numbers_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(UserError):
+        planning.plan(6, **wrong)

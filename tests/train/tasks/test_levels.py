@@ -1,0 +1,113 @@
+"""Levels to proficiency: rounds, times and what leads on, with a tip that is put where it should
+go.
+"""
+
+from __future__ import annotations
+
+import pytest
+from made_frames import TIPS, kinds, made, put, running
+
+from ravenjax.errors import UserError
+from ravenjax.train import scenario, tasks
+
+LEVELS = [
+    {"title": "one", "targets": 3, "tolerance_mm": 3, "dwell_ms": 0, "within_s": 1.0},
+    {"title": "two", "targets": 2, "tolerance_mm": 2, "dwell_ms": 0, "within_s": 0.5},
+]
+
+
+def levels(in_a_row=2):
+    chosen, _ = made(arms=["gold"], task={"kind": "levels", "in_a_row": in_a_row, "level": LEVELS})
+    return tasks.make(chosen, {"gold": TIPS["gold"]}, 0), running(("gold",))
+
+
+class Trainee:
+    """Goes from target to target, so many ms for each."""
+
+    def __init__(self, task, frame):
+        self.task, self.frame, self.tick = task, frame, 0
+        self.seen = []
+        self.told = list(task.step(frame, 0))
+
+    def round(self, each_ms):
+        """One round; the events of it."""
+        targets, events = {one["number"]: one["at"] for one in self.task.geometry()["targets"]}, []
+        level = self.task.settings.level[self.task.result()["levels_proficient"]]
+        for _ in range(level.targets):
+            self.tick += each_ms
+            self.seen.append(self.task.target)
+            put(self.frame, "gold", targets[self.task.target])
+            events += self.task.step(self.frame, self.tick)
+        self.told += events
+        return [event for event in events if event["kind"] == "level"]
+
+
+def test_rounds_in_a_row_within_the_time_lead_on():
+    one, frame = levels()
+    trainee = Trainee(one, frame)
+    assert [event["kind"] for event in trainee.told] == ["level", "target"]
+    assert trainee.told[0]["level"] == 1 and trainee.told[0]["took_ms"] is None
+    (first,) = trainee.round(500)  # from the first target to the third: 1 s
+    assert (first["level"], first["took_ms"], first["within"], first["in_a_row"]) == (
+        1,
+        1000,
+        True,
+        1,
+    )
+    (slow,) = trainee.round(501)
+    assert (slow["level"], slow["took_ms"], slow["within"], slow["in_a_row"]) == (1, 1002, False, 0)
+    trainee.round(100)
+    (on,) = trainee.round(100)
+    assert (on["level"], on["title"], on["within_s"], on["in_a_row"], on["within"]) == (
+        2,
+        "two",
+        0.5,
+        0,
+        True,
+    )
+    assert one.progress == pytest.approx(0.5) and not one.done
+    trainee.round(500)
+    assert trainee.round(500) == [] and one.done and one.target == -1
+    assert kinds(trainee.told)[-2:] == ["task_done", "target"]
+    assert trainee.seen == [0, 1, 2] * 4 + [3, 4] * 2  # a round has the same targets again
+    result = one.result()
+    assert (result["levels_proficient"], result["done"]) == (2, True)
+    assert result["rounds_s_of_level"] == [[1.0, 1.002, 0.2, 0.2], [0.5, 0.5]]
+
+
+def test_who_rests_between_rounds_loses_no_time():
+    one, frame = levels(in_a_row=1)
+    trainee = Trainee(one, frame)
+    trainee.tick = 60_000
+    (on,) = trainee.round(400)
+    assert on["level"] == 2 and on["took_ms"] == 800
+
+
+def test_a_level_is_never_left_without_proficiency():
+    one, frame = levels()
+    trainee = Trainee(one, frame)
+    for _ in range(5):
+        (event,) = trainee.round(900)
+        assert event["level"] == 1 and event["in_a_row"] == 0
+    assert one.progress == 0.0 and one.result()["levels_proficient"] == 0
+
+
+def test_targets_are_numbered_through_the_levels():
+    one, _ = levels()
+    targets = one.geometry()["targets"]
+    assert [target["number"] for target in targets] == [0, 1, 2, 3, 4]
+    assert [target["radius_m"] for target in targets] == [0.003] * 3 + [0.002] * 2
+
+
+@pytest.mark.parametrize(
+    ("level", "words"),
+    [
+        ({"targets": 3}, r"task\.level\.0\.within_s|within_s"),
+        ({"within_s": 3, "targets": 1}, "targets"),
+        ({"within_s": 3, "arms": ["green"]}, "arm 'green' is not in this session"),
+        ({"within_s": 3, "tolerance": 3}, "tolerance"),
+    ],
+)
+def test_what_is_wrong_with_a_level_is_said(level, words):
+    with pytest.raises(UserError, match=words):
+        scenario.from_dict({"name": "x", "task": {"kind": "levels", "level": [level]}})

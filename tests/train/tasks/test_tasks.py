@@ -1,0 +1,276 @@
+"""Tasks of a session, with tips that are put where they should go."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from made_frames import AXES, TIPS, from_world, kinds, made, put, running
+
+import ravenjax
+from ravenjax.robots.raven2.geometry import kinematics, limits
+from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
+from ravenjax.train import tasks
+from ravenjax.train.protocol.world import surface, to_world
+
+BOTH = ("gold", "green")
+OPEN, CLOSED = (0.785, 0.785), (0.3, 0.3)
+
+
+def task(arms=("gold",), seed=0, **settings):
+    chosen, _ = made(arms=list(arms), task=settings)
+    return tasks.make(chosen, {arm: TIPS[arm] for arm in arms}, seed), running(arms)
+
+
+def hold(one, frame, ticks, first=0):
+    return [event for k in range(ticks) for event in one.step(frame, first + k)]
+
+
+def jaws(frame, arm, opening):
+    frame[f"{arm}/link_jpos"][5:7] = opening
+
+
+# --- reach ---
+
+
+def test_a_target_is_reached_by_holding_the_tip_there():
+    one, frame = task(kind="reach", targets=3, dwell_ms=100, tolerance_mm=2)
+    assert kinds(one.step(frame, 0)) == ["target"] and one.target == 0
+    _, at = one.targets[0]
+    put(frame, "gold", (at[0], at[1] + 0.0019, at[2]))
+    assert hold(one, frame, 100, 1) == []
+    put(frame, "gold", (at[0], at[1] + 0.0021, at[2]))  # out for a moment: the dwell begins anew
+    assert hold(one, frame, 1, 101) == []
+    put(frame, "gold", at)
+    assert hold(one, frame, 100, 102) == []
+    assert hold(one, frame, 1, 202) == [{"tick": 202, "kind": "target", "target": 1}]
+    assert one.progress == pytest.approx(1 / 3) and not one.done
+
+
+def test_the_last_target_ends_the_task_and_the_numbers_are_right():
+    one, frame = task(kind="reach", targets=2, dwell_ms=0)
+    one.step(frame, 0)
+    events = []
+    for k in range(2):
+        put(frame, "gold", one.targets[k][1])
+        events += one.step(frame, 500 * (k + 1))
+    assert kinds(events) == ["target", "task_done", "target"] and events[-1]["target"] == -1
+    assert (
+        one.done
+        and one.target == -1
+        and one.progress == 1.0
+        and one.wish("gold", (0, 0, 0)) is None
+    )
+    points = [to_world("gold", TIPS["gold"]), one.targets[0][1], one.targets[1][1]]
+    way = 1e3 * sum(math.dist(a, b) for a, b in itertools.pairwise(points))
+    result = one.result()
+    assert (
+        result["score"] == 100.0 and result["reached"] == 2 and result["time_per_target_ms"] == 500
+    )
+    assert result["straight_mm"] == pytest.approx(way, abs=0.01) == result["path_mm"]["gold"]
+    assert one.step(frame, 2000) == []
+
+
+def test_arms_take_turns_and_only_the_one_whose_turn_it_is_counts():
+    one, frame = task(BOTH, kind="reach", targets=4, dwell_ms=0)
+    assert [arm for arm, _ in one.targets] == ["gold", "green", "gold", "green"]
+    put(frame, "green", one.targets[0][1])
+    hold(one, frame, 5)
+    assert one.target == 0 and one.wish("green", (0, 0, 0)) is None
+    put(frame, "gold", one.targets[0][1])
+    hold(one, frame, 1)
+    assert one.target == 1 and one.wish("green", (0, 0, 0)).point == one.targets[1][1]
+
+
+def test_targets_follow_the_seed_and_lie_apart_over_the_tissue():
+    drawn = [task(seed=seed, kind="reach", targets=200)[0].targets for seed in (3, 3, 4)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    points = [at for _, at in drawn[0]]
+    assert min(math.dist(a, b) for a, b in itertools.pairwise(points)) > 0.005
+    heights = [z - surface(x, y) for x, y, z in points]
+    assert 0.003 <= min(heights) < 0.004 and 0.017 < max(heights) <= 0.018
+
+
+LARGEST = (
+    {"kind": "reach", "extent_mm": 20.0, "height_mm": [-5, 25], "targets": 150},
+    {"kind": "peg_transfer", "pegs": 8, "spacing_mm": 12.0},
+    {"kind": "path", "shape": "eight", "radius_mm": 20.0, "height_mm": -5},
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", BOTH)
+def test_every_goal_is_within_reach_of_every_arm_held_as_at_home(arm):
+    every = [task(arms, **settings)[0] for arms in ((arm,), BOTH) for settings in LARGEST]
+    goals = [at for one in every if one.kind == "reach" for _, at in one.targets]
+    goals += [
+        (x, y, z + up)
+        for one in every
+        if one.kind == "peg_transfer"
+        for x, y, z in one.pegs
+        for up in (0, 0.01)
+    ]
+    goals += [at for one in every if one.kind == "path" for at in one.points[::5]]
+    home = np.array(limits.HOME_JPOS, float)
+    _, rotation = ravenjax.forward_kinematics(home, arm)
+    points = (
+        np.array([from_world(arm, goal) for goal in goals])
+        - JAW_LENGTH * np.asarray(rotation)[:, 0]
+    )
+    allowed = limits.soft_limits("r_grasper")
+    jpos = np.tile(home, (len(goals), 1))
+    for share in np.linspace(
+        0, 1, 16
+    ):  # the software refuses what is far from where the joints are
+        way = np.array(AXES[arm]) + share * (points - np.array(AXES[arm]))
+        jpos, status = map(
+            np.asarray,
+            ravenjax.inverse_kinematics(way, np.asarray(rotation), math.pi / 2, jpos, arm),
+        )
+        assert np.all(status == kinematics.OK), share
+        assert np.all(jpos[:, :5] > allowed.lower[:5]) and np.all(
+            jpos[:, :5] < allowed.upper[:5]
+        ), share
+
+
+# --- peg transfer ---
+
+
+def carried(one, frame, arm, to, tick=0):
+    """Grasp the object, carry it, let go."""
+    put(frame, arm, one.object)
+    jaws(frame, arm, OPEN)
+    events = one.step(frame, tick)
+    jaws(frame, arm, CLOSED)
+    events += one.step(frame, tick + 1)
+    put(frame, arm, to)
+    events += one.step(frame, tick + 2)
+    jaws(frame, arm, OPEN)
+    return events + one.step(frame, tick + 3)
+
+
+def test_the_object_is_taken_carried_and_placed():
+    one, frame = task(kind="peg_transfer", transfers=1)
+    start, end = (one.pegs[k] for k in one.ways)
+    assert one.object == start and one.step(frame, 0)[0]["target"] == len(one.pegs)
+    put(frame, "gold", start)
+    jaws(frame, "gold", CLOSED)
+    held, target = one.step(frame, 1)
+    assert held["held"] == "gold" and target["target"] == one.ways[1] and one.held == "gold"
+    put(frame, "gold", (0.0, 0.0, 0.2))
+    one.step(frame, 2)
+    np.testing.assert_allclose(one.object, (0.0, 0.0, 0.2), atol=1e-8)
+    put(frame, "gold", (end[0], end[1] + 0.001, end[2]))
+    one.step(frame, 3)
+    jaws(frame, "gold", OPEN)
+    placed = one.step(frame, 4)
+    assert kinds(placed) == ["object", "task_done", "target"] and placed[0]["held"] == ""
+    assert one.object == end and one.done and one.result()["score"] == 100.0
+
+
+def test_what_is_let_go_elsewhere_drops_and_has_to_be_fetched():
+    one, frame = task(kind="peg_transfer", transfers=2)
+    carried(one, frame, "gold", (0.0, 0.0, 0.205))
+    x, y, z = one.object
+    assert (
+        one.dropped == 1 and (x, y) == pytest.approx((0, 0), abs=1e-8) and z < surface(0, 0) + 0.003
+    )
+    assert one.target == len(one.pegs)
+    carried(one, frame, "gold", one.pegs[one.ways[1]], 10)
+    assert (one.placed, one.dropped) == (1, 1) and one.result()["score"] == 25.0  # (1 - 0.5) of 2
+
+
+def test_jaws_that_close_beside_the_object_hold_nothing():
+    one, frame = task(kind="peg_transfer", tolerance_mm=2)
+    x, y, z = one.object
+    put(frame, "gold", (x + 0.0025, y, z))
+    jaws(frame, "gold", CLOSED)
+    hold(one, frame, 3)
+    put(frame, "gold", one.object)  # closed jaws that come by do not grasp
+    hold(one, frame, 3)
+    assert one.held is None
+
+
+def test_a_restart_puts_the_object_back_on_its_peg():
+    one, frame = task(kind="peg_transfer")
+    put(frame, "gold", one.object)
+    jaws(frame, "gold", CLOSED)
+    one.step(frame, 0)
+    assert one.held == "gold"
+    put(frame, "gold", (0, 0, 0.2))
+    one.step(frame, 1)
+    one.restart()
+    assert one.held is None and one.object == one.pegs[one.ways[0]]
+
+
+# --- path ---
+
+
+def test_following_the_line_counts_and_being_off_is_measured():
+    one, frame = task(kind="path", shape="circle", radius_mm=10, laps=1, tolerance_mm=2)
+    for k in range(0, 201, 2):
+        x, y, z = one.points[k % 200]
+        put(frame, "gold", (x, y, z + 0.001))
+        one.step(frame, k)
+    assert one.done and one.progress == 1.0
+    result = one.result()
+    assert result["rms_off_mm"] == pytest.approx(1.0, abs=0.05) and result["within_share"] == 1.0
+    assert result["score"] == 100.0 and result["path_mm"]["gold"] > 2 * math.pi * 9.9
+
+
+def test_a_short_cut_and_a_tip_off_the_line_do_not_advance():
+    one, frame = task(kind="path", shape="circle", radius_mm=10, laps=1, tolerance_mm=2)
+    for k in range(50):
+        put(frame, "gold", one.points[k])
+        one.step(frame, k)
+    assert one.target == 49
+    put(frame, "gold", one.points[150])  # across
+    hold(one, frame, 20)
+    x, y, z = one.points[52]
+    put(frame, "gold", (x, y, z + 0.0025))
+    hold(one, frame, 20)
+    assert one.target == 49 and one.result()["within_share"] < 0.6
+    put(frame, "gold", one.points[52])
+    hold(one, frame, 1)
+    assert one.target == 52
+
+
+# --- all ---
+
+
+@pytest.mark.parametrize("kind", ["reach", "peg_transfer", "path", "free"])
+def test_what_the_page_and_the_debrief_get_is_json_of_one_shape(kind):
+    one, frame = task(BOTH, kind=kind)
+    hold(one, frame, 3)
+    geometry = json.loads(json.dumps(one.geometry()))
+    assert geometry["kind"] == kind and set(geometry) == {
+        "kind",
+        "targets",
+        "pegs",
+        "object",
+        "path",
+        "turns",
+    }
+    assert (geometry["turns"] is not None) == (
+        kind in ("peg_transfer", "path")
+    )  # of targets each names its arm
+    result = json.loads(json.dumps(one.result(), allow_nan=False))
+    assert (
+        result["kind"] == kind
+        and 0 <= result["score"] <= 100
+        and set(result["path_mm"]) == set(BOTH)
+    )
+    one.restart()
+    assert not one.done
+
+
+def test_a_restart_is_no_way_of_the_tip():
+    one, frame = task(kind="free")
+    one.step(frame, 0)
+    one.restart()
+    put(frame, "gold", (0.02, 0.0, 0.19))
+    hold(one, frame, 2)
+    assert one.result()["path_mm"]["gold"] == 0.0
