@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ravenjax import interruption
-from ravenjax.engines import direct, sources, trace_key, traced_tick
+from ravenjax.engines import sources, trace_key, traced_tick
 from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.engines.traced_tick import TracedTick
 from ravenjax.numbers import tree
@@ -171,15 +171,9 @@ def _lasting(wanted: _Wanted) -> str:
 def trace(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], origin: Origin | None = None
 ) -> TracedTick:
-    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`.
-
-    Without JAX where that is enough: for a robot of this package, whose code takes `jnp` and `lax`
-    from `numbers.lazy`.
-    """
-    if origin is None and _ours(program):
-        with contextlib.suppress(direct.Untraceable):
-            return direct.trace(program, block, motion)
-    from ravenjax.engines import tracing  # imports JAX
+    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`."""
+    # Imports JAX, which a process that finds its traces on disk does without.
+    from ravenjax.engines import tracing
 
     return tracing.trace(program, block, motion, origin)
 

@@ -1,13 +1,13 @@
 """Traces the tick of one robot through JAX: beginning, step and end as straight-line programs.
 
-`direct` does the same without JAX for what campaigns run. No array is made, so that JAX looks for
-no device.
+No array is made, so that JAX looks for no device.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.engines.tick_functions import TickFunctions
 from ravenjax.engines.traced_tick import TracedTick
+from ravenjax.errors import UserError
 from ravenjax.ir import lowering
 from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop
@@ -26,6 +27,20 @@ from ravenjax.numbers.setup import Setup
 def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
     """JAX with 64-bit numbers where the setup has any, and without where it has none."""
     return jax.enable_x64(setup.precision.needs_x64)
+
+
+@contextlib.contextmanager
+def leaks_refused() -> Iterator[None]:
+    """Turn JAX's error about a number that outlived its trace into a UserError with its line."""
+    try:
+        yield
+    except jax.errors.UnexpectedTracerError as error:
+        created = re.search(r"created on line (\S+?:\d+)", str(error))
+        place = created[1] if created else "a detector, check, controller or operator"
+        raise UserError(
+            f"{place}: uses a number of jnp that it kept from another call, in a global or a"
+            " cache; keep plain numbers, or what init gives"
+        ) from error
 
 
 def trace(
@@ -40,7 +55,7 @@ def trace(
         [number((), real)] * functions.series,
         tuple(number(column.shape, column.dtype) for column in motion),
     )
-    with x64(program.setup):
+    with x64(program.setup), leaks_refused():
         first, state = jax.make_jaxpr(functions.begin, return_shape=True)(*lane)
         middle, (_, _, signals) = jax.make_jaxpr(functions.step, return_shape=True)(
             *lane, state, *of_tick

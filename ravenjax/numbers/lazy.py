@@ -1,8 +1,8 @@
 """JAX, imported when it is first used: what needs none of it does without.
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` stands for `import jax`, `import jax.numpy as
-jnp`, `from jax import lax`. Within `instead(...)` other functions stand for `jnp` and `lax`. Within
-`at_once()` those of NumPy do: code of the tick then runs on plain numbers, without JAX.
+jnp`, `from jax import lax`. Within `at_once()` functions of NumPy stand for `jnp` and `lax`: code
+of the tick then runs on plain numbers, without JAX.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import jax.numpy as jnp
     from jax import lax
 
-__all__ = ["at_once", "instead", "is_jax", "jax", "jnp", "lax", "when_loaded"]
+__all__ = ["at_once", "jax", "jnp", "lax", "when_loaded"]
 
 
 class _Mode(threading.local):
@@ -29,6 +29,7 @@ class _Mode(threading.local):
 
 
 _MODE = _Mode()
+_WITH_NUMPY = {"jax.numpy": plain.Numpy(), "jax.lax": plain.Lax()}
 _LOADING = threading.RLock()
 _WAITING: list[Callable[[Any], Any]] = []
 
@@ -54,26 +55,13 @@ def _load(name: str) -> Any:
 
 
 @contextlib.contextmanager
-def instead(numpy: Any, lax: Any) -> Iterator[None]:
-    """Let `jnp` and `lax` be these objects in this thread."""
-    before, _MODE.instead = _MODE.instead, {"jax.numpy": numpy, "jax.lax": lax}
+def at_once() -> Iterator[None]:
+    """Let `jnp` and `lax` of this thread compute with NumPy, on NumPy and Python numbers."""
+    before, _MODE.instead = _MODE.instead, _WITH_NUMPY
     try:
         yield
     finally:
         _MODE.instead = before
-
-
-def is_jax() -> bool:
-    """Whether `jnp` and `lax` are JAX's own in this thread."""
-    return not _MODE.instead
-
-
-_NUMPY, _LAX = plain.Numpy(), plain.Lax()
-
-
-def at_once() -> contextlib.AbstractContextManager[None]:
-    """Let `jnp` and `lax` of this thread compute with NumPy, on NumPy and Python numbers."""
-    return instead(_NUMPY, _LAX)
 
 
 class _Late:

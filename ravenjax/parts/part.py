@@ -25,9 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.errors import UserError, shown, suggestion
-from ravenjax.ir.traced_number import Untraceable
 from ravenjax.numbers import quantity, tree
-from ravenjax.numbers.lazy import is_jax, lax
+from ravenjax.numbers.lazy import lax
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.parts import files, imports
@@ -335,12 +334,6 @@ class _Blame:
         self._aside.__exit__(kind, error, trace)
         if not isinstance(error, Exception) or isinstance(error, UserError):
             return
-        if not is_jax():
-            if isinstance(error, Untraceable):
-                return
-            raise Untraceable(
-                f"{self._source.path}: JAX says better what is wrong with it"
-            ) from error
         if isinstance(error, SyntaxError) and self._is_own(error.filename):
             raise UserError(
                 f"{error.filename}:{error.lineno}: is no Python ({error.msg})"
@@ -352,11 +345,6 @@ class _Blame:
                 "uses a value that is known only when the robot runs as if it were known now, in an"
                 " if, a while, a comparison chain or a conversion; write jnp.where(condition, a,"
                 " b), and & and | for and and or"
-            )
-        elif isinstance(error, Untraceable) or type(error).__name__ == "UnexpectedTracerError":
-            trouble = (
-                "uses a number of jnp that it kept from another call, in a global or a cache; keep"
-                " plain numbers, or what init gives"
             )
         else:
             first = next(iter(str(error).strip().splitlines()), "")

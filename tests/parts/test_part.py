@@ -15,11 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ravenjax.engines.tracing import leaks_refused
 from ravenjax.errors import UserError
-from ravenjax.ir.builder import Builder
-from ravenjax.ir.traced_functions import TracedLax, TracedNumpy
-from ravenjax.ir.traced_number import Untraceable
-from ravenjax.numbers.lazy import instead
 from ravenjax.parts import parameters, part
 
 HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, load, record, where\n"
@@ -284,17 +281,13 @@ def step(params, state, view):
 def test_numbers_kept_between_calls_are_refused(tmp_path, score):
     own = part.loaded(part.read("mine", written(tmp_path, KEPT.format(score=score))))
 
-    def begin(b):
-        with instead(TracedNumpy(b), TracedLax(b)):
-            return part.init(own, None, "float32")
-
-    begin(Builder())
-    with pytest.raises(Untraceable, match="kept from another function"):
-        begin(Builder())
-    with pytest.raises(
-        UserError, match=r"mine\.py.* uses a number of jnp that it kept from another call"
-    ):
+    def trace():
+        jax.make_jaxpr(lambda: part.init(own, None, "float32"))()
         jax.jit(lambda view: part.step(own, None, (0.0, 1.0), view, "float32"))(jnp.float32(3.0))
+
+    where = r"mine\.py:6: uses a number of jnp that it kept from another call"
+    with pytest.raises(UserError, match=where), leaks_refused():
+        trace()
 
 
 def test_parameters_travel_to_a_process_that_has_no_files(tmp_path):

@@ -1,7 +1,7 @@
 """Beginning, tick and end of one robot that is stepped from outside, traced and printed.
 
 What was printed is kept by a key of all that decides it, so that the next process finds it and
-neither traces nor prints. Functions of this package are traced without JAX where that is enough.
+neither traces nor prints.
 """
 
 from __future__ import annotations
@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ravenjax.engines import direct, sources, trace_key, traced_tick
+from ravenjax.engines import sources, trace_key, traced_tick
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.kernel import VectorKernel, print_kernel
 from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop, split
-from ravenjax.ir.traced_number import DTYPES, INT, kind_of
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jax
 
@@ -75,11 +74,10 @@ def form(
     """What `functions` are for these types, as it was kept or made now.
 
     key: hash of all that decides the functions, besides this package's lower floors; "": nothing is
-    kept, and they may be anyone's, so that JAX traces them. Raises TypeError where something else
-    than float32 goes out of a tick.
+    kept. Raises TypeError where something else than float32 goes out of a tick.
     """
     if not key or objects is None or not sources.unchanged():
-        return _made(functions, types, bool(key))
+        return _made(functions, types)
     place = _place(types, key)
     if (content := objects.get(place)) is not None:
         with contextlib.suppress(
@@ -87,7 +85,7 @@ def form(
         ):  # of another version: made anew
             text = TypeAdapter(_StepText).validate_json(zlib.decompress(content))
             return StepForm(**{**vars(text), "state": traced_tick.of_json(json.loads(text.state))})
-    result = _made(functions, types, ours=True)
+    result = _made(functions, types)
     with contextlib.suppress(TypeError):  # a state that has no form in JSON
         text = _StepText(**{**vars(result), "state": json.dumps(traced_tick.to_json(result.state))})
         objects[place] = zlib.compress(TypeAdapter(_StepText).dump_json(text), 1)
@@ -105,8 +103,8 @@ def _place(types: StepTypes, key: str) -> str:
     )
 
 
-def _made(functions: StepFunctions, types: StepTypes, ours: bool) -> StepForm:
-    loop, state, out, names = _traced(functions, types, ours)
+def _made(functions: StepFunctions, types: StepTypes) -> StepForm:
+    loop, state, out, names = _traced(functions, types)
     if any(dtype != np.float32 for dtype in out):
         raise TypeError("what goes out of a tick is float32")
     parts = split(loop, (), (0,))
@@ -120,28 +118,7 @@ _Traced = tuple[TimeLoop, Any, list[np.dtype], tuple[str, ...]]
 """Loop, structure of the state with its dtypes, dtypes of what goes out, names of the outcomes."""
 
 
-def _traced(functions: StepFunctions, types: StepTypes, ours: bool) -> _Traced:
-    if ours:
-        with contextlib.suppress(direct.Untraceable):
-            return _directly(functions, types)
-    return _through_jax(functions, types)
-
-
-def _directly(functions: StepFunctions, types: StepTypes) -> _Traced:
-    inputs, entering = (tree.mapped(kind_of, numbers) for numbers in (types.inputs, types.entering))
-    columns = tuple(
-        direct.ColumnInput(np.broadcast_to(np.float32(0.0), (length,))) for length in types.tables
-    )
-    first, state = direct.written(functions.begin, (inputs,))
-    kinds = tree.mapped(direct.kind, state)
-    middle, (_, out) = direct.written(functions.step, (inputs, kinds, INT, entering, columns))
-    last, outcomes = direct.written(functions.finish, (inputs, kinds))
-    dtypes = [np.dtype(DTYPES[direct.kind(leaf)]) for leaf in tree.leaves(out)]
-    structure = tree.mapped(lambda kind: np.dtype(DTYPES[kind]), kinds)
-    return TimeLoop(first, middle, last), structure, dtypes, tuple(sorted(outcomes))
-
-
-def _through_jax(functions: StepFunctions, types: StepTypes) -> _Traced:
+def _traced(functions: StepFunctions, types: StepTypes) -> _Traced:
     from ravenjax.ir import lowering  # imports JAX
 
     number = jax.ShapeDtypeStruct
