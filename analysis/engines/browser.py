@@ -33,7 +33,6 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Engine, TickProgram
-from ravenjax.engines.wasm.engine import WasmEngine
 
 QUIET: Any = SimpleNamespace(
     **{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")}
@@ -174,7 +173,6 @@ def speed(ready: Plan, description: dict[str, Any]) -> None:
     part, ticks = some(ready, runs), RUNS * ready.program.ticks
     seconds, compiling, version = in_browser(description, faults_of(ready, runs))
     engines = {
-        "wasm, wasmtime": WasmEngine(),
         "simd, 128-bit vectors, no fusion": Narrow(),
         f"simd, {jit.host().vectors}, no fusion": Unfused(),
         f"simd, {jit.host().vectors}": SimdEngine(),
@@ -215,15 +213,8 @@ def table(config: Any, ready: Plan, engine: Engine) -> pd.DataFrame:
 
 def agreement(config: Any, ready: Plan) -> None:
     """Verdicts and differences of all of quick.toml."""
-    wasm, unfused, fused = (
-        table(config, ready, engine) for engine in (WasmEngine(), Unfused(), SimdEngine())
-    )
-    equal = sum(wasm[name].equals(unfused[name]) for name in wasm)
-    print(
-        f"\n{len(wasm)} runs. wasm and simd without fusion: {equal} of {len(wasm.columns)} columns"
-        " are equal.\n"
-    )
-    print("| wasm and simd with fusion | |\n|---|---|")
+    unfused, fused = (table(config, ready, engine) for engine in (Unfused(), SimdEngine()))
+    print(f"\n{len(fused)} runs.\n\n| simd without and with fusion | |\n|---|---|")
     names = (
         "verdict",
         "response",
@@ -234,7 +225,7 @@ def agreement(config: Any, ready: Plan) -> None:
         "active_ticks",
     )
     for name in names:
-        share = (wasm[name].to_numpy() == fused[name].to_numpy()).mean()
+        share = (unfused[name].to_numpy() == fused[name].to_numpy()).mean()
         print(f"| runs with equal `{name}` | {share:.2%} |")
     for name in (
         "peak_golden_deviation_mm",
@@ -242,7 +233,7 @@ def agreement(config: Any, ready: Plan) -> None:
         "unintended_mm",
         "cue0_peak_force",
     ):
-        ours, theirs = (frame[name].to_numpy(float) for frame in (wasm, fused))
+        ours, theirs = (frame[name].to_numpy(float) for frame in (unfused, fused))
         apart = np.abs(ours - theirs)
         most = apart.argmax()
         largest = f"{apart[most]:.2g} ({ours[most]:.4g} and {theirs[most]:.4g})"

@@ -8,8 +8,8 @@ from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError, suggestion
 from ravenjax.numbers.setup import Precision
 
-ENGINES = ("cuda", "simd", "wasm", "xla", "mjx")
-"""Fastest first; wasm needs an extra."""
+ENGINES = ("cuda", "simd", "xla", "mjx")
+"""Fastest first."""
 
 
 def select(
@@ -30,10 +30,6 @@ def select(
         from ravenjax.engines.cpu.engine import SimdEngine
 
         return SimdEngine(objects)
-    if name == "wasm":
-        from ravenjax.engines.wasm.engine import WasmEngine
-
-        return WasmEngine(objects)
     if name in ENGINES:
         from ravenjax.engines.xla.engine import ScanEngine
 

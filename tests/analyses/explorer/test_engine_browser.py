@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow as pa
 import pytest
+from wasm_runtime import WasmEngine, WasmTarget
 
 import ravenjax as rj
 from ravenjax.analyses.explorer import bundle, program
@@ -24,14 +25,11 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
-from ravenjax.engines.wasm.engine import WasmEngine
-from ravenjax.engines.wasm.runtime import WasmTarget
 from ravenjax.outcomes import events
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
-pytest.importorskip("wasmtime", reason="wasmtime is not installed (pip install wasmtime)")
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -1,16 +1,13 @@
-"""Engine wasm: a campaign's runs are those of engine simd without a fused multiply-add, word by
-word.
-"""
+"""The tick as WebAssembly: runs are those of engine simd without a fused multiply-add."""
 
 from __future__ import annotations
 
 import dataclasses
-import sys
 
 import numpy as np
+import pandas as pd
 import pytest
-
-pytest.importorskip("wasmtime", reason="wasmtime is not installed (pip install wasmtime)")
+from wasm_runtime import WasmEngine, WasmTarget
 
 import ravenjax as rj
 from ravenjax.campaign import plan
@@ -18,11 +15,7 @@ from ravenjax.engines import selection
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
-from ravenjax.engines.wasm.engine import WasmEngine
-from ravenjax.engines.wasm.runtime import WasmTarget
-from ravenjax.errors import UserError
 from ravenjax.numbers import tree
-from ravenjax.numbers.setup import CAMPAIGN
 
 
 def unfused():
@@ -110,13 +103,6 @@ def test_traces_are_those_of_simd_without_fusion(config):
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.slow
-def test_a_campaign_runs_by_name(config):
-    table = rj.run(config, engine="wasm")
-    assert (table["failed"] == "").all()
-    assert (rj.run(config, engine="simd")["verdict"] == table["verdict"]).all()
-
-
 class _Unfused(SimdEngine):
     def compile(self, program, runs):
         kernel = super().compile(program, runs)
@@ -126,22 +112,9 @@ class _Unfused(SimdEngine):
 
 @pytest.mark.slow
 def test_quick_is_that_of_simd_without_fusion_word_by_word(monkeypatch):
-    config = rj.load_campaign("quick")
-    ours = rj.run(config, engine="wasm")
-    monkeypatch.setattr(selection, "select", lambda *_: _Unfused())
-    theirs = rj.run(config)
-    assert len(ours) > 2500
-    for name in ours.columns:
-        np.testing.assert_array_equal(ours[name].to_numpy(), theirs[name].to_numpy(), err_msg=name)
-
-
-def test_without_the_runtime_it_says_how_to_install_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "wasmtime", None)
-    with pytest.raises(UserError, match=r"pip install 'ravenjax\[wasm\]'"):
-        selection.select("wasm", CAMPAIGN)
-
-
-def test_it_tells_what_it_runs_on():
-    engine = selection.select("wasm", CAMPAIGN)
-    assert isinstance(engine, WasmEngine)
-    assert "wasmtime" in engine.device and "no fused multiply-add" in engine.device
+    config, tables = rj.load_campaign("quick"), []
+    for engine in (WasmEngine(), _Unfused()):
+        monkeypatch.setattr(selection, "select", lambda *_, engine=engine: engine)
+        tables.append(rj.run(config))
+    assert len(tables[0]) > 2500
+    pd.testing.assert_frame_equal(*tables, check_exact=True)

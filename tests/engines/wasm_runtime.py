@@ -1,5 +1,7 @@
-"""WebAssembly modules run in this process by wasmtime, behind the same interface as machine
-code.
+"""WebAssembly modules run in this process by wasmtime: an oracle for what a browser computes.
+
+`WasmEngine` is engine `simd` with another target: the same printer, split and buffers, vectors of
+four lanes, and no fused multiply-add.
 """
 
 from __future__ import annotations
@@ -14,11 +16,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import wasmtime
 
+from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.calls import NAME, POINTERS
+from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel, lanes_of_block
 from ravenjax.engines.wasm import code
-from ravenjax.errors import UserError
 
 PAGE = 2**16
 """Bytes by which a memory grows."""
@@ -26,21 +30,9 @@ _MOST_PAGES = 2**16
 _LINE = 64  # bytes: buffers begin on a cache line
 
 
-def wasmtime() -> Any:
-    """The package. Raises UserError where it is not installed."""
-    try:
-        import wasmtime
-    except ImportError:
-        raise UserError(
-            "engine wasm runs WebAssembly by the package wasmtime, which is not installed: "
-            "pip install 'ravenjax[wasm]', or take --engine simd, which runs the same tick"
-        ) from None
-    return wasmtime
-
-
 @cache
 def _engine() -> Any:
-    return _kept(wasmtime().Engine())
+    return _kept(wasmtime.Engine())
 
 
 _ALIVE: weakref.WeakSet[Any] = weakref.WeakSet()
@@ -65,7 +57,7 @@ class WasmModule:
     """A module, and instances of it that are free; see `target.CodeModule`."""
 
     def __init__(self, binary: bytes) -> None:
-        self._module = _kept(wasmtime().Module(_engine(), binary))
+        self._module = _kept(wasmtime.Module(_engine(), binary))
         self._free: list[_Instance] = []
         self._lock = threading.Lock()
 
@@ -88,10 +80,11 @@ class _Instance:
     """
 
     def __init__(self, module: Any) -> None:
-        wasm = wasmtime()
-        self._store = _kept(wasm.Store(_engine()))
-        self._memory = wasm.Memory(self._store, wasm.MemoryType(wasm.Limits(1, _MOST_PAGES)))
-        instance = wasm.Instance(self._store, module, [self._memory])
+        self._store = _kept(wasmtime.Store(_engine()))
+        self._memory = wasmtime.Memory(
+            self._store, wasmtime.MemoryType(wasmtime.Limits(1, _MOST_PAGES))
+        )
+        instance = wasmtime.Instance(self._store, module, [self._memory])
         self._make = instance.exports(self._store)[NAME]
         self._base, self._end = self._start(), _LINE  # address 0 is nobody's
         self._written: list[tuple[np.ndarray, np.ndarray]] = []
@@ -157,3 +150,11 @@ class WasmTarget:
     ) -> WasmModule:
         """See `target.CodeTarget`."""
         return WasmModule(code.emit(text, names, objects))
+
+
+class WasmEngine(SimdEngine):
+    """Engine `simd` on the WebAssembly runtime."""
+
+    def compile(self, program, runs):
+        lanes = lanes_of_block(runs, self.threads, code.WIDTH)
+        return SimdKernel(traced.printable(program), lanes, self.objects, target=WasmTarget())
