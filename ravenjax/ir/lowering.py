@@ -2,6 +2,8 @@
 
 jit-like calls are inlined, look-ups clamped to their table. What is not an operation on single
 numbers, or on 1-D tables read at one index, is refused by name.
+
+Operations of JAX's that take several of the intermediate representation's.
 """
 
 from __future__ import annotations
@@ -14,9 +16,40 @@ import jax
 import numpy as np
 from jax.extend import core
 
-from ravenjax.ir import compounds, elementary, polynomials
+from ravenjax.ir import elementary, polynomials
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
+
+
+def sign(b: Builder, dtype: str, x: int) -> int:
+    """-1, 0 or 1; a zero keeps its sign, NaN stays."""
+    zero, one = b.constant(dtype, 0), b.constant(dtype, 1)
+    if dtype == "uint32":
+        return b.emit("min", dtype, x, one)
+    below = b.emit("select", dtype, b.emit("lt", "bool", x, zero), b.constant(dtype, -1), x)
+    return b.emit("select", dtype, b.emit("lt", "bool", zero, x), one, below)
+
+
+def power(b: Builder, dtype: str, x: int, exponent: int) -> int:
+    """Repeated squaring, as JAX expands an integer power."""
+    result, square = None, x
+    for k in range(abs(exponent).bit_length()):
+        square = square if k == 0 else b.emit("mul", dtype, square, square)
+        if abs(exponent) >> k & 1:
+            result = square if result is None else b.emit("mul", dtype, result, square)
+    one = b.constant(dtype, 1)
+    if result is None:
+        return one
+    return result if exponent > 0 else b.emit("div", dtype, one, result)
+
+
+def nearest(b: Builder, length: int, read: Callable[[int], int], index: int) -> int:
+    """What `read` gives at `index` (int32) of a table of so many numbers; outside it, at its
+    nearest end.
+    """
+    first, last = b.constant("int32", 0), b.constant("int32", length - 1)
+    return read(b.emit("min", "int32", b.emit("max", "int32", index, first), last))
+
 
 _ALIASES = (
     "copy",
@@ -233,13 +266,13 @@ class _Walk:
             case "square":
                 return b.emit("mul", dtype, x[0], x[0])
             case "integer_pow":
-                return compounds.power(b, dtype, x[0], params["y"])
+                return power(b, dtype, x[0], params["y"])
             case "rsqrt":
                 return b.emit("div", dtype, b.constant(dtype, 1.0), b.emit("sqrt", dtype, x[0]))
             case "round" if int(params["rounding_method"]) == 1:
                 return b.emit("round", dtype, x[0])
             case "sign":
-                return compounds.sign(b, dtype, x[0])
+                return sign(b, dtype, x[0])
             case "is_finite":
                 source = b.operations[x[0]].dtype
                 return b.emit("lt", "bool", b.emit("abs", source, x[0]), b.constant(source, np.inf))
@@ -272,7 +305,7 @@ class _Walk:
             raise UnknownPrimitive(f"{name}; only one number of a 1-D table is known")
         b = self.builder
         index = b.emit("convert", "int32", _single(operands[1]))
-        result = compounds.nearest(b, table.length, table.read, index)
+        result = nearest(b, table.length, table.read, index)
         mode = eqn.params.get("mode")
         if mode is None or mode != jax.lax.GatherScatterMode.FILL_OR_DROP:
             return result

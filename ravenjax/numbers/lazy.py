@@ -3,6 +3,12 @@
 `from ravenjax.numbers.lazy import jax, jnp, lax` stands for `import jax`, `import jax.numpy as
 jnp`, `from jax import lax`. Within `at_once()` functions of NumPy stand for `jnp` and `lax`: code
 of the tick then runs on plain numbers, without JAX.
+
+The functions that the tick's code calls, in NumPy: for plain numbers, each result of the type
+JAX would give it.
+
+Results are those of XLA on a CPU, bit for bit, but for sine and cosine of float32: those here are
+correctly rounded.
 """
 
 from __future__ import annotations
@@ -14,12 +20,51 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from ravenjax.numbers import plain
-
 if TYPE_CHECKING:
     import jax
     import jax.numpy as jnp
     from jax import lax
+
+
+import math
+
+import numpy as np
+
+
+class Numpy:
+    """`jax.numpy` of plain numbers: NumPy's own functions, single numbers out."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(np, name)
+
+    @staticmethod
+    def sin(x: Any) -> Any:
+        """Sine."""
+        return _of_type(x)(math.sin(x))
+
+    @staticmethod
+    def cos(x: Any) -> Any:
+        """Cosine."""
+        return _of_type(x)(math.cos(x))
+
+    @staticmethod
+    def where(condition: Any, yes: Any, no: Any) -> Any:
+        """`yes` or `no`, in the type that both share."""
+        return np.where(condition, yes, no)[()]
+
+
+class Lax:
+    """`jax.lax` of plain numbers."""
+
+    @staticmethod
+    def convert_element_type(x: Any, dtype: Any) -> Any:
+        """`x` as a number of that type."""
+        return np.asarray(x).astype(dtype)[()]
+
+
+def _of_type(x: Any) -> Any:
+    return type(x) if isinstance(x, np.floating) else float
+
 
 __all__ = ["at_once", "jax", "jnp", "lax", "when_loaded"]
 
@@ -29,7 +74,7 @@ class _Mode(threading.local):
 
 
 _MODE = _Mode()
-_WITH_NUMPY = {"jax.numpy": plain.Numpy(), "jax.lax": plain.Lax()}
+_WITH_NUMPY = {"jax.numpy": Numpy(), "jax.lax": Lax()}
 _LOADING = threading.RLock()
 _WAITING: list[Callable[[Any], Any]] = []
 

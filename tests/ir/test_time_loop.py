@@ -11,7 +11,7 @@ import pytest
 from compiled_program import same_bits
 from evaluated_program import evaluate
 
-from ravenjax.engines.cpu import schedule
+from ravenjax.engines.cpu import kernel
 from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.lanes import Lanes
 from ravenjax.ir import lowering
@@ -141,7 +141,7 @@ def test_nobody_has_to_ask_for_what_goes_out():
 def test_a_schedule_is_an_order_that_can_be_run(window):
     program = loop().step
     order = program.needed()
-    arranged = schedule.schedule(program.operations, order, window)
+    arranged = kernel.schedule(program.operations, order, window)
     assert sorted(arranged) == order
     place = {i: k for k, i in enumerate(arranged)}
     assert all(place[o] < place[i] for i in order for o in program.operations[i].operands)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.engines.cpu import schedule
+from ravenjax.engines.cpu import kernel
 from ravenjax.ir.program import Operation
 
 
@@ -23,9 +23,9 @@ def searched(operations, order, window):
         soon = [i for time, i in ready if time <= now]
         i = soon[0] if soon else min(ready, key=lambda one: one[0])[1]
         now = max(now, there(i))
-        due[i] = now + schedule.latency(operations[i].name)
+        due[i] = now + kernel.latency(operations[i].name)
         placed.append(i)
-        now += schedule.latency(operations[i].name) > 0
+        now += kernel.latency(operations[i].name) > 0
     return placed
 
 
@@ -45,10 +45,10 @@ def test_orders_are_those_of_the_search(window, reach):
     order = np.flatnonzero(
         rng.random(150) < 0.8
     ).tolist()  # what is not among them is there from the beginning
-    found = schedule.schedule(operations, order, window)
+    found = kernel.schedule(operations, order, window)
     assert found == searched(operations, order, window)
     assert window > 1 or found == order
 
 
 def test_nothing_to_order():
-    assert schedule.schedule([], []) == []
+    assert kernel.schedule([], []) == []

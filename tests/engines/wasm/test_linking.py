@@ -10,7 +10,7 @@ import subprocess
 import llvmlite.binding as llvm
 import pytest
 
-from ravenjax.engines.wasm import code, linking
+from ravenjax.engines.wasm import code
 
 wasmtime = pytest.importorskip(
     "wasmtime", reason="wasmtime is not installed (pip install wasmtime)"
@@ -46,12 +46,12 @@ def results(binary, exported_memory=False):
 
 def test_calls_reach_the_functions_that_they_name():
     names = ["chosen", "twice", "there"]
-    binary = linking.link(an_object(CALLS), names)
+    binary = code.link(an_object(CALLS), names)
     assert results(binary) == (42, 43, 7)
     engine = wasmtime.Engine()
     module = wasmtime.Module(engine, binary)
     assert [one.name for one in module.exports] == names
-    assert [(one.module, one.name) for one in module.imports] == [linking.MEMORY]
+    assert [(one.module, one.name) for one in module.imports] == [code.MEMORY]
 
 
 @pytest.mark.skipif(WASM_LD is None, reason="no wasm-ld on the path (apt-get install lld)")
@@ -69,7 +69,7 @@ def test_it_does_what_wasm_ld_does(tmp_path):
         "--export=there",
     ]
     subprocess.run([str(word) for word in command], check=True)
-    ours = linking.link(path.read_bytes(), ["twice", "chosen", "there"])
+    ours = code.link(path.read_bytes(), ["twice", "chosen", "there"])
     assert results(linked.read_bytes(), exported_memory=True) == results(ours)
 
 
@@ -91,10 +91,10 @@ def test_it_does_what_wasm_ld_does(tmp_path):
     ],
 )
 def test_what_it_does_not_know_is_refused(text, told):
-    with pytest.raises(linking.Unlinkable, match=told):
-        linking.link(an_object(text), ["f"])
+    with pytest.raises(code.Unlinkable, match=told):
+        code.link(an_object(text), ["f"])
 
 
 def test_what_is_no_object_is_refused():
-    with pytest.raises(linking.Unlinkable, match="no WebAssembly object"):
-        linking.link(b"\x7fELF\2\1\1\0", ["f"])
+    with pytest.raises(code.Unlinkable, match="no WebAssembly object"):
+        code.link(b"\x7fELF\2\1\1\0", ["f"])

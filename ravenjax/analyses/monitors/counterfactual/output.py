@@ -1,5 +1,8 @@
 """What a counterfactual leaves: the table of candidates, the figure, and the set as a campaign
 of its own.
+
+How early: the share of faults that are seen at least so long before harm, of the set and of
+others.
 """
 
 from __future__ import annotations
@@ -7,12 +10,83 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ravenjax.analyses.monitors import part_file
-from ravenjax.analyses.monitors.counterfactual import figure, words
+from ravenjax.analyses.monitors.counterfactual import words
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
+from ravenjax.analyses.monitors.counterfactual.promise import Promise
 from ravenjax.campaign import writing
-from ravenjax.report import downloads
+from ravenjax.document import palette
+from ravenjax.document.figure_style import INK, STYLE
+from ravenjax.report import downloads, wording
+from ravenjax.stats.intervals import bounds
 from ravenjax.store.files import require_writable, write_aside
+
+SHOWN = 0.95
+"""Share of the alarms' leads that the axis shows."""
+
+
+def draw(one: Counterfactual, path: Path) -> None:
+    """Write the figure as SVG."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    named: list[tuple[str, Promise]] = [
+        (wording.many(len(one.promise.members), "check"), one.promise),
+        (f"best alone: {one.parts[one.best.members[0]].name}", one.best),
+        (f"all {len(one.parts)} candidates", one.everything),
+    ]
+    if one.tip_error is not None:
+        named.insert(2, ("built-in tip-error detector", one.tip_error))
+    own = _leads(one, one.promise)
+    end = max(
+        float(np.quantile(own[own > 0], SHOWN)) if (own > 0).any() else 1.0,
+        2.0 * one.question.lead_ms,
+        10.0,
+    )
+    ms = np.linspace(0.0, end, 200)
+    with matplotlib.rc_context(STYLE):
+        drawing = Figure(figsize=(6.4, 3.6), layout="constrained")
+        axes = drawing.subplots()
+        for number, (name, promise) in enumerate(named):
+            colour = palette.PALETTE[palette.series(number)].light
+            early = (_leads(one, promise)[:, None] >= ms).mean(axis=0)
+            axes.plot(
+                ms,
+                early,
+                color=colour,
+                lw=2 if not number else 1.3,
+                ls="-" if not number else "--",
+                label=name,
+            )
+            if not number and not one.grounds.hazards.robots:
+                axes.fill_between(ms, *_band(early, len(own)), color=colour, alpha=0.16, lw=0)
+        if one.question.lead_ms:
+            axes.axvline(one.question.lead_ms, color=INK, lw=0.8, ls=":")
+        axes.set(
+            xlabel="ms before harm, at least",
+            ylabel="share of faults seen",
+            ylim=(0, 1),
+            xlim=(0, end),
+        )
+        axes.yaxis.set_major_formatter(_percent)
+        axes.legend(loc="upper right", fontsize=8)
+        drawing.savefig(path, format="svg", metadata={"Date": None})
+
+
+def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:
+    """Of the statement half, ms."""
+    return one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
+
+
+def _band(share: np.ndarray, faults: int) -> tuple[np.ndarray, np.ndarray]:
+    return bounds(np.round(share * faults), np.full(len(share), faults))
+
+
+def _percent(value: float, _: Any) -> str:
+    return f"{100 * value:.0f} %"
+
 
 TABLE, FIGURE, FOLDER, CAMPAIGN = (
     "counterfactual.csv",
@@ -28,7 +102,7 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
     require_writable(folder)
     paths = [place / TABLE, place / FIGURE]
     _write(paths[0], downloads.text(words.table(one)))
-    write_aside(paths[1], lambda target: figure.draw(one, target))
+    write_aside(paths[1], lambda target: draw(one, target))
     for member, name in zip(one.promise.members, names(one), strict=True):
         part = one.parts[member]
         paths.append(folder / f"{name}.py")

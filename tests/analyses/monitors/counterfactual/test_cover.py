@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from ravenjax.analyses.monitors.counterfactual.cover import greedy
+from ravenjax.analyses.monitors.counterfactual.promise import greedy
 
 INSTANCES = arrays.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 6)))
 

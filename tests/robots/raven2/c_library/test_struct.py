@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ravenjax.engines.cpu.record_kind import RecordKind
 from ravenjax.numbers.vec import Vec, record
-from ravenjax.robots.raven2.c_library.struct import members, struct
+from ravenjax.robots.raven2.c_library.library import members, struct
 
 ARMS = ("gold", "green")
 NUMBERS = st.sampled_from([np.float32(1), np.float64(1), np.int32(1), np.uint32(1), np.bool_(True)])

@@ -15,7 +15,7 @@ from numpy import float32
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import gravity
-from ravenjax.robots.raven2.original import gravity as original_gravity
+from ravenjax.robots.raven2.original import evaluation
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -32,7 +32,7 @@ def test_is_the_originals_to_the_last_bit_and_near_the_other_writing(arm):
         oracle.Loop.gravity(None, mech)
         with jax.enable_x64(True):
             wide = Vec(map(np.float64, jpos))
-            literal = [float(t) for t in original_gravity.gravity_torque(arm, wide)]
+            literal = [float(t) for t in evaluation.gravity_torque(arm, wide)]
             shared = [
                 float(t) for t in gravity.gravity_torque(arm, wide, gravity.GRAVITY_AS_STORED)
             ]
