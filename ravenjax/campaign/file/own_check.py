@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import Field, model_validator
 
 from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.group import Section
+from ravenjax.campaign.file.section import Section
 from ravenjax.parts import part
 from ravenjax.vocabulary.checks import DOES, Action, Check, CheckUse, of_own
 from ravenjax.vocabulary.parts import OwnSource

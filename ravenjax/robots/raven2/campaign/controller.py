@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import Field, model_validator
 
 from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.group import Section
+from ravenjax.campaign.file.section import Section
 from ravenjax.parts import part
 from ravenjax.robots.raven2.loop.replaced import STAGES
 from ravenjax.vocabulary.parts import OwnSource

@@ -21,7 +21,7 @@ from pydantic import (
 )
 
 from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.group import Section
+from ravenjax.campaign.file.section import Section
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.errors import shown, suggestion
 from ravenjax.parts import part
