@@ -13,10 +13,10 @@ from ravenjax.campaign.file.config import CampaignConfig as CampaignConfig
 from ravenjax.campaign.file.group import Fault as Fault
 from ravenjax.campaign.file.group import Group as Group
 from ravenjax.campaign.file.group import Run as Run
-from ravenjax.campaign.file.own_check import OwnCheck as OwnCheck
 from ravenjax.campaign.file.sections import Detector as Detector
 from ravenjax.campaign.file.sections import Haptics as Haptics
 from ravenjax.campaign.file.sections import Outcomes as Outcomes
+from ravenjax.campaign.file.sections import OwnCheck as OwnCheck
 from ravenjax.campaign.file.sections import Stop as Stop
 from ravenjax.errors import StoreError as StoreError
 from ravenjax.errors import UserError as UserError
@@ -29,10 +29,10 @@ from ravenjax.notebook.axes import uniform as uniform
 from ravenjax.notebook.campaign import Campaign as Campaign
 from ravenjax.notebook.results import CampaignResults as CampaignResults
 from ravenjax.numbers.setup import Precision as Precision
-from ravenjax.robots.raven2.campaign.controller import OwnStages as OwnStages
 from ravenjax.robots.raven2.campaign.sections import Hand as Hand
 from ravenjax.robots.raven2.campaign.sections import Limits as Limits
 from ravenjax.robots.raven2.campaign.sections import Operator as Operator
+from ravenjax.robots.raven2.campaign.sections import OwnStages as OwnStages
 from ravenjax.robots.raven2.campaign.sections import Reaction as Reaction
 from ravenjax.robots.raven2.campaign.sections import Start as Start
 from ravenjax.robots.raven2.console.packet import Packet as Packet

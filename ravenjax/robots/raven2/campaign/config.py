@@ -18,12 +18,12 @@ from ravenjax.campaign.file.semantics import parameter_tables
 from ravenjax.errors import UserError
 from ravenjax.parts import part
 from ravenjax.robots.raven2.campaign import older_packets, semantics
-from ravenjax.robots.raven2.campaign.controller import OwnStages
 from ravenjax.robots.raven2.campaign.sections import (
     HARD_RANGES,
     Hand,
     Limits,
     Operator,
+    OwnStages,
     RavenCampaign,
     Reaction,
 )
