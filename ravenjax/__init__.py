@@ -19,144 +19,22 @@ version. Names are imported when they are first used, so that `import ravenjax` 
 
 from __future__ import annotations
 
+import ast
 import importlib
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from ravenjax.api import (
-        calibrate_monitor,
-        check_monitor,
-        counterfactual,
-        explain,
-        load_campaign,
-        open_results,
-        run,
-        simulate,
-    )
-    from ravenjax.campaign.file.config import CampaignConfig
-    from ravenjax.errors import StoreError, UserError
-    from ravenjax.notebook.axes import choice, loguniform, normal, phase, together, uniform
-    from ravenjax.notebook.campaign import Campaign
-    from ravenjax.notebook.results import CampaignResults
-    from ravenjax.notebook.tables import (
-        Detector,
-        Fault,
-        Group,
-        Hand,
-        Haptics,
-        Limits,
-        Operator,
-        Outcomes,
-        OwnCheck,
-        OwnStages,
-        Reaction,
-        Run,
-        Start,
-        Stop,
-    )
-    from ravenjax.numbers.setup import Precision
-    from ravenjax.robots.raven2.console.packet import Packet
-    from ravenjax.robots.raven2.geometry.arrays import (
-        forward_kinematics,
-        gravity_torque,
-        inverse_kinematics,
-        joint_from_motor,
-        motor_from_joint,
-    )
-    from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
-    from ravenjax.robots.raven2.software.control_software import ControlSoftware
+from pathlib import Path
+from typing import Any
 
 __version__ = "0.1.0"
 
+# the stub says which module each name comes from, here and to type checkers
+_STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
 _HOMES = {
-    "load_campaign": "ravenjax.api",
-    "run": "ravenjax.api",
-    "simulate": "ravenjax.api",
-    "explain": "ravenjax.api",
-    "counterfactual": "ravenjax.api",
-    "calibrate_monitor": "ravenjax.api",
-    "check_monitor": "ravenjax.api",
-    "open_results": "ravenjax.api",
-    "Campaign": "ravenjax.notebook.campaign",
-    "CampaignResults": "ravenjax.notebook.results",
-    "Detector": "ravenjax.notebook.tables",
-    "Fault": "ravenjax.notebook.tables",
-    "Group": "ravenjax.notebook.tables",
-    "Hand": "ravenjax.notebook.tables",
-    "Haptics": "ravenjax.notebook.tables",
-    "Limits": "ravenjax.notebook.tables",
-    "Operator": "ravenjax.notebook.tables",
-    "Outcomes": "ravenjax.notebook.tables",
-    "OwnCheck": "ravenjax.notebook.tables",
-    "OwnStages": "ravenjax.notebook.tables",
-    "Reaction": "ravenjax.notebook.tables",
-    "Run": "ravenjax.notebook.tables",
-    "Start": "ravenjax.notebook.tables",
-    "Stop": "ravenjax.notebook.tables",
-    "choice": "ravenjax.notebook.axes",
-    "loguniform": "ravenjax.notebook.axes",
-    "normal": "ravenjax.notebook.axes",
-    "phase": "ravenjax.notebook.axes",
-    "together": "ravenjax.notebook.axes",
-    "uniform": "ravenjax.notebook.axes",
-    "forward_kinematics": "ravenjax.robots.raven2.geometry.arrays",
-    "inverse_kinematics": "ravenjax.robots.raven2.geometry.arrays",
-    "motor_from_joint": "ravenjax.robots.raven2.geometry.arrays",
-    "joint_from_motor": "ravenjax.robots.raven2.geometry.arrays",
-    "gravity_torque": "ravenjax.robots.raven2.geometry.arrays",
-    "ControlSoftware": "ravenjax.robots.raven2.software.control_software",
-    "VirtualRobot": "ravenjax.robots.raven2.hardware.virtual_robot",
-    "Packet": "ravenjax.robots.raven2.console.packet",
-    "Precision": "ravenjax.numbers.setup",
-    "CampaignConfig": "ravenjax.campaign.file.config",
-    "UserError": "ravenjax.errors",
-    "StoreError": "ravenjax.errors",
+    name.name: str(line.module)
+    for line in _STUB.body
+    if isinstance(line, ast.ImportFrom)
+    for name in line.names
 }
-
-__all__ = [
-    "Campaign",
-    "CampaignConfig",
-    "CampaignResults",
-    "ControlSoftware",
-    "Detector",
-    "Fault",
-    "Group",
-    "Hand",
-    "Haptics",
-    "Limits",
-    "Operator",
-    "Outcomes",
-    "OwnCheck",
-    "OwnStages",
-    "Packet",
-    "Precision",
-    "Reaction",
-    "Run",
-    "Start",
-    "Stop",
-    "StoreError",
-    "UserError",
-    "VirtualRobot",
-    "calibrate_monitor",
-    "check_monitor",
-    "choice",
-    "counterfactual",
-    "explain",
-    "forward_kinematics",
-    "gravity_torque",
-    "inverse_kinematics",
-    "joint_from_motor",
-    "load_campaign",
-    "loguniform",
-    "motor_from_joint",
-    "normal",
-    "open_results",
-    "phase",
-    "run",
-    "simulate",
-    "together",
-    "uniform",
-]
+__all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

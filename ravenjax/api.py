@@ -21,9 +21,8 @@ from ravenjax.campaign.inspection.replay import replay
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.errors import UserError, shown
 from ravenjax.notebook import explaining, running
-from ravenjax.notebook.attributes import described
 from ravenjax.notebook.campaign import Campaign
-from ravenjax.notebook.results import CampaignResults
+from ravenjax.notebook.results import CampaignResults, column_meanings
 from ravenjax.report import downloads, wording
 from ravenjax.store import manifest
 from ravenjax.store.logs import run_dataset
@@ -64,7 +63,7 @@ def run(
     running.require(out, on_progress)
     results = running.run(_config(campaign), out, engine, on_progress, executor, workers)
     table = results.frame()
-    table.attrs.update(described(results.shape))
+    table.attrs.update(column_meanings(results.shape))
     return table
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -19,6 +19,8 @@ from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
+from ravenjax.campaign.file.section import model_at as _model
+from ravenjax.campaign.file.section import models_in
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.hazards import expansion
 from ravenjax.vocabulary.robot import Robot
@@ -236,19 +238,3 @@ def header(path: tuple[str, ...]) -> str:
 
 ARRAYS = ("group", "detector")
 """Tables that a file may have several of."""
-
-
-def _model(model: type[BaseModel], loc: Sequence[str | int]) -> type[BaseModel]:
-    """The model of the table at `loc`."""
-    for part in loc:
-        if isinstance(part, str) and part in model.model_fields:
-            model = next(models_in(model.model_fields[part].annotation), model)
-    return model
-
-
-def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The models of tables that an annotation names."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for inner in get_args(annotation):
-        yield from models_in(inner)

@@ -21,10 +21,6 @@ def reference(
             help="write every page of the documentation's reference into this folder instead"
         ),
     ] = None,
-    types: Annotated[
-        Path | None,
-        Parameter(help="write the static types of campaigns in Python to this file instead (.pyi)"),
-    ] = None,
 ) -> None:
     """Print the reference of campaign files: every key with its type, unit, range, default and
     meaning (Markdown).
@@ -40,14 +36,6 @@ def reference(
                 pages / name, lambda target, text=text: target.write_text(text, encoding="utf-8")
             )
             console.out.print(f"wrote {pages / name}", highlight=False, soft_wrap=True)
-        return
-    if types is not None:
-        from ravenjax.notebook import static_types
-
-        files.write_aside(
-            types, lambda target: target.write_text(static_types.text(), encoding="utf-8")
-        )
-        console.out.print(f"wrote {types}", highlight=False, soft_wrap=True)
         return
     from ravenjax.campaign.inspection import reference as text
     from ravenjax.robots.raven2 import ROBOT

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
-from pydantic import BaseModel
-
-from ravenjax.campaign import loading, writing
+from ravenjax import robots
+from ravenjax.campaign import loading, robots_drawn, writing
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
+from ravenjax.campaign.file.section import models_in, toml_value
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.errors import UserError, shown
 from ravenjax.notebook import running
-from ravenjax.notebook.table_classes import SECTION
-from ravenjax.notebook.tables import CampaignTable
 from ravenjax.store import files
 
 if TYPE_CHECKING:
     from ravenjax.notebook.results import CampaignResults
 
+SECTION = "campaign"
+"""The table whose keys are a campaign's own."""
 
-class Campaign(CampaignTable):
+
+class Campaign:
     """A campaign: the keys of [campaign] in a file, and its other tables as objects or plain dicts.
 
         campaign = rj.Campaign(
@@ -55,21 +57,18 @@ class Campaign(CampaignTable):
     that it names are taken from the working directory.
     """
 
-    _config: CampaignConfig
+    config: CampaignConfig
+    """What was checked: every key with its default, the library's hazards as plain groups."""
+    _tables: dict[str, Any]
 
-    def _complete(self) -> None:
-        self._enter(Path.cwd(), None)
+    def __init__(self, **keys: Any) -> None:
+        tables = _tables_of(keys)
+        self._enter(tables, Path.cwd(), loading.from_dict(tables))
 
-    def _enter(self, folder: Path, config: CampaignConfig | None) -> None:
-        """Take files from `folder`; without a config the keys are checked."""
-        keys = {
-            **_section(self._keys),
-            **{key: value for key, value in self._keys.items() if key != SECTION},
-        }
-        object.__setattr__(
-            self, "_keys", {key: self._rooted(key, value, folder) for key, value in keys.items()}
-        )
-        object.__setattr__(self, "_config", config or loading.from_dict(self.plain()))
+    def _enter(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
+        """Hold these tables, whose files are in `folder`."""
+        rooted = _with_files(tables, lambda file: str((folder / file).absolute()))
+        self.__dict__.update(_tables=rooted, config=config)
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
@@ -88,8 +87,7 @@ class Campaign(CampaignTable):
         config = loading.from_dict(raw, source=file, text=text, overrides=overrides)
         tables, _ = overriding.all_applied(raw, overrides)
         campaign = cls.__new__(cls)
-        object.__setattr__(campaign, "_keys", CampaignTable(**tables)._keys)
-        campaign._enter(Path.cwd() if file is None else file.parent, config)
+        campaign._enter(tables, Path.cwd() if file is None else file.parent, config)
         return campaign
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -98,28 +96,28 @@ class Campaign(CampaignTable):
         Files that it names are written from the folder of `path` where they lie in it, else as they
         are. Raises StoreError where `path` cannot be written.
         """
-        tables = self.plain()
-        if path is not None:
-            if not isinstance(path, str | os.PathLike) or not str(path):
-                raise UserError(
-                    f"path is {shown(path)}, expected the path of a file to write, or None"
-                )
-            tables = _relative(tables, Path(path).absolute().parent)
-        text = writing.text(tables)
-        if path is not None:
-            files.write_aside(Path(path), lambda target: target.write_text(text, encoding="utf-8"))
-        return text
+        if path is None:
+            return writing.text(self._tables)
+        if not isinstance(path, str | os.PathLike) or not str(path):
+            raise UserError(f"path is {shown(path)}, expected the path of a file to write, or None")
+        folder = Path(path).absolute().parent
 
-    @property
-    def config(self) -> CampaignConfig:
-        """What was checked: every key with its default, the library's hazards as plain groups."""
-        return self._config
+        def relative(file: str) -> str:
+            lies_in = Path(file).is_relative_to(folder)
+            return str(Path(file).relative_to(folder)) if lies_in else file
+
+        text = writing.text(_with_files(self._tables, relative))
+        files.write_aside(Path(path), lambda target: target.write_text(text, encoding="utf-8"))
+        return text
 
     def plain(self) -> dict[str, Any]:
         """The campaign's tables as a TOML file has them."""
-        tables, sections = super().plain(), _sections(self._keys)
-        own = {key: value for key, value in tables.items() if key not in sections}
-        return {SECTION: own, **{key: value for key, value in tables.items() if key in sections}}
+        return toml_value(self._tables)
+
+    def replace(self, **keys: Any) -> Campaign:
+        """Itself with other values of these keys; None leaves a key out."""
+        other = {key: table for key, table in self._tables.items() if key != SECTION}
+        return Campaign(**{**self._tables[SECTION], **other, **keys})
 
     def run(
         self,
@@ -137,70 +135,86 @@ class Campaign(CampaignTable):
         from ravenjax.notebook.results import CampaignResults
 
         if out is not None:
-            running.run(self._config, out, engine, on_progress, executor, workers)
+            running.run(self.config, out, engine, on_progress, executor, workers)
             return CampaignResults(Path(out))
         folder = tempfile.TemporaryDirectory(prefix="ravenjax-")
-        running.run(self._config, Path(folder.name), engine, on_progress, executor, workers)
+        running.run(self.config, Path(folder.name), engine, on_progress, executor, workers)
         return CampaignResults(Path(folder.name), folder)
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"a campaign is frozen: write changed = campaign.replace({name}=...)")
+
     def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, Campaign) and self._config.model_dump() == other._config.model_dump()
-        )
+        return isinstance(other, Campaign) and self.config.model_dump() == other.config.model_dump()
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
+
+    def __repr__(self) -> str:
+        return f"rj.Campaign(**{self._tables!r})"
 
     def _repr_html_(self) -> str:
         from ravenjax.notebook import card
 
-        return card.of_campaign(self._config)
+        return card.of_campaign(self.config)
 
 
-def _section(keys: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The table [campaign] of a file's tables."""
-    section = keys.get(SECTION)
-    if section is not None and not isinstance(section, Mapping):
+def _campaign_keys(model: type[CampaignConfig]) -> list[str]:
+    """The keys of the table [campaign]."""
+    return list(next(models_in(model.model_fields[SECTION].annotation)).model_fields)
+
+
+def _signature() -> inspect.Signature:
+    """The keys of a Raven-II's campaign, which a notebook completes."""
+    model = config_class_of(robots.find(robots.DEFAULT))
+    tables = [key for key in model.model_fields if key != SECTION]
+    names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])
+    kind, empty = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
+    return inspect.Signature(
+        [
+            inspect.Parameter(name, kind, default=empty if name in ("name", "group") else None)
+            for name in names
+        ]
+    )
+
+
+Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a file that says what these keys say."""
+    section = toml_value(keys.get(SECTION)) or {}
+    if not isinstance(section, Mapping):
         raise UserError(f"{SECTION}: got {shown(section)}, expected a table")
-    return section or {}
-
-
-def _sections(keys: Mapping[str, Any]) -> set[str]:
-    """Which keys are tables beside [campaign]: those of the robot's model, and unknown ones that
-    hold tables.
-    """
+    keys = {**section, **toml_value({key: keys[key] for key in keys if key != SECTION})}
     try:
-        model: type[BaseModel] = config_class_of(robot_of({SECTION: keys}))
+        model = config_class_of(robot_of({SECTION: keys}))
     except UserError:
         model = CampaignConfig
-    inner = next(loading.models_in(model.model_fields[SECTION].annotation)).model_fields
-    return {
-        key
+    own = _campaign_keys(model)
+    # an unknown key that holds a table is meant to be one beside [campaign]
+    tables = {
+        key: value
         for key, value in keys.items()
-        if key in model.model_fields
-        or (key not in inner and (hasattr(value, "plain") or isinstance(value, dict)))
+        if key in model.model_fields or (key not in own and isinstance(value, Mapping))
     }
+    return {SECTION: {key: keys[key] for key in keys if key not in tables}, **tables}
 
 
-def _relative(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Tables in which paths of files within `folder` begin there."""
-    return {key: _relative_at((key,), value, folder) for key, value in tables.items()}
+def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[str, Any]:
+    """Tables in which each path of a file is changed."""
+    model = config_class_of(robot_of(tables))
+    places = {
+        (*path, key)
+        for path, table in loading.tables_of(model)
+        for key, field in table.model_fields.items()
+        if field.annotation is Path or Path in get_args(field.annotation)
+    } | {("parameters", robots_drawn.KEY)}
 
+    def entered(place: tuple[str, ...], value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: entered((*place, key), one) for key, one in value.items()}
+        if isinstance(value, list):
+            return [entered(place, one) for one in value]
+        return changed(value) if place in places and isinstance(value, str) and value else value
 
-def _relative_at(path: tuple[str, ...], value: Any, folder: Path) -> Any:
-    if isinstance(value, dict):
-        return {key: _relative_at((*path, key), one, folder) for key, one in value.items()}
-    if isinstance(value, list):
-        return [_relative_at(path, one, folder) for one in value]
-    if path in set(_file_keys()) and isinstance(value, str) and Path(value).is_relative_to(folder):
-        return str(Path(value).relative_to(folder))
-    return value
-
-
-def _file_keys() -> Iterator[tuple[str, ...]]:
-    """Paths of keys that name files."""
-    from ravenjax.campaign.robots_drawn import KEY
-    from ravenjax.notebook.table_classes import CLASSES, tables
-
-    yield ("parameters", KEY)
-    for path, model in tables():
-        yield from ((*path, key) for key in CLASSES[model.__name__]._files)
+    return {key: entered((key,), value) for key, value in tables.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
 import tempfile
 import weakref
@@ -21,8 +22,41 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
 
-    from ravenjax.notebook.shown import ShownFigure
     from ravenjax.report.data.runs import Runs
+
+
+class ShownFigure:
+    """A drawing, which a notebook shows whatever matplotlib's backend is.
+
+    `figure` is matplotlib's, to change or save.
+    """
+
+    def __init__(self, figure: Figure) -> None:
+        self.figure = figure
+
+    def savefig(self, path: str | io.StringIO, **options: object) -> None:
+        """Write it to a file, as matplotlib's."""
+        import matplotlib
+
+        from ravenjax.document.figure_style import STYLE
+
+        with matplotlib.rc_context(STYLE):
+            self.figure.savefig(path, **options)  # pyright: ignore[reportArgumentType]
+
+    def _repr_svg_(self) -> str:
+        text = io.StringIO()
+        self.savefig(text, format="svg", metadata={"Date": None})
+        return text.getvalue()
+
+
+def column_meanings(shape: schema.Shape) -> dict[str, dict[str, str]]:
+    """The attrs of a result table: {"units": {column: unit}, "meanings": {column: meaning}}."""
+    columns = schema.columns(shape)
+    return {
+        "units": {column.name: column.unit for column in columns},
+        "meanings": {column.name: column.meaning for column in columns},
+    }
+
 
 _WORST = ("run_id", "index", "group", "fault", "response", "hazard", "verdict")
 
@@ -74,10 +108,8 @@ class CampaignResults:
         """The table, or some of its columns, as `run` gives it; its attrs say units and
         meanings.
         """
-        from ravenjax.notebook.attributes import described
-
         frame = Results(self._manifest.shape, self.folder).frame(columns)
-        frame.attrs.update(described(self._manifest.shape))
+        frame.attrs.update(column_meanings(self._manifest.shape))
         return frame
 
     def to_arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
@@ -214,7 +246,6 @@ class CampaignResults:
         import matplotlib
 
         from ravenjax.document.figure_style import STYLE
-        from ravenjax.notebook.shown import ShownFigure
 
         with matplotlib.rc_context(STYLE):
             figure = drawn(self._runs)

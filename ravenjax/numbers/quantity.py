@@ -36,6 +36,8 @@ class Quantity:
     whole: bool = False
     joints: tuple[str, ...] = ()  # joints that it is of; (): every number of the field
     why: str = ""  # what the range keeps out, where the meaning does not say it
+    # key of [campaign] and the value with which something reads it; None: always
+    read_when: tuple[str, str] | None = None
 
     @property
     def range(self) -> str:

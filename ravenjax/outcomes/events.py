@@ -132,9 +132,6 @@ UNWATCHED = (
 
 EVENTS: dict[str, Event] = {event.name: event for event in _ALL}
 
-FORMER = {"harm": "unintended_motion"}
-"""Names of earlier versions, and what to write instead."""
-
 VALID_SQL = "failed = ''"
 
 

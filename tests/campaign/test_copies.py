@@ -184,7 +184,7 @@ def refusal(text: str) -> str:
         (  # what nothing reads
             HEAD + "[parameters]\noperator.start_grasp = 500\n[[group]]\nname = 'a'",
             [
-                'operator.start_grasp: nothing reads it but with console = "absolute": remove it,'
+                "operator.start_grasp: nothing reads it but with console = 'absolute': remove it,"
                 " or set that"
             ],
         ),
@@ -192,7 +192,7 @@ def refusal(text: str) -> str:
             HEAD
             + "software = 'fork2015'\n[cross]\ncontrol.overdrive.policy = [0, 1]\n[[group]]\nname"
             " = 'a'",
-            ["cross.control.overdrive.policy: nothing reads it: the 2015 fork has no policy"],
+            ["cross.control.overdrive.policy: nothing reads it but with software = 'raven2'"],
         ),
         (
             HEAD + "software = 'fork2015'\npolicy = 'hard_regulation'\n[[group]]\nname = 'a'",

@@ -14,23 +14,23 @@ import itertools
 import json
 import math
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.campaign.faults import run_id, sampled_order, sampling, slices
+from ravenjax.campaign.faults import run_id, sampled_order, sampling
 from ravenjax.campaign.faults.fault_table import Column, FaultTable
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
-from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, Slot, slot, words_of
+from ravenjax.campaign.faults.slot import FIELDS, NUMBERS, slot, words_of
 from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
 from ravenjax.campaign.file.semantics import ALL
 from ravenjax.errors import UserError
-from ravenjax.store.words import WordColumn, numbered
+from ravenjax.store.words import WordColumn, column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,13 +93,16 @@ def rows(config: CampaignConfig) -> FaultTable:
         for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
     }
     groups = list(dict.fromkeys(piece.group for piece in pieces))
-    counted = slices.joined(
-        lambda some: {
-            name: _of_faults(words, name, values, some) for name, values in numbers.items()
-        },
-        runs,
+    # numbers of an empty slot do not count
+    counted = {
+        name: np.where(words[f"{name.partition('_')[0]}_site"].equal(""), np.nan, values)
+        for name, values in numbers.items()
+    }
+    # what decides the outcome of every run alike
+    common = json.dumps(config.deciding(), sort_keys=True, separators=(",", ":"))
+    ids = run_id.of(
+        hashlib.sha256(common.encode()).hexdigest(), words, {"seed": seed} | counted | parameters
     )
-    ids = run_id.of(_common(config), words, {"seed": seed} | counted | parameters)
     pair = np.arange(runs, dtype=np.int32) - _joined(
         pieces, [piece.behind for piece in pieces], np.int32
     )
@@ -148,58 +151,17 @@ def counts(config: CampaignConfig) -> dict[str, int]:
 
 def _joined(pieces: Sequence[_Piece], columns: Sequence[Any], dtype: Any) -> np.ndarray:
     """One column of all pieces, [runs]."""
-    ends = np.cumsum([piece.runs for piece in pieces]).tolist()
-    whole = np.empty(ends[-1] if ends else 0, dtype)
-
-    def put(rows: slice) -> None:
-        for piece, end, values in zip(pieces, ends, columns, strict=True):
-            first = end - piece.runs
-            here = slice(max(first, rows.start), min(end, rows.stop))
-            if here.start < here.stop:
-                whole[here] = (
-                    values[here.start - first : here.stop - first] if np.ndim(values) else values
-                )
-
-    slices.each(put, len(whole))
-    return whole
-
-
-def _words(pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]) -> WordColumn:
-    """One column of words of all pieces by their places in `known`, as `words.column`."""
-    codes = _joined(pieces, columns, np.min_scalar_type(-len(known)))
-    counts = slices.each(lambda rows: np.bincount(codes[rows], minlength=len(known)), len(codes))
-    code, categories = numbered(known, np.sum(counts, axis=0) > 0)
-    if len(categories) < len(known):
-        codes = slices.joined(lambda rows: {"": code[codes[rows]]}, len(codes))[""]
-    return WordColumn(codes, categories)
-
-
-def _of_faults(
-    words: dict[str, WordColumn], name: str, values: np.ndarray, rows: slice
-) -> np.ndarray:
-    """A number of a fault slot of some rows, NaN where the slot is empty."""
-    site = words[f"{name.partition('_')[0]}_site"]
-    return (
-        np.where(site[rows].equal(""), np.nan, values[rows])
-        if "" in site.categories
-        else values[rows]
+    return np.concatenate(
+        [
+            np.broadcast_to(np.asarray(values, dtype), piece.runs)
+            for piece, values in zip(pieces, columns, strict=True)
+        ]
     )
 
 
-# --- what a run id hashes beside the row
-# ------------------------------------------------------------------------------
-
-
-def _common(config: CampaignConfig) -> str:
-    """Hash of what decides the outcome of every run alike."""
-    content = config.deciding()
-    return hashlib.sha256(
-        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
-    ).hexdigest()
-
-
-# --- one group ------------------------------------------------------------------------------------
-# --------------------
+def _words(pieces: Sequence[_Piece], columns: Sequence[Any], known: Sequence[str]) -> WordColumn:
+    """One column of words of all pieces by their places in `known`."""
+    return column(_joined(pieces, columns, np.min_scalar_type(-len(known))), known)
 
 
 def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[_Piece]:
@@ -208,17 +170,23 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
         axes = moments.placed(written, group.name)
         runs, repeat, places = sampling.sample(group, axes, rng)
         slots = [
-            _slot(config, fault, _of_slot(axes, f), _of_slot(places, f), runs)
+            slot(
+                config.robot,
+                fault,
+                _of_slot(axes, f),
+                _of_slot(places, f),
+                config.says_beyond(fault),
+            )
             for f, fault in enumerate(faults)
         ]
-        if complaints := [
-            (one_slot.complaint[0], f, one_slot.complaint[1])
-            for f, one_slot in enumerate(slots)
-            if one_slot.complaint
-        ]:
-            _, f, complaint = min(complaints)
+        complaints = [(*one.complaint, f) for f, one in enumerate(slots) if one.complaint]
+        if complaints:
+            _, complaint, f = min(complaints, key=lambda one: (one[0], one[2]))
             raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
-        parameters = _parameters(_of_slot(axes, _PARAMETER), _of_slot(places, _PARAMETER), runs)
+        parameters = {
+            path: axis.at(places[_PARAMETER, path])
+            for path, axis in _of_slot(axes, _PARAMETER).items()
+        }
         for number, crossing in enumerate(_crossings(config, group)):
             yield _Piece(
                 runs=runs,
@@ -228,41 +196,6 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
                 faults=[one_slot.columns for one_slot in slots],
                 parameters=parameters | crossing,
             )
-
-
-def _slot(
-    config: CampaignConfig,
-    fault: Fault,
-    axes: Mapping[str, Axis],
-    places: Mapping[str, np.ndarray],
-    runs: int,
-) -> Slot:
-    """`slot.slot`, of slices of the runs."""
-    complaints = []
-
-    def columns(rows: slice) -> dict[str, np.ndarray]:
-        one = slot(config.robot, fault, axes, _of_rows(places, rows), config.says_beyond(fault))
-        if one.complaint:
-            complaints.append((rows.start + one.complaint[0], one.complaint[1]))
-        return one.columns
-
-    return Slot(slices.joined(columns, runs), min(complaints, default=None))
-
-
-def _parameters(
-    axes: Mapping[str, Axis], places: Mapping[str, np.ndarray], runs: int
-) -> dict[str, np.ndarray]:
-    """Values of each varied parameter, [runs] or []."""
-
-    def columns(rows: slice) -> dict[str, np.ndarray]:
-        return {path: axes[path].at(where) for path, where in _of_rows(places, rows).items()}
-
-    return slices.joined(columns, runs)
-
-
-def _of_rows(places: Mapping[str, np.ndarray], rows: slice) -> dict[str, np.ndarray]:
-    """The places of some runs; [] stays."""
-    return {name: where[rows] if where.ndim else where for name, where in places.items()}
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:

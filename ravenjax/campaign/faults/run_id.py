@@ -14,14 +14,10 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pyarrow as pa
 
-from ravenjax import threads
-from ravenjax.campaign.faults import slices
 from ravenjax.store.words import WordColumn
 
 DIGITS = 16
 """Hex digits of an id."""
-_BITS = 6
-"""The highest of an id, by which millions of them are sorted side by side."""
 
 
 def of(
@@ -33,26 +29,15 @@ def of(
     Numbers count as float64, so that 1 is 1.0 and -0.0 is 0.0. Of rows with the same content the
     first has the id of the content, each further one another that its place among them decides.
     """
-    of_words = {
-        name: np.array(
-            [_salt(f"{common}/{name}/{word}") if word else 0 for word in column.categories],
-            np.uint64,
-        )
-        for name, column in words.items()
-    }
-    salts = {name: _salt(f"{common}/{name}") for name in numbers}
-    any_column = next(iter(numbers.values()))
-
-    def content(rows: slice) -> np.ndarray:
-        """Ids of some rows, copies alike."""
-        total = np.zeros(len(any_column[rows]), np.uint64)
-        for name, column in words.items():
-            total += of_words[name][column.codes[rows]]
-        for name, values in numbers.items():
-            total += _hashed(values[rows], salts[name])
-        return mixed(total)
-
-    return _told_apart(np.concatenate(slices.each(content, len(any_column))))
+    total = np.zeros(len(next(iter(numbers.values()))), np.uint64)
+    for name, column in words.items():
+        salts = [
+            _salt(f"{common}/{name}/{word}") if word else np.uint64(0) for word in column.categories
+        ]
+        total += np.array(salts, np.uint64)[column.codes]
+    for name, values in numbers.items():
+        total += _hashed(values, _salt(f"{common}/{name}"))
+    return _told_apart(mixed(total))
 
 
 def mixed(numbers: np.ndarray) -> np.ndarray:
@@ -111,44 +96,18 @@ def _hashed(values: np.ndarray, salt: np.uint64) -> np.ndarray:
     return hashes
 
 
-def _several(ids: np.ndarray) -> np.ndarray:
-    """Those that more than one row has, ascending. Slices are sorted, then what lies between the
-    same bounds.
-    """
-    bits = _BITS if len(ids) > slices.ROWS else 0
-    bounds = np.arange(1, 2**bits, dtype=np.uint64) << np.uint64(64 - _BITS)  # ids are even
-
-    def split(rows: slice) -> list[np.ndarray]:
-        ordered = np.sort(ids[rows])
-        return np.split(ordered, np.searchsorted(ordered, bounds))
-
-    def repeated(some: tuple[np.ndarray, ...]) -> np.ndarray:
-        ordered = np.sort(np.concatenate(some))
-        return np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
-
-    return np.concatenate(
-        threads.mapped(repeated, list(zip(*slices.each(split, len(ids)), strict=True)))
-    )
-
-
 def _told_apart(ids: np.ndarray) -> np.ndarray:
     """Ids in which each copy but the first has another."""
-    several = _several(ids)
+    ordered = np.sort(ids)
+    several = np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
     if not len(several):
         return ids
-
-    def among(rows: slice) -> np.ndarray:
-        """The rows that have one of them."""
-        some = ids[rows]
-        place = np.minimum(np.searchsorted(several, some), len(several) - 1)
-        return rows.start + np.flatnonzero(several[place] == some)
-
-    rows = np.concatenate(slices.each(among, len(ids)))
+    place = np.minimum(np.searchsorted(several, ids), len(several) - 1)
+    rows = np.flatnonzero(several[place] == ids)
     rows = rows[np.argsort(ids[rows], kind="stable")]
     first = np.flatnonzero(np.r_[True, ids[rows][1:] != ids[rows][:-1]])
-    copy = np.arange(len(rows)) - np.repeat(
-        first, np.diff(np.r_[first, len(rows)])
-    )  # of each row before it
+    # of each row the number of copies before it
+    copy = np.arange(len(rows)) - np.repeat(first, np.diff(np.r_[first, len(rows)]))
     further = rows[copy > 0]
     ids[further] = mixed(ids[further] ^ mixed(copy[copy > 0].astype(np.uint64)))
     return ids

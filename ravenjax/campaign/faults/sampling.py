@@ -5,12 +5,12 @@ mean.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.campaign.faults import cube, slices
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import SAMPLED, Group
 from ravenjax.errors import UserError
@@ -85,10 +85,7 @@ def _draws(
     """Places [rows] on each axis, drawn."""
     columns = _dimensions(axes)
     unit = _unit(design, rows, 1 + max(columns.values(), default=-1), rng)
-    return slices.joined(
-        lambda some: {key: axis.places(unit[some, columns[key]]) for key, axis in axes.items()},
-        rows,
-    )
+    return {key: axis.places(unit[:, columns[key]]) for key, axis in axes.items()}
 
 
 def _dimensions(axes: Mapping[Key, Axis]) -> dict[Key, int]:
@@ -112,4 +109,11 @@ def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> 
     """[rows, dimensions] points in the unit cube."""
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
-    return (cube.latin_hypercube if design == "lhs" else cube.sobol)(rows, dimensions, rng)
+    # a second of import, which other designs save
+    from scipy.stats import qmc
+
+    engine = qmc.LatinHypercube if design == "lhs" else qmc.Sobol
+    with warnings.catch_warnings():
+        # numbers of points that are no power of two are less balanced
+        warnings.simplefilter("ignore", UserWarning)
+        return engine(dimensions, rng=rng).random(rows)

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ravenjax.campaign.faults import slices
 from ravenjax.faults.clocks import Clocks, Opening
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
@@ -26,16 +25,6 @@ def acts(faults: Faults, ticks: int, clocks: Clocks | None = None) -> np.ndarray
     time in pedal-down opens as if each tick brought a packet, or the pedal had been down from the
     beginning.
     """
-    if clocks is not None:
-        return _acts(faults, ticks, clocks)
-    parts = slices.each(
-        lambda rows: _acts({name: v[rows] for name, v in faults.items()}, ticks),
-        len(faults["code"]),
-    )
-    return np.concatenate(parts)
-
-
-def _acts(faults: Faults, ticks: int, clocks: Clocks | None = None) -> np.ndarray:
     first = np.full(faults["code"].shape, ticks, np.int64)
     for trigger, where, rows, opening in _openings(faults):
         if trigger == _TIME:

@@ -4,12 +4,11 @@ one row per run.
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 
-from ravenjax.campaign.faults import run_id, slices
+from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
@@ -54,12 +53,7 @@ def injection(table: FaultTable, robot: Robot) -> Injection:
     effects: dict[Target, set[str]] = {}
     triggers: set[str] = set()
     for slot in range(slots(table)):
-        parts = slices.each(
-            lambda rows, slot=slot: _Words(table.take(rows), slot).combinations.values(), len(table)
-        )
-        for site, arm, channel, effect, trigger in dict.fromkeys(
-            itertools.chain.from_iterable(parts)
-        ):
+        for site, arm, channel, effect, trigger in _Words(table, slot).combinations.values():
             if site:
                 effects.setdefault((site, arm, channel), set()).add(
                     NETWORK_EFFECTS.get(effect, ("", effect))[1]
@@ -97,10 +91,6 @@ def arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
     ms (start in packets with trigger "packet"); key uint32, the stream of random numbers of that
     run and slot.
     """
-    return slices.joined(lambda rows: _arrays(table.take(rows), injection), len(table))
-
-
-def _arrays(table: FaultTable, injection: Injection) -> dict[str, np.ndarray]:
     code_of = {target: code for code, target in enumerate(targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
     for slot in range(min(injection.slots, slots(table))):

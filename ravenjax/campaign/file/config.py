@@ -12,12 +12,18 @@ from typing import Any
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ravenjax import robots
-from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file import bounds, own_part
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.campaign.file.own_check import OwnCheck
-from ravenjax.campaign.file.sections import CampaignSection, Detector, Haptics, Outcomes, Stop
+from ravenjax.campaign.file.sections import (
+    CampaignSection,
+    Detector,
+    Haptics,
+    Outcomes,
+    OwnCheck,
+    Stop,
+)
 from ravenjax.outcomes import events
 from ravenjax.parts import part
 from ravenjax.stages import own_checks
@@ -96,15 +102,9 @@ class CampaignConfig(Section):
         """Itself, the files that it names taken from `folder`. Raises UserError for one that
         cannot be used.
         """
-        if not self.check and all(one.file is None for one in self.detector):
-            return self
-        detectors = tuple(one.found(folder) for one in self.detector)
-        return self.model_copy(
-            update={
-                "detector": detectors,
-                "check": tuple(one.located(folder) for one in self.check),
-            }
-        )
+        detectors = [own_part.located(one, folder, "detector", one.name) for one in self.detector]
+        checks = [own_part.located(one, folder, "check", one.name) for one in self.check]
+        return self.model_copy(update={"detector": tuple(detectors), "check": tuple(checks)})
 
     @property
     def detectors(self) -> tuple[tuple[str, DetectorUse, tuple[float, ...]], ...]:

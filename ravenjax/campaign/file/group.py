@@ -6,15 +6,11 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Mapping
-from types import NoneType
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     ValidationError,
     field_serializer,
@@ -33,6 +29,7 @@ from ravenjax.campaign.file.axis import (
 )
 from ravenjax.campaign.file.bounds import extent
 from ravenjax.campaign.file.onset import Onset
+from ravenjax.campaign.file.section import Section
 from ravenjax.errors import shown
 
 UNTIL_END = -1
@@ -62,35 +59,6 @@ DESIGNS: dict[Design, str] = {
 """How lists and distributions become runs."""
 
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
-
-
-class Section(BaseModel):
-    """A table of the file: frozen, unknown keys refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
-    former: ClassVar[Mapping[str, str]] = {}  # former name of a key -> its name
-
-    @model_validator(mode="before")
-    @classmethod
-    def _names_are_the_present_ones(cls, raw: Any) -> Any:
-        for name in cls.former.keys() & raw.keys() if isinstance(raw, dict) else ():
-            raise ValueError(f"key {name!r} is now called {cls.former[name]!r}: write that")
-        return raw
-
-    @model_validator(mode="before")
-    @classmethod
-    def _true_is_no_number(cls, raw: Any) -> Any:
-        """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says
-        where it stands.
-        """
-        if not isinstance(raw, dict):
-            return raw
-        return raw | {
-            name: str(raw[name]).lower()
-            for name, field in cls.model_fields.items()
-            if isinstance(raw.get(name), bool)
-            and {*(get_args(field.annotation) or (field.annotation,))} <= {int, float, NoneType}
-        }
 
 
 PATHS = ("parameters", "cross")
@@ -291,6 +259,11 @@ class Group(Section):
     @model_validator(mode="before")
     @classmethod
     def _flat(cls, raw: Any) -> Any:
+        # a file's groups that name hazards are plain groups before they come here
+        if isinstance(raw, dict) and "hazards" in raw:
+            raise ValueError(
+                'a group that names hazards is a dict in Python: {"name": .., "hazards": [..]}'
+            )
         return flatten_parameters(raw)
 
     @model_validator(mode="after")

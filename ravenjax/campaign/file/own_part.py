@@ -5,7 +5,9 @@ from __future__ import annotations
 import keyword
 import re
 from pathlib import Path
+from typing import TypeVar
 
+from ravenjax.campaign.file.section import Section
 from ravenjax.errors import UserError
 from ravenjax.parts import part
 from ravenjax.vocabulary.parts import OwnSource
@@ -18,12 +20,20 @@ SHA256 = "^[0-9a-f]{64}$"
 CONTENT = "and what it takes from its folder; another content is refused. Left out, any is taken"
 """What a key with such a number means, behind the file's name."""
 
+AnySection = TypeVar("AnySection", bound=Section)
 
-def source(name: str, file: Path, sha256: str | None, what: str = "detector") -> OwnSource:
-    """The code of a file. Raises UserError for one that is unusable, or has another content than
+_KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
+
+
+def source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
+    """The code of a file, read anew where it, or what it takes from beside it, has changed; what:
+    kind of the part. Raises UserError for one that is unusable, or has another content than
     `sha256`.
     """
-    code = _read(name, file.absolute(), what)
+    key = name, file.absolute(), what
+    code = _KNOWN.get(key)
+    if code is None or not part.unchanged(code):
+        code = _KNOWN[key] = part.read(*key)
     if sha256 not in (None, own := part.digest(code)):
         raise UserError(
             f"{file}: has changed since (sha256 {own[:16]}, expected {sha256[:16]}). "
@@ -32,12 +42,15 @@ def source(name: str, file: Path, sha256: str | None, what: str = "detector") ->
     return code
 
 
-def _read(name: str, path: Path, what: str) -> OwnSource:
-    """A file as it is now; read anew where it, or what it takes from beside it, has changed."""
-    code = _KNOWN.get((name, path, what))
-    if code is None or not part.unchanged(code):
-        code = _KNOWN[name, path, what] = part.read(name, path, what)
-    return code
-
-
-_KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
+def located(
+    table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
+) -> AnySection:
+    """A table whose file is taken from `folder` and known by its content; key, sha256: the keys
+    of both.
+    """
+    file: Path | None = getattr(table, key)
+    if file is None:
+        return table
+    path = folder.absolute() / file
+    content = part.digest(source(name, path, getattr(table, sha256), what))
+    return table.model_copy(update={key: path, sha256: content})

@@ -1,4 +1,4 @@
-"""Sections of a campaign file that every robot has: [campaign], [haptics], [[detector]],
+"""Sections of a campaign file that every robot has: [campaign], [haptics], [[detector]], [[check]],
 [outcomes], [stop].
 
 Keys, with units and ranges. Groups of runs are in `group`.
@@ -8,26 +8,23 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import (
     BeforeValidator,
     Field,
-    SerializerFunctionWrapHandler,
     field_validator,
-    model_serializer,
     model_validator,
 )
 
 from ravenjax import robots
 from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.group import Section
+from ravenjax.campaign.file.section import Section
 from ravenjax.errors import suggestion
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
-from ravenjax.parts import part
+from ravenjax.vocabulary.checks import DOES, Action, Check, CheckUse, of_own
 from ravenjax.vocabulary.detectors import MEANINGS, BuiltInKind, DetectorUse, Fusion
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -236,7 +233,6 @@ class Detector(Section):
     threshold: _Numbers = Field(
         default=(1.0,), description="alarm above it; all evaluated in the same run"
     )
-    former: ClassVar[Mapping[str, str]] = {"level": "threshold"}
 
     @model_validator(mode="after")
     def _fits(self) -> Detector:
@@ -291,32 +287,69 @@ class Detector(Section):
         """
         if self.file is None:
             return None
-        return own_part.source(self.name, self.file, self.sha256)
+        return own_part.source(self.name, self.file, self.sha256, "detector")
 
-    def found(self, folder: Path) -> Detector:
-        """Itself, its file taken from `folder` and known by its content."""
-        if self.file is None:
-            return self
-        there = self.model_copy(update={"file": folder.absolute() / self.file})
-        source = there.part
-        assert source is not None
-        return there.model_copy(update={"sha256": part.digest(source)})
 
-    @model_serializer(mode="wrap")
-    def _without_what_is_not_there(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A built-in detector says nothing of files, as before there were any: hashes of
-        campaigns stay.
-        """
-        content = handler(self)
-        of_files = () if self.file is not None else ("file", "sha256", "acts")
-        return {key: value for key, value in content.items() if key not in of_files}
+class OwnCheck(Section):
+    """[[check]]: a check of your own at a seam of the tick; it acts in the same millisecond."""
+
+    name: str = Field(
+        description="what it is called in tables, where its columns are check_own_NAME_..",
+        max_length=60,
+    )
+    file: Path = Field(description="a Python file with the check, from this file's folder")
+    sha256: str | None = Field(
+        default=None,
+        pattern=own_part.SHA256,
+        description=f"of that file {own_part.CONTENT}",
+    )
+    at: str = Field(description="seam where it stands")
+    acts: Action = Field(
+        default="watch",
+        description="what it does when it trips, by the robot's own means; "
+        + "; ".join(f"{word}: {meaning}" for word, meaning in DOES.items()),
+    )
+    threshold: float = Field(
+        default=1.0,
+        ge=0.0,
+        le=1e6,
+        description="it trips above it; varied as checks.threshold.NAME",
+    )
+    consecutive: int = Field(
+        default=1,
+        ge=1,
+        le=8,
+        description="milliseconds in a row above the threshold in which it trips from then on",
+    )
+
+    @model_validator(mode="after")
+    def _named(self) -> OwnCheck:
+        if not own_part.IDENTIFIER.fullmatch(self.name):
+            raise ValueError(
+                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters"
+                " of its file are called checks.own.NAME"
+            )
+        return self
+
+    @property
+    def part(self) -> OwnSource:
+        """The code of its file. Raises UserError for one that is unusable or changed."""
+        return own_part.source(self.name, self.file, self.sha256, "check")
+
+    @property
+    def use(self) -> CheckUse:
+        """Itself, as the tick has it. Raises UserError as `part`."""
+        return CheckUse(self.name, self.part, self.at, self.acts, self.consecutive)
+
+    @property
+    def check(self) -> Check:
+        """Itself, as tables have it."""
+        return of_own(self.name, self.at, self.acts)
 
 
 def _rate(raw: Any) -> Any:
     """The name of an event; ValueError where it is none, with what to write instead."""
     if isinstance(raw, str) and raw not in events.EVENTS:
-        if raw in events.FORMER:
-            raise ValueError(f"got {raw!r}, which is now called {events.FORMER[raw]!r}: write that")
         raise ValueError(
             f"got {raw!r}, expected one of"
             f" {', '.join(events.EVENTS)}{suggestion(raw, events.EVENTS)}"

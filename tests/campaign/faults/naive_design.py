@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import json
 import math
 import struct
 import warnings
@@ -18,7 +19,6 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from ravenjax.campaign.faults.design import _common
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.group import UNTIL_END
 from ravenjax.errors import UserError
@@ -49,7 +49,7 @@ def expand(config):
     """Rows of the fault table as dicts; run_id an int."""
     planned = [run for group in config.group for run in runs_of(config, group)]
     paths = list(dict.fromkeys(path for _, _, parameters, _, _ in planned for path in parameters))
-    common, copies, rows, repeats = _common(config), {}, [], []
+    common, copies, rows, repeats = common_hash(config), {}, [], []
     for index, (group, faults, parameters, repeat, behind) in enumerate(planned):
         seed = (config.campaign.seed + repeat) % 2**31
         content = {"seed": seed} | {f"param:{path}": value for path, value in parameters.items()}
@@ -71,6 +71,12 @@ def expand(config):
     if any(behind for *_, behind in planned):
         rows = [row | {"shared_id": rows[row["pair"]]["run_id"]} for row in rows]
     return rows if config.stop is None else arranged(config, rows, repeats)
+
+
+def common_hash(config):
+    """What decides the outcome of every run alike."""
+    content = json.dumps(config.deciding(), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def arranged(config, rows, repeats):

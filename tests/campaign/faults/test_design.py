@@ -1,6 +1,5 @@
 """Expansion of designs into the fault table, against naive expansions written out by hand."""
 
-import itertools
 import math
 
 import numpy as np
@@ -81,28 +80,6 @@ def test_grid_is_the_product_in_order(channels, values, starts, durations, secon
     assert table["run_id"].is_unique
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(1, 4), st.data())
-def test_zip_goes_side_by_side(length, data):
-    values = data.draw(st.lists(st.integers(-100, 100), min_size=length, max_size=length))
-    starts = data.draw(st.lists(st.integers(0, 2999), min_size=length, max_size=length))
-    table = expand(
-        group(
-            design="zip",
-            faults=[{**FAULT, "value": values, "start_ms": starts, "channel": ["elbow"]}],
-        )
-    )
-    naive = [("elbow", v, s) for v, s in zip(values, starts, strict=True)]
-    assert (
-        list(
-            table[["fault0_channel", "fault0_value", "fault0_start_ms"]].itertuples(
-                index=False, name=None
-            )
-        )
-        == naive
-    )
-
-
 def test_zip_takes_lists_of_one_length_only():
     """ "*" is a list as well, of the site's channels."""
     with pytest.raises(
@@ -170,32 +147,6 @@ def test_latin_hypercube_has_one_run_in_each_stratum():
     assert sorted(math.floor(v) for v in table["fault0_value"]) == list(range(50))
 
 
-def test_latin_hypercube_balances_lists():
-    table = expand(
-        group(design="lhs", runs=60, faults=[{**FAULT, "channel": ["shoulder", "elbow", "wrist"]}])
-    )
-    assert table["fault0_channel"].value_counts().tolist() == [20, 20, 20]
-
-
-def test_sobol_is_balanced_in_halves():
-    table = expand(
-        group(
-            design="sobol",
-            runs=64,
-            faults=[{**FAULT, "site": "tau_d", "value": {"uniform": [0.0, 1.0]}}],
-        )
-    )
-    assert (table["fault0_value"] < 0.5).sum() == 32
-
-
-def test_uniform_whole_numbers_include_both_ends():
-    table = expand(
-        group(design="random", runs=400, faults=[{**FAULT, "value": {"uniform": [-1, 2]}}])
-    )
-    counts = table["fault0_value"].value_counts()
-    assert sorted(counts.index) == [-1.0, 0.0, 1.0, 2.0] and counts.min() > 60
-
-
 @pytest.mark.parametrize("axis", ["end", [5, "end"], {"choice": [5, "end"]}])
 @pytest.mark.parametrize("kind", ["grid", "lhs"])
 def test_until_the_end(axis, kind):
@@ -242,12 +193,6 @@ def test_run_id_depends_on_what_decides_the_run(name, same):
     assert bool(one["run_id"][0] == other["run_id"][0]) is same
 
 
-def test_run_id_ignores_group_and_place_but_tells_copies_apart():
-    twice = expand(group("a"), group("b"))
-    assert twice["run_id"][0] == expand(group("z"))["run_id"][0]
-    assert twice["run_id"].is_unique
-
-
 def test_run_id_hashes_the_recording(tmp_path):
     path = tmp_path / "m.csv"
     ids = []
@@ -255,50 +200,6 @@ def test_run_id_hashes_the_recording(tmp_path):
         path.write_text(content)
         ids.append(expand(group(), operator={"file": str(path)})["run_id"][0])
     assert ids[0] != ids[1]
-
-
-def test_canonical_form_of_what_an_effect_does_not_use():
-    fault = {**FAULT, "effect": ["stuck", "periodic"], "value": [1, 1], "period_ms": [9, 9]}
-    table = expand(group(design="zip", faults=[fault]))
-    assert table["fault0_value"].isna().tolist() == [True, False]
-    assert table["fault0_period_ms"].tolist() == [0, 9]
-
-
-def test_fault_free_rows_are_empty():
-    table = expand({"name": "free"}, group())
-    first = table.iloc[0]
-    assert (
-        first["fault0_site"] == ""
-        and first["fault0_duration_ms"] == 0
-        and math.isnan(first["fault0_value"])
-    )
-    assert table["group"].tolist() == ["free", "g"]
-
-
-def test_every_channel():
-    table = expand(group(faults=[{**FAULT, "channel": "*"}]))
-    assert table["fault0_channel"].tolist() == [
-        "shoulder",
-        "elbow",
-        "insertion",
-        "tool_roll",
-        "wrist",
-        "grasp1",
-        "grasp2",
-    ]
-
-
-def test_network_effects_name_their_channel():
-    fault = {
-        "site": "network",
-        "effect": ["drop", "duplicate", "delay"],
-        "value": 20,
-        "start_ms": 5,
-        "duration_ms": 9,
-    }
-    table = expand(group(faults=[fault]))
-    assert table["fault0_channel"].tolist() == ["lost", "lag", "delay"]
-    assert table["fault0_value"].isna().tolist() == [True, True, False]
 
 
 def test_arm_is_implied_with_one_arm_and_asked_for_with_two():
@@ -372,47 +273,3 @@ def test_to_say_that_words_wrap_changes_no_run():
     plain, said = expand(group()), expand(group(), campaign={"name": "x", "dac_words": "wrap"})
     other = expand(group(), campaign={"name": "x", "dac_words": "saturate"})
     assert plain["run_id"][0] == said["run_id"][0] != other["run_id"][0]
-
-
-@settings(max_examples=30, deadline=None)
-@given(VALUES, st.integers(1, 5), st.sampled_from(["grid", "random", "zip"]))
-def test_count_is_the_number_of_rows(values, runs, kind):
-    keys = {"runs": runs} if kind == "random" else {}
-    faults = [{**FAULT, "value": values, "duration_ms": {"uniform": [1, 9]}}]
-    config = loading.from_dict(
-        {**BASE, "group": [group(design=kind, faults=faults, repeats=2, **keys), {"name": "free"}]}
-    )
-    assert design.count(config) == len(design.expand(config))
-
-
-def test_repeats_of_drawn_rows_in_a_grid_draw_anew():
-    table = expand(
-        group(repeats=4, faults=[{**FAULT, "value": [1, 2], "start_ms": {"uniform": [0, 2999]}}])
-    )
-    assert table["seed"].tolist() == [0, 1, 2, 3] * 2
-    assert table["fault0_start_ms"].nunique() == 8
-
-
-def test_repeats_of_a_sample_keep_it_and_change_the_seed():
-    table = expand(
-        group(
-            design="random",
-            runs=3,
-            repeats=2,
-            faults=[{**FAULT, "value": {"uniform": [-9999, 9999]}}],
-        ),
-        campaign={"name": "x", "noise": True},
-    )
-    assert table["seed"].tolist() == [0, 1] * 3
-    pairs = table["fault0_value"].to_numpy().reshape(3, 2)
-    assert (pairs[:, 0] == pairs[:, 1]).all()
-
-
-def test_large_grids_are_itertools_product():
-    lists = [list(range(1, 6)), list(range(1, 8)), list(range(1, 4))]
-    faults = [{**FAULT, "value": lists[0], "start_ms": lists[1], "duration_ms": lists[2]}]
-    table = expand(group(faults=faults))
-    columns = ["fault0_value", "fault0_start_ms", "fault0_duration_ms"]
-    assert list(table[columns].itertuples(index=False, name=None)) == list(
-        itertools.product(*lists)
-    )

@@ -178,7 +178,7 @@ FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwr
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=150)
 @given(campaigns())
 @example(
     {
@@ -193,17 +193,6 @@ FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwr
     }
 )
 def test_columns_are_those_written_out_row_by_row(campaign):
-    compare(campaign)
-
-
-@pytest.mark.slow
-@settings(max_examples=400)
-@given(campaigns())
-def test_columns_of_many_more_campaigns(campaign):
-    compare(campaign)
-
-
-def compare(campaign):
     """Also of campaigns that `copies` refuses: that some runs are alike is no reason to expand
     them wrongly.
     """

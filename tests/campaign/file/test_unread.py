@@ -18,7 +18,6 @@ from ravenjax.engines.xla import engine as scan
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.campaign.program import DELAY, NOISE_KEY, PACKET_KEY, PACKETS
-from ravenjax.robots.raven2.campaign.unread import UNREAD
 from ravenjax.robots.raven2.loop import run
 
 KINDS = ("steps", "derivative_sum", "tip_error", "overdrive")
@@ -69,11 +68,12 @@ def test_what_nothing_reads_is_refused(campaign):
         }
     )
     ready = plan.make(config)
-    refused = {row.path for row in UNREAD if row.where(config.campaign) and not row.component}
-    components = {
-        f"{row.path}.{row.component}"
-        for row in UNREAD
-        if row.where(config.campaign) and row.component
+    components = {"control.overdrive.dac_max.grasp2"}
+    refused = {
+        path
+        for path, quantity in bounds.rows(ROBOT)
+        if quantity.read_when
+        and getattr(config.campaign, quantity.read_when[0]) != quantity.read_when[1]
     }
     silent = {NOISE_KEY, *ROBOT.noise} if not config.campaign.noise else set()
     idle = without_influence(ready) - {DELAY, PACKETS}  # which are read where they are varied

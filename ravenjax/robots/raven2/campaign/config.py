@@ -9,25 +9,28 @@ from typing import Any
 
 from pydantic import Field, model_validator
 
+from ravenjax.campaign.file import bounds
+from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.campaign.file.semantics import parameter_tables
 from ravenjax.errors import UserError
 from ravenjax.parts import part
-from ravenjax.robots.raven2.campaign import older_packets, population, semantics, unread
-from ravenjax.robots.raven2.campaign.controller import OwnStages
+from ravenjax.robots.raven2.campaign import older_packets, semantics
 from ravenjax.robots.raven2.campaign.sections import (
     HARD_RANGES,
     Hand,
     Limits,
     Operator,
+    OwnStages,
     RavenCampaign,
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
+from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
 from ravenjax.robots.raven2.sites import USB_SITE
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
@@ -57,7 +60,11 @@ class RavenConfig(CampaignConfig):
         """
         if self.campaign.kinematic_errors == "measured":
             crossed = self.cross.keys() | {path for group in self.group for path in group.cross}
-            axes = population.axes(self.campaign.arms).items()
+            axes = {
+                f"plant.{arm}.kinematic_errors.{path}": Axis(kind="normal", values=(0.0, deviation))
+                for arm in self.campaign.arms
+                for path, deviation in MEASURED.items()
+            }.items()
             self.parameters.update(
                 {p: axis for p, axis in axes if p not in crossed | self.parameters.keys()}
             )
@@ -226,7 +233,16 @@ class RavenConfig(CampaignConfig):
         """Why nothing reads the parameter of that path in this campaign; "" where something
         does.
         """
-        return unread.why(path, self.campaign)
+        if path == "control.overdrive.dac_max.grasp2":
+            return "nothing reads it: the original's check never looks at grasp2"
+        for quantity in bounds.of(self.robot, path):
+            key, value = quantity.read_when or ("", "")
+            if key and getattr(self.campaign, key) != value:
+                return (
+                    f"nothing reads it but with {key} = {value!r}: remove it, or set that in"
+                    " [campaign]"
+                )
+        return ""
 
     def says_beyond(self, fault: Fault) -> bool:
         """Whether values beyond 16 bits are meant: by `wraps`, or at USB words by `dac_words`."""

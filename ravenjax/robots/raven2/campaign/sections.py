@@ -1,5 +1,5 @@
 """Sections of a Raven-II's campaign file: keys of [campaign], and [operator], [limits],
-[reaction], [hand].
+[reaction], [hand], [controller].
 """
 
 from __future__ import annotations
@@ -13,20 +13,19 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     BeforeValidator,
     Field,
-    SerializerFunctionWrapHandler,
     ValidationInfo,
     field_validator,
-    model_serializer,
     model_validator,
 )
 
 from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.group import Section
+from ravenjax.campaign.file.section import Section
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.errors import shown, suggestion
 from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.loop.replaced import STAGES
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
 from ravenjax.vocabulary import packets
@@ -402,22 +401,9 @@ class Operator(Section):
 
     def located(self, folder: Path) -> Operator:
         """Itself, its files taken from `folder`, that of the hands known by its content."""
-        there = self.model_copy(
-            update={"file": None if self.file is None else (folder / self.file).absolute()}
-        )
-        if self.hands is None:
-            return there
-        there = there.model_copy(update={"hands": (folder / self.hands).absolute()})
-        source = there.own
-        assert source is not None
-        return there.model_copy(update={"hands_sha256": part.digest(source)})
-
-    @model_serializer(mode="wrap")
-    def _without_hands(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """An operator who follows the plan says nothing of files for it."""
-        content = handler(self)
-        of_hands = () if self.hands is not None else ("hands", "hands_sha256")
-        return {key: value for key, value in content.items() if key not in of_hands}
+        there = own_part.located(self, folder, "operator", "hands", "hands", "hands_sha256")
+        file = None if self.file is None else (folder / self.file).absolute()
+        return there.model_copy(update={"file": file})
 
     @property
     def label(self) -> str:
@@ -509,3 +495,53 @@ class Hand(Section):
         le=1e3,
         description="force per device unit of the cue, N; no source says it, assumed",
     )
+
+
+class OwnStages(Section):
+    """[controller]: a Python file of your own in place of a stage; its parameters are
+    control.own.STAGE...
+    """
+
+    motor_control: Path | None = Field(
+        default=None,
+        description=(
+            "a file whose step gives (state, tau_d): desired torques from desired motor positions"
+        ),
+    )
+    dac: Path | None = Field(
+        default=None,
+        description="a file whose step gives (state, current_cmd): DAC counts from desired torques",
+    )
+    sha256: dict[str, str] = Field(
+        default_factory=dict,
+        description=f"stage = of that file {own_part.CONTENT}",
+    )
+
+    @model_validator(mode="after")
+    def _some(self) -> OwnStages:
+        if not list(self.files()):
+            raise ValueError(
+                f'replaces nothing: write {" or ".join(STAGES)} = "file.py", or remove the section'
+            )
+        if strays := [stage for stage in self.sha256 if stage not in dict(self.files())]:
+            raise ValueError(f"sha256 has {strays[0]!r}, which is not replaced: remove it")
+        return self
+
+    def files(self) -> Iterator[tuple[str, Path]]:
+        """(stage, file) of those that are replaced, in the order of the tick."""
+        for stage in STAGES:
+            if (file := getattr(self, stage)) is not None:
+                yield stage, file
+
+    def parts(self) -> Iterator[tuple[str, OwnSource]]:
+        """(stage, code). Raises UserError for a file that is unusable or changed."""
+        for stage, file in self.files():
+            yield stage, own_part.source(stage, file, self.sha256.get(stage), "stage")
+
+    def located(self, folder: Path) -> OwnStages:
+        """Itself, its files taken from `folder` and known by their content."""
+        there = self.model_copy(
+            update={stage: folder.absolute() / file for stage, file in self.files()}
+        )
+        hashes = {stage: part.digest(source) for stage, source in there.parts()}
+        return there.model_copy(update={"sha256": hashes})

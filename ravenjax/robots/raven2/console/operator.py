@@ -41,7 +41,13 @@ class OperatorParams:
     ]
     start_position: Annotated[
         tuple[Vec, ...],
-        Quantity("um", -1e6, 1e6, "tip where an absolute console starts, in frame 0"),
+        Quantity(
+            "um",
+            -1e6,
+            1e6,
+            "tip where an absolute console starts, in frame 0",
+            read_when=("console", "absolute"),
+        ),
     ]
     start_quat: Annotated[  # x, y, z, w
         tuple[Vec, ...],
@@ -51,11 +57,18 @@ class OperatorParams:
             1,
             "tip rotation where an absolute console starts, in frame 0",
             why="component of a unit quaternion",
+            read_when=("console", "absolute"),
         ),
     ]
     start_grasp: Annotated[
         tuple[Scalar, ...],
-        Quantity("mrad", -6300, 6300, "jaw opening where an absolute console starts"),
+        Quantity(
+            "mrad",
+            -6300,
+            6300,
+            "jaw opening where an absolute console starts",
+            read_when=("console", "absolute"),
+        ),
     ]
     own: Any = None  # of a file in place of the operator, under `hands`
 

@@ -47,6 +47,7 @@ class PlantParams:
             1e7,
             "tension above which each cable is overloaded",
             why="a cable carries something",
+            read_when=("parameter_set", "power_consistent"),
         ),
     ]
     link_coulomb: Annotated[

@@ -60,6 +60,7 @@ class OverdriveParams:
             "overdrive policy: 0 no_regulation, 1 soft_regulation (clips), 2 hard_regulation (stops"
             " after ten)",
             whole=True,
+            read_when=("software", "raven2"),
         ),
     ]
     dac_max: Annotated[  # 7, int32; that of grasp2 is unused, as in the original

@@ -38,13 +38,37 @@ NO_PACKET_SEQUENCE = 111
 @record
 class TeleoperationParams:
     grasp_gain: Annotated[  # raven2: local_io.cpp
-        Scalar, Quantity("", -100, 100, "jaw opening per grasp increment of a packet", whole=True)
+        Scalar,
+        Quantity(
+            "",
+            -100,
+            100,
+            "jaw opening per grasp increment of a packet",
+            whole=True,
+            read_when=("console", "increments"),
+        ),
     ]
     grasp_min_mrad: Annotated[
-        Scalar, Quantity("mrad", -6300, 6300, "smallest jaw opening", whole=True)
+        Scalar,
+        Quantity(
+            "mrad",
+            -6300,
+            6300,
+            "smallest jaw opening",
+            whole=True,
+            read_when=("console", "increments"),
+        ),
     ]
     grasp_max_mrad: Annotated[
-        Scalar, Quantity("mrad", -6300, 6300, "largest jaw opening", whole=True)
+        Scalar,
+        Quantity(
+            "mrad",
+            -6300,
+            6300,
+            "largest jaw opening",
+            whole=True,
+            read_when=("console", "increments"),
+        ),
     ]
     timeout_ticks: Annotated[  # raven2: local_io.cpp
         Scalar,

@@ -1,0 +1,45 @@
+__version__: str
+__all__: list[str]
+
+from ravenjax.api import calibrate_monitor as calibrate_monitor
+from ravenjax.api import check_monitor as check_monitor
+from ravenjax.api import counterfactual as counterfactual
+from ravenjax.api import explain as explain
+from ravenjax.api import load_campaign as load_campaign
+from ravenjax.api import open_results as open_results
+from ravenjax.api import run as run
+from ravenjax.api import simulate as simulate
+from ravenjax.campaign.file.config import CampaignConfig as CampaignConfig
+from ravenjax.campaign.file.group import Fault as Fault
+from ravenjax.campaign.file.group import Group as Group
+from ravenjax.campaign.file.group import Run as Run
+from ravenjax.campaign.file.sections import Detector as Detector
+from ravenjax.campaign.file.sections import Haptics as Haptics
+from ravenjax.campaign.file.sections import Outcomes as Outcomes
+from ravenjax.campaign.file.sections import OwnCheck as OwnCheck
+from ravenjax.campaign.file.sections import Stop as Stop
+from ravenjax.errors import StoreError as StoreError
+from ravenjax.errors import UserError as UserError
+from ravenjax.notebook.axes import choice as choice
+from ravenjax.notebook.axes import loguniform as loguniform
+from ravenjax.notebook.axes import normal as normal
+from ravenjax.notebook.axes import phase as phase
+from ravenjax.notebook.axes import together as together
+from ravenjax.notebook.axes import uniform as uniform
+from ravenjax.notebook.campaign import Campaign as Campaign
+from ravenjax.notebook.results import CampaignResults as CampaignResults
+from ravenjax.numbers.setup import Precision as Precision
+from ravenjax.robots.raven2.campaign.sections import Hand as Hand
+from ravenjax.robots.raven2.campaign.sections import Limits as Limits
+from ravenjax.robots.raven2.campaign.sections import Operator as Operator
+from ravenjax.robots.raven2.campaign.sections import OwnStages as OwnStages
+from ravenjax.robots.raven2.campaign.sections import Reaction as Reaction
+from ravenjax.robots.raven2.campaign.sections import Start as Start
+from ravenjax.robots.raven2.console.packet import Packet as Packet
+from ravenjax.robots.raven2.geometry.arrays import forward_kinematics as forward_kinematics
+from ravenjax.robots.raven2.geometry.arrays import gravity_torque as gravity_torque
+from ravenjax.robots.raven2.geometry.arrays import inverse_kinematics as inverse_kinematics
+from ravenjax.robots.raven2.geometry.arrays import joint_from_motor as joint_from_motor
+from ravenjax.robots.raven2.geometry.arrays import motor_from_joint as motor_from_joint
+from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot as VirtualRobot
+from ravenjax.robots.raven2.software.control_software import ControlSoftware as ControlSoftware

@@ -1,0 +1,85 @@
+"""A table of a campaign file as a pydantic model, which Python may also make by itself."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from types import NoneType
+from typing import TYPE_CHECKING, Any, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from ravenjax.campaign.file import location
+
+
+class _SectionClass(type(BaseModel)):
+    """Lets Python make a table from NumPy's values, too, and tells what is wrong as of a file."""
+
+    if not TYPE_CHECKING:
+
+        def __call__(cls, **keys: Any) -> Any:
+            try:
+                return super().__call__(**toml_value(keys))
+            except ValidationError as error:
+                complaints = [
+                    (one["loc"], location.message(one, model_at(cls, one["loc"][:-1])))
+                    for one in error.errors()
+                ]
+            where = location.Where(None, {}, [])
+            raise where.error(((cls.__name__, *key), text) for key, text in complaints)
+
+
+class Section(BaseModel, metaclass=_SectionClass):
+    """A table of the file: frozen, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _true_is_no_number(cls, raw: Any) -> Any:
+        """Pydantic takes true for 1 where a number is asked for; a word it refuses, and says
+        where it stands.
+        """
+        if not isinstance(raw, dict):
+            return raw
+        return raw | {
+            name: str(raw[name]).lower()
+            for name, field in cls.model_fields.items()
+            if isinstance(raw.get(name), bool)
+            and {*(get_args(field.annotation) or (field.annotation,))} <= {int, float, NoneType}
+        }
+
+
+def toml_value(value: Any) -> Any:
+    """A value as TOML has it: lists for arrays, tuples and ranges, no key that is None.
+
+    What TOML cannot hold stays, for others to refuse.
+    """
+    if isinstance(value, Section):
+        return value.model_dump(mode="json", exclude_unset=True)
+    if isinstance(value, Mapping):
+        return {key: toml_value(one) for key, one in value.items() if one is not None}
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    # numbers and arrays of NumPy and pandas
+    if hasattr(value, "tolist"):
+        return toml_value(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
+        return [toml_value(one) for one in value]
+    return value
+
+
+def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
+    """The model of the table at a key of a table of `model`."""
+    for part in key:
+        if isinstance(part, str) and part in model.model_fields:
+            model = next(models_in(model.model_fields[part].annotation), model)
+    return model
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models of tables that an annotation names."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from models_in(inner)
