@@ -328,19 +328,11 @@ def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
 
 def require_version(path: Path, version: int) -> None:
     """StoreError where `path` was written with another schema than this reader knows."""
-    if version not in (schema.VERSION, *schema.OLDER):
-        way = (
-            "upgrade ravenjax"
-            if version > schema.VERSION
-            else "run the campaign again into another folder"
-        )
-        since = "".join(
-            f" Since {one}, {what}." for one, what in schema.CHANGES.items() if one > version
-        )
+    if version != schema.VERSION:
         raise ForeignPart(
-            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}.{since} The"
-            " file is fine: read it with the ravenjax that wrote it (versions in manifest.json),"
-            f" or {way}."
+            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file"
+            " is fine: read it with the ravenjax that wrote it (versions in manifest.json), or"
+            " upgrade ravenjax."
         )
 
 

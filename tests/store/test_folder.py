@@ -4,7 +4,6 @@ nothing lost.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import stat
@@ -366,35 +365,6 @@ def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
         StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads 0"
     ):
         parts.read(a_part(tmp_path))
-
-
-def test_older_schema_is_refused_with_what_to_do(tmp_path):
-    fill(tmp_path, chunk=40)
-    path = tmp_path / "manifest.json"
-    path.write_text(
-        path.read_text().replace(f'"schema_version": {schema.VERSION}', '"schema_version": 1')
-    )
-    with pytest.raises(StoreError, match=r"has result schema 1; .*run the campaign again"):
-        read_all(tmp_path)
-
-
-def test_version_5_is_read_without_trips_of_golden_runs(tmp_path, monkeypatch):
-    """Its columns are those of version 6 but for these, and its manifest says nothing of them."""
-    form = dataclasses.replace(synthetic.shape(), golden_checks=False)
-    names = [column.name for column in schema.columns(form)]
-    schema.arrow_schema.cache_clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(schema, "VERSION", 5)
-        folder = ResultFolder.open(tmp_path, wanted(schema_version=5, shape=form))
-        folder.add(FRAME[names])
-        folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
-    schema.arrow_schema.cache_clear()
-    path = tmp_path / "manifest.json"
-    record = json.loads(path.read_text())
-    del record["shape"]["golden_checks"], record["shape"]["stops"]
-    path.write_text(json.dumps(record))
-    assert list(read_all(tmp_path).columns) == names
-    assert manifests.read(tmp_path).shape == form and manifests.read(tmp_path).schema_version == 5
 
 
 def test_foreign_parquet_is_refused(tmp_path):

@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Mapping
 from types import NoneType
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -68,14 +67,6 @@ class Section(BaseModel):
     """A table of the file: frozen, unknown keys refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
-    former: ClassVar[Mapping[str, str]] = {}  # former name of a key -> its name
-
-    @model_validator(mode="before")
-    @classmethod
-    def _names_are_the_present_ones(cls, raw: Any) -> Any:
-        for name in cls.former.keys() & raw.keys() if isinstance(raw, dict) else ():
-            raise ValueError(f"key {name!r} is now called {cls.former[name]!r}: write that")
-        return raw
 
     @model_validator(mode="before")
     @classmethod

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import (
     BeforeValidator,
@@ -236,7 +235,6 @@ class Detector(Section):
     threshold: _Numbers = Field(
         default=(1.0,), description="alarm above it; all evaluated in the same run"
     )
-    former: ClassVar[Mapping[str, str]] = {"level": "threshold"}
 
     @model_validator(mode="after")
     def _fits(self) -> Detector:
@@ -315,8 +313,6 @@ class Detector(Section):
 def _rate(raw: Any) -> Any:
     """The name of an event; ValueError where it is none, with what to write instead."""
     if isinstance(raw, str) and raw not in events.EVENTS:
-        if raw in events.FORMER:
-            raise ValueError(f"got {raw!r}, which is now called {events.FORMER[raw]!r}: write that")
         raise ValueError(
             f"got {raw!r}, expected one of"
             f" {', '.join(events.EVENTS)}{suggestion(raw, events.EVENTS)}"

@@ -13,8 +13,7 @@ response hazards = ["B27"]                  # ids and layers of the hazard libra
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -89,7 +88,6 @@ class ContactSection(Section):
 class Harm(Section):
     """[harm]: the limits beyond which a hazard has done harm."""
 
-    former: ClassVar[Mapping[str, str]] = {"stray_mm": "excursion_mm"}
     excursion_mm: float = Field(
         default=10.0,  # farther than the cue, so that who waits for the cue has time to act
         gt=0.0,

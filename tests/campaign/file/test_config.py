@@ -658,10 +658,3 @@ def test_lines_of_keys():
     assert found["group[2].fault[0].site"] == 28
     assert found["group[2].fault[1].a.b"] == 30
     assert location.nearest(found, ("group", 2, "fault", 1, "nowhere")) == 29
-
-
-def test_a_former_key_is_told_its_name(write) -> None:
-    text = GOOD + '\n[[detector]]\nname = "d"\nkind = "tip_error"\nlevel = 3\n'
-    assert "detector[0]: key 'level' is now called 'threshold': write that" in complaint(
-        write(text)
-    )

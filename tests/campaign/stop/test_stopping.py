@@ -136,11 +136,6 @@ def test_rules_are_the_campaigns():
             "stop.rates[0]",
             "got 'evade', expected one of evades, evades_built_in,",
         ),
-        (
-            {"rates": ["harm"]},
-            "stop.rates[0]",
-            "got 'harm', which is now called 'unintended_motion': write that",
-        ),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
         ({"rates": []}, "stop.rates", "at least 1"),
         ({"looks": [0.5, 0.2]}, "stop", "looks = [0.5, 0.2], expected increasing shares"),
