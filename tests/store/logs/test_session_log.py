@@ -14,11 +14,10 @@ from scipy.spatial.transform import Rotation
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import arrays
-from ravenjax.store.logs import recover
+from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.store.logs.session import words as session_words
-from ravenjax.store.motion import mcap_file
+from ravenjax.store.motion import bag_file
 from ravenjax.train.protocol.frame import FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
@@ -84,8 +83,8 @@ def test_damage_at_its_head_costs_no_row(written, rows, tmp_path):
     log = session_log.read(damaged)
     assert log.names == LAYOUT.names() and log.header == HEADER and log.lost_bytes
     np.testing.assert_array_equal(log.rows, rows[np.r_[0:60, 70:T]])
-    recover.recover(damaged)
-    assert session_log.read(recover.recovered_path(damaged)).header == HEADER
+    mcap_records.recover(damaged)
+    assert session_log.read(mcap_records.recovered_path(damaged)).header == HEADER
 
 
 EVERY = [*range(0, 60, 10), *range(70, T, 10)]
@@ -212,11 +211,11 @@ def test_metadata_tell_sessions_apart(log):
     ],
 )
 def test_events_in_words(event, level, words):
-    assert (session_words.level(event), session_words.text(event)) == (level, words)
+    assert (session_log.event_level(event), session_log.event_text(event)) == (level, words)
 
 
 def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
-    track = mcap_file.read(written, ("gold", "green"), None)
+    track = bag_file.read_track(written, ("gold", "green"), None)
     gold, green = track.arms["gold"], track.arms["green"]
     every = [*range(0, 60, 10), *range(70, T, 10)]
     np.testing.assert_allclose(gold.time_s, np.array(every) * 1e-3, rtol=0.0, atol=1e-12)

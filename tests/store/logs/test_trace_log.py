@@ -251,57 +251,6 @@ def test_wrench_and_signals(log, series):
     )
 
 
-def test_schemas_are_put_together_as_rosbag2_does(log):
-    assert (
-        log.schemas["tf2_msgs/msg/TFMessage"]
-        == f"""geometry_msgs/TransformStamped[] transforms
-
-{RULE}
-MSG: geometry_msgs/TransformStamped
-std_msgs/Header header
-string child_frame_id
-Transform transform
-
-{RULE}
-MSG: geometry_msgs/Transform
-Vector3 translation
-Quaternion rotation
-
-{RULE}
-MSG: geometry_msgs/Quaternion
-float64 x 0
-float64 y 0
-float64 z 0
-float64 w 1
-
-{RULE}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-
-{RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-
-{RULE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-    )
-    assert log.schemas["std_msgs/msg/String"] == "string data\n"
-    parts = log.schemas["geometry_msgs/msg/PoseStamped"].split(f"\n{RULE}\n")
-    assert [part.splitlines()[0] for part in parts[1:]] == [
-        "MSG: geometry_msgs/Pose",
-        "MSG: geometry_msgs/Point",
-        "MSG: geometry_msgs/Quaternion",
-        "MSG: std_msgs/Header",
-        "MSG: builtin_interfaces/Time",
-    ]
-
-
 def test_chunks_are_small_and_the_file_the_same_each_time(path, series, tmp_path):
     with open(path, "rb") as file:
         summary = make_reader(file).get_summary()

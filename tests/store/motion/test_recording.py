@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.logs.trace import log
-from ravenjax.store.motion import mcap_file
+from ravenjax.store.motion import bag_file
 from ravenjax.store.motion import recording as recordings
 from ravenjax.store.motion.options import ReplayOptions
 
@@ -148,7 +148,7 @@ def test_a_trace_is_a_recording(tmp_path, parquet):
     assert one.summary.clock == "header stamps of /arm1/setpoint_cp"
     assert one.summary.read == ("/arm1/setpoint_cp", "/arm1/setpoint_js")
     assert one.summary.ignored == ("/arm1/measured_cp", "/arm1/measured_js", "/tf")
-    track = mcap_file.read(path, ("gold",), None)
+    track = bag_file.read_track(path, ("gold",), None)
     assert track.arms["gold"].opening_mrad[0] == pytest.approx(1500.0)
     refused(path, "no topic /arm2/setpoint_cp or /arm2/measured_cp", arms=("gold", "green"))
 
