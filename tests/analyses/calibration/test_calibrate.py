@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import virtual_log
 from scipy.stats import binom
 
-from ravenjax.analyses.calibration import drawing, parameters, position_loop, tables, virtual_log
+from ravenjax.analyses.calibration import drawing, parameters, position_loop, tables
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration
 from ravenjax.analyses.calibration.fit import Fit
 from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
-from ravenjax.analyses.calibration.sampling import ReplayEffort
 from ravenjax.cli import calibration
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec, replace
@@ -110,7 +110,7 @@ def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
     fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
     coulomb = Vec((0.02, 0.08, 0.0, 0.03, 0.0, 0.0, 0.0))
     plant = replace(PLANT, actuators=replace(PLANT.actuators, coulomb=coulomb))
-    return Calibration(FRICTION, position_loop.params(plant), fit, ReplayEffort(0, 0.0))
+    return Calibration(FRICTION, position_loop.params(plant), fit)
 
 
 def test_intervals_are_of_the_belief_after() -> None:

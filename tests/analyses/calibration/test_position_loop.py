@@ -7,6 +7,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+import virtual_log
 
 from ravenjax.analyses.calibration import (
     parameters,
@@ -14,7 +15,6 @@ from ravenjax.analyses.calibration import (
     replay,
     replay_loop,
     replays,
-    virtual_log,
 )
 from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.numbers.vec import Vec, replace
