@@ -278,9 +278,7 @@ def read(folder: Path) -> Manifest:
     if isinstance(version, int):
         require_version(path, version)
     try:
-        manifest = Manifest.model_validate(data)
-        listed = recorded(folder)
-        return manifest if listed is None else manifest.model_copy(update={"parts": listed})
+        return Manifest.model_validate(data).model_copy(update={"parts": recorded(folder)})
     except pydantic.ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(item) for item in first["loc"]) or "top level"
@@ -293,13 +291,11 @@ _RESTORE = (
 )
 
 
-def recorded(folder: Path) -> tuple[Part, ...] | None:
-    """Parts that `record` listed, up to the first line that is not whole; None where there is no
-    list.
-    """
+def recorded(folder: Path) -> tuple[Part, ...]:
+    """Parts that `record` listed, up to the first line that is not whole."""
     path = folder / PARTS_FILE
     if not path.exists():
-        return None
+        return ()
     try:
         lines = path.read_bytes().splitlines(keepends=True)
     except OSError as error:

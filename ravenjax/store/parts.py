@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import StoreError
-from ravenjax.store import arrow_arrays, schema, words
+from ravenjax.store import schema, words
 from ravenjax.store.files import sha256, write_aside
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> En
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     """As `encode`, of rows that `schema.conform` returned."""
-    index = arrow_arrays.plain(table.column("index").chunks)
+    index = words.numpy_numbers(table.column("index").chunks)
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(

@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from ravenjax import robots
 from ravenjax.errors import StoreError
-from ravenjax.store import arrow_arrays, words
+from ravenjax.store import words
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
@@ -512,7 +512,7 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
             if isinstance(values, pa.StringArray) and not values.null_count:
                 return values
             return pa.array(values, pa.string(), from_pandas=True).fill_null("")
-        array = arrow_arrays.numbers(_narrowed(np.asarray(values), field.type))
+        array = words.arrow_numbers(_narrowed(np.asarray(values), field.type))
         if array is None:
             array = pa.array(np.asarray(values), from_pandas=False)
         if array.null_count:

@@ -7,7 +7,7 @@ import pytest
 import virtual_log
 from scipy.stats import binom
 
-from ravenjax.analyses.calibration import drawing, parameters, position_loop, tables
+from ravenjax.analyses.calibration import drawing, parameters, position_loop
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration
 from ravenjax.analyses.calibration.fit import Fit
 from ravenjax.analyses.calibration.log import JointLog
@@ -97,14 +97,6 @@ def test_what_is_asked_can_be_chosen() -> None:
         parameters.unknowns((0,), ("frictions",))
 
 
-def test_a_delay_is_in_the_robot_only_where_it_is_asked_for() -> None:
-    assert parameters.believed(PLANT, FRICTION).command_delay == 0.0
-    assert (
-        parameters.believed(PLANT, parameters.unknowns((0,))).command_delay
-        == parameters.USUAL_DELAY_MS
-    )
-
-
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
     """Without a replay."""
     fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
@@ -130,17 +122,6 @@ def test_what_a_log_tells_only_together_is_named() -> None:
     covariance = np.array([[0.04, 0.0, -0.09], [0.0, 0.01, 0.01], [-0.09, 0.01, 0.25]])
     (pair,) = fitted(covariance, np.zeros(3)).confounded
     assert pair == ("motor_friction.shoulder", "motor_friction.tool_roll", pytest.approx(-0.9))
-
-
-def test_what_was_unlikely_before_the_log_is_named() -> None:
-    calibrated = fitted(np.eye(3), np.array([2.9, -3.5, 0.0]))
-    assert calibrated.unlikely == [("motor_friction.elbow", -3.5)]
-
-
-def test_the_table_tells_value_interval_and_what_is_left() -> None:
-    rows = tables.parameters("", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3))).cells
-    assert rows[0] == ("motor_friction.shoulder", "0.02", "0.02", "0.017", "0.0236", "0.10")
-    assert rows[2][-1] == "1.00 (not told)"
 
 
 def test_pictures_are_written(tmp_path) -> None:
