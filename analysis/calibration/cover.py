@@ -13,8 +13,9 @@ import collections
 import sys
 
 import numpy as np
+import virtual_log
 
-from ravenjax.analyses.calibration import parameters, virtual_log
+from ravenjax.analyses.calibration import parameters
 from ravenjax.analyses.calibration.calibrate import NORMAL_90
 from ravenjax.campaign.inspection.reference import markdown_table
 from ravenjax.robots.raven2.plant import robot
@@ -38,7 +39,7 @@ def main(logs: int = 20, seconds: float = 14.0) -> None:
             inside[unknown.name].append(bool(hit))
             left[unknown.name].append(float(spread))
         print(
-            f"log {seed}: {of_logs[-1]} of {len(wanted)}, {one.effort.replays} replays",
+            f"log {seed}: {of_logs[-1]} of {len(wanted)}",
             file=sys.stderr,
             flush=True,
         )

@@ -20,8 +20,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import virtual_log
 
-from ravenjax.analyses.calibration import fit, parameters, replay_loop, replays, virtual_log
+from ravenjax.analyses.calibration import fit, parameters, replay_loop, replays
 from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.analyses.calibration.position_loop import LoopParams

@@ -41,9 +41,6 @@ def calibrate(
     ] = None,
     ask: Annotated[str, Parameter(help="what the log is asked for, a comma between")] = EVERYTHING,
     draws: Annotated[int, Parameter(help="robots that are written")] = 200,
-    sampling: Annotated[
-        int, Parameter(help="replays of each of three samplers, to compare with the fit")
-    ] = 0,
 ) -> None:
     """Find your robot's parameters in a log of its joints, and write robots that a campaign can
     draw from.
@@ -85,8 +82,6 @@ def calibrate(
     wanted = parameters.unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
     calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
     _show(logged, calibrated, {"before": calibrated.base, "calibrated": calibrated.robot})
-    if sampling:
-        _show_searches(logged, calibrated, sampling)
     values = parameters.values(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
     write_aside(
@@ -100,16 +95,6 @@ def calibrate(
     drawing.intervals(pictures[1], calibrated)
     console.say(f'robots: {out}; in a campaign: [parameters] from = "{out.name}"')
     console.say(f"pictures: {pictures[0]}, {pictures[1]}")
-
-
-def _show_searches(logged: LoggedRobot, calibrated: Calibration, replays: int) -> None:
-    """What sampling finds, and how long it takes to, as a table."""
-    from ravenjax.analyses.calibration import tables
-    from ravenjax.cli import terminal
-
-    title = f"How soon the fit is come near, to {len(calibrated.unknowns)} of its cost"
-    rows = tables.searches(title, calibrated, logged.searched(calibrated, replays))
-    console.out.print(terminal.table(rows.title, rows.columns, rows.cells))
 
 
 def _show(logged: LoggedRobot, calibrated: Calibration, robots: Mapping[str, LoopParams]) -> None:

@@ -363,7 +363,7 @@ def recover(
         session.mcap of a session that was killed.
     """
     from ravenjax.errors import UserError
-    from ravenjax.store.logs import recover as store
+    from ravenjax.store.logs import mcap_records as store
 
     if out is not None and out.exists() and file.exists() and out.samefile(file):
         raise UserError(
@@ -393,9 +393,9 @@ def bag(
     recording
         session.mcap, the folder of a session, or the .mcap of a traced run.
     """
-    from ravenjax.store.logs import bag_writing
+    from ravenjax.store.logs import bags
 
-    _say(str(bag_writing.write(recording, ros, out)))
+    _say(str(bags.write_bag(recording, ros, out)))
 
 
 @log.command

@@ -52,15 +52,11 @@ def beyond_golden_sql(column: str) -> str:
     )
 
 
-def check_ms_sql(name: str, golden: bool = True) -> str:
+def check_ms_sql(name: str) -> str:
     """When a check first did what it does not in the golden run, -1 if never: as
     `verdict.responses`.
-
-    golden: whether the golden run's trips are known; where they are not, every trip counts.
     """
     own = f'"check_{name}_first_ms"'
-    if not golden:
-        return own
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
     sooner = beyond_golden_sql(f"check_{name}_first_ms")
     return (

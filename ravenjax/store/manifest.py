@@ -23,6 +23,7 @@ import pydantic
 from pydantic import BaseModel, ConfigDict, Field
 
 from ravenjax import robots
+from ravenjax.bundled import resources
 from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
@@ -35,30 +36,21 @@ from ravenjax.vocabulary.robot import Robot
 
 FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
-_READERS = (
-    "api.py",
-    "bench",
-    "campaign/executors/carriers",
-    "campaign/inspection",
-    "campaign/progress",
-    "cli",
-    "document",
-    "evidence",
-    "notebook",
-    "report",
-    "robots/raven2/software",
-    "analyses/search",
-    "stats",
-    "store/access",
-    "store/logs",
-    "store/motion/view",
-    "studies",
-    "train",
+_DECIDING = (
+    *("engines/**", "faults/**", "hazards/**", "ir/**", "numbers/**", "outcomes/**", "parts/**"),
+    *("robots/**", "stages/**", "vocabulary/**"),
+    *(
+        "campaign",
+        "campaign/executors",
+        "campaign/faults/**",
+        "campaign/file/**",
+        "campaign/stop/**",
+    ),
+    *("store/consoles", "store/motion"),
 )
-"""What decides no outcome, folder by folder: a change there must not forbid to resume.
+"""Folders whose files decide outcomes, with their subfolders where the name ends in **.
 
-Executors' carriers only carry: what they carry is made in `executors/remote.py`; each part says
-which rows it holds.
+A change elsewhere does not forbid to resume.
 """
 _SHOWN = 60
 """Characters of a value in an error."""
@@ -286,11 +278,7 @@ def read(folder: Path) -> Manifest:
     if isinstance(version, int):
         require_version(path, version)
     try:
-        if version in schema.OLDER and isinstance(data.get("shape"), dict):
-            data["shape"]["golden_checks"] = False
-        manifest = Manifest.model_validate(data)
-        listed = recorded(folder)
-        return manifest if listed is None else manifest.model_copy(update={"parts": listed})
+        return Manifest.model_validate(data).model_copy(update={"parts": recorded(folder)})
     except pydantic.ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(item) for item in first["loc"]) or "top level"
@@ -303,13 +291,11 @@ _RESTORE = (
 )
 
 
-def recorded(folder: Path) -> tuple[Part, ...] | None:
-    """Parts that `record` listed, up to the first line that is not whole; None where there is no
-    list.
-    """
+def recorded(folder: Path) -> tuple[Part, ...]:
+    """Parts that `record` listed, up to the first line that is not whole."""
     path = folder / PARTS_FILE
     if not path.exists():
-        return None
+        return ()
     try:
         lines = path.read_bytes().splitlines(keepends=True)
     except OSError as error:
@@ -408,32 +394,29 @@ def package_versions() -> dict[str, str]:
 
 @functools.cache
 def code_hash(robot: Robot = robots.USUAL) -> str:
-    """sha256 over the Python files that can decide an outcome, names included, as they were when
-    first asked for.
-
-    Those of a robot that lives outside this package count, too.
+    """sha256 over the files that decide an outcome, names included, as they were when first asked
+    for: those of _DECIDING, the robot's module or package, and the files that the robot declares.
     """
     package = Path(__file__).resolve().parents[1]
-    digest, folders = hashlib.sha256(), tuple(f"{reader}/" for reader in _READERS)
-    for path in sorted(package.rglob("*.py")):
-        name = path.relative_to(package).as_posix()
-        if not f"{name}/".startswith(folders):
-            digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
-    for path in _own_files(robot, package):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()
-
-
-def _own_files(robot: Robot, package: Path) -> list[Path]:
-    """Python files of a robot's module, or of its package, where it is not one of ours."""
+    contents = {
+        path.relative_to(package).as_posix(): path
+        for folder in _DECIDING
+        for path in package.glob(f"{folder}/*")
+        if path.suffix != ".pyc" and path.is_file()
+    }
     spec = importlib.util.find_spec(robot.package)
-    if spec is None or spec.origin is None or Path(spec.origin).resolve().is_relative_to(package):
-        return []
-    return (
-        sorted(Path(spec.origin).parent.rglob("*.py"))
-        if spec.submodule_search_locations
-        else [Path(spec.origin)]
-    )
+    module = Path(spec.origin) if spec is not None and spec.origin is not None else Path()
+    if spec is not None and spec.submodule_search_locations:
+        contents |= {f"robot {path.name}": path for path in module.parent.rglob("*.py")}
+    elif module.is_file():
+        contents |= {f"robot {module.name}": module}
+    for name in robot.files:
+        beside = module.parent / name
+        contents[f"robot {name}"] = beside if beside.is_file() else resources.model(name)
+    digest = hashlib.sha256()
+    for name, path in sorted(contents.items()):
+        digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
 
 
 def lock_hash() -> str:

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
 from ravenjax.errors import StoreError
-from ravenjax.store import arrow_arrays, schema, words
+from ravenjax.store import schema, words
 from ravenjax.store.files import sha256, write_aside
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def encode(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> En
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     """As `encode`, of rows that `schema.conform` returned."""
-    index = arrow_arrays.plain(table.column("index").chunks)
+    index = words.numpy_numbers(table.column("index").chunks)
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(
@@ -328,19 +328,11 @@ def _require_known_version(path: Path, metadata: dict[bytes, bytes]) -> None:
 
 def require_version(path: Path, version: int) -> None:
     """StoreError where `path` was written with another schema than this reader knows."""
-    if version not in (schema.VERSION, *schema.OLDER):
-        way = (
-            "upgrade ravenjax"
-            if version > schema.VERSION
-            else "run the campaign again into another folder"
-        )
-        since = "".join(
-            f" Since {one}, {what}." for one, what in schema.CHANGES.items() if one > version
-        )
+    if version != schema.VERSION:
         raise ForeignPart(
-            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}.{since} The"
-            " file is fine: read it with the ravenjax that wrote it (versions in manifest.json),"
-            f" or {way}."
+            f"{path}: has result schema {version}; this ravenjax reads {schema.VERSION}. The file"
+            " is fine: read it with the ravenjax that wrote it (versions in manifest.json), or"
+            " upgrade ravenjax."
         )
 
 

@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from ravenjax import robots
 from ravenjax.errors import StoreError
-from ravenjax.store import arrow_arrays, words
+from ravenjax.store import words
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
@@ -28,26 +28,9 @@ from ravenjax.vocabulary.robot import Robot
 if TYPE_CHECKING:
     import pandas as pd
 
-VERSION = 6
+VERSION = 1
 """Raised whenever a column changes its name, type, unit or meaning; a new column alone does not
 raise it.
-"""
-CHANGES = {
-    3: "outcomes were defined anew",
-    4: (
-        "columns `twin_*` became `golden_*`, and `detector<d>_level<k>_*` became"
-        " `detector<d>_threshold<k>_*`"
-    ),
-    5: "`failed` names the number that was first not finite",
-    6: (
-        "a check that first trips sooner than in the golden run counts as a response, also where it"
-        " trips as often"
-    ),
-}
-"""What each version changed; see results/README.md."""
-OLDER = (5,)
-"""Earlier versions that readers take, too: their columns are those of this one, but for
-`golden_check_*`.
 """
 
 Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
@@ -86,7 +69,6 @@ class Shape:
     observes: bool = False  # runs end some time after their last fault has
     own_checks: tuple[Check, ...] = ()  # which of the checks are of one's own
     stops: bool = False  # a detector may stop the robot
-    golden_checks: bool = True  # trips of the golden run's checks are kept; version 5 had none
 
 
 def columns(shape: Shape) -> tuple[Column, ...]:
@@ -325,12 +307,7 @@ def _golden(shape: Shape) -> Iterator[Column]:
     robot = robots.find(shape.robot).with_checks(shape.own_checks)
     own = [
         *_course(robot),
-        *(
-            column
-            for check in shape.checks
-            if shape.golden_checks
-            for column in _check(robot.check(check))
-        ),
+        *(column for check in shape.checks for column in _check(robot.check(check))),
         *(column for cue in range(shape.cues) for column in _cue(cue)),
         *_reaction(shape),
         *(
@@ -535,7 +512,7 @@ def _array(values: Any, field: pa.Field) -> pa.Array:
             if isinstance(values, pa.StringArray) and not values.null_count:
                 return values
             return pa.array(values, pa.string(), from_pandas=True).fill_null("")
-        array = arrow_arrays.numbers(_narrowed(np.asarray(values), field.type))
+        array = words.arrow_numbers(_narrowed(np.asarray(values), field.type))
         if array is None:
             array = pa.array(np.asarray(values), from_pandas=False)
         if array.null_count:

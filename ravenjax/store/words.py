@@ -1,5 +1,8 @@
 """Columns of words: a small number a row, and the words that the numbers stand for. No row is
 ever a Python string.
+
+Beside them, NumPy's arrays as Arrow's by their memory: `pyarrow.array` asks pandas whether what it
+gets is one of its own, and imports it for that, which takes a third of a second.
 """
 
 from __future__ import annotations
@@ -10,8 +13,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-
-from ravenjax.store import arrow_arrays
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,10 +83,10 @@ def arrow(words: Any) -> pa.DictionaryArray:
     """
     if not isinstance(words, WordColumn):
         words = _categorised(words)
-    codes = arrow_arrays.numbers(words.codes.astype(np.int32))
+    codes = arrow_numbers(words.codes.astype(np.int32))
     if not all(isinstance(word, str) for word in words.categories):
         raise pa.ArrowTypeError(f"got {words.categories[0]!r}, expected words")
-    return pa.DictionaryArray.from_arrays(codes, arrow_arrays.texts(words.categories))
+    return pa.DictionaryArray.from_arrays(codes, arrow_texts(words.categories))
 
 
 def of_arrow(column: pa.ChunkedArray) -> WordColumn:
@@ -93,7 +94,7 @@ def of_arrow(column: pa.ChunkedArray) -> WordColumn:
     chunks = column.unify_dictionaries().chunks
     if not chunks:
         return WordColumn(np.zeros(0, np.int32), ())
-    codes = arrow_arrays.plain([chunk.indices for chunk in chunks])
+    codes = numpy_numbers([chunk.indices for chunk in chunks])
     return WordColumn(codes, tuple(chunks[0].dictionary.to_pylist()))
 
 
@@ -107,3 +108,41 @@ def _categorised(words: Any) -> WordColumn:
         categories = categories if "" in categories else [*categories, ""]
         codes = np.where(codes < 0, categories.index(""), codes).astype(np.int32)
     return WordColumn(codes, tuple(categories))
+
+
+_PLAIN = "iuf"
+"""Kinds of types whose numbers stand in Arrow as they do in NumPy."""
+
+
+def arrow_numbers(values: np.ndarray) -> pa.Array | None:
+    """Numbers or truth values [rows]; None where their memory is not Arrow's."""
+    if values.ndim != 1 or not values.dtype.isnative:
+        return None
+    if values.dtype.kind == "b":
+        packed = np.packbits(values, bitorder="little")
+        return pa.Array.from_buffers(pa.bool_(), len(values), [None, pa.py_buffer(packed)])
+    if values.dtype.kind not in _PLAIN or values.dtype.itemsize > 8:
+        return None
+    kind = pa.type_for_alias(values.dtype.name)
+    return pa.Array.from_buffers(
+        kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))]
+    )
+
+
+def numpy_numbers(arrays: Sequence[pa.Array]) -> np.ndarray:
+    """The numbers [rows] of some arrays of one type, one after the other, of which none is
+    missing.
+    """
+    kind = np.dtype(arrays[0].type.to_pandas_dtype())
+    return np.concatenate(
+        [np.frombuffer(a.buffers()[1], kind, len(a), a.offset * kind.itemsize) for a in arrays]
+    )
+
+
+def arrow_texts(values: Sequence[str]) -> pa.StringArray:
+    """Words [rows]."""
+    encoded = [value.encode() for value in values]
+    offsets = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.StringArray.from_buffers(
+        len(encoded), pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded))
+    )

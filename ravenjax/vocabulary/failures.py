@@ -28,6 +28,3 @@ CAUSES: tuple[str, ...] = ("", *(f"{name} not finite" for name in SIGNALS))
 """Words of column `failed`, "" for a valid outcome; those of engines are numbered from 0 behind
 it.
 """
-
-FORMER = ("nan",)
-"""Words that tables of earlier versions have: "nan", the true tip was no number."""

@@ -53,9 +53,11 @@ class Robot:
     seams: Mapping[str, Seam] = dataclasses.field(
         default_factory=dict
     )  # where `explain` looks, in the tick's order
-    signals: tuple[
-        Signal, ...
-    ] = ()  # what a check of one's own can be built on, in the tick's order
+    # what a check of one's own can be built on, in the tick's order
+    signals: tuple[Signal, ...] = ()
+    # what its code reads beside Python modules, from models/ or beside its own module: the files
+    # count in a result's identity
+    files: tuple[str, ...] = ()
 
     @property
     def live_state(self) -> str:

@@ -15,6 +15,7 @@ from rendered_page import Page, words
 
 import ravenjax as rj
 from ravenjax import robots
+from ravenjax.bundled import resources
 from ravenjax.cli import main
 from ravenjax.errors import UserError
 from ravenjax.report import wording
@@ -183,13 +184,27 @@ def test_a_module_without_a_robot_is_named():
     assert robots.find("raven2") is robots.USUAL
 
 
-def test_the_code_of_a_robot_of_ones_own_counts(tmp_path, monkeypatch):
+def test_the_code_and_the_model_of_a_robot_of_ones_own_count(tmp_path, monkeypatch):
     """Results of one version are not continued by another."""
-    source = tmp_path / "own_arm.py"
+    source, model = tmp_path / "own_arm.py", tmp_path / "arm.xml"
     text = Path(planar_arm.__file__).read_text()
     monkeypatch.syspath_prepend(tmp_path)
-    hashes = set()
-    for kp in ("40.0", "41.0"):
+    own = dataclasses.replace(planar_arm.ROBOT, package="own_arm", files=("arm.xml",))
+    hashes = []
+    for kp, mass in (("40.0", 1.0), ("41.0", 1.0), ("41.0", 1.1), ("41.0", 1.0)):
         source.write_text(text.replace("Params(40.0", f"Params({kp}"))
-        hashes.add(manifest.code_hash(dataclasses.replace(planar_arm.ROBOT, package="own_arm")))
-    assert len(hashes | {manifest.code_hash()}) == 3
+        model.write_text(f'<mujoco><geom mass="{mass}"/></mujoco>')
+        manifest.code_hash.cache_clear()
+        hashes.append(manifest.code_hash(own))
+    assert len({*hashes, manifest.code_hash()}) == 4 and hashes[1] == hashes[3]
+
+
+def test_another_model_of_the_raven_is_another_identity(tmp_path, monkeypatch):
+    (tmp_path / "models/raven2").mkdir(parents=True)
+    usual = manifest.code_hash()
+    text = resources.model("raven2/raven2.xml").read_text()
+    (tmp_path / "models/raven2/raven2.xml").write_text(text.replace('timestep="', 'timestep=" '))
+    monkeypatch.chdir(tmp_path)
+    manifest.code_hash.cache_clear()
+    assert manifest.code_hash() != usual
+    manifest.code_hash.cache_clear()

@@ -93,19 +93,6 @@ def test_errors_of_a_file(tmp_path, text, words):
     assert str(path) in str(caught.value)
 
 
-def test_units_and_what_whole_numbers_leave_over():
-    """Thirds of a millimetre per step: what rounding leaves is made up for later."""
-    own = profile(
-        position={"unit": "mm", "scale": 1 / 3000}, jaw={"unit": "deg", "closes": "falling"}
-    )
-    results = fed(
-        PacketReader(own, ("gold",)), [fields(n, gold=(1, -1, 0), jaw=-1) for n in range(1, 31)]
-    )
-    total = np.sum([result.delta_um[0] for result in results], axis=0)
-    assert total.tolist() == [10, -10, 0]
-    assert sum(result.grasp_mrad[0] for result in results) == round(math.radians(30) * 1e3)
-
-
 def test_a_vector_is_that_turn():
     own = profile(orientation={"form": "vector", "unit": "deg"})
     vector = (1.0, -2.0, 0.5)
@@ -195,14 +182,6 @@ def test_of_a_console_of_quaternions_auto_says_raven():
     )
 
 
-def test_auto_does_not_decide_where_nothing_fits():
-    choice = ProfileChoice(loading.choice("auto"), BOTH)
-    for n in range(1, 50):
-        assert isinstance(choice.read(fields(n, mode=7)), Misfit)
-        choice.follow()
-    assert choice.profile is None
-
-
 # --- the recorded console ---
 
 
@@ -247,19 +226,3 @@ def test_what_does_not_fit_raven_fits_the_console_that_sent_it(recorded):
     assert len(misfits) > 0.8 * len(recorded)
     assert fitting(misfits, [loading.load("dv_trainer")], BOTH) == "dv_trainer"
     assert fitting(misfits, [loading.load("raven")], BOTH) == ""
-
-
-@pytest.mark.parametrize("name", ["", ".", "\0", "\0.toml", "x" * 5000, "x" * 5000 + ".toml"])
-def test_a_name_that_no_file_can_have_is_one_error(name):
-    with pytest.raises(UserError, match=r"is not known|cannot be read"):
-        loading.choice(name)
-
-
-@pytest.mark.parametrize(
-    "text", ["x = " + "[" * 100_000, "x = " + "9" * 5000, "x = 1e999", "\ufeff[jaw", "\0"]
-)
-def test_a_profile_nested_without_end_or_of_endless_digits_is_one_error(tmp_path, text):
-    path = tmp_path / "own.toml"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(UserError, match=r"own\.toml: not a"):
-        loading.load(str(path))

@@ -4,10 +4,8 @@ nothing lost.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
-import stat
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
@@ -62,12 +60,6 @@ def test_table_does_not_depend_on_part_size_or_interruption(tmp_path, chunk):
     pd.testing.assert_frame_equal(read_all(tmp_path / "broken"), read_all(tmp_path / "whole"))
 
 
-def test_a_config_survives_the_round_trip_to_the_last_bit(tmp_path):
-    config = {"a": (1, 2.0), "b": {"c": 0.1 + 0.2, "limit": float("inf")}, "d": None}
-    for _ in range(2):
-        ResultFolder.open(tmp_path, wanted(config=config))
-
-
 def test_plain_pandas_reads_the_parts(tmp_path):
     fill(tmp_path, chunk=40)
     plain = pd.read_parquet(tmp_path / "parts").sort_values("index").reset_index(drop=True)
@@ -83,14 +75,6 @@ def test_second_start_has_nothing_to_do_and_keeps_times(tmp_path):
     second = manifests.read(tmp_path)
     assert second.starts == 2
     assert (second.finished, second.compile_s, second.parts) == (first.finished, 1.0, first.parts)
-
-
-def test_part_renamed_but_not_recorded_is_taken_over(tmp_path):
-    fill(tmp_path, chunk=40)
-    record = manifests.read(tmp_path)
-    manifests.write(tmp_path, record.model_copy(update={"parts": record.parts[:1]}))
-    (tmp_path / "parts" / ".part-000000040-000000079.parquet.tmp").write_bytes(b"half written")
-    assert ResultFolder.open(tmp_path, wanted()).manifest.parts == record.parts
 
 
 def test_recording_a_part_adds_a_line_and_rewrites_nothing(tmp_path):
@@ -130,16 +114,6 @@ def test_a_torn_line_is_no_record_and_harms_no_other(tmp_path, end):
     assert path.read_bytes() == b"".join(lines)
 
 
-def test_a_folder_that_lists_its_parts_in_the_manifest_is_read(tmp_path):
-    """As folders were written before parts.jsonl."""
-    fill(tmp_path, chunk=40)
-    whole, record = read_all(tmp_path), manifests.read(tmp_path)
-    (tmp_path / "manifest.json").write_text(record.model_dump_json())
-    (tmp_path / "parts.jsonl").unlink()
-    pd.testing.assert_frame_equal(read_all(tmp_path), whole)
-    assert ResultFolder.open(tmp_path, wanted()).manifest.parts == record.parts
-
-
 def test_a_finished_folder_whose_list_is_lost_is_not_read_as_if_it_were_whole(tmp_path):
     fill(tmp_path, chunk=40)
     path = tmp_path / "parts.jsonl"
@@ -152,22 +126,6 @@ def test_a_finished_folder_whose_list_is_lost_is_not_read_as_if_it_were_whole(tm
     assert len(read_all(tmp_path)) == RUNS
 
 
-def test_some_columns(tmp_path):
-    fill(tmp_path, chunk=30)
-    few = read_all(tmp_path, ["verdict", "fault0_site"])
-    pd.testing.assert_frame_equal(few, read_all(tmp_path)[["verdict", "fault0_site"]])
-    with pytest.raises(StoreError, match="unknown result column 'verdct', did you mean 'verdict'"):
-        read_all(tmp_path, ["verdct"])
-
-
-@pytest.mark.parametrize("workers", [1, 3])
-@pytest.mark.parametrize("runs", [1, 1024, 65_536, 1_000_000, 100_000_000])
-def test_rows_of_a_part(runs, workers):
-    rows = parts.rows_of_a_part(runs, workers)
-    assert parts.FEWEST_ROWS <= rows <= parts.MOST_ROWS
-    assert -(-runs // rows) <= 32 * workers or rows == parts.MOST_ROWS
-
-
 def test_lost_part_is_computed_again(tmp_path):
     fill(tmp_path, chunk=40)
     a_part(tmp_path).unlink()
@@ -176,16 +134,6 @@ def test_lost_part_is_computed_again(tmp_path):
     folder = ResultFolder.open(tmp_path, wanted())
     assert list(folder.missing(1000)) == [range(40, 80)] and folder.manifest.finished is None
     assert len(read_all(tmp_path)) == RUNS - 40
-
-
-def test_gaps_between_parts_of_any_size():
-    finished = [a_record(a, b) for a, b in [(0, 2), (3, 3), (7, 8)]]
-    assert list(parts.gaps(finished, [range(12)], 2)) == [
-        range(4, 6),
-        range(6, 7),
-        range(9, 10),
-        range(10, 12),
-    ]
 
 
 def a_record(first, last):
@@ -272,15 +220,6 @@ def test_rows_of_a_folder_may_grow_and_the_table_is_the_same(tmp_path):
     pd.testing.assert_frame_equal(read_all(tmp_path / "grown"), read_all(tmp_path / "whole"))
 
 
-def test_a_folder_of_all_rows_stays_one(tmp_path):
-    fill(tmp_path, chunk=40, stop_after=30)
-    folder = ResultFolder.open(tmp_path, wanted(rows=((0, 9),)))
-    assert folder.manifest.rows is None and list(folder.missing(60)) == [
-        range(40, 60),
-        range(60, 100),
-    ]
-
-
 @given(st.lists(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 5)), max_size=5), max_size=4))
 def test_joined_ranges_hold_the_rows_of_all(some):
     ranges = [tuple((first, first + more) for first, more in one) for one in some]
@@ -292,12 +231,6 @@ def test_joined_ranges_hold_the_rows_of_all(some):
     )
     assert all(b[0] > a[1] + 1 for a, b in pairwise(found)), "as few as can be"
     assert manifests.joined(*ranges, None) is None
-
-
-def test_another_shard_is_refused(tmp_path):
-    ResultFolder.open(tmp_path, wanted(shard="1/3", rows=((0, 9),)))
-    with pytest.raises(StoreError, match=r'shard: "1/3" here, "2/3" asked for'):
-        ResultFolder.open(tmp_path, wanted(shard="2/3", rows=((10, 19),)))
 
 
 # --- damage ---------------------------------------------------------------------------------------
@@ -366,35 +299,6 @@ def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
         StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads 0"
     ):
         parts.read(a_part(tmp_path))
-
-
-def test_older_schema_is_refused_with_what_to_do(tmp_path):
-    fill(tmp_path, chunk=40)
-    path = tmp_path / "manifest.json"
-    path.write_text(
-        path.read_text().replace(f'"schema_version": {schema.VERSION}', '"schema_version": 1')
-    )
-    with pytest.raises(StoreError, match=r"has result schema 1; .*run the campaign again"):
-        read_all(tmp_path)
-
-
-def test_version_5_is_read_without_trips_of_golden_runs(tmp_path, monkeypatch):
-    """Its columns are those of version 6 but for these, and its manifest says nothing of them."""
-    form = dataclasses.replace(synthetic.shape(), golden_checks=False)
-    names = [column.name for column in schema.columns(form)]
-    schema.arrow_schema.cache_clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(schema, "VERSION", 5)
-        folder = ResultFolder.open(tmp_path, wanted(schema_version=5, shape=form))
-        folder.add(FRAME[names])
-        folder.close(compile_s=1.0, run_s=2.0, rows=RUNS)
-    schema.arrow_schema.cache_clear()
-    path = tmp_path / "manifest.json"
-    record = json.loads(path.read_text())
-    del record["shape"]["golden_checks"], record["shape"]["stops"]
-    path.write_text(json.dumps(record))
-    assert list(read_all(tmp_path).columns) == names
-    assert manifests.read(tmp_path).shape == form and manifests.read(tmp_path).schema_version == 5
 
 
 def test_foreign_parquet_is_refused(tmp_path):
@@ -484,14 +388,6 @@ def test_a_part_that_the_disk_cannot_read_is_not_taken_for_a_damaged_one(tmp_pat
     assert len(parts.files(tmp_path / "parts")) == 3 and not (tmp_path / "set-aside").exists()
 
 
-def test_what_a_crash_tore_is_cleared_away(tmp_path):
-    fill(tmp_path, chunk=40)
-    torn = tmp_path / "parts" / ".part-000000040-000000079.parquet.tmp"
-    torn.write_bytes(b"half written")
-    ResultFolder.open(tmp_path, wanted())
-    assert not torn.exists()
-
-
 def test_failures_are_counted_by_cause_in_each_record(tmp_path):
     fill(tmp_path, chunk=40)
     failed = int((FRAME["failed"] != "").sum())
@@ -501,18 +397,6 @@ def test_failures_are_counted_by_cause_in_each_record(tmp_path):
     assert [
         part.failed for part in ResultFolder.open(tmp_path, wanted()).manifest.parts
     ] == recorded
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write to a read-only folder")
-def test_read_only_folder(tmp_path):
-    tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    try:
-        with pytest.raises(
-            StoreError, match=r"cannot be written to \(Permission denied\).*No run was started"
-        ):
-            ResultFolder.open(tmp_path / "out", wanted())
-    finally:
-        tmp_path.chmod(stat.S_IRWXU)
 
 
 def test_output_folder_that_refuses_files(tmp_path):

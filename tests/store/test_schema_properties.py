@@ -33,15 +33,6 @@ SHAPES = st.builds(
 FEW = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-@FEW
-@given(SHAPES)
-def test_names_are_unique_and_types_known(shape):
-    columns = schema.columns(shape)
-    assert len({column.name for column in columns}) == len(columns)
-    assert schema.arrow_schema(shape).names == [column.name for column in columns]
-    schema.require_columns(shape, [column.name for column in columns])
-
-
 @pytest.mark.slow
 @FEW
 @given(SHAPES, st.integers(1, 40), st.integers(0, 2**31), st.randoms())

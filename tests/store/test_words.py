@@ -15,11 +15,6 @@ def test_words_that_occur_become_the_categories_in_their_order():
     assert column.tolist() == ["d", "b", "d"] and list(column.categories) == ["b", "d"]
 
 
-def test_more_words_than_a_byte_counts():
-    known = [f"group {i}" for i in range(300)]
-    assert words.column(np.arange(300), known).tolist() == known
-
-
 def test_words_are_those_of_pandas_and_of_arrow():
     places = np.array([2, 0, 2, 1], np.int8)
     column = words.column(places, ("", "b", "c", "d"))

@@ -8,7 +8,7 @@ the same controller, encoders of 4000 counts. `replay_loop` makes it a loop that
 `replays` runs many of one log, and `replay` is the same for XLA alone. `parameters` are the
 unknowns with what is believed of them before. `fit` finds the most probable values, `judgement`
 says how well the robot then predicts the part of the log that nothing was fitted to, beside models
-that know nothing of the arm. `virtual_log` makes logs whose parameters are known.
+that know nothing of the arm.
 
 `camera_log` reads what cameras saw of a real arm's tip. `tip_error` says how wrong the reports of
 drawn robots are beside it, and `arm_errors` what that one arm's own errors explain; `rigid` takes

@@ -14,14 +14,14 @@ nothing is read.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from ravenjax.errors import UserError, listed
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
-from ravenjax.store.logs.bags import messages_of, opened
+from ravenjax.store.logs.bags import TopicMessages, open_bag, read_topic
 from ravenjax.store.logs.topics import ARM_TOPICS
 
 if TYPE_CHECKING:
@@ -46,11 +46,11 @@ def table(path: Path, arm: ArmName) -> pd.DataFrame:
     """Columns time_s, jpos_d_JOINT and jpos_JOINT, rad and m; of raven_state runlevel, too.
     UserError.
     """
-    with opened(path) as reader:
+    with open_bag(path) as reader:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
         for topic, kind in kinds.items():
             if kind.endswith(STATE):
-                return _of_states(reader, topic, arm)
+                return _of_states(read_topic(path, reader, topic), arm)
         wanted = {
             f"/{ARM_TOPICS[name]}/{topic}": name
             for name in ARMS
@@ -97,46 +97,41 @@ def _on_times(setpoint: _Series, measured: _Series) -> tuple[np.ndarray, _Series
     return np.stack(desired, axis=1), _Series(time_ns, measured.joints[common])
 
 
-def _of_states(reader: AnyReader, topic: str, arm: ArmName) -> pd.DataFrame:
+def _of_states(states: TopicMessages, arm: ArmName) -> pd.DataFrame:
     slots = SLOTS + 8 * ARMS.index(arm)
-    received, messages = messages_of(reader, topic)
     desired, measured = (
-        np.array([getattr(one, name)[slots] for one in messages], float) * PER_STATE
+        np.array([getattr(one, name)[slots] for one in states.messages], float) * PER_STATE
         for name in ("jpos_d", "jpos")
     )
-    columns = _columns(
-        _times(received, [getattr(one, "hdr", None) for one in messages]), desired, measured
-    )
-    return columns.assign(runlevel=[int(one.runlevel) for one in messages])
+    columns = _columns(_times(states), desired, measured)
+    return columns.assign(runlevel=[int(one.runlevel) for one in states.messages])
 
 
 def _joints(path: Path, reader: AnyReader, topic: str) -> _Series:
     """A topic of sensor_msgs/JointState: by names as ravenjax writes them, else seven in the
     order of the joints.
     """
-    received, messages = messages_of(reader, topic)
-    if not messages:
-        raise UserError(f"{path}: {topic} has no messages")
-    names = list(messages[0].name)
+    states = read_topic(path, reader, topic)
+    first = states.messages[0]
+    names = list(first.name)
     places = [names.index(word) if word in names else None for word in JOINTS]
     if all(place is None for place in places):
-        if len(messages[0].position) != len(JOINTS):
+        if len(first.position) != len(JOINTS):
             raise UserError(
-                f"{path}: {topic} has {len(messages[0].position)} joints, {', '.join(names)};"
+                f"{path}: {topic} has {len(first.position)} joints, {', '.join(names)};"
                 f" expected some of {', '.join(JOINTS)}, or seven in this order"
             )
         places = list(range(len(JOINTS)))
-    joints = np.full((len(messages), len(JOINTS)), np.nan)
+    joints = np.full((len(states.messages), len(JOINTS)), np.nan)
     for joint, place in enumerate(places):
         if place is not None:
-            joints[:, joint] = [one.position[place] for one in messages]
-    return _Series(_times(received, [one.header for one in messages]), joints)
+            joints[:, joint] = [one.position[place] for one in states.messages]
+    return _Series(_times(states), joints)
 
 
-def _times(received: np.ndarray, headers: list[Any]) -> np.ndarray:
+def _times(states: TopicMessages) -> np.ndarray:
     """Times of messages, ns since the epoch [n]: of the headers, if they have any that run."""
-    stamps = [0 if one is None else one.stamp.sec * 10**9 + one.stamp.nanosec for one in headers]
-    return np.array(stamps, np.int64) if len({*stamps}) > 1 else received
+    return states.stamped_ns if states.stamps_run else states.arrived_ns
 
 
 def _columns(time_ns: np.ndarray, desired: np.ndarray, measured: np.ndarray) -> pd.DataFrame:

@@ -10,14 +10,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ravenjax.analyses.calibration import fit as fitting
-from ravenjax.analyses.calibration import judgement, parameters, position_loop, replays, sampling
+from ravenjax.analyses.calibration import judgement, parameters, position_loop, replays
 from ravenjax.analyses.calibration.judgement import FollowingError
 from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.analyses.calibration.position_loop import Controller, LoopParams
 from ravenjax.analyses.calibration.replay import bare_rotors
 from ravenjax.analyses.calibration.replay_loop import ReplaySetup
-from ravenjax.analyses.calibration.sampling import Counter, ReplayEffort, Search
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.arms import ArmName
@@ -50,7 +49,6 @@ class Calibration:
     unknowns: tuple[Unknown, ...]
     base: LoopParams  # the robot before
     fit: fitting.Fit
-    effort: ReplayEffort  # of the fit
 
     @property
     def before(self) -> np.ndarray:
@@ -143,25 +141,13 @@ class LoggedRobot:
             )
         first, _ = self.halves
         base = parameters.believed(plant, unknowns)
+        setup = self._setup(unknowns)
         predict, smooth = (
-            Counter(self._predictor(base, unknowns, whole)) for whole in (True, False)
+            replays.predictor(dataclasses.replace(setup, whole=whole), base, unknowns, first)
+            for whole in (True, False)
         )
         best = fitting.fit(predict, first.measured, len(unknowns), smooth)
-        return Calibration(tuple(unknowns), base, best, predict.effort + smooth.effort)
-
-    def searched(self, calibrated: Calibration, replays: int) -> list[Search]:
-        """What sampling finds on the same half of the log with so many replays, each way of it."""
-        first, _ = self.halves
-        predict = self._predictor(calibrated.base, calibrated.unknowns)
-        return sampling.searches(predict, first.measured, calibrated.fit, replays)
-
-    def _predictor(
-        self, base: LoopParams, unknowns: Sequence[Unknown], whole: bool = True
-    ) -> fitting.Predictor:
-        first, _ = self.halves
-        return replays.predictor(
-            dataclasses.replace(self._setup(unknowns), whole=whole), base, unknowns, first
-        )
+        return Calibration(tuple(unknowns), base, best)
 
     def judged(self, part: JointLog, robots: Mapping[str, LoopParams]) -> list[FollowingError]:
         """Following errors on `part` of the log itself, of `robots` by name, and of bare rotors

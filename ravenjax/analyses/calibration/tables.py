@@ -11,7 +11,6 @@ import numpy as np
 
 from ravenjax.analyses.calibration.calibrate import Calibration
 from ravenjax.analyses.calibration.judgement import FollowingError
-from ravenjax.analyses.calibration.sampling import ReplayEffort, Search
 from ravenjax.robots.raven2.arms import JOINTS
 
 PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
@@ -94,21 +93,3 @@ def parameters(title: str, calibrated: Calibration) -> Rows:
         for one, before, after, least, most, left in rows
     ]
     return Rows(title, ("parameter", "before", "after", "5 %", "95 %", "spread left"), cells)
-
-
-def searches(title: str, calibrated: Calibration, results: Sequence[Search]) -> Rows:
-    """The fit, then each way of sampling: replays and time until it came near, and the best it
-    found.
-    """
-    cells = [("slopes (the fit)", *_effort(calibrated.effort), "0")]
-    for one in results:
-        if one.near is None:
-            replays, seconds = _effort(one.whole)
-            cells.append((one.name, f"not in {replays}", f"not in {seconds}", f"{one.excess:.1f}"))
-        else:
-            cells.append((one.name, *_effort(one.near), f"{one.excess:.1f}"))
-    return Rows(title, ("way", "replays", "s", "best cost, above the fit's"), cells)
-
-
-def _effort(one: ReplayEffort) -> tuple[str, str]:
-    return str(one.replays), f"{one.seconds:.0f}"

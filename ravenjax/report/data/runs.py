@@ -257,10 +257,7 @@ def _own_checks(manifest: Manifest) -> dict[str, str]:
     """own<n>_ms, when each check of one's own first did what it does not in the golden run, and
     built_in_told_ms.
     """
-    own, shape = manifest.shape.own_checks, manifest.shape
+    own = manifest.shape.own_checks
     column = "told_ms" if manifest.rules.built_in == "response" else "built_in_told_ms"
-    times = {
-        f"own{n}_ms": events.check_ms_sql(check.name, shape.golden_checks)
-        for n, check in enumerate(own)
-    }
+    times = {f"own{n}_ms": events.check_ms_sql(check.name) for n, check in enumerate(own)}
     return times | {"built_in_told_ms": column} if own else {}

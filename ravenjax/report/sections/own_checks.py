@@ -99,7 +99,7 @@ def _alarms(runs: Runs, manifest: Manifest) -> Iterator[ThresholdAlarms]:
         same = not any(
             _differs(runs, name) for name in runs.names if name.startswith("param:checks.")
         )
-        if manifest.shape.golden_checks and same:
+        if same:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
             rate, count = free.first_rate(event, first_ms), free.with_event(event)

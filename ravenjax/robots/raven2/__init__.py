@@ -46,4 +46,5 @@ ROBOT = Robot(
     check_seams=CHECK_SEAMS,
     seams=SEAMS,
     signals=SIGNALS,
+    files=("raven2/raven2.xml",),
 )

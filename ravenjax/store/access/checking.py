@@ -165,7 +165,7 @@ def _ranges(record: Manifest) -> Iterator[tuple[str, str, str]]:
     known_words = {
         "response": verdict.RESPONSES,
         "hazard": verdict.HAZARDS,
-        "failed": (*failures.CAUSES, *failures.FORMER),
+        "failed": failures.CAUSES,
         "verdict": (*verdict.VERDICTS, ""),
     }
     for name, words in known_words.items():

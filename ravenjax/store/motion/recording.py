@@ -16,12 +16,12 @@ from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import TICK_S
-from ravenjax.store.motion import plausible, resampling, spikes, stamps
+from ravenjax.store.motion import resampling, spikes, stamps
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.packet_file import Home
 from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
-from ravenjax.store.motion.track import Track
+from ravenjax.store.motion.track import Track, check_plausible
 
 KINDS = (".parquet", ".csv", ".mcap", ".bag", ".db3", ".pcap", ".pcapng")
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
@@ -62,10 +62,8 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
     """The arms that a file holds, gold first. UserError where it cannot be read, or holds none."""
 
     require_readable(path)
-    source = _source(path)
-    arms: tuple[ArmName, ...] = tuple(
-        arm for arm in ("gold", "green") if arm in source.arms_in(path)
-    )
+    there = _reader(path).arms_in(path)
+    arms: tuple[ArmName, ...] = tuple(arm for arm in ("gold", "green") if arm in there)
     return arms or ("gold",)  # which then is missed by name
 
 
@@ -76,7 +74,6 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     from ravenjax.store.motion import packet_file, table_file
 
     require_readable(path)
-    source = _source(path)
     if table_file.holds_packets(path):
         track = packet_file.track(path, arms, options.console, {arm: _home(arm) for arm in arms})
     elif options.console != "auto":
@@ -84,8 +81,8 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
             f"{path}: operator.console is of a stream of packets, this file holds tips: remove it"
         )
     else:
-        track = source.read(path, arms, options.rate_hz)
-    plausible.check(track)
+        track = _reader(path).read_track(path, arms, options.rate_hz)
+    check_plausible(track)
     time_s = _times(track, options)
     jumps = [
         spike
@@ -123,14 +120,11 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     )
 
 
-def _source(path: Path) -> Any:
+def _reader(path: Path) -> Any:
     """The module that reads a kind of file."""
-    from ravenjax.store.motion import bag_file, mcap_file, table_file
+    from ravenjax.store.motion import bag_file, table_file
 
-    suffix = path.suffix.lower()
-    return (
-        mcap_file if suffix == ".mcap" else bag_file if suffix in bag_file.SUFFIXES else table_file
-    )
+    return bag_file if path.suffix.lower() in bag_file.SUFFIXES else table_file
 
 
 def require_readable(path: Path) -> None:

@@ -12,9 +12,8 @@ import numpy as np
 from ravenjax.errors import UserError, suggestion
 from ravenjax.store.logs.topics import ARM_TOPICS
 from ravenjax.store.motion import capture_file, packet_file, stamps
-from ravenjax.store.motion.track import ArmTrack, Track
+from ravenjax.store.motion.track import LENGTHS, ArmTrack, Track, unit_quaternions
 
-LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 ANGLES = {"rad": 1e3, "mrad": 1.0, "deg": 1e3 * math.pi / 180.0}
 """Factors to mrad."""
 
@@ -22,7 +21,7 @@ ARMS = tuple(ARM_TOPICS)
 PEDAL = "surgeon_mode"
 
 
-def read(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
+def read_track(path: Path, arms: tuple[str, ...], rate_hz: float | None) -> Track:
     """The recording of `arms` in a table. UserError names file, row and column of what is wrong
     with it.
     """
@@ -162,7 +161,7 @@ class _Columns:
                 f"{self.path}: an orientation needs {arm}_qx, _qy, _qz and _qw; {', '.join(absent)}"
                 " missing"
             )
-        return unit(self.path, arm, np.stack(present, axis=1))
+        return unit_quaternions(self.path, arm, np.stack(present, axis=1))
 
     def one(self, name: str, units: dict[str, float], needed: bool = False) -> Any:
         """The column `name`_<unit> in the base unit; None where it is absent and not needed."""
@@ -232,21 +231,6 @@ class _Columns:
 
 
 _of_an_arm = tuple(f"{arm}_" for arm in ARMS)
-
-
-def unit(path: Path, arm: str, quat: np.ndarray) -> np.ndarray | None:
-    """Quaternions [T, 4] of length 1; None where all are zero, as a trace without rotations
-    writes them.
-    """
-    length = np.linalg.norm(quat, axis=1)
-    if (length == 0.0).all():
-        return None
-    if (bad := np.flatnonzero(np.abs(length - 1.0) > 1e-2)).size:
-        raise UserError(
-            f"{path}: row {bad[0]}: quaternion {arm}_qx.. has length {length[bad[0]]:.4g}, expected"
-            " 1 (x, y, z, w)"
-        )
-    return quat / length[:, None]
 
 
 def _first_text(values: Iterable[Any]) -> tuple[int, Any]:

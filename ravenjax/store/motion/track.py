@@ -1,11 +1,26 @@
-"""What a recording holds, before anything is done to it."""
+"""What a recording holds, before anything is done to it, and whether its numbers can be what their
+units say.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
+
+from ravenjax.errors import UserError
+
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+
+NEAREST_M, FARTHEST_M = 0.005, 0.5
+"""A tip stays farther than the one from the remote centre (the wrist alone is 13 mm long) and
+nearer than the other (the insertion ends at 0.25 m): a whole recording outside has another unit, or
+another frame."""
+
+WIDEST_RAD = math.radians(245.0)
+"""Jaws cannot open wider: each turns by 120 degrees at most."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,3 +49,65 @@ class Track:
     read: tuple[str, ...]  # columns or topics
     ignored: tuple[str, ...]  # the others
     notes: tuple[str, ...] = ()  # what else a reader should know
+
+
+def unit_quaternions(path: Path, arm: str, quat: np.ndarray) -> np.ndarray | None:
+    """Quaternions [T, 4] of length 1; None where all are zero, as a trace without rotations
+    writes them.
+    """
+    length = np.linalg.norm(quat, axis=1)
+    if (length == 0.0).all():
+        return None
+    if (bad := np.flatnonzero(np.abs(length - 1.0) > 1e-2)).size:
+        raise UserError(
+            f"{path}: row {bad[0]}: quaternion {arm}_qx.. has length {length[bad[0]]:.4g}, expected"
+            " 1 (x, y, z, w)"
+        )
+    return quat / length[:, None]
+
+
+def check_plausible(track: Track) -> None:
+    """UserError for positions that are not those of a tip in frame 0, and for jaws that open too
+    wide.
+    """
+    for arm, one in track.arms.items():
+        distance = np.linalg.norm(one.position, axis=1)
+        nearest, farthest = float(distance.min()), float(distance.max())
+        if farthest < NEAREST_M or nearest > FARTHEST_M:
+            raise UserError(
+                f"{track.path}: the tip of {arm} would be {_length(nearest)} to {_length(farthest)}"
+                f" from the remote centre, the origin of frame 0; expected {_length(NEAREST_M)} to"
+                f" {_length(FARTHEST_M)}. {_hint(track, arm, float(np.median(distance)))}"
+            )
+        opening = one.opening_mrad
+        if (
+            opening is not None
+            and (wide := np.flatnonzero(np.abs(opening) > WIDEST_RAD * 1e3)).size
+        ):
+            row = int(wide[0])
+            raise UserError(
+                f"{track.path}: row {row}: the jaws of {arm} would open by {opening[row] / 1e3:.4g}"
+                f" rad; expected at most {WIDEST_RAD:.3g}. If the numbers are degrees name the"
+                f" column {arm}_grasp_deg, if they are milliradians {arm}_grasp_mrad"
+            )
+
+
+def _hint(track: Track, arm: str, median_m: float) -> str:
+    """What to write instead: the units in which the same numbers are a tip's."""
+    unit = next((u for u in LENGTHS if f"{arm}_x_{u}" in track.read), "m")
+    number = median_m / LENGTHS[unit]
+    likely = [
+        u for u, size in LENGTHS.items() if u != unit and NEAREST_M <= number * size <= FARTHEST_M
+    ]
+    if not likely or f"{arm}_x_{unit}" not in track.read:
+        return (
+            "Write tip positions in frame 0 of the arm: m, mm or um, as the column's name says, or"
+            " m in MCAP"
+        )
+    names = ", ".join(f"{arm}_{axis}_{likely[0]}" for axis in "xyz")
+    return f"If the numbers are {likely[0]}, name the columns {names}"
+
+
+def _length(metres: float) -> str:
+    unit = next((unit for unit, size in LENGTHS.items() if metres >= size), "um")
+    return f"{metres / LENGTHS[unit]:.3g} {unit}"

@@ -10,7 +10,7 @@ def run_when_told(told: Connection) -> None:
     """Import, then record with the `recorder.RecorderOptions` that come through `told`."""
     import numpy as np
 
-    from ravenjax.store.logs.orientation import quaternions
+    from ravenjax.store.logs.topics import quaternions
     from ravenjax.train.recording import recorder
 
     quaternions(np.eye(3)[None])  # imports what it needs

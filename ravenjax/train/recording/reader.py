@@ -10,7 +10,7 @@ import numpy as np
 
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.store.logs import recover
+from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.protocol.frame import FrameLayout
 
@@ -39,7 +39,7 @@ def find(folder: Path) -> Path | None:
     none.
     """
     own = Path(folder) / session_log.FILE
-    saved = recover.recovered_path(own)
+    saved = mcap_records.recovered_path(own)
     return saved if saved.exists() else own if own.exists() else None
 
 

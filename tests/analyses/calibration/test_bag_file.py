@@ -102,26 +102,6 @@ def test_what_is_no_bag_is_refused(tmp_path, name) -> None:
         read(tmp_path / name)
 
 
-def test_a_bag_that_is_cut_is_refused(tmp_path) -> None:
-    path = bags.state_bag(tmp_path / "log.bag", GOLD, GREEN)
-    path.write_bytes(path.read_bytes()[:-400])
-    with pytest.raises(UserError, match="no bag or MCAP file that can be read"):
-        read(path)
-
-
-def test_a_folder_without_a_bag_is_refused(tmp_path) -> None:
-    with pytest.raises(UserError, match="no bag or MCAP file that can be read"):
-        read(tmp_path)
-
-
-def test_what_the_file_has_instead_is_said(tmp_path) -> None:
-    path = bags.other_bag(tmp_path / "log.bag")
-    with pytest.raises(
-        UserError, match=r"/arm1/setpoint_js and measured_js of CRTK; the file has\n  /joint_states"
-    ):
-        read(path)
-
-
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [

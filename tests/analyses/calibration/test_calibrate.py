@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import virtual_log
 from scipy.stats import binom
 
-from ravenjax.analyses.calibration import drawing, parameters, position_loop, tables, virtual_log
+from ravenjax.analyses.calibration import drawing, parameters, position_loop
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration
 from ravenjax.analyses.calibration.fit import Fit
 from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
-from ravenjax.analyses.calibration.sampling import ReplayEffort
 from ravenjax.cli import calibration
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec, replace
@@ -97,20 +97,12 @@ def test_what_is_asked_can_be_chosen() -> None:
         parameters.unknowns((0,), ("frictions",))
 
 
-def test_a_delay_is_in_the_robot_only_where_it_is_asked_for() -> None:
-    assert parameters.believed(PLANT, FRICTION).command_delay == 0.0
-    assert (
-        parameters.believed(PLANT, parameters.unknowns((0,))).command_delay
-        == parameters.USUAL_DELAY_MS
-    )
-
-
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:
     """Without a replay."""
     fit = Fit(steps, covariance, np.ones(7), np.ones(7), ())
     coulomb = Vec((0.02, 0.08, 0.0, 0.03, 0.0, 0.0, 0.0))
     plant = replace(PLANT, actuators=replace(PLANT.actuators, coulomb=coulomb))
-    return Calibration(FRICTION, position_loop.params(plant), fit, ReplayEffort(0, 0.0))
+    return Calibration(FRICTION, position_loop.params(plant), fit)
 
 
 def test_intervals_are_of_the_belief_after() -> None:
@@ -130,17 +122,6 @@ def test_what_a_log_tells_only_together_is_named() -> None:
     covariance = np.array([[0.04, 0.0, -0.09], [0.0, 0.01, 0.01], [-0.09, 0.01, 0.25]])
     (pair,) = fitted(covariance, np.zeros(3)).confounded
     assert pair == ("motor_friction.shoulder", "motor_friction.tool_roll", pytest.approx(-0.9))
-
-
-def test_what_was_unlikely_before_the_log_is_named() -> None:
-    calibrated = fitted(np.eye(3), np.array([2.9, -3.5, 0.0]))
-    assert calibrated.unlikely == [("motor_friction.elbow", -3.5)]
-
-
-def test_the_table_tells_value_interval_and_what_is_left() -> None:
-    rows = tables.parameters("", fitted(np.diag([0.01, 0.04, 1.0]), np.zeros(3))).cells
-    assert rows[0] == ("motor_friction.shoulder", "0.02", "0.02", "0.017", "0.0236", "0.10")
-    assert rows[2][-1] == "1.00 (not told)"
 
 
 def test_pictures_are_written(tmp_path) -> None:

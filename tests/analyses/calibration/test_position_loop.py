@@ -7,14 +7,13 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+import virtual_log
 
 from ravenjax.analyses.calibration import (
     parameters,
     position_loop,
     replay,
-    replay_loop,
     replays,
-    virtual_log,
 )
 from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.numbers.vec import Vec, replace
@@ -87,8 +86,3 @@ def test_without_whole_numbers_a_small_step_moves_a_joint_a_little() -> None:
         joints = predict(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.1, 0.0, 0.0]]))[:, 500:, 0]
         moved[whole] = [np.abs(joints[k] - joints[0]).mean() for k in (1, 2)]
     assert moved[False][1] == pytest.approx(2.0 * moved[False][0], rel=0.1)
-
-
-def test_the_replay_is_a_loop_that_engines_know() -> None:
-    setup = replay_loop.ReplaySetup()
-    assert replay_loop.series_length(setup) == 7 and hash(setup) == hash(replay_loop.ReplaySetup())

@@ -6,8 +6,9 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import virtual_log
 
-from ravenjax.analyses.calibration import parameters, robot_file, virtual_log
+from ravenjax.analyses.calibration import parameters, robot_file
 from ravenjax.campaign import loading
 from ravenjax.robots.raven2.plant import robot
 

@@ -105,16 +105,6 @@ def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
         read(write(tmp_path, name, **columns), period)
 
 
-def test_other_files_are_refused(tmp_path) -> None:
-    with pytest.raises(UserError, match="no log at"):
-        read(tmp_path / "absent.csv")
-    (tmp_path / "log.txt").write_text("")
-    with pytest.raises(
-        UserError, match=r"a log is \.csv, \.parquet, \.bag, \.mcap, \.db3 or a folder"
-    ):
-        read(tmp_path / "log.txt")
-
-
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -157,10 +147,3 @@ def test_columns_that_hold_no_numbers_or_no_times_are_refused(tmp_path, change, 
         read(
             write(tmp_path, **({"time_s": np.arange(5) * 1e-3} | columns | change)), period_ms=None
         )
-
-
-@pytest.mark.parametrize("period_ms", [0.0, -1.0, np.nan, np.inf])
-def test_a_period_that_is_none_is_refused(tmp_path, period_ms) -> None:
-    columns = {f"{name}_shoulder": joints()[:, 0] for name in ("jpos", "jpos_d")}
-    with pytest.raises(UserError, match="--period-ms"):
-        read(write(tmp_path, **columns), period_ms)

@@ -9,24 +9,9 @@ import pytest
 
 from ravenjax.analyses.calibration import arm_errors, camera_log, tip_error
 from ravenjax.errors import UserError
-from ravenjax.numbers import paths
-from ravenjax.robots.raven2.plant import kinematic_errors
-from ravenjax.robots.raven2.setup import RavenSetup
 
 NONE = np.zeros(len(tip_error.PATHS))
 ELBOW = tip_error.PATHS.index("joint_offset.elbow")
-
-
-def test_every_value_stands_at_its_path() -> None:
-    values = np.arange(1.0, 17.0)
-    with jax.enable_x64(True):
-        errors = tip_error.with_values(jax.numpy.asarray(values))
-    leaves = dict(paths.leaves(errors, RavenSetup()))
-    assert [float(leaves[path]) for path in tip_error.PATHS] == values.tolist()
-    others = [
-        float(value) for path, value in leaves.items() if path not in (*tip_error.PATHS, "scale")
-    ]
-    assert not any(others) and float(leaves["scale"]) == 1.0
 
 
 def test_where_a_camera_stands_is_no_error_of_the_arm() -> None:
@@ -56,12 +41,6 @@ def test_the_factor_is_that_of_the_middle_robot() -> None:
         assert factor == pytest.approx(times, rel=0.1)
 
 
-def test_the_gaussian_null_has_the_first_half_s_root_mean_square() -> None:
-    log = made_up_camera.log(tip_error.draw(1, seed=2)[0])
-    rms = tip_error.size(tip_error.errors_of(log, log.camera)[0]).rms
-    assert tip_error.size(tip_error.gaussian(log)).rms == pytest.approx(rms, rel=0.15)
-
-
 @pytest.mark.slow
 def test_an_arm_s_own_errors_are_told_from_noise_where_nothing_was_fitted() -> None:
     values = NONE.copy()
@@ -76,14 +55,6 @@ def test_an_arm_s_own_errors_are_told_from_noise_where_nothing_was_fitted() -> N
     assert right.values[ELBOW] == pytest.approx(0.15, abs=0.03)
     own = tip_error.predicted(made_up_camera.log(NONE), values[None])[1]
     assert np.median(right.own[1]) == pytest.approx(np.median(own), rel=0.2)
-
-
-def test_the_distribution_that_campaigns_draw_is_the_one_fitted() -> None:
-    assert tuple(kinematic_errors.MEASURED) == tip_error.PATHS
-    draws = tip_error.draw(4000)
-    np.testing.assert_allclose(
-        draws.std(axis=0), list(kinematic_errors.MEASURED.values()), rtol=0.05
-    )
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ again are the same.
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
 
 import numpy as np
@@ -82,26 +81,6 @@ def test_runs_made_again_are_equal_to_the_bit(folder):
         and found.rerun.differing == []
     )
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
-
-
-def test_runs_of_a_table_without_trips_of_golden_runs_are_compared_in_what_it_has(folder):
-    record = manifests.read(folder)
-    older = record.model_copy(
-        update={"shape": dataclasses.replace(record.shape, golden_checks=False)}
-    )
-    table, listed = read_all(folder)[[column.name for column in schema.columns(older.shape)]], []
-    for part in record.parts:
-        frame = table.iloc[part.first : part.last + 1].reset_index(drop=True)
-        (folder / "parts" / part.file).unlink()
-        listed.append(parts.write(folder / "parts", frame, older.shape, record.config_hash))
-    manifests.write(folder, older.model_copy(update={"parts": listed}))
-    found = verification.verify(folder, sample=6)
-    assert (
-        found.fine
-        and found.rerun is not None
-        and found.rerun.verdicts == 6
-        and found.rerun.differing == []
-    )
 
 
 def test_the_sample_is_that_of_its_seed_and_never_larger_than_the_table():

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store import parts, schema
+from ravenjax.store import parts
 from ravenjax.store.access import merging
 from ravenjax.store.folder import ResultFolder, read_all
 
@@ -71,21 +71,6 @@ def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, dat
         again = merging.merge(root / "out", [shards[n] for n in reversed(order)])
         assert (again.present, again.linked, again.copied) == (len(ranges), 0, 0)
         pd.testing.assert_frame_equal(read_all(root / "out"), whole)
-
-
-def test_a_merged_folder_is_finished_and_goes_on_as_any_other(tmp_path):
-    shards = two(tmp_path)
-    merging.merge(tmp_path / "out", shards)
-    record = manifests.read(tmp_path / "out")
-    assert record.finished and record.done == RUNS and record.run_s == 4.0
-    assert list(ResultFolder.open(tmp_path / "out", synthetic.manifest(RUNS)).missing(50)) == []
-
-
-def test_shards_are_left_as_they_are(tmp_path):
-    shards = two(tmp_path)
-    before = [content(folder) for folder in shards]
-    merging.merge(tmp_path / "out", shards)
-    assert [content(folder) for folder in shards] == before
 
 
 def test_where_links_are_not_possible_parts_are_copied(tmp_path, monkeypatch, whole):
@@ -169,11 +154,6 @@ def test_another_campaign_code_or_engine_is_no_shard(tmp_path, changes, told):
     assert told in str(caught.value) and not (tmp_path / "out").exists()
 
 
-def test_another_machine_may_have_computed_a_shard(tmp_path):
-    done = merging.merge(tmp_path / "out", two(tmp_path, device="4 cores"))
-    assert done.manifest.device == "2 cores of a made-up processor; 4 cores"
-
-
 def test_a_damaged_part_is_named_and_nothing_written(tmp_path):
     shards = two(tmp_path)
     path = parts.files(shards[1] / "parts")[0]
@@ -188,13 +168,6 @@ def test_a_part_without_a_record_is_taken(tmp_path, whole):
     (shards[0] / "parts.jsonl").write_bytes(b"")
     merging.merge(tmp_path / "out", shards)
     pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
-
-
-def test_shards_of_a_newer_version_are_refused_politely(tmp_path, monkeypatch):
-    shards = two(tmp_path)
-    monkeypatch.setattr(schema, "VERSION", schema.VERSION - 1)
-    with pytest.raises(StoreError, match=r"manifest.json: has result schema .*upgrade ravenjax"):
-        merging.merge(tmp_path / "out", shards)
 
 
 def test_a_folder_with_foreign_parts_and_one_without_shards(tmp_path):

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.errors import StoreError
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder
@@ -47,15 +44,3 @@ def test_verdicts_are_counted_over_the_faulty_runs(in_memory, in_folder):
     assert in_memory.verdicts() == in_folder.verdicts() == naive
     counts = list(in_memory.verdicts().values())
     assert counts == sorted(counts, reverse=True)
-
-
-def test_a_campaign_without_fault_slots_has_no_faulty_runs():
-    form = dataclasses.replace(SHAPE, slots=0)
-    free = FRAME.drop(columns=[name for name in FRAME if name.startswith(("fault0", "applied0"))])
-    assert Results(form, None, [schema.conform(free, form)]).verdicts() == {}
-
-
-def test_an_unknown_column_is_named(in_memory, in_folder):
-    for results in (in_memory, in_folder):
-        with pytest.raises(StoreError, match="unknown result column 'sed', did you mean 'seed'"):
-            results.frame(["sed"])

@@ -43,19 +43,10 @@ def put(folder, name, rows=20, **changes):
     return results.path
 
 
-def test_nothing_beside_a_result_is_nothing(tmp_path):
-    assert fault_free.find(tmp_path, CAMPAIGN) == fault_free.NO_COMPANIONS
-
-
 def test_another_motion_of_the_same_robot_counts_whatever_its_length(tmp_path):
     path = put(tmp_path, "suture_2")
     companions = fault_free.find(tmp_path, CAMPAIGN)
     assert [one.path for one in companions.motions] == [path] and companions.excluded == ()
-
-
-def test_what_is_not_finished_does_not_count_yet(tmp_path):
-    put(tmp_path, "suture_2", rows=0)
-    assert fault_free.find(tmp_path, CAMPAIGN) == fault_free.NO_COMPANIONS
 
 
 @pytest.mark.parametrize(
@@ -103,9 +94,3 @@ def test_with_noise_the_seed_makes_another_motion():
     assert fault_free.motion_of(noisy) != fault_free.motion_of(again)
     still = synthetic.manifest(20, config=config())
     assert fault_free.motion_of(still) == fault_free.motion_of(still.model_copy(update={"seed": 8}))
-
-
-def test_what_is_no_result_is_left_out(tmp_path):
-    (tmp_path / fault_free.FOLDER / "notes").mkdir(parents=True)
-    (why,) = fault_free.find(tmp_path, CAMPAIGN).excluded
-    assert why.startswith("notes: is not a result folder")

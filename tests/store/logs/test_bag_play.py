@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from test_bag_writing import DEBIANS_PYTHON, session  # noqa: F401 - a fixture
 
-from ravenjax.store.logs import bag_writing
+from ravenjax.store.logs import bags
 
 MASTER, PLAY, ROSPY = (
     Path("/usr/bin/rosmaster"),
@@ -40,7 +40,7 @@ print(json.dumps(counts))
     not all(one.exists() for one in (MASTER, PLAY, ROSPY)), reason="Debian's ROS 1 is not installed"
 )
 def test_rosbag_plays_every_message(session, tmp_path):  # noqa: F811
-    written = bag_writing.write(session, 1, tmp_path / "session.bag")
+    written = bags.write_bag(session, 1, tmp_path / "session.bag")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

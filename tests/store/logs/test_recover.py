@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from ravenjax.errors import StoreError
-from ravenjax.store.logs import mcap_records, recover
+from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import log as session_log
 
 NAMES = ["tick", "runlevel", *(f"gold/jpos/{i}" for i in range(7))]
@@ -66,7 +66,7 @@ def test_a_file_cut_anywhere_keeps_every_whole_chunk(whole, tmp_path):
         assert log.complete == (cut == len(data)), cut
         np.testing.assert_array_equal(log.rows, rows[: chunks * BLOCK])
         assert [one["tick"] for one in log.events] == list(range(chunks))
-        told = recover.recover(path, out)
+        told = mcap_records.recover(path, out)
         assert seeking(out) == list(range(chunks * BLOCK))
         assert (
             told.seconds == pytest.approx((chunks * BLOCK - 1) * 1e-3)
@@ -83,10 +83,10 @@ def test_a_file_without_a_whole_chunk_is_refused(whole, tmp_path):
     for cut in (8, 60, ends[0] - 1):
         path.write_bytes(data[:cut])
         with pytest.raises(StoreError, match=r"cut\.mcap: holds no whole message"):
-            recover.recover(path)
+            mcap_records.recover(path)
     path.write_bytes(b"plain text, not a log")
     with pytest.raises(StoreError, match="is no MCAP file"):
-        recover.recover(path)
+        mcap_records.recover(path)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -95,7 +95,7 @@ def test_a_damaged_chunk_is_left_out_and_counted(whole, tmp_path):
     path = tmp_path / session_log.FILE
     at = ends[4] - 40  # within the fifth chunk's compressed records
     path.write_bytes(data[:at] + bytes(byte ^ 0xFF for byte in data[at : at + 8]) + data[at + 8 :])
-    told = recover.recover(path)
+    told = mcap_records.recover(path)
     assert told.path == tmp_path / "session.recovered.mcap"
     missing = set(range(4 * BLOCK, 5 * BLOCK))
     assert set(seeking(told.path)) == set(range(BLOCKS * BLOCK)) - missing
@@ -110,7 +110,7 @@ def test_the_index_names_the_channels_where_the_first_chunk_is_damaged(whole, tm
     assert session_log.read(path).numbers.tolist() == list(range(BLOCK, BLOCKS * BLOCK))
     path.write_bytes(path.read_bytes()[: ends[4]])
     with pytest.raises(StoreError, match="the chunk that names its channels is damaged"):
-        recover.recover(path)
+        mcap_records.recover(path)
 
 
 @pytest.mark.slow
@@ -147,7 +147,7 @@ def test_a_file_may_be_recovered_in_place(whole, tmp_path):
     data, _, ends = whole
     path = tmp_path / session_log.FILE
     path.write_bytes(data[: ends[6] + 5])
-    recover.recover(path, path)
+    mcap_records.recover(path, path)
     assert seeking(path) == list(range(7 * BLOCK)) and list(tmp_path.iterdir()) == [path]
 
 
@@ -164,7 +164,7 @@ def test_any_mcap_file_is_recovered(tmp_path, compression, chunked):
         writer.finish()
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 3])
-    told = recover.recover(path)
+    told = mcap_records.recover(path)
     with open(told.path, "rb") as file:
         found = [
             (one.log_time, one.publish_time, one.data)

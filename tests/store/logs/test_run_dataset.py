@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 
-from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store.logs import run_dataset, time_series
 
@@ -52,18 +51,6 @@ def test_every_series_is_where_its_names_say(arms):
     }
 
 
-def test_units_and_meanings_stand_beside_the_numbers():
-    found = run_dataset.dataset(series(), {})
-    assert found["tau_d"].attrs == {"units": "N m", "long_name": "desired torque at the capstan"}
-    assert (
-        found["jvel"].attrs["units"] == "rad/s" and found["jvel"].attrs["insertion_units"] == "m/s"
-    )
-    assert found["tip"].attrs["units"] == "m" and found["time"].attrs["units"] == "s"
-    assert all(
-        found[name].attrs["units"] and found[name].attrs["long_name"] for name in found.data_vars
-    )
-
-
 def test_it_is_a_file_of_other_tools(tmp_path):
     import xarray
 
@@ -74,11 +61,6 @@ def test_it_is_a_file_of_other_tools(tmp_path):
             again["tip"].sel(arm="green", axis="y"), found["tip"].sel(arm="green", axis="y")
         )
         assert again["tip"].attrs["units"] == "m" and again.attrs["run_id"] == "ab"
-
-
-def test_series_of_unequal_length_are_refused():
-    with pytest.raises(StoreError, match="simulate: a trace needs series of one length"):
-        run_dataset.dataset(series() | {"brakes": np.zeros(T + 1)}, {})
 
 
 @pytest.mark.slow

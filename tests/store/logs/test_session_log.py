@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tracemalloc
 
 import numpy as np
@@ -14,11 +13,10 @@ from scipy.spatial.transform import Rotation
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import arrays
-from ravenjax.store.logs import recover
+from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.store.logs.session import words as session_words
-from ravenjax.store.motion import mcap_file
+from ravenjax.store.motion import bag_file
 from ravenjax.train.protocol.frame import FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
@@ -84,37 +82,12 @@ def test_damage_at_its_head_costs_no_row(written, rows, tmp_path):
     log = session_log.read(damaged)
     assert log.names == LAYOUT.names() and log.header == HEADER and log.lost_bytes
     np.testing.assert_array_equal(log.rows, rows[np.r_[0:60, 70:T]])
-    recover.recover(damaged)
-    assert session_log.read(recover.recovered_path(damaged)).header == HEADER
+    mcap_records.recover(damaged)
+    assert session_log.read(mcap_records.recovered_path(damaged)).header == HEADER
 
 
 EVERY = [*range(0, 60, 10), *range(70, T, 10)]
 """Rows of the topics of 100 Hz."""
-
-
-def test_topics_and_times(log, rows):
-    per_arm = (
-        "measured_js",
-        "setpoint_js",
-        "true_js",
-        "model_js",
-        "measured_cp",
-        "true_cp",
-        "model_cp",
-        "haptic_cf",
-    )
-    standard = {f"/arm{i}/{name}" for i in (1, 2) for name in per_arm} | {"/tf"}
-    assert set(log.topics) == standard | {"/ravenjax/signals", "/ravenjax/events", "/ravenjax/log"}
-    for topic in standard:
-        assert [message.number for message in log.topics[topic]] == EVERY, topic
-    flat = log.topics["/ravenjax/signals"]
-    assert [message.number for message in flat] == [*range(60), *range(70, T)]
-    assert all(message.time_ns == START + message.number * 1_000_000 for message in flat)
-    stamp = flat[60].value.header.stamp
-    assert (stamp.sec, stamp.nanosec) == (START // 10**9, (START + 70_000_000) % 10**9)
-    np.testing.assert_array_equal(
-        [getattr(flat[60].value, name) for name in ros2_log.fields(flat[60].value)[1:]], rows[70]
-    )
 
 
 @pytest.mark.parametrize(("i", "arm"), [(1, "gold"), (2, "green")])
@@ -167,56 +140,8 @@ def test_frames_hang_on_the_bases_that_are_known(log):
     assert (tip.translation.x, tip.rotation.w) == (pose.position.x, pose.orientation.w)
 
 
-def test_events_are_told_in_words(log):
-    assert [json.loads(message.value.data) for message in log.topics["/ravenjax/events"]] == EVENTS
-    words = [
-        (one.value.level, one.value.name, one.value.msg) for one in log.topics["/ravenjax/log"]
-    ]
-    assert words == [(20, "note", "note: naïve"), (20, "end", "session ends: time")]
-
-
-def test_metadata_tell_sessions_apart(log):
-    told = log.metadata["ravenjax"]
-    assert json.loads(told["header"]) == HEADER and json.loads(told["channels"]) == LAYOUT.names()
-    plain = {
-        name: told[name]
-        for name in ("session", "scenario", "seed", "version", "code_hash", "hazards")
-    }
-    assert plain == {
-        "session": "é",
-        "scenario": "dac_burst",
-        "seed": "7",
-        "version": "0.1.0",
-        "code_hash": "ab" * 32,
-        "hazards": '["a burst"]',
-    }
-
-
-@pytest.mark.parametrize(
-    ("event", "level", "words"),
-    [
-        ({"kind": "alarm", "check": "soft_estop"}, "warn", "check soft_estop trips"),
-        (
-            {"kind": "stray", "arm": "gold", "mm": 3.1, "number": 0},
-            "error",
-            "true tip of the gold arm 3.1 mm off",
-        ),
-        ({"kind": "runlevel", "runlevel": 0}, "info", "run level: E-stop"),
-        (
-            {"kind": "response", "what": "release", "ok": False, "number": 1, "ms": 300},
-            "info",
-            "operator responds: release, not the right response",
-        ),
-        ({"kind": "target", "tick": 3}, "info", "target"),
-        ({"kind": "unheard of", "tick": 3, "size": 4}, "info", "unheard of: size 4"),
-    ],
-)
-def test_events_in_words(event, level, words):
-    assert (session_words.level(event), session_words.text(event)) == (level, words)
-
-
 def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
-    track = mcap_file.read(written, ("gold", "green"), None)
+    track = bag_file.read_track(written, ("gold", "green"), None)
     gold, green = track.arms["gold"], track.arms["green"]
     every = [*range(0, 60, 10), *range(70, T, 10)]
     np.testing.assert_allclose(gold.time_s, np.array(every) * 1e-3, rtol=0.0, atol=1e-12)

@@ -6,8 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.errors import StoreError
-from ravenjax.store.logs import time_series
 from ravenjax.store.logs.trace import csv_file
 
 T = 50
@@ -55,17 +53,3 @@ def test_what_was_written_is_read(series, tmp_path):
     assert table["gold/tip/y [m]"].isna().sum() == 5
     assert table["fault0_active"].tolist() == series["fault0_active"].astype(int).tolist()
     assert table["gold/dac_cnt/elbow [counts]"].tolist() == series["gold/dac_cnt"][:, 1].tolist()
-
-
-def test_series_of_unequal_length_are_refused(tmp_path):
-    with pytest.raises(StoreError, match=r"run.csv: a trace needs series of one length"):
-        csv_file.write(tmp_path / "run.csv", {"a": np.zeros(3), "b": np.zeros(4)})
-    assert not list(tmp_path.iterdir())
-
-
-def test_every_series_has_a_unit_and_a_meaning():
-    for one in (*time_series.OF_RUN.values(), *time_series.OF_ARM.values()):
-        assert one.unit and one.meaning, one.name
-    assert time_series.described("green/jpos").linear_unit == "m"
-    assert time_series.described("fault3_active").axes == ()
-    assert time_series.described("a series to come").unit == ""

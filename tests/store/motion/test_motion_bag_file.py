@@ -55,11 +55,4 @@ def test_a_bag_of_debians_rosbag_is_a_motion(tmp_path, compression):
     np.testing.assert_allclose(samples.opening_mrad, 200.0 + k)
     assert len(one) == 991
     with pytest.raises(UserError, match="no topic /arm2/setpoint_cp or /arm2/measured_cp"):
-        bag_file.read(path, ("green",), None)
-
-
-def test_what_is_no_bag_is_refused(tmp_path):
-    path = tmp_path / "hands.bag"
-    path.write_bytes(b"no bag")
-    with pytest.raises(UserError, match="no bag or MCAP file that can be read"):
-        recording.load(path, ("gold",), ReplayOptions())
+        bag_file.read_track(path, ("green",), None)

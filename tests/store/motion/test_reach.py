@@ -47,11 +47,6 @@ def test_what_cannot_be_reached_is_refused_with_how_much_where_and_why(leaving):
         assert one.summary.arms[0].inside < 1.0 and one.summary.outside_share > 0.0
 
 
-def test_only_what_a_campaign_replays_must_be_reached(leaving):
-    assert play(leaving, ticks=2000).summary.window_s[1] == pytest.approx(1.25, abs=2e-3)
-    refused(leaving, "cannot reach", ticks=2400)
-
-
 def test_window_outside_the_recording(parquet):
     refused(
         parquet(recording()), "outside the recording, expected in 0 .. 3.000 s", window_s=(1.0, 9.0)

@@ -5,11 +5,10 @@ nothing is invented.
 import itertools
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from recorded_hands import HOME_MM, play, table, tip_mm
+from recorded_hands import HOME_MM, table
 from scipy.spatial.transform import Rotation
 
 from ravenjax.store.motion import recording, resampling, stamps
@@ -91,25 +90,6 @@ def wave(time_s):
     return np.stack([0.0 * time_s, 10.0 * np.sin(2 * np.pi * time_s), 0.0 * time_s], axis=1)
 
 
-def test_a_row_a_millisecond_stays_as_it_is(tmp_path):
-    frame = pd.DataFrame(table(np.arange(2000) * 1e-3, wave)).assign(time_ms=np.arange(2000))
-    frame.to_parquet(tmp_path / "hands.parquet")
-    one = recording.load(tmp_path / "hands.parquet", ("gold",), ReplayOptions())
-    wanted = frame[["gold_x_um", "gold_y_um", "gold_z_um"]].to_numpy() * 1e-6
-    np.testing.assert_allclose(one.poses.position[:, 0], wanted, rtol=0.0, atol=1e-15)
-
-
-def test_speed_has_no_steps_between_slow_samples(tmp_path):
-    """30 rows a second: straight lines between samples would kick the robot at each of them."""
-    time_s = np.arange(90) / 30.0
-    table(time_s).assign(time_s=time_s).to_parquet(tmp_path / "hands.parquet")
-    speed = np.linalg.norm(np.diff(tip_mm(play(tmp_path / "hands.parquet").motion), axis=0), axis=1)
-    assert (
-        np.abs(np.diff(speed)).max() < 2e-3
-    )  # mm per ms2; with straight lines 0.0014 times as much at each sample
-    assert np.abs(np.diff(speed))[800:].max() < 2.5e-4
-
-
 @given(st.lists(st.floats(0.2, 60.0), min_size=4, max_size=60), st.integers(0, 2**31))
 def test_turns_are_unit_quaternions_whatever_their_sign(steps, seed):
     time_s = np.cumsum([0.0, *steps]) * 1e-3
@@ -120,12 +100,6 @@ def test_turns_are_unit_quaternions_whatever_their_sign(steps, seed):
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
     wanted = Rotation.from_rotvec(np.outer(at, [0.3, -0.2, 1.0]))
     assert (Rotation.from_quat(found) * wanted.inv()).magnitude().max() < 1e-3
-
-
-def test_a_switch_holds_until_it_is_said_anew():
-    time_s, pedal = np.array([0.0, 0.1, 0.2]), np.array([0.0, 1.0, 0.0])
-    found = resampling.before(time_s, pedal, np.array([0.0, 0.099, 0.1, 0.199, 0.2, 0.5]))
-    assert found.tolist() == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]
 
 
 def test_a_low_pass_does_not_reach_over_a_gap():

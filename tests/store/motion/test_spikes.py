@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded_hands import ROWS, play, recording, refused, tip_mm
+from recorded_hands import ROWS, play, recording, refused
 
 from ravenjax.store.motion import spikes
 from ravenjax.store.motion.track import ArmTrack
@@ -30,29 +30,6 @@ def test_a_spike_is_refused_with_row_time_and_what_to_write(parquet):
     refused(path, "row 1500", cutoff_hz=5.0)
 
 
-def test_a_spike_that_is_removed_is_said(parquet):
-    clean, one = play(parquet(recording())), play(parquet(spiked(rows=3)), spikes="remove")
-    assert one.summary.spikes == ("row 1500 (1.500 s, gold): 50 mm for 3 rows",)
-    assert np.abs(tip_mm(one.motion) - tip_mm(clean.motion)).max() < 1e-3
-
-
-def test_a_spike_that_is_replayed_is_said_and_there(parquet):
-    one = play(parquet(spiked(size_mm=5.0)), spikes="replay")
-    assert one.summary.spikes == ("row 1500 (1.500 s, gold): 5 mm",)
-    assert np.ptp(tip_mm(one.motion)[:, 2]) == pytest.approx(5.0, abs=1e-3)
-
-
-def test_a_spike_outside_what_is_replayed_is_named_and_no_harm(parquet):
-    path = parquet(spiked())
-    clean = play(parquet(recording()), window_s=(0.0, 1.4), cutoff_hz=5.0)
-    one = play(parquet(spiked()), window_s=(0.0, 1.4), cutoff_hz=5.0)
-    assert one.summary.spikes == ("row 1500 (1.500 s, gold): 50 mm",)
-    assert (
-        np.abs(tip_mm(one.motion) - tip_mm(clean.motion)).max() < 1.0
-    )  # the filter sees less beyond the window
-    refused(path, "row 1500", window_s=(0.0, 1.501))
-
-
 def test_a_tip_that_does_not_come_back_cannot_be_removed(parquet):
     frame = recording()
     frame.loc[1500:, "gold_z_um"] += 10_000.0
@@ -60,14 +37,6 @@ def test_a_tip_that_does_not_come_back_cannot_be_removed(parquet):
     message = refused(path, "row 1500 (1.500 s, gold): 10 mm, without coming back", spikes="remove")
     assert '"remove"' not in message and "operator.window_s cuts a part" in message
     assert play(path, window_s=(1.5, 3.0)).motion.duration_s == pytest.approx(2.25, abs=2e-3)
-
-
-def test_many_spikes_are_listed_up_to_five(parquet):
-    frame = recording()
-    for row in range(200, 2800, 200):
-        frame.loc[row, "gold_x_um"] -= 30_000.0
-    message = refused(parquet(frame), "row 200 (0.200 s, gold): 30 mm; row 400", "and 8 more")
-    assert "row 1200 " not in message
 
 
 def test_fast_but_possible_hands_have_no_spikes(shared_data):

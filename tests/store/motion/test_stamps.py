@@ -1,7 +1,6 @@
 """When rows were sampled: which columns say so, and every way in which they cannot be believed."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -51,18 +50,6 @@ def test_nanoseconds_since_1970_lose_nothing(parquet, kind):
     )
 
 
-def test_dates_are_times_where_the_name_says_no_unit(parquet):
-    frame = table(SLOW).assign(
-        timestamp=pd.to_datetime("2026-01-01") + pd.to_timedelta(SLOW, unit="s")
-    )
-    assert play(parquet(frame)).summary.rate_hz == pytest.approx(30.0)
-    wrong = frame.rename(columns={"timestamp": "timestamp_ms"})
-    refused(
-        parquet(wrong),
-        "column timestamp_ms holds dates or durations, expected numbers; call it timestamp",
-    )
-
-
 # --- no time --------------------------------------------------------------------------------------
 # --------------------
 
@@ -77,12 +64,6 @@ def test_a_file_without_times_needs_a_rate(parquet):
     one = play(path, rate_hz=1000.0)
     assert one.summary.clock == "operator.rate_hz = 1000"
     assert len(one.motion) == ROWS + 749
-
-
-def test_a_rate_makes_time_of_rows(parquet):
-    slow = play(parquet(table(SLOW)), rate_hz=30.0)
-    same = play(parquet(table(SLOW).assign(time_s=SLOW)))
-    np.testing.assert_allclose(slow.motion.position_um, same.motion.position_um, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -114,28 +95,6 @@ def test_a_counter_of_rows_is_no_time(parquet, name):
         parquet(table(SLOW).assign(**{name: np.arange(90)})),
         "nothing says when its 90 rows were sampled",
     )
-
-
-def test_text_that_is_called_time(tmp_path):
-    path = tmp_path / "hands.csv"
-    table(SLOW).assign(time=pd.to_datetime("2026-01-01") + pd.to_timedelta(SLOW, unit="s")).to_csv(
-        path, index=False
-    )
-    refused(
-        path,
-        "column 'time' looks like time and does not hold numbers",
-        "write seconds since the first row",
-    )
-
-
-def test_other_columns_beside_a_time_are_named_and_not_used(parquet):
-    frame = table(SLOW).assign(time_s=SLOW, ros_time=SLOW * 7.0, force=1.0)
-    assert play(parquet(frame)).summary.ignored == ("ros_time", "force")
-
-
-def test_two_times(parquet):
-    frame = table(SLOW).assign(time_s=SLOW, t_ms=SLOW * 1e3)
-    refused(parquet(frame), "columns time_s and t_ms say the same; keep one of them")
 
 
 # --- a rate beside stamps
@@ -201,14 +160,6 @@ def test_time_that_stands_still(parquet):
     )
 
 
-def test_all_rows_at_one_time(parquet):
-    refused(
-        parquet(recording().assign(time_s=5.0)),
-        "row 1 has the time of row 0",
-        "Drop the column if it says nothing",
-    )
-
-
 @pytest.mark.parametrize(
     ("name", "factor", "says"),
     [
@@ -248,14 +199,6 @@ def test_a_gap_says_where_how_long_and_what_to_write(parquet):
     wanted = circle(np.arange(len(shown)) * 1e-3)
     assert np.abs(shown - wanted)[300:1100].max() < 1e-3
     assert 0.01 < np.abs(shown - wanted)[1200:1950].max() < 2.0
-
-
-def test_a_gap_before_or_after_what_a_campaign_replays_is_no_harm(parquet):
-    time_s = np.arange(ROWS) * 1e-3
-    time_s[2500:] += 0.75
-    path = parquet(table(time_s).assign(time_s=time_s))
-    assert play(path, ticks=3000).summary.gaps == 1  # 2.25 s of the recording
-    refused(path, "gap of 0.751 s after row 2499", ticks=4000)
 
 
 @settings(max_examples=30)

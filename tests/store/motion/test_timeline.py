@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recorded_hands import play, recording, refused, tip_mm
+from recorded_hands import play, recording, refused
 
 from ravenjax.errors import UserError
 from ravenjax.store.motion import timeline
@@ -25,39 +25,6 @@ def test_a_recording_that_ends_before_the_campaign_is_refused_with_what_to_write
         assert way in message
     assert len(play(path, ticks=8000, slow_down=2.42).motion) == 8000
     assert len(play(path, ticks=3749).motion) == 3749
-
-
-def test_hold_slows_down_and_rests(parquet):
-    one = play(parquet(recording(rows=2300)), ticks=6000, at_end="hold")
-    tip = tip_mm(one.motion)
-    assert one.summary.end_s == pytest.approx(0.5 + 2.3 + 0.5, abs=2e-3) and one.summary.turns == 0
-    assert np.abs(np.diff(tip[3302:], axis=0)).max() == 0.0
-    speed = np.linalg.norm(np.diff(tip, axis=0), axis=1)
-    assert np.abs(np.diff(speed)).max() < 1e-3  # comes to rest without a jolt, mm per ms
-    assert tip[-1] == pytest.approx(
-        tip_mm(play(parquet(recording(rows=2300))).motion)[-1], abs=1e-6
-    )
-
-
-def test_reverse_goes_back_and_forth(parquet):
-    one = play(parquet(recording(rows=2300)), ticks=10_000, at_end="reverse")
-    tip, there = tip_mm(one.motion), 2299 + 500
-    assert one.summary.turns == 3
-    assert tip[500 + 2 * there - 1] == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)  # back at the start
-    np.testing.assert_allclose(
-        tip[500 : 500 + there], tip[500 + there : 500 + 2 * there][::-1], atol=1e-9
-    )
-    speed = np.linalg.norm(np.diff(tip, axis=0), axis=1)
-    assert np.abs(np.diff(speed)).max() < 1e-3
-    assert speed[-1000:].max() > 0.01  # it still moves
-
-
-def test_a_campaign_that_ends_before_hands_move_is_refused(parquet):
-    refused(
-        parquet(recording()),
-        "the campaign ends after 0.3 s, and hands rest for the first 0.5 s",
-        ticks=300,
-    )
 
 
 @given(cases, st.sampled_from(["hold", "reverse"]))

@@ -221,16 +221,6 @@ def test_a_robot_elsewhere_is_said_to_be_seen_less_of(tmp_path):
     )
 
 
-def test_a_table_of_an_earlier_version_is_refused_and_kept(tmp_path):
-    synthetic.write(tmp_path, [MET], recorded=False)
-    path = tmp_path / "hazards.csv"
-    path.write_text(path.read_text().replace("unintended_mm", "peak_stray_mm"))
-    with pytest.raises(
-        StoreError, match=r"earlier version of ravenjax.*peak_stray_mm.*read it with the version"
-    ):
-        hazard_table.read(tmp_path)
-
-
 def test_steps_stand_in_order_of_time_and_what_never_came_last():
     late = synthetic.hazard(0, cue=500.0, alarm=20.0, response=100.0)
     steps = debrief_words.steps(late, blinded=False)

@@ -16,7 +16,7 @@ import waiting
 from mcap.reader import make_reader
 
 from ravenjax.errors import StoreError
-from ravenjax.store.logs import mcap_records, recover
+from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.protocol.frame import FrameLayout
@@ -204,7 +204,7 @@ def test_a_kill_at_any_moment_loses_at_most_50_ms(tmp_path, seed):
             metronome.join()
             session.process.join(waiting.DEADLINE_S)
             assert session.process.exitcode == -signal.SIGKILL
-            told = recover.recover(log)
+            told = mcap_records.recover(log)
             found = reader.read(session.folder)
             assert found.complete and not session_log.read(log).complete
             np.testing.assert_array_equal(found.numbers, np.arange(len(found.rows)))

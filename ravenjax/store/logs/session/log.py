@@ -23,22 +23,24 @@ affair.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import struct
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap.data_stream import RecordBuilder
 from mcap.writer import Writer as McapWriter
 
 from ravenjax.errors import StoreError
+from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
-from ravenjax.store.logs import cdr, mcap_records, topics
-from ravenjax.store.logs.orientation import quaternions
-from ravenjax.store.logs.session import index, words
-from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Topic
+from ravenjax.store.logs import mcap_records, topics
+from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Topic, quaternions
 
 FILE = "session.mcap"
 METADATA = "ravenjax"
@@ -81,7 +83,7 @@ class SessionWriter:
         self._standard = _Standard(names, header.get("bases") or {})
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
         self._writer = McapWriter(self._file)
-        index.spill(self._writer)
+        _spill_index(self._writer)
         self._writer.start(profile="ros2", library="ravenjax")
         self._metadata = _metadata(names, header)
         self._writer.add_metadata(METADATA, self._metadata)
@@ -109,7 +111,7 @@ class SessionWriter:
                 self._put(channel, topic, numbers[due], values)
         stamp = self._stamp(max(0, self._next - 1))
         for event in events:
-            encoded = topics.encoded_event(event, words.text(event), words.level(event), stamp)
+            encoded = topics.encoded_event(event, event_text(event), event_level(event), stamp)
             for channel, data in zip(self._events, encoded, strict=True):
                 self._writer.add_message(channel, stamp, data, stamp)
         try:
@@ -174,7 +176,7 @@ def read(path: Path) -> SessionLog:
             numbers.append(number)
             data.append(message[-width:])
         elif topic == EVENTS:
-            events.append(json.loads(cdr.read_string(message)))
+            events.append(topics.event_of(message))
     rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
     return SessionLog(
         header,
@@ -283,3 +285,112 @@ def _start_ns(header: Mapping[str, Any]) -> int:
     """ns since 1970 at which the session began; 0 where the header does not say."""
     started = header.get("started")
     return round(datetime.fromisoformat(started).timestamp() * 1e3) * 1_000_000 if started else 0
+
+
+# Events in words. Kinds: `ravenjax.train.protocol.messages`.
+
+Event = Mapping[str, Any]
+
+_TEXTS: dict[str, Callable[[Event], str]] = {
+    "phase": lambda e: f"session: {e['phase']}",
+    "view": lambda e: f"view: {e['view']}",
+    "console": lambda e: "console answers" if e["alive"] else "console is silent",
+    "pedal": lambda e: f"pedal {'down' if e['down'] else 'up'}",
+    "runlevel": lambda e: f"run level: {ROBOT.run_level(e['runlevel'])}",
+    "alarm": lambda e: f"check {e['check']} trips",
+    "hazard_armed": lambda e: f"hazard {e['number']} is armed",
+    "hazard_struck": lambda e: f"hazard {e['number']} strikes",
+    "knowable": lambda e: f"hazard {e['number']} can be known from now on, by {e['by']}",
+    "cue": lambda e: (
+        f"haptic cue on the {e['arm']} arm" + (" without a hazard" if e["number"] < 0 else "")
+    ),
+    "stray": lambda e: f"true tip of the {e['arm']} arm {e['mm']:g} mm off",
+    "response": lambda e: (
+        f"operator responds: {e['what']}" + ("" if e["ok"] else ", not the right response")
+    ),
+    "hazard_over": lambda e: f"hazard {e['number']} is over: {e['outcome']}",
+    "target": lambda e: f"next target: {e['target']}",
+    "level": lambda e: (
+        f"level {e['level']} of {e['of']}, {e['in_a_row']} of {e['needs']} rounds in a row"
+    ),
+    "task_done": lambda _: "task done",
+    "note": lambda e: f"note: {e['text']}",
+    "overrun": lambda e: f"{e['late_ticks']} late ticks",
+    "trouble": lambda e: str(e["text"]),
+    "lost_rows": lambda e: f"{e['rows']} rows were lost",
+    "lost_events": lambda e: f"{e['events']} events were lost",
+    "end": lambda e: f"session ends: {e['reason']}",
+}
+_LEVELS = {
+    "alarm": "warn",
+    "cue": "warn",
+    "hazard_struck": "error",
+    "lost_events": "warn",
+    "lost_rows": "warn",
+    "overrun": "warn",
+    "stray": "error",
+    "trouble": "warn",
+}
+
+
+def event_text(event: Event) -> str:
+    """A sentence; of an event of another kind, or that lacks a word, its words as they are."""
+    try:
+        return _TEXTS[event["kind"]](event)
+    except (KeyError, TypeError, ValueError):
+        words = ", ".join(
+            f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick")
+        )
+        return f"{event['kind']}: {words}" if words else str(event["kind"])
+
+
+def event_level(event: Event) -> str:
+    """Severity, one of `topics.LEVELS`."""
+    return _LEVELS.get(event["kind"], "info")
+
+
+# The index of a recording while it is written, on disk.
+
+_KEPT = "_Writer__chunk_indices"
+"""Where MCAP's writer keeps a kilobyte of memory for each chunk: 300 MB an hour of a session."""
+
+
+class _Record:
+    """An entry as it stands in the file."""
+
+    def __init__(self, content: bytes) -> None:
+        self._content = content
+
+    def write(self, stream: RecordBuilder) -> None:
+        """Put it into the summary."""
+        stream.write(self._content)
+
+
+class _SpilledIndex:
+    """What stands in for the writer's list of its chunks: entries go to an unnamed file, which
+    ends with the writer.
+    """
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115  as long as the recording
+
+    def append(self, entry: Any) -> None:
+        """One more chunk."""
+        builder = RecordBuilder()
+        entry.write(builder)
+        content = builder.end()
+        self._file.write(struct.pack("<I", len(content)) + content)
+
+    def __iter__(self) -> Iterator[_Record]:
+        """Every entry, in order."""
+        self._file.seek(0)
+        while head := self._file.read(4):
+            yield _Record(self._file.read(struct.unpack("<I", head)[0]))
+
+
+def _spill_index(writer: McapWriter) -> None:
+    """Let `writer` keep its index on disk; where a later version of it keeps none under this
+    name, nothing changes.
+    """
+    if getattr(writer, _KEPT, None) == []:
+        setattr(writer, _KEPT, _SpilledIndex())

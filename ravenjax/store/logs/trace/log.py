@@ -31,8 +31,7 @@ from mcap.writer import Writer
 from ravenjax import robots
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs import time_series, topics
-from ravenjax.store.logs.orientation import quaternions
-from ravenjax.store.logs.topics import Topic
+from ravenjax.store.logs.topics import Topic, quaternions
 from ravenjax.vocabulary.robot import Robot
 
 CHUNK_BYTES = (

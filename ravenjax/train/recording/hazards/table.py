@@ -28,9 +28,6 @@ OUTCOMES = {
 }
 """How a hazard may end, in words."""
 
-_FORMER = {"peak_stray_mm", "twin_halted_ms"}
-"""Columns that only earlier versions wrote."""
-
 
 def read(folder: Path) -> list[HazardRow]:
     """Hazards of a session's folder in the order of their strike; none where it has no hazards.csv.
@@ -48,12 +45,6 @@ def read(folder: Path) -> list[HazardRow]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StoreError(f"{path}: cannot be read ({error})") from error
     wanted = [one.name for one in dataclasses.fields(HazardRow)]
-    if former := _FORMER.intersection(columns):
-        raise StoreError(
-            f"{path}: was written by an earlier version of ravenjax, which named or defined"
-            f" outcomes differently (it has the column {min(former)}). The file is fine: read it"
-            " with the version that session.json names"
-        )
     if missing := [name for name in wanted if name not in columns]:
         raise StoreError(
             f"{path}: has no column {', '.join(missing)}; expected those that `ravenjax train`"
