@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tick_operations as operations
 
-from ravenjax.bench import operations
 from ravenjax.bench.workload import PATTERN_RUNS, Workload, campaign
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine

@@ -15,10 +15,10 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 
+import extreme_runs as extremes
 import pandas as pd
 
 import ravenjax as rj
-from ravenjax.bench import extremes
 from ravenjax.campaign.file.config import CampaignConfig
 
 

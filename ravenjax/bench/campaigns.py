@@ -1,66 +1,63 @@
-"""Whole campaigns kept in memory: what one costs before its first run, and what each further run
-adds.
+"""Whole campaigns kept in memory: what one costs by its number of runs, and by when faults strike.
+
+Up to its fault a run is its golden run. An engine that goes on from there computes only what comes
+after, and with `campaign.observe_ms` only so much of that.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import time
-from collections.abc import Mapping, Sequence
+import functools
+from typing import Any
 
-from ravenjax.bench import clock, workload
-from ravenjax.campaign import runner
+from ravenjax.bench import machine, timing, workload
+from ravenjax.campaign import loading, runner
+from ravenjax.engines import selection
+from ravenjax.numbers.setup import CAMPAIGN
 
 SIZES = {"cuda": (4096, 65_536, 1_048_576), "simd": (256, 4096, 16_384)}
 """Engine -> runs of a campaign."""
 TICKS = {"cuda": 10_000, "simd": 1000}
+FAULT_TICKS, OBSERVE_MS, FAULT_MS = 10_000, 1000, 10
+"""Of a run; how long half of the runs are observed after their fault; how long that lasts."""
+STARTS_MS = (0, 2500, 5000, 7500, 9000)
+"""When faults strike. At the first there is nothing to go on from."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Campaigns:
-    """Seconds of whole campaigns: planning, running, tables; tracing and compiling once, in the
-    first alone.
-    """
-
-    engine: str
-    ticks: int  # of a run
-    # s of the first in its process, of the smallest size: tracing and compiling, nothing cached
-    first_s: float
-    seconds: Mapping[int, float]  # runs -> s, the best of some
-
-    @property
-    def growth(self) -> tuple[float, float]:
-        """(s, s a run) of the line through the smallest and the largest; no growth of one size."""
-        less, more = min(self.seconds), max(self.seconds)
-        marginal = (self.seconds[more] - self.seconds[less]) / (more - less) if more > less else 0.0
-        return self.seconds[more] - marginal * more, marginal
+def measure_sizes(seconds: float) -> list[dict[str, Any]]:
+    """Campaigns of each size. The first traces and compiles, and is shown beside its repeats."""
+    name = selection.fastest(CAMPAIGN)[0]
+    rows = []
+    for runs in SIZES[name]:
+        config = workload.campaign(runs, TICKS[name])
+        run = functools.partial(runner.run_campaign, config, None, name)
+        first_s, times = timing.measure_once(run), timing.repeat(run, seconds / len(SIZES[name]))
+        row = {"engine": name, "runs": runs, "ticks": TICKS[name], "first_s": first_s}
+        rows.append(row | {"seconds": times, "us_per_run": 1e6 * min(times) / runs})
+    return rows
 
 
-def measure(
-    seconds: float,
-    engine: str = "auto",
-    sizes: Sequence[int] | None = None,
-    ticks: int | None = None,
-) -> Campaigns:
-    """Measure for about so long beyond tracing; the smallest size always, a larger one if it
-    promises to fit.
-    """
-    from ravenjax.engines import selection
-    from ravenjax.numbers.setup import CAMPAIGN
-
-    name = selection.fastest(CAMPAIGN)[0] if engine == "auto" else engine
-    sizes, length = sizes or SIZES[name], ticks or TICKS[name]
-    first = clock.seconds(lambda: _campaign(sizes[0], length, name))
-    end, spent = time.perf_counter() + seconds, dict[int, float]()
-    for number, runs in enumerate(sizes):
-        promise = spent[sizes[number - 1]] * runs / sizes[number - 1] if number else 0.0
-        if number and time.perf_counter() + promise > end:
-            break
-        spent[runs] = min(
-            clock.seconds(lambda runs=runs: _campaign(runs, length, name)) for _ in range(2)
-        )
-    return Campaigns(name, length, first, spent)
+def fault_campaign(runs: int, start_ms: int, observe_ms: int | None) -> dict[str, Any]:
+    """The keys of the campaign that is timed, all its faults at one time."""
+    keys = workload.campaign_keys(runs, FAULT_TICKS)
+    keys["group"][0]["fault"][0] |= {"start_ms": start_ms, "duration_ms": FAULT_MS}
+    if observe_ms is not None:
+        keys["campaign"]["observe_ms"] = observe_ms
+    return keys
 
 
-def _campaign(runs: int, ticks: int, engine: str) -> None:
-    runner.run_campaign(workload.campaign(runs, ticks), None, engine)
+def measure_fault_times(seconds: float, runs: int = 0) -> list[dict[str, Any]]:
+    """By when faults strike. runs: of each campaign; 0: what an engine does in about a second."""
+    name = selection.fastest(CAMPAIGN)[0]
+    runs = runs or (2**17 if name == "cuda" else 1024 * machine.count_usable_cpus())
+    ways = [(start, observe) for observe in (None, OBSERVE_MS) for start in STARTS_MS]
+    rows: list[dict[str, Any]] = []
+    for start, observe in ways:
+        config = loading.from_dict(fault_campaign(runs, start, observe))
+        run = functools.partial(runner.run_campaign, config, None, name)
+        if start == STARTS_MS[0]:
+            # traces and compiles
+            run()
+        times = timing.repeat(run, 0.8 * seconds / len(ways))
+        row = {"engine": name, "runs": runs, "fault_at_ms": start, "observe_ms": observe}
+        rows.append(row | {"us_per_run": 1e6 * min(times) / runs, "seconds": times})
+    return rows

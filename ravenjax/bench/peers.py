@@ -11,38 +11,24 @@ can do.
 from __future__ import annotations
 
 import copy
-import dataclasses
+import functools
+import time
+from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from ravenjax.bench import clock, machine
-from ravenjax.bench.clock import WorkTiming
+from ravenjax.bench import machine, timing
 from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
 """s, step of the simulation: that of the tick."""
-ROBOTS, ROLLOUT_STEPS, EULER_STEPS, MJX_STEPS = 1024, 200, 20_000, 20
+PUBLISHED = "published model, target A2: at most 11 us"
+"""The authors' C++ takes 11 us for an Euler step on one core; DSN 2016, Figure 8."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Peer:
-    """How fast something else steps the arm."""
-
-    name: str
-    device: str
-    robots: int
-    steps: int  # of each robot
-    compile_s: float  # s; 0: nothing is compiled
-    timing: WorkTiming
-
-    @property
-    def steps_per_s(self) -> float:
-        """Steps of one arm, all robots together."""
-        return self.robots * self.steps / self.timing.best_s
-
-
-def arm() -> mujoco.MjModel:
+def make_arm() -> mujoco.MjModel:
     """The gold arm alone."""
     model = copy.copy(arm_model.one_arm("gold"))
     model.opt.timestep = STEP_S
@@ -50,32 +36,22 @@ def arm() -> mujoco.MjModel:
     return model
 
 
-def rollout(
-    seconds: float, threads: int | None = None, robots: int = ROBOTS, steps: int = ROLLOUT_STEPS
-) -> Peer:
-    """C MuJoCo's `mujoco.rollout` with so many threads, or with one for each CPU; for about so
-    long.
-    """
-    from mujoco import rollout as module
+def measure_rollout(seconds: float, robots: int = 1024, steps: int = 200) -> list[dict[str, Any]]:
+    """C MuJoCo's `mujoco.rollout` with one thread for each CPU; for about so long."""
+    from mujoco import rollout
 
-    threads = threads or machine.usable_cpus()
-    model, kind = arm(), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    threads = machine.count_usable_cpus()
+    model, kind = make_arm(), mujoco.mjtState.mjSTATE_FULLPHYSICS
     data = [mujoco.MjData(model) for _ in range(threads)]
     initial = np.zeros((robots, mujoco.mj_stateSize(model, kind)))
     mujoco.mj_getState(model, data[0], initial[0], kind)
     initial[:] = initial[0]
-    with module.Rollout(nthread=threads) as pool:
-        timing = clock.timed(
-            lambda: pool.rollout(model, data, initial, nstep=steps), clock.REPEATS, seconds
-        )
-    return Peer("mujoco.rollout", f"CPU, {threads} threads", robots, steps, 0.0, timing)
+    with rollout.Rollout(nthread=threads) as pool:
+        work = functools.partial(pool.rollout, model, data, initial, nstep=steps)
+        return _measure("mujoco.rollout", f"{threads} threads", 0.0, robots * steps, work, seconds)
 
 
-PUBLISHED_EULER_S = 0.011e-3
-"""s of one Euler step of the published model on one core, the authors' C++; DSN 2016, Figure 8."""
-
-
-def published_model(seconds: float, steps: int = EULER_STEPS) -> Peer:
+def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[str, Any]]:
     """The published three-joint model of one robot, explicit Euler at 1 ms as printed, in
     float64, on one core.
     """
@@ -95,20 +71,17 @@ def published_model(seconds: float, steps: int = EULER_STEPS) -> Peer:
         rest = authors.initial(
             Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0))
         )
-        with clock.xla_compiling() as compiling:
-            compiled = jax.jit(advance).lower(rest).compile()
-        timing = clock.timed(lambda: jax.block_until_ready(compiled(rest)), clock.REPEATS, seconds)
-    return Peer("published 3-joint Euler model", "CPU, 1 core", 1, steps, sum(compiling), timing)
+        return _measure_jax(PUBLISHED, steps, advance, rest, seconds)
 
 
-def mjx_step(seconds: float, robots: int = ROBOTS, steps: int = MJX_STEPS) -> Peer:
+def measure_mjx_step(seconds: float, robots: int = 1024, steps: int = 20) -> list[dict[str, Any]]:
     """MJX: `jax.vmap(mjx.step)`, the loop over steps inside `jit`."""
     import jax
     import jax.numpy as jnp
 
     from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
 
-    model = mjx.put_model(arm())
+    model = mjx.put_model(make_arm())
     one = mjx.make_data(model)
     many = jax.vmap(lambda number: one.replace(qvel=one.qvel + 1e-6 * number))(jnp.arange(robots))
 
@@ -117,14 +90,35 @@ def mjx_step(seconds: float, robots: int = ROBOTS, steps: int = MJX_STEPS) -> Pe
             0, steps, lambda _, now: jax.vmap(mjx.step, in_axes=(None, 0))(model, now), data
         )
 
-    with clock.xla_compiling() as compiling:
-        compiled = jax.jit(advance).lower(many).compile()
-    timing = clock.timed(lambda: jax.block_until_ready(compiled(many)), clock.REPEATS, seconds)
-    return Peer(
-        "jax.vmap(mjx.step)",
-        str(jax.devices()[0].device_kind),
-        robots,
-        steps,
-        sum(compiling),
-        timing,
-    )
+    return _measure_jax("jax.vmap(mjx.step)", robots * steps, advance, many, seconds)
+
+
+def _measure_jax(
+    name: str, steps: int, advance: Callable[[Any], Any], start: Any, seconds: float
+) -> list[dict[str, Any]]:
+    import jax
+
+    lowered = jax.jit(advance).lower(start)
+    began = time.perf_counter()
+    compiled = lowered.compile()
+    compile_s = time.perf_counter() - began
+    device = str(jax.config.jax_default_device or jax.devices()[0])
+    run = functools.partial(compiled, start)
+    return _measure(name, device, compile_s, steps, lambda: jax.block_until_ready(run()), seconds)
+
+
+def _measure(
+    name: str,
+    device: str,
+    compile_s: float,
+    steps: int,
+    work: Callable[[], object],
+    seconds: float,
+) -> list[dict[str, Any]]:
+    """steps: of all robots, in `work` once."""
+    work()
+    times = timing.repeat(work, seconds)
+    row = {"peer": name, "device": device, "steps_per_s": steps / min(times)}
+    return [
+        row | {"us_per_step": 1e6 * min(times) / steps, "seconds": times, "compile_s": compile_s}
+    ]

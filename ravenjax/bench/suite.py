@@ -1,258 +1,144 @@
-"""The whole benchmark in one run, part by part, within a time."""
+"""The whole benchmark in one run, part by part, within a time.
+
+Each part runs in a process of its own. The most telling come first: where time is short, the last
+are left out.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
-from ravenjax.bench import apart, clock, devices, machine, parts
-from ravenjax.bench.apart import Answer
-from ravenjax.bench.campaigns import Campaigns
-from ravenjax.bench.effort import Allotment
-from ravenjax.bench.fault_times import FaultTimes
-from ravenjax.bench.machine import BenchMachine
-from ravenjax.bench.operations import Operations
-from ravenjax.bench.parts import BenchPart
-from ravenjax.bench.peers import Peer
-from ravenjax.bench.scaling import Scaling
-from ravenjax.bench.software import SoftwareSpeed
-from ravenjax.bench.speed import PRINTING, Speed
-from ravenjax.bench.start import ShellStart
+from ravenjax.bench import (
+    campaigns,
+    commands,
+    engines,
+    machine,
+    peers,
+    process,
+    scaling,
+)
 from ravenjax.campaign import compile_cache
-from ravenjax.campaign.executors.carriers import placement
 
+FULL_S, QUICK_S = 160.0, 35.0
+"""s, of the whole benchmark where nothing else is asked for."""
+LEAST_S, LONGEST_S = 5.0, 86_400.0
+"""s that may be asked for."""
 LATE_S = 12.0
 """s that the last part may be late before it is ended."""
-_KEEPING = ("cores", "devices", "fault_times")
-"""Parts that may take from each other what is traced and compiled: they time none of it."""
+VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 
-@dataclasses.dataclass(frozen=True)
-class PartClock:
-    """What it took to measure a part."""
+class Part(NamedTuple):
+    """Something that is measured by itself."""
 
     name: str
-    seconds: float  # s, of which
-    measuring_s: float  # s it was to measure
-    peak_mb: float  # MB, resident, of its process
-    others: float  # cores that other processes of the machine kept busy meanwhile; nan: not told
+    table: str  # to which its rows belong; what `--only` takes for it
+    work: Callable[..., list[dict[str, Any]]]  # seconds to measure, then `arguments` -> rows
+    fixed_s: float  # s on two quiet cores before it measures: imports, tracing, compiling
+    longest_s: float  # s to measure, beyond which more says no more
+    arguments: tuple[Any, ...] = ()
+    quick: bool = False  # part of a quick run, too
+    gpus: int = 0  # how many it needs
+    cached: bool = False  # finds what parts before it traced and compiled, as it times none of it
 
 
-@dataclasses.dataclass(frozen=True)
-class BenchFindings:
-    """Everything that one benchmark found; None, or not there, is what was left out or failed:
-    `absent` says why.
-    """
-
-    machine: BenchMachine | None
-    load_before: (
-        float  # processes running, mean over the minute before the benchmark; nan: not told
-    )
-    load_after: float
-    clocks: tuple[PartClock, ...] = ()
-    absent: Mapping[str, str] = dataclasses.field(
-        default_factory=dict
-    )  # part -> why there is nothing of it
-    engines: tuple[Speed, ...] = ()
-    operations: Operations | None = None
-    peak: Mapping[str, float] = dataclasses.field(
-        default_factory=dict
-    )  # printing engine -> operations/s of its device
-    peers: tuple[Peer, ...] = ()
-    published_model: Peer | None = None  # its three joints alone
-    campaigns: Campaigns | None = None
-    software: SoftwareSpeed | None = None
-    starts: tuple[ShellStart, ...] = ()  # whole commands from the shell
-    cores: Scaling | None = None
-    devices: Scaling | None = None
-    fault_times: FaultTimes | None = None
-
-    def engine(self, name: str) -> Speed | None:
-        """The speed of an engine, if it was timed."""
-        return next((one for one in self.engines if one.engine == name), None)
-
-    def peak_share(self, name: str) -> float | None:
-        """Operations a second of an engine's lanes, as a share of its device's peak."""
-        one = self.engine(name)
-        if one is None or name not in self.peak or self.operations is None:
-            return None
-        return one.best.ticks_per_s * self.operations.per_lane / self.peak[name]
-
-    def ratios(self) -> dict[str, dict[str, float]]:
-        """Full ticks/s of each printing engine over every other's ticks/s or steps/s, each at
-        its best.
-        """
-        others = {f"engine {one.engine}": one.best.ticks_per_s for one in self.engines}
-        others |= {peer.name: peer.steps_per_s for peer in self.peers}
-        return {
-            one.engine: {
-                name: one.best.ticks_per_s / rate
-                for name, rate in others.items()
-                if name != f"engine {one.engine}"
-            }
-            for one in self.engines
-            if one.engine in PRINTING
-        }
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no part has a result."""
-        return all(one.name in self.absent for one in self.clocks)
-
-    @property
-    def seconds(self) -> float:
-        """s of all parts."""
-        return sum(one.seconds for one in self.clocks)
-
-    def as_json(self) -> dict[str, Any]:
-        """All numbers, those that follow from others included."""
-        plain = dataclasses.asdict(self)
-        if self.machine is not None:
-            plain["machine"] |= {"load_before": self.load_before, "load_after": self.load_after}
-        for record, one in zip(plain["engines"], self.engines, strict=True):
-            record["growth_s_and_s_per_run"] = one.growth
-            record["peak_share"] = self.peak_share(one.engine)
-            for batch, measured in zip(record["batches"], one.batches, strict=True):
-                batch["ticks_per_s"] = measured.ticks_per_s
-        for record, peer in zip(plain["peers"], self.peers, strict=True):
-            record["steps_per_s"] = peer.steps_per_s
-        if self.operations is not None:
-            plain["operations"] |= {
-                "per_lane": self.operations.per_lane,
-                "per_group": self.operations.per_group,
-            }
-        if self.software is not None:
-            plain["software"]["ticks_per_s"] = self.software.ticks_per_s
-        if self.campaigns is not None:
-            plain["campaigns"]["growth_s_and_s_per_run"] = self.campaigns.growth
-        if self.fault_times is not None:
-            base, slope = self.fault_times.line
-            plain["fault_times"] |= {"run_s": base, "run_s_per_s_after_fault": slope}
-        for name, scaling in (("cores", self.cores), ("devices", self.devices)):
-            if scaling is not None:
-                for record, point in zip(plain[name]["points"], scaling.points, strict=True):
-                    record["kernel_efficiency"], record["campaign_efficiency"] = scaling.efficiency(
-                        point
-                    )
-        return plain | {"ratios": self.ratios(), "seconds": self.seconds}
+def list_parts(gpus: int) -> list[Part]:
+    """All parts, in the order in which they are measured, on a machine with so many GPUs."""
+    engine = engines.measure
+    return [
+        Part("engine cuda", "engines", engine, 8, 20, ("cuda",), True, gpus=1),
+        Part("engine simd", "engines", engine, 4, 12, ("simd",), True),
+        Part("commands", "shell", commands.measure, 9, 30, (), True),
+        Part("large commands", "shell", commands.measure_large, 16, 40, gpus=1),
+        Part("cores", "cores", scaling.measure_cores, 5, 30, cached=True),
+        *(
+            Part(f"{n} GPUs", "devices", scaling.measure_gpus, 10, 20, (n,), gpus=n, cached=True)
+            for n in scaling.count_up(max(gpus, 1))
+        ),
+        Part("fault times", "fault_times", campaigns.measure_fault_times, 8, 15, cached=True),
+        Part("campaigns", "campaigns", campaigns.measure_sizes, 4, 10),
+        Part("mujoco.rollout", "peers", peers.measure_rollout, 2, 5, (), True),
+        Part("published model", "peers", peers.measure_published_model, 3, 2, (), True),
+        Part("jax.vmap(mjx.step)", "peers", peers.measure_mjx_step, 12, 6),
+        Part("engine xla", "engines", engine, 14, 8, ("xla",)),
+        Part("engine mjx", "engines", engine, 38, 8, ("mjx",)),
+    ]
 
 
 def measure(
     total_s: float,
     quick: bool = False,
-    only: Sequence[parts.Name] = (),
+    only: Sequence[str] = (),
     tell: Callable[[str], None] = lambda _: None,
-) -> BenchFindings:
-    """Measure for about `total_s` seconds; `tell` hears what comes next.
+) -> dict[str, list[dict[str, Any]]]:
+    """Table -> rows, measured for about `total_s` seconds; `tell` hears what comes next.
 
-    only: these parts alone. Compiled code is neither taken from the user's cache nor left in it.
+    only: these tables alone. Compiled code is neither taken from the user's cache nor left in it.
     """
-    before, allotment, values = load(), Allotment(total_s), dict[str, Any]()
-    absent, clocks = dict[str, str](), list[PartClock]()
-    host = apart.run(machine.describe, limit_s=total_s)
-    allotment.done(parts.MACHINE_COST, 0.0, host.seconds)
-    if host.why:
-        absent[parts.MACHINE] = host.why
-    gpus = placement.visible_gpus(len(host.value.gpus)) if host.value is not None else []
-    due = parts.wanted(quick, only, len(gpus))
-    if not gpus:
-        why = host.value.no_gpu if host.value is not None else "the machine is not known"
-        absent |= {part.name: why for part in due if part.needs_gpu}
-        due = [part for part in due if not part.needs_gpu]
+    end, load = time.perf_counter() + total_s, os.getloadavg()[0]
+    host, _ = process.call(machine.describe, environment={}, limit_s=total_s + LATE_S)
+    visible = os.environ.get(VISIBLE) or ",".join(map(str, range(len(host["gpus"]))))
+    gpus = visible.split(",")[: len(host["gpus"])]
+    parts = [part for part in list_parts(len(gpus)) if not only or part.table in only]
+    found: dict[str, list[dict[str, Any]]] = {}
+    absent, clocks = list[dict[str, Any]](), list[dict[str, Any]]()
+    due = [p for p in parts if p.gpus <= len(gpus) and (p.quick or only or not quick)]
+    for part in parts:
+        if part not in due:
+            why = host["no_gpu"] if part.gpus > len(gpus) else "left out of a quick run"
+            absent.append({"part": part.name, "why": why})
     with tempfile.TemporaryDirectory() as folder:
-        while due:
-            part, *due = due
-            started, others = time.perf_counter(), clock.Bystanders()
-            share = allotment.share(part.cost, [one.cost for one in due])
-            if share is None:
-                absent[part.name] = _no_time(part, allotment)
+        for number, part in enumerate(due):
+            began = time.perf_counter()
+            left_s = end - began
+            if left_s < part.fixed_s:
+                why = f"left out: {max(left_s, 0.0):.0f} s were left; more with --seconds"
+                absent.append({"part": part.name, "why": why})
                 continue
-            tell(part.what)
-            answer = _answer(part, share, allotment, folder, gpus)
-            spent = time.perf_counter() - started
-            if answer.why:
-                absent[part.name] = answer.why
-            else:
-                values[part.name] = answer.value
-            clocks.append(PartClock(part.name, spent, share, answer.peak_mb, others.cores()))
-            allotment.done(part.cost, share, spent)
-    absent |= {
-        part.name: "left out of a quick run"
-        for part in parts.PARTS
-        if quick and not only and not part.quick
-    }
-    return _findings(host.value, before, clocks, absent, values)
+            tell(part.name)
+            clock = {"part": part.name, "measuring_s": share_time(left_s, due[number:])}
+            environment = {compile_cache.VARIABLE: folder if part.cached else "off"}
+            if part.table == "devices":
+                environment[VISIBLE] = ",".join(gpus[: part.gpus])
+            try:
+                rows, clock["peak_mb"] = process.call(
+                    part.work,
+                    clock["measuring_s"],
+                    *part.arguments,
+                    environment=environment,
+                    limit_s=left_s + LATE_S,
+                )
+                found.setdefault(part.table, []).extend(rows)
+            except RuntimeError as error:
+                absent.append({"part": part.name, "why": str(error)})
+            clocks.append(clock | {"s": time.perf_counter() - began})
+    host |= {"load_before": load, "load_after": os.getloadavg()[0]}
+    machine_rows = [{"what": what, "is": value} for what, value in host.items()]
+    follows = {"ratios": compute_ratios(found), "absent": absent, "clocks": clocks}
+    return {"machine": machine_rows} | found | follows
 
 
-def _answer(
-    part: BenchPart, share: float, allotment: Allotment, folder: str, gpus: Sequence[str]
-) -> Answer:
-    """Of one part, in a process of its own; it is ended where it takes far longer than it may."""
-    environment = {compile_cache.VARIABLE: folder if part.name in _KEEPING else "off"}
-    if part.name == parts.DEVICES:
-        return _of_devices(share, allotment.left_s + LATE_S, environment, gpus)
-    limit = min(allotment.left_s + LATE_S, 20.0 + 4.0 * allotment.needs(part.cost) + 2.0 * share)
-    return apart.run(part.work, share, *part.arguments, limit_s=limit, environment=environment)
+def share_time(left_s: float, parts: Sequence[Part]) -> float:
+    """s that the first of the parts may measure, so that all of them fit."""
+    spare = left_s - sum(part.fixed_s for part in parts)
+    wanted = sum(part.longest_s for part in parts)
+    return parts[0].longest_s * min(1.0, max(0.1, spare / wanted)) if wanted else 0.0
 
 
-def _of_devices(
-    share: float, limit_s: float, environment: Mapping[str, str], gpus: Sequence[str]
-) -> Answer:
-    """Here is only waited: each number of devices has its own process."""
-    try:
-        return Answer(devices.measure(share, gpus, environment, limit_s), "", 0.0, float("nan"))
-    except RuntimeError as error:
-        return Answer(None, str(error), 0.0, float("nan"))
-
-
-def _no_time(part: BenchPart, allotment: Allotment) -> str:
-    return (
-        f"left out: {max(0.0, allotment.left_s):.0f} s were left, it takes"
-        f" {allotment.needs(part.cost):.0f} s; more with --seconds"
-    )
-
-
-def _findings(
-    host: BenchMachine | None,
-    before: float,
-    clocks: Sequence[PartClock],
-    absent: Mapping[str, str],
-    values: Mapping[str, Any],
-) -> BenchFindings:
-    """Each value where it belongs."""
-    return BenchFindings(
-        machine=host,
-        load_before=before,
-        load_after=load(),
-        clocks=tuple(clocks),
-        absent=absent,
-        engines=tuple(value for value in values.values() if isinstance(value, Speed)),
-        peak={
-            name.removeprefix("peak "): value
-            for name, value in values.items()
-            if name.startswith("peak ")
-        },
-        peers=tuple(
-            v for name, v in values.items() if isinstance(v, Peer) and name != "published_model"
-        ),
-        starts=(*values.get("starts", ()), *values.get("large_starts", ())),
-        operations=values.get("operations"),
-        published_model=values.get("published_model"),
-        campaigns=values.get("campaigns"),
-        software=values.get("software"),
-        cores=values.get("cores"),
-        devices=values.get("devices"),
-        fault_times=values.get("fault_times"),
-    )
-
-
-def load() -> float:
-    """Processes that run or wait to, mean over the last minute."""
-    try:
-        return os.getloadavg()[0]
-    except OSError:  # some systems keep none
-        return float("nan")
+def compute_ratios(found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Full ticks a second of each printing engine over every other's ticks or steps a second, each
+    at its best.
+    """
+    rates = {row["peer"]: row["steps_per_s"] for row in found.get("peers", [])}
+    for row in found.get("engines", []):
+        rates[row["engine"]] = max(row["ticks_per_s"], rates.get(row["engine"], 0.0))
+    return [
+        {"engine": name, "over": other, "times": rates[name] / rate}
+        for name in engines.PRINTING
+        for other, rate in rates.items()
+        if name in rates and other not in (name, peers.PUBLISHED)
+    ]

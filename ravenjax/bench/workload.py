@@ -1,22 +1,23 @@
-"""What is timed: a fixed program of one arm and one fault slot, and any number of runs of it, no
-two alike.
+"""What is timed: a campaign of one arm and one fault slot, and blocks of its runs, no two alike.
 
-All runs share their parameters, as those of one campaign group do, so what they have in common (the
-clean packet, the nominal model) is computed once for all of them; they differ in when, where and
-how their fault strikes.
+All runs share their parameters, as those of one campaign group do. What they have in common (the
+clean packet, the nominal model) is computed once for all of them.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
-from ravenjax.engines.interface import Block, TickProgram
+from ravenjax.engines.interface import Block, Kernel, TickProgram
 from ravenjax.faults.fault import Faults
 from ravenjax.numbers.vec import replace
 
@@ -28,9 +29,9 @@ GOLDEN = 0.6180339887498949
 """Multiples of it, modulo 1, fill an interval evenly without ever repeating."""
 
 
-def campaign(runs: int, ticks: int) -> CampaignConfig:
-    """The campaign whose tick is timed: suturing with the gold arm, a DAC command overwritten
-    after every check.
+def campaign_keys(runs: int, ticks: int) -> dict[str, Any]:
+    """The keys of the campaign file that is timed: suturing with the gold arm, a DAC command
+    overwritten after every check.
     """
     fault = {
         "site": "usb_out",
@@ -40,13 +41,16 @@ def campaign(runs: int, ticks: int) -> CampaignConfig:
         "start_ms": {"uniform": [0, ticks - 1]},
         "duration_ms": {"uniform": [1, 100]},
     }
-    return loading.from_dict(
-        {
-            "campaign": {"name": "bench", "seed": 1, "duration_s": ticks / 1000, "arms": ["gold"]},
-            "operator": {"motion": "suture", "seed": 1},
-            "group": [{"name": "dac", "design": "random", "runs": runs, "fault": [fault]}],
-        }
-    )
+    return {
+        "campaign": {"name": "bench", "seed": 1, "duration_s": ticks / 1000, "arms": ["gold"]},
+        "operator": {"motion": "suture", "seed": 1},
+        "group": [{"name": "dac", "design": "random", "runs": runs, "fault": [fault]}],
+    }
+
+
+def campaign(runs: int, ticks: int) -> CampaignConfig:
+    """The campaign that is timed."""
+    return loading.from_dict(campaign_keys(runs, ticks))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,3 +88,15 @@ class Workload:
         slots = tuple(replace(slot, value=value) for slot in faults.slots)
         shared = np.broadcast_to(reference[:, :, None], (*reference.shape, lanes))
         return Block(varied, Faults(slots), shared)
+
+    def blocks(self, kernel: Kernel, runs: int, lanes: int) -> list[Block]:
+        """So many runs in blocks of at most `lanes` lanes; their golden run is computed."""
+        golden = kernel.run(self.golden_runs(kernel.size(1)), self.motion).reference[:, :, 0]
+        sizes = [(first, min(lanes, runs - first)) for first in range(0, runs, lanes)]
+        return [self.block(first, rows, kernel.size(rows), golden) for first, rows in sizes]
+
+    def run(self, kernel: Kernel, blocks: Sequence[Block], threads: int) -> None:
+        """Run the blocks, so many side by side."""
+        with ThreadPoolExecutor(threads) as pool:
+            for _ in pool.map(lambda block: kernel.run(block, self.motion), blocks):
+                pass

@@ -29,9 +29,6 @@ def evidence(
     xlsx: Annotated[
         bool, Parameter(negative="", help="the tables as one workbook, too (extra: xlsx)")
     ] = False,
-    reqif: Annotated[
-        bool, Parameter(negative="", help="argument and failure modes for exchange (extra: reqif)")
-    ] = False,
     credibility: Annotated[
         Path | None,
         Parameter(
@@ -59,7 +56,7 @@ def evidence(
     from ravenjax.evidence import writing
 
     if check is not None:
-        if folders or out is not None or xlsx or reqif or credibility is not None:
+        if folders or out is not None or xlsx or credibility is not None:
             raise UserError(
                 "--check FOLDER stands alone: it reads result folders and place from the evidence"
                 " itself"
@@ -77,9 +74,8 @@ def evidence(
             f"{len(folders)} result folders have no single place; say where with --out FOLDER"
         )
     place = out or next(iter(folders)) / writing.FOLDER
-    result = writing.write(
-        folders, place, xlsx, reqif, None if credibility is None else _of_model(credibility)
-    )
+    model = None if credibility is None else _of_model(credibility)
+    result = writing.write(folders, place, xlsx, model)
     _tell_files(writing.files(place), result, as_json)
     return 0
 

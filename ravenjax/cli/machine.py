@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from cyclopts import Parameter
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing
 
-PartName = Literal[
-    "engines",
-    "shell",
-    "cores",
-    "devices",
-    "fault_times",
-    "campaigns",
-    "software",
-    "operations",
-    "peak",
-    "peers",
-]
-"""As `ravenjax.bench.parts.NAMES`, which is slow to import."""
+TableName = Literal["engines", "shell", "cores", "devices", "fault_times", "campaigns", "peers"]
 
 
 def bench(
@@ -34,30 +22,22 @@ def bench(
     ] = False,
     markdown: Annotated[Path | None, Parameter(help="also write the tables to this file")] = None,
     only: Annotated[
-        list[PartName] | None,
+        list[TableName] | None,
         Parameter(consume_multiple=True, negative="", help="these parts alone"),
     ] = None,
     seconds: Annotated[
         float | None,
         Parameter(help="how long it may take, about; default: 160, and 35 of a quick run"),
     ] = None,
-    beside: Annotated[
-        Path | None,
-        Parameter(
-            help=(
-                "folder of another checkout: take turns with it, commands and campaigns alone, any"
-                " commit"
-            )
-        ),
-    ] = None,
 ) -> int:
     """Measure this machine: engines beside MuJoCo and MJX, commands from the shell, cores, GPUs,
     faults by their time.
 
-    Each part runs in a process of its own, and what it shows is also said in sentences. What no
-    longer fits into the time is left out and named. Exit code 1: nothing could be measured.
+    Each part runs in a process of its own. What no longer fits into the time is left out and
+    named. Exit code 1: nothing could be measured.
     """
-    from ravenjax.bench import effort
+    from ravenjax.bench import suite, tables
+    from ravenjax.cli import terminal
     from ravenjax.errors import UserError
 
     if markdown is not None and not markdown.absolute().parent.is_dir():
@@ -65,70 +45,27 @@ def bench(
             f"--markdown {markdown}: the folder does not exist, expected a file in a folder that"
             " does"
         )
-    if seconds is not None and not effort.LEAST_S <= seconds <= effort.LONGEST_S:
-        raise UserError(
-            f"--seconds {seconds:g}: expected {effort.LEAST_S:g} to {effort.LONGEST_S:g}"
-        )
-    if beside is not None and (only or quick):
-        raise UserError(
-            "--beside measures commands and campaigns of both: leave out --only and --quick"
-        )
-    total = seconds or (effort.QUICK_S if quick else effort.FULL_S)
-    words = [f"--only {' '.join(only)}"] if only else []
-    words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
+    if seconds is not None and not suite.LEAST_S <= seconds <= suite.LONGEST_S:
+        raise UserError(f"--seconds {seconds:g}: expected {suite.LEAST_S:g} to {suite.LONGEST_S:g}")
 
     def tell(what: str) -> None:
         console.err.print(f"measuring: {what}", markup=False, highlight=False, soft_wrap=True)
 
-    if beside is not None:
-        return _beside(beside, total, tell, json, markdown)
-    from ravenjax.bench import findings, suite, tables
-
-    results = suite.measure(total, quick, only or (), tell)
+    total_s = seconds or (suite.QUICK_S if quick else suite.FULL_S)
+    found = suite.measure(total_s, quick, only or (), tell)
+    every = tables.make_tables(found)
     if markdown is not None:
-        markdown.write_text(
-            tables.markdown(results, " ".join(["ravenjax bench", *words, "--markdown FILE"]))
-        )
-    lines = findings.sentences(results)
+        words = [f"--only {' '.join(only)}"] if only else []
+        words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
+        command = " ".join(["ravenjax bench", *words, "--markdown FILE"])
+        markdown.write_text(tables.write_markdown("How fast the engines are", command, every))
     if json:
-        console.emit_json(results.as_json() | {"sentences": lines})
+        console.emit_json(found)
     else:
-        _show(tables.tables(results), lines)
-    return int(results.is_empty)
-
-
-def _beside(
-    folder: Path, total: float, tell: Callable[[str], None], json: bool, markdown: Path | None
-) -> int:
-    from ravenjax.bench import beside, tables
-    from ravenjax.errors import UserError
-
-    try:
-        results = beside.measure(folder, total, tell)
-    except RuntimeError as error:
-        raise UserError(f"--beside {folder}: {error}") from None
-    if markdown is not None:
-        title = "Two checkouts beside each other"
-        command = "ravenjax bench --beside FOLDER --markdown FILE"
-        markdown.write_text(tables.page(title, command, results.sentences(), "", [results.table()]))
-    if json:
-        console.emit_json(results.as_json())
-    else:
-        _show([results.table()], results.sentences())
-    return 0
-
-
-def _show(
-    tables: Iterable[tuple[str, tuple[str, ...], list[tuple[str, ...]]]], lines: Sequence[str]
-) -> None:
-    """Tables, and sentences below them."""
-    from ravenjax.cli import terminal
-
-    for title, columns, rows in tables:
-        console.out.print(terminal.table(title, columns, rows))
-        console.out.print()
-    for line in lines:
-        console.say(f"- {line}")
+        for title, columns, rows in every:
+            console.out.print(terminal.table(title, columns, rows))
+            console.out.print()
+    return int(not any(name in found for name in get_args(TableName)))
 
 
 def doctor(

@@ -1,21 +1,21 @@
 """The argument in the goal structuring notation: goals over strategies, down to files with
-checksums.
+checksums. As nodes, as JSON for programs, and as Mermaid text for eyes.
 """
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from ravenjax.evidence import sentences
-from ravenjax.evidence.notice import NOTICE
-from ravenjax.evidence.record import OPEN, Item, Node
-from ravenjax.evidence.sources import Source, identity
+from ravenjax.evidence.record import NOTICE, EvidenceRecord, Item, Node
+from ravenjax.evidence.sources import Source, identify
+from ravenjax.report import wording
+from ravenjax.report.sections import tables
 from ravenjax.store import manifest as manifests
 from ravenjax.store.folder import PARTS
 
-TOP = "G1"
 CLAIM = (
     "What each declared fault did to the simulated robot, and who was told of it, is known from"
     " recorded runs."
@@ -27,131 +27,181 @@ OVER_RESULTS = (
     "Argue result by result: all runs are there, and each hazard is counted over distinct faults."
 )
 OVER_TABLES = "Argue table by table: each number can be followed to the runs behind it."
+KINDS = {"G": "goal", "S": "strategy", "Sn": "solution", "C": "context"}
+SHAPES = {"goal": "rect", "strategy": "lean-r", "solution": "circle", "context": "rounded"}
+"""Of a node of Mermaid's flowcharts."""
 
 
-class _Builder:
-    """Collects nodes, and counts each kind."""
-
-    def __init__(self) -> None:
-        self.nodes: list[Node] = []
-        self._files: dict[tuple[str, str], str] = {}
-
-    def add(self, letter: str, **fields: object) -> str:
-        """A node of the kind that the letter begins; its name."""
-        kind = {"G": "goal", "S": "strategy", "Sn": "solution", "C": "context"}[letter]
-        name = f"{letter}{1 + sum(node.kind == kind for node in self.nodes)}"
-        self.nodes.append(Node.model_validate({"name": name, "kind": kind, **fields}))
-        return name
-
-    def solution(self, text: str, item: Item) -> str:
-        """The solution of this item; the same item is one solution wherever it is named."""
-        key = item.file, item.of
-        if key not in self._files:
-            self._files[key] = self.add("Sn", text=text, item=item)
-        return self._files[key]
+def say_evading(source: Source) -> str:
+    """How many of the faults evade the checks, as the report's first sentence says it."""
+    head = tables.headline(source.runs, source.record)
+    evaded = head["evaded"]
+    if not evaded.n:
+        return "No fault has a valid outcome." if head["faulty"] else "No run has a fault."
+    bounds = ""
+    if interval := wording.interval(evaded):
+        share = wording.percent(evaded.value)
+        bounds = f" ({share} of faults drawn so, 95 % interval {interval})"
+    some = wording.count(evaded.k) if evaded.k else "none"
+    return (
+        f"Of {wording.many(evaded.n, 'distinct fault')} of this design, {some} made the live robot"
+        f" move more than {source.record.limit_mm:g} mm off its course without any check telling"
+        f" anyone{bounds}."
+    )
 
 
-def build(
+def say_complete(source: Source) -> str:
+    """How many of the runs are there, and how many have no valid outcome."""
+    record, failed = source.record, source.runs.count("failed")
+    without = "each with a valid outcome"
+    if failed:
+        without = f"{wording.count(failed)} of them without a valid outcome"
+    due = wording.many(record.due, "declared run")
+    return f"{wording.count(record.done)} of the {due} are there, {without}."
+
+
+def say_hazards(source: Source) -> list[str]:
+    """Of each hazard that occurs, how many distinct faults ended in it, and of how many a check
+    told.
+    """
+    lines = []
+    rows = tables.verdict_matrix(source.runs)
+    total = wording.many(rows[0]["total"].n, "distinct fault")
+    for hazard in dict.fromkeys(cell["hazard"] for cell in rows[0]["cells"]):
+        counts = {
+            row["name"]: sum(c["rate"].k for c in row["cells"] if c["hazard"] == hazard)
+            for row in rows
+        }
+        k, alarms = sum(counts.values()), counts["stopped"] + counts["flagged"]
+        if hazard != "none" and k:
+            lines.append(
+                f"{hazard.capitalize()}: {wording.count(k)} of {total}; a check told a person or"
+                f" stopped the robot in {wording.count(alarms)}, nobody was told in"
+                f" {wording.count(k - alarms)}."
+            )
+    return lines
+
+
+def say_all(source: Source) -> list[str]:
+    """What a result says, in sentences."""
+    lines = [say_evading(source), say_complete(source), *say_hazards(source)]
+    return [f"{source.name}, {source.record.campaign}: {line}" for line in lines]
+
+
+def build_argument(
     sources: Sequence[Source],
     place: Path,
-    tables: Mapping[str, tuple[str, str]],
-    links: Mapping[str, tuple[Item, ...]] | None = None,
+    goals: Mapping[str, tuple[str, str]],
+    links: Mapping[str, tuple[Item, ...]],
 ) -> list[Node]:
-    """Nodes, the top goal first. place: where the evidence is; tables: file there -> (goal that it
+    """Nodes, the top goal first. place: where the evidence is; goals: file there -> (goal that it
     is for, sha256); links: file there that is of no result -> files that it names."""
-    builder, linked = _Builder(), links or {}
-    files = {
-        name: builder.solution(name, Item(file=name, sha256=digest, links=linked.get(name, ())))
-        for name, (_, digest) in tables.items()
-    }
-    whole = [_complete(builder, source, place) for source in sources]
-    results = [
-        _result(builder, source, goal, files) for source, goal in zip(sources, whole, strict=True)
-    ]
-    goals = [
-        builder.add("G", text=goal, supported_by=(files[name], *(() if name in linked else whole)))
-        for name, (goal, _) in tables.items()
-    ]
-    contexts = (builder.add("C", text=DEFINITIONS), builder.add("C", text=NOTICE))
-    strategies = [
-        builder.add("S", text=OVER_RESULTS, supported_by=tuple(results)),
-        builder.add("S", text=OVER_TABLES, supported_by=tuple(goals)),
-    ]
-    builder.add("G", text=CLAIM, supported_by=tuple(strategies), in_context_of=contexts)
-    return _named_from_the_top(builder.nodes)
+    nodes: list[Node] = []
 
+    def add(letter: str, text: str, *below: str, **fields: object) -> str:
+        """A node of the kind that the letter begins; its name."""
+        name = f"{letter}{1 + sum(node.kind == KINDS[letter] for node in nodes)}"
+        fields |= {"name": name, "kind": KINDS[letter], "text": text, "supported_by": below}
+        nodes.append(Node.model_validate(fields))
+        return name
 
-def _complete(builder: _Builder, source: Source, place: Path) -> str:
-    """The goal that a result's runs are there; its name."""
-    record, folder = source.record, Path(os.path.relpath(source.folder, place))
-    parts = [
-        builder.solution(
-            f"{source.name}: rows {part.first:,} to {part.last:,}",
-            Item(file=(folder / PARTS / part.file).as_posix(), sha256=part.sha256),
-        )
-        for part in sorted(record.parts, key=lambda part: part.first)
-    ]
-    what = builder.solution(
-        f"{source.name}: manifest, what decides outcomes",
-        Item(file=(folder / manifests.FILE).as_posix(), sha256=identity(record), of="campaign"),
-    )
-    whole = record.done == record.due
-    missing = (
-        {}
-        if whole
-        else {"status": OPEN, "reason": f"{record.due - record.done:,} runs are missing"}
-    )
-    return builder.add("G", text=sentences.complete(source), supported_by=(what, *parts), **missing)
-
-
-def _result(builder: _Builder, source: Source, complete: str, files: Mapping[str, str]) -> str:
-    """The goal of one result; its name. complete: that of the goal that its runs are there."""
-    record = source.record
-    traced = tuple(name for file, name in files.items() if file.startswith("trace"))
-    goals = [complete]
-    goals += [
-        builder.add("G", text=text, supported_by=(*traced, complete))
-        for text in sentences.by_hazard(source).values()
-    ]
-    context = builder.add(
-        "C",
-        text=(
+    files = {}
+    for name, (_, digest) in goals.items():
+        item = Item(file=name, sha256=digest, links=links.get(name, ()))
+        files[name] = add("Sn", name, item=item)
+    traced = [name for file, name in files.items() if file.startswith("trace")]
+    results, complete = [], []
+    for source in sources:
+        record, folder = source.record, Path(os.path.relpath(source.folder, place))
+        manifest = (folder / manifests.FILE).as_posix()
+        item = Item(file=manifest, sha256=identify(record), of="campaign")
+        proof = [add("Sn", f"{source.name}: manifest, what decides outcomes", item=item)]
+        for part in sorted(record.parts, key=lambda part: part.first):
+            item = Item(file=(folder / PARTS / part.file).as_posix(), sha256=part.sha256)
+            text = f"{source.name}: rows {part.first:,} to {part.last:,}"
+            proof.append(add("Sn", text, item=item))
+        missing = record.due - record.done
+        state = {"status": "open", "reason": f"{missing:,} runs are missing"} if missing else {}
+        complete.append(add("G", say_complete(source), *proof, **state))
+        hazards = [add("G", text, *traced, complete[-1]) for text in say_hazards(source)]
+        context = add(
+            "C",
             f"{source.name}: campaign {record.campaign}, configuration {record.config_hash[:16]},"
             f" code {record.code_hash[:16]}, engine {record.engine} on {record.device}, seed"
-            f" {record.seed}."
-        ),
-    )
-    strategy = builder.add(
-        "S", text=f"{source.name}: argue over completeness and over hazards.", supported_by=goals
-    )
-    text = f"{source.name}, {record.campaign}: {sentences.evading(source)}"
-    return builder.add("G", text=text, supported_by=(strategy,), in_context_of=(context,))
+            f" {record.seed}.",
+        )
+        text = f"{source.name}: argue over completeness and over hazards."
+        strategy = add("S", text, complete[-1], *hazards)
+        text = f"{source.name}, {record.campaign}: {say_evading(source)}"
+        results.append(add("G", text, strategy, in_context_of=(context,)))
+    of_files = [
+        add("G", goal, files[name], *(() if name in links else complete))
+        for name, (goal, _) in goals.items()
+    ]
+    contexts = (add("C", DEFINITIONS), add("C", NOTICE))
+    strategies = (add("S", OVER_RESULTS, *results), add("S", OVER_TABLES, *of_files))
+    add("G", CLAIM, *strategies, in_context_of=contexts)
+    return _number_from_the_top(nodes)
 
 
-def _named_from_the_top(nodes: Sequence[Node]) -> list[Node]:
+def _number_from_the_top(nodes: Sequence[Node]) -> list[Node]:
     """The same nodes in the order in which one reads them, numbered so."""
-    by_name, order = {node.name: node for node in nodes}, []
+    by_name, names = {node.name: node for node in nodes}, dict[str, str]()
+    counts = dict.fromkeys(KINDS.values(), 0)
+    letters = {kind: letter for letter, kind in KINDS.items()}
 
     def walk(node: Node) -> None:
-        if node not in order:
-            order.append(node)
+        if node.name not in names:
+            counts[node.kind] += 1
+            names[node.name] = f"{letters[node.kind]}{counts[node.kind]}"
             for name in (*node.in_context_of, *node.supported_by):
                 walk(by_name[name])
 
     walk(nodes[-1])
-    counts: dict[str, int] = {}
-    names = {}
-    for node in order:
-        letter = node.name.rstrip("0123456789")
-        counts[letter] = counts.get(letter, 0) + 1
-        names[node.name] = f"{letter}{counts[letter]}"
     return [
-        node.model_copy(
+        by_name[name].model_copy(
             update={
-                "name": names[node.name],
-                "supported_by": tuple(names[name] for name in node.supported_by),
-                "in_context_of": tuple(names[name] for name in node.in_context_of),
+                "name": number,
+                "supported_by": tuple(names[below] for below in by_name[name].supported_by),
+                "in_context_of": tuple(names[other] for other in by_name[name].in_context_of),
             }
         )
-        for node in order
+        for name, number in names.items()
     ]
+
+
+def write_json(evidence: EvidenceRecord) -> str:
+    """All of it: the notice, what the results say, and each node."""
+    states = {node.status for node in evidence.nodes}
+    whole = {
+        "notice": evidence.notice,
+        "notation": "GSN: goals, strategies, solutions, contexts",
+        "written": evidence.written,
+        "checked": evidence.checked,
+        "status": next((state for state in ("broken", "open") if state in states), "holds"),
+        "results": evidence.sentences,
+        "nodes": {
+            node.name: node.model_dump(exclude={"name"}, exclude_defaults=True)
+            | {"status": node.status}
+            for node in evidence.nodes
+        },
+    }
+    return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
+
+
+def write_mermaid(evidence: EvidenceRecord) -> str:
+    """Goals, strategies and contexts as a flowchart; of the files those that are broken alone."""
+    return "\n".join(_mermaid(evidence)) + "\n"
+
+
+def _mermaid(evidence: EvidenceRecord) -> Iterator[str]:
+    yield f"%% {evidence.notice}\nflowchart LR"
+    yield "classDef broken fill:#fde2e2,stroke:#b91c1c\nclassDef open stroke:#a16207"
+    shown = {n.name: n for n in evidence.nodes if n.kind != "solution" or n.status == "broken"}
+    for node in shown.values():
+        words = f"{node.name} {node.text} {node.reason}".strip().replace('"', "#quot;")
+        yield f'{node.name}@{{ shape: {SHAPES[node.kind]}, label: "{words}" }}'
+        if node.status != "holds":
+            yield f"class {node.name} {node.status}"
+        yield from (f"{node.name} --> {name}" for name in node.supported_by if name in shown)
+        yield from (f"{node.name} -.-> {name}" for name in node.in_context_of)

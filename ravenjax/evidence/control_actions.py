@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ravenjax.evidence.counted_rows import ids, interval_in_words, some
-from ravenjax.evidence.sources import Source
+from ravenjax.evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate
@@ -80,7 +79,7 @@ class ControlAction(NamedTuple):
     example_runs: str
 
 
-def rows(source: Source) -> list[ControlAction]:
+def count_control_actions(source: Source) -> list[ControlAction]:
     """Those of one result, by site, the most frequent kind first; none without faults."""
     runs = source.runs
     if "fault0_site" not in runs.names:
@@ -90,7 +89,7 @@ def rows(source: Source) -> list[ControlAction]:
         f"SELECT f.site::VARCHAR, f.layer::VARCHAR, CASE {cases} ELSE 'none' END AS kind,"
         " f.hazard::VARCHAR, count(*), "
         "count(*) FILTER (f.evaded), count(*) FILTER (f.told), "
-        f"""list_sort(list(DISTINCT f."group"::VARCHAR)), {some("r.run_id")} """
+        f"""list_sort(list(DISTINCT f."group"::VARCHAR)), {EXAMPLE_RUNS} """
         f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL"
         " ORDER BY ALL"
     )
@@ -122,5 +121,5 @@ def _row(source: Source, line: tuple[Any, ...], n: int, groups: set[str]) -> Con
         evaded,
         alarms,
         "; ".join(own),
-        ids(examples),
+        examples,
     )

@@ -13,8 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ravenjax.evidence.notice import NOTICE
-from ravenjax.evidence.record import Item
+from ravenjax.evidence.record import NOTICE, Item
 from ravenjax.evidence.sources import Source
 from ravenjax.store.files import sha256
 
@@ -50,7 +49,7 @@ class ModelCredibility(NamedTuple):
     root: Path  # of the repository; files are named from there
 
 
-def links(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
+def link_files(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
     """Each file that is there, once, from the folder of the evidence, with its checksum."""
     files = dict.fromkeys(file for one in model.statements for file in one.files if file.is_file())
     return tuple(
@@ -59,7 +58,7 @@ def links(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
     )
 
 
-def text(model: ModelCredibility, sources: Sequence[Source], place: Path) -> str:
+def write_report(model: ModelCredibility, sources: Sequence[Source], place: Path) -> str:
     """The report, in Markdown; `place` is the folder of the evidence."""
     return "\n".join(_lines(model, sources, place)) + "\n"
 

@@ -11,8 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from ravenjax.evidence.counted_rows import ids, interval_in_words, some
-from ravenjax.evidence.sources import Source
+from ravenjax.evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.hazards import naming, titles
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables
@@ -51,7 +50,7 @@ class FailureMode(NamedTuple):
     example_runs: str
 
 
-def rows(source: Source) -> list[FailureMode]:
+def count_failure_modes(source: Source) -> list[FailureMode]:
     """Those of one result, by group, site and effect, the most frequent end first; none without
     faults.
     """
@@ -66,7 +65,7 @@ def rows(source: Source) -> list[FailureMode]:
         " END AS cause, "
         "f.cued, f.evaded, count(*) AS k, "
         f"{', '.join(_AFTER.format(event) for event in ('f.told_ms', 'f.warned_ms', hazard_ms))},"
-        f" {some('r.run_id')} "
+        f" {EXAMPLE_RUNS} "
         f"FROM {RESULTS} r JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL"
         " ORDER BY ALL"
     )
@@ -103,7 +102,7 @@ def _row(source: Source, line: tuple[Any, ...], n: int, failed: int) -> FailureM
         cue_ms,
         hazard_ms,
         failed,
-        ids(examples),
+        examples,
     )
 
 

@@ -1,16 +1,18 @@
-"""The result folders that evidence rests on, open to be asked."""
+"""The result folders that evidence rests on, open to be asked; and how their runs are told."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from ravenjax.errors import UserError
 from ravenjax.report.data.runs import Runs
+from ravenjax.stats.intervals import Rate
 from ravenjax.store import manifest as manifests
 from ravenjax.store.manifest import Manifest
 
@@ -53,13 +55,14 @@ def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
     """Those of result folders, in order. Raises UserError where one is named twice, StoreError
     as `Runs.open`.
     """
-    places = [folder.resolve() for folder in folders]
-    for place, folder in enumerate(folders):
-        if places[place] in places[:place]:
+    seen: set[Path] = set()
+    for folder in folders:
+        if folder.resolve() in seen:
             raise UserError(
                 f"{folder}: is named twice; each result folder once, or its faults would count"
                 " double"
             )
+        seen.add(folder.resolve())
     with contextlib.ExitStack() as stack:
         sources = []
         for number, folder in enumerate(folders, start=1):
@@ -69,10 +72,22 @@ def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
         yield sources
 
 
-def identity(record: Manifest) -> str:
+def identify(record: Manifest) -> str:
     """sha256 of what of a manifest decides outcomes: starting a finished campaign again does not
     change it.
     """
     plain = json.loads(record.model_dump_json(include=_DECIDES))
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+EXAMPLES = 3
+"""Runs that are named for a number: the first in the order of the fault table."""
+EXAMPLE_RUNS = f"array_to_string(arg_min(r.run_id, f.row, {EXAMPLES}), ' ')"
+"""SQL: ids of the first few of a group of rows."""
+SAMPLED, ENUMERATED = "Wilson, 95 %", "none: not all of the faults were drawn"
+
+
+def interval_in_words(rate: Rate) -> str:
+    """How the interval of a rate was made."""
+    return ENUMERATED if math.isnan(rate.low) else SAMPLED

@@ -40,7 +40,7 @@ BATCH = 20_000
 TRACED = tuple(name for name in verdict.HAZARDS if name != "none")
 
 
-def matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
+def count_matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
     """One line a group with faults: how many distinct faults ended in each hazard; the trace has
     their runs.
     """
@@ -59,7 +59,7 @@ def matrix(sources: Sequence[Source]) -> Iterator[dict[str, Any]]:
             }
 
 
-def write(path: Path, sources: Sequence[Source]) -> None:
+def write_trace(path: Path, sources: Sequence[Source]) -> None:
     """Every valid run with a fault and a hazard, one line a run, by result and hazard, a batch
     at a time.
     """

@@ -5,23 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from ravenjax.evidence import (
-    argument,
-    checking,
-    control_actions,
-    credibility,
-    drawing,
-    exchange,
-    failure_modes,
-    record,
-    sentences,
-    trace,
-    workbook,
-    yaml_text,
-)
+from ravenjax.evidence import argument, control_actions, credibility, failure_modes, trace, workbook
+from ravenjax.evidence import record as records
 from ravenjax.evidence.credibility import ModelCredibility
-from ravenjax.evidence.notice import NOTICE
-from ravenjax.evidence.record import BROKEN, EvidenceRecord
+from ravenjax.evidence.record import NOTICE, EvidenceRecord
 from ravenjax.evidence.sources import Source, opened
 from ravenjax.report import downloads
 from ravenjax.store import manifest as manifests
@@ -29,7 +16,7 @@ from ravenjax.store.files import require_writable, sha256, write_aside
 
 FOLDER = "evidence"
 """In a result folder, where no other is named."""
-README, YAML, SVG = "README.md", "argument.yaml", "argument.svg"
+README, JSON, MERMAID = "README.md", "argument.json", "argument.mmd"
 GOALS = {
     "trace_matrix.csv": "Each group of faults is counted by hazard.",
     "trace.csv": (
@@ -50,56 +37,60 @@ def write(
     folders: Sequence[Path],
     place: Path,
     xlsx: bool = False,
-    reqif: bool = False,
     model: ModelCredibility | None = None,
 ) -> EvidenceRecord:
     """Evidence of result folders into the folder `place`; what is there of the same names is
     replaced.
 
-    xlsx: the tables as one workbook, too. reqif: argument and failure modes for exchange, too.
-    model: what the simulator's credibility rests on, for a report of it. Raises UserError and
-    StoreError as `sources.opened`, `workbook.writer` and `exchange.require`, StoreError where the
-    disk refuses.
+    xlsx: the tables as one workbook, too. model: what the simulator's credibility rests on, for a
+    report of it. Raises UserError and StoreError as `sources.opened` and
+    `workbook.require_writer`, StoreError where the disk refuses.
     """
     if xlsx:
-        workbook.writer()  # before any work
-    if reqif:
-        exchange.require()
+        # before any work
+        workbook.require_writer()
     with opened(folders) as sources:
         require_writable(place)
-        tables, makers = {}, _makers(sources)
+        goals: dict[str, tuple[str, str]] = {}
+        links = {}
+
+        def add_file(name: str, goal: str, write_file: Callable[[Path], object]) -> None:
+            write_aside(place / name, write_file)
+            goals[name] = goal, sha256(place / name)
+
+        modes = [m for source in sources for m in failure_modes.count_failure_modes(source)]
+        actions = [a for source in sources for a in control_actions.count_control_actions(source)]
+        rows = {
+            "failure_modes.csv": modes,
+            "control_actions.csv": actions,
+            "trace_matrix.csv": list(trace.count_matrix(sources)),
+        }
         for name, goal in GOALS.items():
-            write_aside(place / name, makers[name])
-            tables[name] = goal, sha256(place / name)
+            if name in rows:
+                text = downloads.text(rows[name]) or NO_ROWS
+                add_file(name, goal, _writer_of(text))
+            else:
+                add_file(name, goal, lambda target: trace.write_trace(target, sources))
+        # Files of a former call would have other numbers than the tables.
+        for name in (workbook.FILE, credibility.FILE):
+            (place / name).unlink(missing_ok=True)
         if xlsx:
-            write_aside(
-                place / workbook.FILE,
-                lambda target: workbook.write(target, [place / name for name in GOALS]),
+            csvs = [place / name for name in GOALS]
+            add_file(
+                workbook.FILE, workbook.GOAL, lambda target: workbook.write_workbook(target, csvs)
             )
-            tables[workbook.FILE] = workbook.GOAL, sha256(place / workbook.FILE)
-        else:  # one of before would have other numbers than the tables
-            (place / workbook.FILE).unlink(missing_ok=True)
-        linked = {}
         if model is not None:
-            report = credibility.text(model, sources, place)
-            write_aside(
-                place / credibility.FILE, lambda target: target.write_text(report, encoding="utf-8")
-            )
-            tables[credibility.FILE] = credibility.GOAL, sha256(place / credibility.FILE)
-            linked[credibility.FILE] = credibility.links(model, place)
-        else:
-            (place / credibility.FILE).unlink(missing_ok=True)
+            report = credibility.write_report(model, sources, place)
+            add_file(credibility.FILE, credibility.GOAL, _writer_of(report))
+            links[credibility.FILE] = credibility.link_files(model, place)
         evidence = EvidenceRecord(
             written=manifests.now(),
-            sentences=tuple(line for source in sources for line in _sentences(source)),
-            nodes=tuple(argument.build(sources, place, tables, linked)),
+            sentences=tuple(line for source in sources for line in argument.say_all(source)),
+            nodes=tuple(argument.build_argument(sources, place, goals, links)),
         )
-        readme = "\n".join(_readme(sources, evidence)) + "\n"
-        write_aside(place / README, lambda target: target.write_text(readme, encoding="utf-8"))
-    if not reqif:
-        (place / exchange.FILE).unlink(missing_ok=True)
-    _write_argument(place, evidence, reqif)
-    record.write(place, evidence)
+        write_aside(place / README, _writer_of("\n".join(_readme(sources, evidence)) + "\n"))
+    _write_argument(place, evidence)
+    records.write_record(place, evidence)
     return evidence
 
 
@@ -107,61 +98,26 @@ def check(place: Path) -> EvidenceRecord:
     """Compute every checksum again, and write the argument as it stands now; the record stays as it
     is.
 
-    Raises StoreError as `record.read`, and where the disk refuses; UserError as `exchange.require`
-    where the evidence has a file of that kind.
+    Raises StoreError as `record.read_record`, and where the disk refuses.
     """
-    reqif = (place / exchange.FILE).is_file()
-    if reqif:
-        exchange.require()
-    evidence = checking.check(place, record.read(place))
-    _write_argument(place, evidence, reqif)
+    evidence = records.check_record(place, records.read_record(place))
+    _write_argument(place, evidence)
     return evidence
 
 
 def files(place: Path) -> list[Path]:
     """What `write` wrote, in order."""
     extras = [name for name in (workbook.FILE, credibility.FILE) if (place / name).is_file()]
-    last = [name for name in (YAML, SVG, exchange.FILE) if (place / name).is_file()]
-    return [place / name for name in (*GOALS, *extras, *last, README, record.FILE)]
+    return [place / name for name in (*GOALS, *extras, JSON, MERMAID, README, records.FILE)]
 
 
-def _write_argument(place: Path, evidence: EvidenceRecord, reqif: bool) -> None:
-    texts = {YAML: yaml_text.text(evidence), SVG: drawing.svg(evidence)}
-    if reqif:
-        broken = {node.item.file for node in evidence.of_status(BROKEN) if node.item is not None}
-        texts[exchange.FILE] = exchange.text(
-            evidence, None if exchange.MODES in broken else place / exchange.MODES
-        )
-    for name, text in texts.items():
-        write_aside(
-            place / name, lambda target, text=text: target.write_text(text, encoding="utf-8")
-        )
+def _writer_of(text: str) -> Callable[[Path], object]:
+    return lambda target: target.write_text(text, encoding="utf-8")
 
 
-def _makers(sources: Sequence[Source]) -> dict[str, Callable[[Path], object]]:
-    """Table -> what writes it."""
-
-    def rows(lines: list) -> Callable[[Path], object]:
-        text = downloads.text(lines) or NO_ROWS
-        return lambda target: target.write_text(text, encoding="utf-8")
-
-    modes = [row for source in sources for row in failure_modes.rows(source)]
-    actions = [row for source in sources for row in control_actions.rows(source)]
-    return {
-        "failure_modes.csv": rows(modes),
-        "control_actions.csv": rows(actions),
-        "trace_matrix.csv": rows(list(trace.matrix(sources))),
-        "trace.csv": lambda target: trace.write(target, sources),
-    }
-
-
-def _sentences(source: Source) -> list[str]:
-    lines = [
-        sentences.evading(source),
-        sentences.complete(source),
-        *sentences.by_hazard(source).values(),
-    ]
-    return [f"{source.name}, {source.record.campaign}: {line}" for line in lines]
+def _write_argument(place: Path, evidence: EvidenceRecord) -> None:
+    write_aside(place / JSON, _writer_of(argument.write_json(evidence)))
+    write_aside(place / MERMAID, _writer_of(argument.write_mermaid(evidence)))
 
 
 def _readme(sources: Sequence[Source], evidence: EvidenceRecord) -> Iterator[str]:
@@ -192,7 +148,8 @@ def _readme(sources: Sequence[Source], evidence: EvidenceRecord) -> Iterator[str
     for number, kind in enumerate(control_actions.KINDS, start=1):
         yield f"{number}. {kind.meaning}: *{kind.name}*"
     yield (
-        f"\n## Argument\n\n`{YAML}` and `{SVG}` have the same nodes. `ravenjax evidence --check"
-        f" FOLDER` computes each checksum again and turns red what no longer holds. `{record.FILE}`"
+        f"\n## Argument\n\n`{JSON}` has its nodes, `{MERMAID}` is a drawing of them for Mermaid."
+        " `ravenjax evidence --check FOLDER` computes each checksum again and turns red what no"
+        f" longer holds. `{records.FILE}`"
         " is what it goes by: keep its own sha256 where nobody can change it."
     )

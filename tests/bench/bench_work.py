@@ -3,47 +3,40 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 
-from ravenjax.bench.machine import BenchMachine
 
-MACHINE = BenchMachine(
-    cpu="CPU [4]",
-    cores=3,
-    real_cores=2,
-    quota=float("inf"),
-    caches=("L1 48K", "L2 2048K"),
-    nodes=1,
-    memory_gb=16.0,
-    vectors="AVX-512",
-    width=16,
-    gpus=(),
-    no_gpu="no GPU",
-    system="Linux",
-    versions={"jax": "0.10"},
-    code="0123456789abcdef",
-)
+def describe():
+    return {"gpus": [], "no_gpu": "no GPU"}
 
 
-def machine():
-    return MACHINE
-
-
-def no_machine():
-    raise RuntimeError("no CPU")
+def describe_three_gpus():
+    return {"gpus": ["a GPU"] * 3, "no_gpu": ""}
 
 
 def answers(seconds, *arguments):
-    return 42.0
+    print("what it prints is no answer")
+    return [{"seconds": seconds, "arguments": list(arguments)}]
 
 
-def crashes(seconds):
+def ends_without_an_answer(seconds):
     os._exit(9)
 
 
-def sleeps(seconds):
-    time.sleep(120.0)
+def raises(seconds):
+    raise RuntimeError("out of memory")
 
 
-def cache(seconds):
-    return os.environ["RAVENJAX_CACHE"]
+def sleeps(seconds, file=""):
+    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    if file:
+        with open(file, "w") as text:
+            text.write(str(child.pid))
+    time.sleep(60.0)
+
+
+def environment(seconds):
+    names = ("RAVENJAX_CACHE", "CUDA_VISIBLE_DEVICES")
+    return [{name: os.environ.get(name) for name in names}]

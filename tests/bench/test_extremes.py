@@ -4,12 +4,18 @@ say the same.
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import ravenjax as rj
-from ravenjax.bench import extremes
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "analysis" / "extremes"))
+
+import extreme_runs as extremes
 
 GROUPS = 12
 SAME = 0.995

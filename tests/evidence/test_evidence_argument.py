@@ -1,23 +1,21 @@
-"""The argument: its nodes, YAML and drawing, and that what no longer holds turns red, with all
+"""The argument: its nodes, JSON and drawing, and that what no longer holds turns red, with all
 that rests on it.
 """
 
 from __future__ import annotations
 
-import itertools
 import json
+import re
 import shutil
-import xml.etree.ElementTree as ET
 
 import pytest
 import synthetic_results as synthetic
-import yaml
 
 from ravenjax import cli
 from ravenjax.errors import StoreError
-from ravenjax.evidence import checking, drawing, record, writing
-from ravenjax.evidence.notice import NOTICE
-from ravenjax.evidence.record import EvidenceRecord, Item, Node
+from ravenjax.evidence import argument as drawn_argument
+from ravenjax.evidence import record, writing
+from ravenjax.evidence.record import NOTICE, EvidenceRecord, Node
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import sha256
 from ravenjax.store.folder import PARTS, ResultFolder
@@ -58,17 +56,15 @@ def said(capsys):
 
 
 def argument(place):
-    return yaml.safe_load((place / "evidence" / writing.YAML).read_text(encoding="utf-8"))
+    return json.loads((place / "evidence" / writing.JSON).read_text(encoding="utf-8"))
 
 
 def statuses(place):
-    """Node -> its status, as YAML and as SVG have it: they agree."""
+    """Node -> its status, as JSON has it. The drawing marks the same nodes."""
     nodes = {name: node["status"] for name, node in argument(place)["nodes"].items()}
-    tree = ET.parse(place / "evidence" / writing.SVG)
-    drawn = {
-        one.get("id"): one.get("class", "").split()[1] for one in tree.iter() if one.get("class")
-    }
-    assert drawn == nodes
+    text = (place / "evidence" / writing.MERMAID).read_text(encoding="utf-8")
+    marked = dict(re.findall(r"^class (\w+) (\w+)$", text, flags=re.M))
+    assert marked == {name: status for name, status in nodes.items() if status != "holds"}
     return nodes
 
 
@@ -77,7 +73,7 @@ def node_of(place, file):
     (name,) = (
         name
         for name, node in argument(place)["nodes"].items()
-        if node.get("file", "").endswith(file)
+        if node.get("item", {}).get("file", "").endswith(file)
     )
     return name
 
@@ -85,12 +81,12 @@ def node_of(place, file):
 def test_every_solution_is_a_file_with_its_checksum(kept):
     nodes = argument(kept)["nodes"]
     solutions = [node for node in nodes.values() if node["kind"] == "solution"]
-    files = [node["file"] for node in solutions if node["sha256_of"] == "file"]
-    for node in solutions:
-        path = kept / "evidence" / node["file"]
-        assert path.is_file() and (
-            node["sha256_of"] == "campaign" or sha256(path) == node["sha256"]
-        )
+    items = [node["item"] for node in solutions]
+    files = [item["file"] for item in items if item.get("of") != "campaign"]
+    for item in items:
+        path = kept / "evidence" / item["file"]
+        assert path.is_file()
+        assert item.get("of") == "campaign" or sha256(path) == item["sha256"]
     parts = [part.file for part in manifests.read(kept / "result").parts]
     assert sorted(files) == sorted(
         [*writing.GOALS, *(f"../result/{PARTS}/{name}" for name in parts)]
@@ -118,7 +114,7 @@ def test_every_goal_comes_down_to_files(kept):
 
 def test_what_it_is_not_is_said_in_every_file_that_can_say_it(kept):
     assert "no claim of conformity with any standard" in NOTICE
-    for name in (writing.YAML, writing.SVG, writing.README, record.FILE):
+    for name in (writing.JSON, writing.MERMAID, writing.README, record.FILE):
         assert NOTICE in (kept / "evidence" / name).read_text(encoding="utf-8")
 
 
@@ -141,15 +137,13 @@ def test_a_damaged_part_turns_red_with_what_rests_on_it(kept, said):
     red, name = statuses(kept), node_of(kept, part)
     assert code == 1 and part in err and "1 broken" in out and red[name] == "broken"
     nodes = argument(kept)["nodes"]
-    assert nodes[name]["reason"].endswith(f"expected {nodes[name]['sha256'][:16]}..")
+    assert nodes[name]["reason"].endswith(f"expected {nodes[name]['item']['sha256'][:16]}..")
     assert [
         one for one, node in nodes.items() if node["kind"] == "solution" and red[one] == "broken"
     ] == [name]
     goals = {one for one, node in nodes.items() if node["kind"] in ("goal", "strategy")}
     assert {one for one in goals if red[one] == "broken"} == goals  # tables rest on the parts, too
     assert {red[one] for one, node in nodes.items() if node["kind"] == "context"} == {"holds"}
-    svg = (kept / "evidence" / writing.SVG).read_text(encoding="utf-8")
-    assert f'<g class="solution broken" id="{name}">' in svg and drawing.RED in svg
     with open(kept / "result" / PARTS / part, "r+b") as file:
         file.seek(300)
         file.write(byte)
@@ -202,8 +196,8 @@ def test_runs_that_are_missing_leave_a_goal_open(tmp_path, said):
         and "100 of the 300 declared runs are there" in out
         and "200 runs are missing" in err
     )
-    whole = yaml.safe_load(
-        (tmp_path / "half" / writing.FOLDER / writing.YAML).read_text(encoding="utf-8")
+    whole = json.loads(
+        (tmp_path / "half" / writing.FOLDER / writing.JSON).read_text(encoding="utf-8")
     )
     assert (
         whole["status"] == "open"
@@ -273,47 +267,31 @@ def test_a_record_that_is_none(kept, change, complaint):
         json.dumps(change(json.loads(path.read_text(encoding="utf-8")))), encoding="utf-8"
     )
     with pytest.raises(StoreError, match=complaint):
-        record.read(kept / "evidence")
+        record.read_record(kept / "evidence")
 
 
 def node(name, kind, *below, **fields):
     return Node(name=name, kind=kind, text=f"of {name}", supported_by=below, **fields)
 
 
-def test_of_many_parts_the_broken_ones_are_drawn_first():
-    parts = [
-        node(f"Sn{k}", "solution", item=Item(file=f"p{k}", sha256="0" * 64)) for k in range(50)
-    ]
-    nodes = (node("G1", "goal", *(one.name for one in parts)), *parts)
-    judged = checking.judged(nodes, {"Sn40": "is missing"})
-    svg = drawing.svg(EvidenceRecord(written="now", sentences=(), nodes=judged))
-    drawn = [
-        one.get("id")
-        for one in ET.fromstring(svg).iter()
-        if one.get("class", "").startswith("solution")
-    ]
-    assert drawn[0] == "Sn40" and len(drawn) == drawing.MOST and "43 more files" in svg
-
-
-def test_nodes_do_not_lie_on_each_other(kept):
-    boxes, _ = drawing._placed(record.read(kept / "evidence"))
-    columns = {}
-    for box in boxes.values():
-        columns.setdefault(box.x, []).append(box)
-    assert len(columns) >= 5
-    for column in columns.values():
-        ordered = sorted(column, key=lambda box: box.y)
-        for above, below in itertools.pairwise(ordered):
-            assert above.y + above.height / 2 < below.y - below.height / 2
-
-
-def test_words_are_escaped():
-    whole = EvidenceRecord(
-        written="now", sentences=(), nodes=(Node(name="G1", kind="goal", text="a < b & c"),)
+def test_the_drawing_joins_nodes_and_escapes_words():
+    nodes = (
+        node("G1", "goal", "S1", in_context_of=("C1",)),
+        Node(name="C1", kind="context", text='a "b"'),
+        node("S1", "strategy", "Sn1", "Sn2"),
+        node("Sn1", "solution"),
+        node("Sn2", "solution"),
     )
-    assert "".join(ET.fromstring(drawing.svg(whole)).itertext()).count("a < b & c") == 1
+    nodes = record.judge(nodes, {"Sn2": "is missing"})
+    evidence = EvidenceRecord(written="now", sentences=(), nodes=nodes)
+    lines = drawn_argument.write_mermaid(evidence).splitlines()
+    links = {line for line in lines if re.fullmatch(r"\w+ (-->|-\.->) \w+", line)}
+    # files that hold are left out
+    assert links == {"G1 --> S1", "G1 -.-> C1", "S1 --> Sn2"}
+    assert 'C1@{ shape: rounded, label: "C1 a #quot;b#quot;" }' in lines
+    assert 'Sn2@{ shape: circle, label: "Sn2 of Sn2 is missing" }' in lines
 
 
 def test_a_circle_ends():
     nodes = (node("G1", "goal", "G2"), node("G2", "goal", "G1"))
-    assert [one.status for one in checking.judged(nodes, {})] == ["holds", "holds"]
+    assert [one.status for one in record.judge(nodes, {})] == ["holds", "holds"]

@@ -13,7 +13,7 @@ import synthetic_results as synthetic
 from ravenjax import cli
 from ravenjax.evidence import credibility, record, writing
 from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
-from ravenjax.evidence.notice import NOTICE
+from ravenjax.evidence.record import NOTICE
 from ravenjax.store.files import sha256
 from ravenjax.store.folder import ResultFolder
 from ravenjax.studies.framework import claims
@@ -33,7 +33,9 @@ def folder(tmp_path):
 
 def node_of(place, file):
     (node,) = [
-        one for one in record.read(place).nodes if one.item is not None and one.item.file == file
+        one
+        for one in record.read_record(place).nodes
+        if one.item is not None and one.item.file == file
     ]
     return node
 

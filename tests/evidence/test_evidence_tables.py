@@ -13,9 +13,10 @@ import synthetic_results as synthetic
 from rendered_page import Page, words
 
 from ravenjax.errors import UserError
-from ravenjax.evidence import control_actions, failure_modes, sentences, trace
-from ravenjax.evidence.counted_rows import ENUMERATED, SAMPLED
-from ravenjax.evidence.sources import Source, identity, opened
+from ravenjax.evidence import argument, control_actions, failure_modes, trace
+from ravenjax.evidence.control_actions import count_control_actions
+from ravenjax.evidence.failure_modes import count_failure_modes
+from ravenjax.evidence.sources import ENUMERATED, SAMPLED, Source, identify, opened
 from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
@@ -58,7 +59,7 @@ def folder(tmp_path_factory):
 
 
 def test_failure_modes_are_counted_by_hand(source):
-    rows = failure_modes.rows(source)
+    rows = count_failure_modes(source)
     by_hand = (
         SAMPLE.groupby(["group", "fault0_site", "fault0_effect", "response", "hazard"])
         .size()
@@ -77,7 +78,7 @@ def test_failure_modes_are_counted_by_hand(source):
 
 
 def test_failure_modes_equal_the_report(source):
-    rows, head = failure_modes.rows(source), tables.headline(source.runs, source.record)
+    rows, head = count_failure_modes(source), tables.headline(source.runs, source.record)
     assert sum(row.rate.k for row in rows) == head["evaded"].n
     assert sum(row.rate.k for row in rows if row.evades) == head["evaded"].k > 0
     for group in tables.group_rows(source.runs):
@@ -90,7 +91,7 @@ def test_failure_modes_equal_the_report(source):
 
 def test_an_example_is_a_run_of_its_line(source):
     ids = FRAME.set_index("run_id")
-    for row in failure_modes.rows(source):
+    for row in count_failure_modes(source):
         some = ids.loc[row.example_runs.split()]
         assert 1 <= len(some) == min(3, row.rate.k)
         for name, value in (
@@ -105,7 +106,7 @@ def test_an_example_is_a_run_of_its_line(source):
 def test_delays_are_medians_after_the_first_effect(source):
     lines = [
         row
-        for row in failure_modes.rows(source)
+        for row in count_failure_modes(source)
         if row.response == "stopped" and row.hazard != "none"
     ]
     assert lines
@@ -127,7 +128,7 @@ def test_delays_are_medians_after_the_first_effect(source):
 
 
 def test_who_noticed(source):
-    for row in failure_modes.rows(source):
+    for row in count_failure_modes(source):
         assert (row.detected_by == failure_modes.NOBODY) == (
             row.response == "silent" and "cue" not in row.detected_by
         )
@@ -143,17 +144,17 @@ def test_an_interval_only_where_faults_were_drawn():
         if name != "encoder"
     ]
     mixed = of(FRAME, config={**synthetic.manifest().config, "group": [drawn, *others]})
-    rows = failure_modes.rows(mixed)
+    rows = count_failure_modes(mixed)
     for row in rows:
         assert row.interval == (SAMPLED if row.group == "encoder" else ENUMERATED)
         assert np.isnan(row.rate.low) == (row.group != "encoder")
     assert {row.group for row in rows} >= {"encoder", "plc_pins"}
-    actions = control_actions.rows(mixed)
+    actions = count_control_actions(mixed)
     assert {row.site for row in actions if row.interval == SAMPLED} == {"encoder"}
 
 
 def test_unsafe_control_actions_hold_every_hazard_once(source):
-    rows = control_actions.rows(source)
+    rows = count_control_actions(source)
     for hazard in trace.TRACED:
         mine = [row for row in rows if row.hazard == hazard]
         assert sum(row.rate.k for row in mine) == (SAMPLE["hazard"] == hazard).sum() > 0
@@ -172,8 +173,8 @@ def test_each_kind_of_control_action_by_its_rule():
         "delay",
     )
     frame.loc[frame["group"] == "encoder", "fault0_effect"] = "stuck"
-    kinds = {(row.site, row.hazard): set() for row in control_actions.rows(of(frame))}
-    for row in control_actions.rows(of(frame)):
+    kinds = {(row.site, row.hazard): set() for row in count_control_actions(of(frame))}
+    for row in count_control_actions(of(frame)):
         kinds[row.site, row.hazard].add(row.kind)
     assert kinds["network", "unintended motion"] == {"too early, too late or out of order"}
     assert kinds["encoder", "unintended motion"] == {"applied too long"}
@@ -193,14 +194,14 @@ def test_repeats_and_reactions_count_no_fault_twice():
     source = Source("R1", None, reacting.manifest(200), Runs.of(frame, reacting.manifest(200)))  # type: ignore[arg-type]
     head = tables.headline(source.runs, source.record)
     assert (
-        sum(row.rate.k for row in failure_modes.rows(source)) == head["evaded"].n < len(frame) / 2
+        sum(row.rate.k for row in count_failure_modes(source)) == head["evaded"].n < len(frame) / 2
     )
 
 
 def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     with opened([folder]) as sources:
-        trace.write(tmp_path / "trace.csv", sources)
-        matrix = list(trace.matrix(sources))
+        trace.write_trace(tmp_path / "trace.csv", sources)
+        matrix = list(trace.count_matrix(sources))
         (source,) = sources
     rows = list(csv.DictReader(io.StringIO((tmp_path / "trace.csv").read_text(encoding="utf-8"))))
     expected = SAMPLE[SAMPLE["hazard"] != "none"]
@@ -226,8 +227,9 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
 def test_the_sentence_is_the_report_s(folder):
     text = words(Page(page.build(folder).read_text(encoding="utf-8"))).replace("\xa0", " ")
     with opened([folder]) as (source,):
-        sentence, hazards = sentences.evading(source), sentences.by_hazard(source)
-        head, complete = tables.headline(source.runs, source.record), sentences.complete(source)
+        sentence = argument.say_evading(source)
+        hazards = {line.split(":")[0].lower(): line for line in argument.say_hazards(source)}
+        head, complete = tables.headline(source.runs, source.record), argument.say_complete(source)
     assert "95 % interval" in sentence and sentence in text.replace(" ,", ",").replace(" .", ".")
     k, others = head["evaded"].k, head["unintended_told"]
     assert (
@@ -246,8 +248,10 @@ def test_the_sentence_is_the_report_s(folder):
 def test_without_faults_there_is_nothing_to_count():
     free = FRAME[FRAME["group"] == "fault_free"].reset_index(drop=True)
     source = of(free)
-    assert failure_modes.rows(source) == control_actions.rows(source) == []
-    assert sentences.evading(source) == "No run has a fault." and not sentences.by_hazard(source)
+    assert count_failure_modes(source) == count_control_actions(source) == []
+    assert argument.say_evading(source) == "No run has a fault." and not argument.say_hazards(
+        source
+    )
 
 
 def test_a_folder_named_twice(folder):
@@ -263,6 +267,6 @@ def test_identity_is_of_what_decides_outcomes():
     same = record.model_copy(
         update={"starts": 4, "command": ("ravenjax",), "run_s": 3.0, "finished": "2026"}
     )
-    assert identity(same) == identity(record)
+    assert identify(same) == identify(record)
     for change in ({"limit_mm": 2.0}, {"seed": 8}, {"code_hash": "0" * 64}, {"config": {}}):
-        assert identity(record.model_copy(update=change)) != identity(record)
+        assert identify(record.model_copy(update=change)) != identify(record)

@@ -13,7 +13,7 @@ import synthetic_results as synthetic
 
 from ravenjax import cli
 from ravenjax.evidence import workbook, writing
-from ravenjax.evidence.notice import NOTICE
+from ravenjax.evidence.record import NOTICE
 from ravenjax.store.folder import ResultFolder
 
 RUNS = 120
@@ -94,7 +94,7 @@ def test_what_looks_like_a_formula_or_a_number_is_text(tmp_path):
     (tmp_path / "some.csv").write_text(
         "group,run_id,rate_k\n=1+1,1234567890123456,3\nhttp://a,1e10,\n"
     )
-    workbook.write(tmp_path / "some.xlsx", [tmp_path / "some.csv"])
+    workbook.write_workbook(tmp_path / "some.xlsx", [tmp_path / "some.csv"])
     assert sheets(tmp_path / "some.xlsx")["some"][1:] == [
         [("A", "=1+1"), ("B", "1234567890123456"), ("C", 3.0)],
         [("A", "http://a"), ("B", "1e10")],
@@ -104,7 +104,7 @@ def test_what_looks_like_a_formula_or_a_number_is_text(tmp_path):
 def test_a_table_longer_than_a_sheet_says_where_the_rest_is(tmp_path):
     pytest.importorskip("xlsxwriter")
     (tmp_path / "trace.csv").write_text("index\n" + "\n".join(map(str, range(10))) + "\n")
-    workbook.write(tmp_path / "some.xlsx", [tmp_path / "trace.csv"], most=4)
+    workbook.write_workbook(tmp_path / "some.xlsx", [tmp_path / "trace.csv"], most=4)
     book = sheets(tmp_path / "some.xlsx")
     assert len(book["trace"]) == 5
     assert book["read me"][-1] == [("A", "trace: the first 4 lines; 6 more in trace.csv")]
@@ -114,7 +114,7 @@ def test_a_disk_that_refuses(tmp_path):
     pytest.importorskip("xlsxwriter")
     (tmp_path / "some.csv").write_text("group\n")
     with pytest.raises(OSError, match="nowhere"):
-        workbook.write(tmp_path / "nowhere" / "some.xlsx", [tmp_path / "some.csv"])
+        workbook.write_workbook(tmp_path / "nowhere" / "some.xlsx", [tmp_path / "some.csv"])
 
 
 def test_without_the_extra_it_is_said_what_to_install(folder, tmp_path, monkeypatch, capsys):

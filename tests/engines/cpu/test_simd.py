@@ -4,6 +4,7 @@ engine xla.
 
 from __future__ import annotations
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,7 +16,6 @@ import pytest
 from compiled_program import HARD_INTEGERS, compiled, lowered, same_bits
 
 import ravenjax as rj
-from ravenjax.bench import operations
 from ravenjax.campaign import plan, runner
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import engine as simd
@@ -187,6 +187,9 @@ def test_compiled_code_is_kept_and_used_again(ready, loop, whole, monkeypatch):
 
 @pytest.mark.slow
 def test_what_runs_share_is_not_computed_in_each(loop, ready):
+    sys.path.append(str(EVERY_LAYER.parents[1] / "engines"))
+    import tick_operations as operations
+
     shared = split(loop.without_signals(), range(len(ready.program.varied)), range(1 + loop.series))
     counted = operations.by_stage(
         split(

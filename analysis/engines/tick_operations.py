@@ -1,5 +1,7 @@
 """Operations of the timed tick by stage, as the printing engines compute them: what to shorten
 first.
+
+python analysis/engines/tick_operations.py
 """
 
 from __future__ import annotations
@@ -36,16 +38,6 @@ class Operations:
     def per_lane(self) -> int:
         """All in every run."""
         return sum(self.lane.values())
-
-    @property
-    def per_group(self) -> int:
-        """All that runs share."""
-        return sum(self.shared.values())
-
-
-def measure(_: float) -> Operations:
-    """Of the tick that is timed; counted, so that time is none of its matter."""
-    return count(Workload(1000))
 
 
 def count(workload: Workload) -> Operations:
@@ -93,3 +85,18 @@ def by_stage(parted: Split) -> Mapping[str, Counter[str]]:
         part: Counter(step.origins[i] for i in numbers if step.operations[i].name not in _FREE)
         for part, numbers in parts.items()
     }
+
+
+def main() -> None:
+    """Print the stages, the most expensive first."""
+    found = count(Workload(1000))
+    rows = [
+        (found.lane.get(n, 0), found.shared.get(n, 0), n) for n in {**found.lane, **found.shared}
+    ]
+    print(f"{found.per_lane:6} in each run, {sum(found.shared.values()):6} shared by runs: all")
+    for lane, shared, name in sorted(rows, reverse=True):
+        print(f"{lane:6} in each run, {shared:6} shared by runs: {name}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""The machine's peak, measured: independent fused multiply-adds in registers, all cores or the
+whole GPU at once; and what share of it the fastest engine's ticks are.
+
+python analysis/engines/peak.py [simd | cuda]
+
+Each counts as one operation, as in a tick. The best of many short bursts is taken. A tick's selects
+and integer operations may go through further units, its divisions and roots take several turns of
+one: the ratio says how near the tick comes to the rate of multiply-adds, no more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import tick_operations
+
+from ravenjax.bench import engines, machine, timing
+from ravenjax.bench.workload import Workload
+from ravenjax.engines.cpu import jit
+
+CHAINS = 12
+"""Independent chains a thread: more than latency times pipes (4 x 2), few enough for 16
+registers.
+"""
+_GPU_ROUNDS, _GPU_THREADS, _GPU_BLOCKS, _GPU_LAUNCHES = 4096, 256, 64, 8
+"""Threads of a block; blocks a multiprocessor."""
+
+_CUDA = f"""
+extern "C" __global__ void peak(float* room, int rounds) {{
+  float a = room[0] + 0.5f, b = room[1] + 1.0f, x[{CHAINS}], sum = 0.0f;
+  for (int k = 0; k < {CHAINS}; ++k) x[k] = (float)(threadIdx.x + k);
+  #pragma unroll 4
+  for (int i = 0; i < rounds; ++i)
+    #pragma unroll
+    for (int k = 0; k < {CHAINS}; ++k) x[k] = fmaf(x[k], a, b);
+  for (int k = 0; k < {CHAINS}; ++k) sum += x[k];
+  if (sum == 12345.0f) room[2] = sum;
+}}
+"""
+
+
+def measure_cpu(seconds: float, rounds: int = 1_000_000) -> float:
+    """Operations a second of all cores that this process may use."""
+    threads, width = machine.count_usable_cpus(), jit.host().width
+    peak = jit.compile(_llvm(width), ["peak"]).function("peak", [ctypes.c_void_p, ctypes.c_int64])
+    rooms = [np.array([0.5, 1.0, 0.0], np.float32) for _ in range(threads)]
+    with ThreadPoolExecutor(threads) as pool:
+
+        def work() -> None:
+            list(pool.map(lambda room: peak(room.ctypes.data, rounds), rooms))
+
+        work()
+        best_s = min(timing.repeat(work, seconds, 500))
+    return threads * rounds * CHAINS * width / best_s
+
+
+def measure_gpus(seconds: float) -> float:
+    """Operations a second of all visible GPUs. Raises UserError where there is none."""
+    from ravenjax.engines.gpu import device as cuda_device
+
+    return sum(measure_gpu(seconds, device) for device in cuda_device.devices())
+
+
+def measure_gpu(seconds: float, device: Any) -> float:
+    """Operations a second of one GPU."""
+    from ravenjax.engines.gpu import device as cuda_device
+
+    code = cuda_device.compile(_CUDA, device.architecture, ())
+    function = cuda_device.DeviceModule(device, code).function("peak")
+    blocks = device.multiprocessors * _GPU_BLOCKS
+    with cuda_device.DeviceSession(device) as session:
+        room = session.room(4)
+
+        def work() -> None:
+            for _ in range(_GPU_LAUNCHES):
+                session.launch(function, blocks, _GPU_THREADS, session.main, room, _GPU_ROUNDS)
+            session.finish(session.mark(session.main))
+
+        work()
+        best_s = min(timing.repeat(work, seconds, 5))
+    return _GPU_LAUNCHES * blocks * _GPU_THREADS * _GPU_ROUNDS * CHAINS / best_s
+
+
+def _llvm(width: int) -> str:
+    """void peak(float room[3], long rounds)."""
+    wide, chains = f"<{width} x float>", range(CHAINS)
+    step = f"call {wide} @llvm.fma.v{width}f32({wide} %x{{k}}, {wide} %a, {wide} %b)"
+    if "fma" not in jit.host().features and width != 4:
+        step = f"fadd {wide} %x{{k}}, %b"
+    first = "\n".join(
+        f"  %x{k} = phi {wide} [splat (float {k}.0), %entry], [%y{k}, %loop]" for k in chains
+    )
+    steps = "\n".join(f"  %y{k} = {step.format(k=k)}" for k in chains)
+    sums = "\n".join(f"  %s{k + 1} = fadd {wide} %s{k}, %y{k}" for k in chains)
+    return f"""
+declare {wide} @llvm.fma.v{width}f32({wide}, {wide}, {wide})
+define void @peak(ptr %room, i64 %rounds) {{
+entry:
+  %second = getelementptr float, ptr %room, i64 1
+  %third = getelementptr float, ptr %room, i64 2
+  %a1 = load float, ptr %room
+  %b1 = load float, ptr %second
+  %a0 = insertelement {wide} poison, float %a1, i64 0
+  %b0 = insertelement {wide} poison, float %b1, i64 0
+  %a = shufflevector {wide} %a0, {wide} poison, <{width} x i32> zeroinitializer
+  %b = shufflevector {wide} %b0, {wide} poison, <{width} x i32> zeroinitializer
+  br label %loop
+loop:
+  %i = phi i64 [0, %entry], [%next, %loop]
+{first}
+{steps}
+  %next = add i64 %i, 1
+  %more = icmp slt i64 %next, %rounds
+  br i1 %more, label %loop, label %done
+done:
+  %s0 = fadd {wide} zeroinitializer, zeroinitializer
+{sums}
+  %out = extractelement {wide} %s{CHAINS}, i64 0
+  store float %out, ptr %third
+  ret void
+}}
+"""
+
+
+def main(engine: str = "simd") -> None:
+    """Print the peak of what a printing engine runs on, and the engine's share of it."""
+    peak = measure_gpus(4.0) if engine == "cuda" else measure_cpu(2.0)
+    rate = max(row["ticks_per_s"] for row in engines.measure(10.0, engine))
+    share = rate * tick_operations.count(Workload(1000)).per_lane / peak
+    print(f"peak {peak / 1e9:,.0f} G operations/s, {rate / 1e6:.3g} M ticks/s: {share:.0%} of it")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
