@@ -39,14 +39,10 @@ from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import recorder
 from ravenjax.train.recording.hazards import table
-from ravenjax.train.robot_link.crtk import bridge
-from ravenjax.train.robot_link.crtk import console as crtk
-from ravenjax.train.robot_link.crtk.messages import Ros
-from ravenjax.train.robot_link.crtk.names import ARM_NAMES
-from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
+from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.joints.stream import JOINT_PORT
+from ravenjax.train.robot_link.joint_server import JOINT_PORT
 from ravenjax.train.robot_link.process import digest
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
@@ -179,8 +175,12 @@ def realtime(
             consoles.append(ItpConsole(server, session, say))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
-            robot = crtk.traits(session.blueprint, elsewhere=options.robot is not None)
-            consoles.append(crtk.spawn(stack, options.crtk, session.layout, robot, say))
+            from ravenjax.train.robot_link.crtk import bridge
+
+            elsewhere = options.robot is not None
+            consoles.append(
+                bridge.spawn(stack, options.crtk, session.blueprint, say, elsewhere=elsewhere)
+            )
             say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
         consoles.append(PedalWords(session, say))
         if script is not None:
@@ -405,6 +405,9 @@ def _robot(
                     f" can be armed in a robot over {stream}: choose a scenario without, or start"
                     " `ravenjax robot` and give its joint port"
                 )
+            from ravenjax.train.robot_link.crtk import bridge
+            from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
+
             transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
             stack.callback(transport.close)
             robot = RosRobot(host, itp_port, made.setup.arms, made.setup.tools, transport, say=say)
