@@ -46,7 +46,7 @@ from ravenjax.train.robot_link.joint_server import JOINT_PORT
 from ravenjax.train.robot_link.process import digest
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
-from ravenjax.train.session import scripts
+from ravenjax.train.session import command_log, scripts
 from ravenjax.train.session.advance import Driven, Session
 from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.simulation import SimulatedRobot
@@ -54,7 +54,7 @@ from ravenjax.train.session.simulation import SimulatedRobot
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 COMMANDS = "commands.jsonl"
-"""What was said to the session (up to `heard.MOST_HEARD`): a script that makes it again."""
+"""What was said to the session: a script that makes it again."""
 CLAIM = ".session"
 """Empty; there while a session begins in a folder, so that two that begin at once do not get the
 same.
@@ -536,7 +536,7 @@ def _conclude(
         writer: csv.DictWriter[str] = csv.DictWriter(file, judge.COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    scripts.save(options.folder / COMMANDS, session.heard)
+    command_log.write_commands(options.folder / COMMANDS, session.command_log)
     summary: dict[str, Any] = {
         "ended": session.ended,
         "task": session.task.result(),

@@ -321,10 +321,10 @@ def test_a_session_is_driven_by_crtk_tick_by_tick():
 
     session.tick([])  # nothing is told before there is a row
     tick(300)
-    assert session.seat.owner == "nobody" and interpreter.state.state == "DISABLED"
+    assert session.arbiter.owner == "nobody" and interpreter.state.state == "DISABLED"
     tick(1, ("state_command", types.message(messages.STRING, header, "enable")))
     tick(200)
-    assert session.seat.owner == "crtk" and interpreter.state.state == "ENABLED"
+    assert session.arbiter.owner == "crtk" and interpreter.state.state == "ENABLED"
     start = setpoint()
     p, q = start.position, start.orientation
     goal = p.x + 0.004, p.y - 0.002, p.z + 0.003
