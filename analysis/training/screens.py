@@ -39,8 +39,8 @@ PEDAL, DOWN = "Space", "KeyF"
 PATIENT = """from ravenjax.cli import main
 from ravenjax.train.protocol import messages
 messages.STALE_MS = 20000
-from ravenjax.train.session import seat
-seat.GONE_MS = 20000
+from ravenjax.train.session import console_arbiter
+console_arbiter.GONE_MS = 20000
 main()
 """
 FAULT_MM = 3.2  # of tip error, for the picture of a fault: the cue pulls

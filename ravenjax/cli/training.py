@@ -14,13 +14,11 @@ from ravenjax import interruption
 from ravenjax.cli import console
 from ravenjax.cli.console import Overrides
 
-Crtk = Annotated[
-    Literal["ros1", "ros2"] | None, Parameter(help="also speak CRTK: ros2 (DDS) or ros1 (rospy)")
-]
-
-_SEED = validators.Number(gte=0, lt=2**31)
-_PORT = validators.Number(gte=0, lte=65535)
-_SECONDS = validators.Number(gt=0)
+Crtk = Literal["ros1", "ros2"] | None
+ConsoleProfile = Annotated[str, Parameter("--console")]
+Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**31))]
+Port = Annotated[int, Parameter(validator=validators.Number(gte=0, lte=65535))]
+_SWITCH = Parameter(negative="")
 
 log = App(name="log", help="Recordings of sessions, and traces of runs as bags.")
 study = App(
@@ -32,66 +30,24 @@ study = App(
 def train(
     scenario: str = "first_steps",
     *,
-    out: Annotated[
-        Path | None,
-        Parameter(
-            help=(
-                "session folder, never overwritten; default"
-                " results/sessions/NAME-PARTICIPANT-TIME-SEED"
-            )
-        ),
-    ] = None,
+    out: Path | None = None,
     overrides: Overrides = None,
-    seed: Annotated[
-        int | None,
-        Parameter(help="of the hazards' timing; default the scenario's", validator=_SEED),
-    ] = None,
-    participant: Annotated[str, Parameter(help="who drives, for studies")] = "",
-    group: Annotated[str, Parameter(help="group of the study")] = "",
-    cue: Annotated[
-        bool | None, Parameter(help="whether the force is felt; default the scenario's")
-    ] = None,
-    blinded: Annotated[
-        bool | None, Parameter(help="tell nobody which group this is; default the scenario's")
-    ] = None,
-    script: Annotated[
-        str | None, Parameter(help="drive by a scripted operator, or by a recorded FILE.jsonl")
-    ] = None,
-    page: Annotated[bool, Parameter(help="serve the page in the browser")] = True,
-    headless: Annotated[
-        bool, Parameter(negative="", help="as fast as it goes, without clock and page")
-    ] = False,
-    linger: Annotated[
-        float | None, Parameter(help="s that the page stays after the end; default until Ctrl-C")
-    ] = None,
-    host: Annotated[
-        str, Parameter(help="address to listen on; others than this machine's need a token")
-    ] = "127.0.0.1",
-    port: Annotated[int, Parameter(help="of the page; 0: any free one")] = 8080,
-    token: Annotated[
-        str | None, Parameter(help="that the page asks for; made up where one is needed")
-    ] = None,
-    instructor_token: Annotated[
-        str | None,
-        Parameter(
-            help="that makes an instructor; made up anew for each session where it is left out"
-        ),
-    ] = None,
-    itp_port: Annotated[
-        int | None, Parameter(help="also take an ITP console on this UDP port (36000)")
-    ] = None,
-    console_profile: Annotated[
-        str,
-        Parameter(
-            "--console", help="what the ITP console sends: raven, dv_trainer, a .toml file, or auto"
-        ),
-    ] = "raven",
-    robot: Annotated[
-        str | None,
-        Parameter(
-            help="drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 for JOINT_PORT"
-        ),
-    ] = None,
+    seed: Seed = None,
+    participant: str = "",
+    group: str = "",
+    cue: bool | None = None,
+    blinded: bool | None = None,
+    script: str | None = None,
+    page: bool = True,
+    headless: Annotated[bool, _SWITCH] = False,
+    linger: float | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    token: str | None = None,
+    instructor_token: str | None = None,
+    itp_port: int | None = None,
+    console_profile: ConsoleProfile = "raven",
+    robot: str | None = None,
     crtk: Crtk = None,
 ) -> None:
     """Train on one robot in real time, in the browser: drive, meet a hazard, respond, read the
@@ -101,16 +57,52 @@ def train(
     ----------
     scenario
         Scenario file, or the name of a bundled one (see `ravenjax campaigns`).
+    out
+        session folder, never overwritten; default results/sessions/NAME-PARTICIPANT-TIME-SEED
+    seed
+        of the hazards' timing; default the scenario's
+    participant
+        who drives, for studies
+    group
+        group of the study
+    cue
+        whether the force is felt; default the scenario's
+    blinded
+        tell nobody which group this is; default the scenario's
+    script
+        drive by a scripted operator, or by a recorded FILE.jsonl
+    page
+        serve the page in the browser
+    headless
+        as fast as it goes, without clock and page
+    linger
+        s that the page stays after the end; default until Ctrl-C
+    host
+        address to listen on; others than this machine's need a token
+    port
+        of the page; 0: any free one
+    token
+        that the page asks for; made up where one is needed
+    instructor_token
+        that makes an instructor; made up anew for each session where it is left out
+    itp_port
+        also take an ITP console on this UDP port (36000)
+    console_profile
+        what the ITP console sends: raven, dv_trainer, a .toml file, or auto
+    robot
+        drive one elsewhere: HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 for JOINT_PORT
+    crtk
+        also speak CRTK: ros2 (DDS) or ros1 (rospy)
     """
     from ravenjax.errors import UserError
 
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody drives: without the page give --script, --itp-port or --crtk")
-    _say(f"{scenario}: the session is being prepared; the first time takes longest")
+    console.say(f"{scenario}: the session is being prepared; the first time takes longest")
     with _words_of_a_stop(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
-            from ravenjax.train.helpers import SessionHelpers
+            from ravenjax.train.processes import SessionHelpers
 
             helpers = SessionHelpers.start(stack, page)  # they import while this process does
         from ravenjax.train import launch
@@ -140,18 +132,18 @@ def train(
             )
         )
         if headless:
-            result = launch.headless(options, _say)
+            result = launch.headless(options, console.say)
         else:
             result = launch.realtime(
-                options, with_page=page, linger_s=linger, say=_say, helpers=helpers
+                options, with_page=page, linger_s=linger, say=console.say, helpers=helpers
             )
     while result.wish is not None:  # the same door: windows come back by themselves
-        _say(f"session: {result.folder} ({result.ended})")
+        console.say(f"session: {result.folder} ({result.ended})")
         options = launch.following(options, result)
-        _say(f"{options.scenario.name}: the next session is being prepared")
+        console.say(f"{options.scenario.name}: the next session is being prepared")
         with _words_of_a_stop(), interruption.held_back():
-            result = launch.realtime(options, with_page=page, linger_s=linger, say=_say)
-    _say(f"session: {result.folder} ({result.ended})")
+            result = launch.realtime(options, with_page=page, linger_s=linger, say=console.say)
+    console.say(f"session: {result.folder} ({result.ended})")
 
 
 @contextlib.contextmanager
@@ -175,35 +167,15 @@ def robot(
     scenario: str = "first_steps",
     *,
     overrides: Overrides = None,
-    seed: Annotated[
-        int | None,
-        Parameter(help="that draws the hazards; default the scenario's", validator=_SEED),
-    ] = None,
-    host: Annotated[str, Parameter(help="address to listen on")] = "127.0.0.1",
-    itp_port: Annotated[
-        int, Parameter(help="UDP port of the console; 0: any free one", validator=_PORT)
-    ] = 36000,
-    joint_port: Annotated[
-        int, Parameter(help="TCP port of the joint state; 0: any free one", validator=_PORT)
-    ] = 36002,
-    hazard: Annotated[
-        list[str] | None, Parameter(negative="", help="NUMBER@MS: arm a hazard then")
-    ] = None,
-    seconds: Annotated[
-        float | None, Parameter(help="end after so long; default at Ctrl-C", validator=_SECONDS)
-    ] = None,
-    token: Annotated[
-        str | None, Parameter(help="that orders from other machines must carry")
-    ] = None,
-    console_host: Annotated[
-        str | None, Parameter(help="the only host that may drive; default any")
-    ] = None,
-    console_profile: Annotated[
-        str,
-        Parameter(
-            "--console", help="what the ITP console sends: raven, dv_trainer, a .toml file, or auto"
-        ),
-    ] = "raven",
+    seed: Seed = None,
+    host: str = "127.0.0.1",
+    itp_port: Port = 36000,
+    joint_port: Port = 36002,
+    hazard: Annotated[list[str] | None, _SWITCH] = None,
+    seconds: Annotated[float | None, Parameter(validator=validators.Number(gt=0))] = None,
+    token: str | None = None,
+    console_host: str | None = None,
+    console_profile: ConsoleProfile = "raven",
     crtk: Crtk = None,
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can drive.
@@ -212,6 +184,26 @@ def robot(
     ----------
     scenario
         Scenario whose robot and hazards it has; `ravenjax train SCENARIO --robot HOST` drives it.
+    seed
+        that draws the hazards; default the scenario's
+    host
+        address to listen on
+    itp_port
+        UDP port of the console; 0: any free one
+    joint_port
+        TCP port of the joint state; 0: any free one
+    hazard
+        NUMBER@MS: arm a hazard then
+    seconds
+        end after so long; default at Ctrl-C
+    token
+        that orders from other machines must carry
+    console_host
+        the only host that may drive; default any
+    console_profile
+        what the ITP console sends: raven, dv_trainer, a .toml file, or auto
+    crtk
+        also speak CRTK: ros2 (DDS) or ros1 (rospy)
     """
     from ravenjax.store.consoles import loading as profiles
     from ravenjax.train import scenario as scenarios
@@ -229,22 +221,12 @@ def robot(
         profiles=profiles.choice(console_profile),
         seconds=seconds,
         crtk=crtk,
-        say=_say,
+        say=console.say,
     )
 
 
 def play(
-    packets: Path,
-    *,
-    to: Annotated[
-        str, Parameter(help="HOST:PORT of the robot or the session (its --itp-port)")
-    ] = "127.0.0.1:36000",
-    console_profile: Annotated[
-        str,
-        Parameter(
-            "--console", help="whose packets they are: raven, dv_trainer, a .toml file, or auto"
-        ),
-    ] = "auto",
+    packets: Path, *, to: str = "127.0.0.1:36000", console_profile: ConsoleProfile = "auto"
 ) -> None:
     """Send a console's recorded packets to a robot or a session, as they were and when they came.
 
@@ -255,6 +237,10 @@ def play(
     ----------
     packets
         A Parquet file with columns packet and arrival_us (or _s, _ms, _ns), or a capture: .pcap, .pcapng.
+    to
+        HOST:PORT of the robot or the session (its --itp-port)
+    console_profile
+        whose packets they are: raven, dv_trainer, a .toml file, or auto
     """  # noqa: E501
     from ravenjax.store.motion import packet_file
     from ravenjax.train.robot_link import player
@@ -263,24 +249,18 @@ def play(
     raw = packet_file.raw(packets)
     arrival_s, _, notes = packet_file.arrivals(packets, raw, console_profile)
     for note in notes:
-        _say(note)
-    _say(str(player.play(raw.datagrams, arrival_s, address, _say)))
+        console.say(note)
+    console.say(str(player.play(raw.datagrams, arrival_s, address, console.say)))
 
 
 @study.default
 def compare(
     folders: list[Path],
     *,
-    out: Annotated[Path, Parameter(help="folder of the comparison")] = Path("results/study"),
-    by: Annotated[
-        str | None, Parameter(help="what makes the groups: group, cue; default group, else cue")
-    ] = None,
-    unblind: Annotated[
-        bool, Parameter(negative="", help="show the groups' names instead of A and B")
-    ] = False,
-    mixed: Annotated[
-        bool, Parameter(negative="", help="let sessions of several scenarios or versions in")
-    ] = False,
+    out: Path = Path("results/study"),
+    by: str | None = None,
+    unblind: Annotated[bool, _SWITCH] = False,
+    mixed: Annotated[bool, _SWITCH] = False,
 ) -> None:
     """Collect sessions and compare their groups: effect sizes and intervals.
 
@@ -288,26 +268,29 @@ def compare(
     ----------
     folders
         Session folders, or folders of session folders.
+    out
+        folder of the comparison
+    by
+        what makes the groups: group, cue; default group, else cue
+    unblind
+        show the groups' names instead of A and B
+    mixed
+        let sessions of several scenarios or versions in
     """
     from ravenjax.train.study import report
 
     result = report.run(folders, out, by, unblind=unblind, mixed=mixed)
-    _say(result.text.rstrip())
-    _say(f"study: {result.page}")
+    console.say(result.text.rstrip())
+    console.say(f"study: {result.page}")
 
 
 @study.command
 def assign(
     participants: list[str],
     *,
-    groups: Annotated[list[str], Parameter(consume_multiple=True, help="names of the groups")] = [  # noqa: B006
-        "on",
-        "off",
-    ],
+    groups: Annotated[list[str], Parameter(consume_multiple=True)] = ["on", "off"],  # noqa: B006
     seed: int = 0,
-    block: Annotated[
-        int | None, Parameter(help="participants of a block; default twice the groups")
-    ] = None,
+    block: int | None = None,
 ) -> None:
     """Draw who belongs to which group: balanced in blocks, the same for the same seed; CSV.
 
@@ -315,23 +298,25 @@ def assign(
     ----------
     participants
         Their codes, in the order in which they come.
+    groups
+        names of the groups
+    block
+        participants of a block; default twice the groups
     """
     from ravenjax.train.study import assignment
 
-    _say(assignment.as_csv(assignment.assign(participants, groups, seed, block)).rstrip())
+    console.say(assignment.as_csv(assignment.assign(participants, groups, seed, block)).rstrip())
 
 
 @study.command
 def plan(
     participants: int,
     *,
-    paired: Annotated[
-        bool, Parameter(negative="--parallel", help="each does both conditions, or one of them")
-    ] = True,
-    groups: Annotated[int, Parameter(help="how many; each is compared with the first")] = 2,
-    outcomes: Annotated[int, Parameter(help="compared of each; the four of `study`")] = 4,
-    effect: Annotated[float | None, Parameter(help="standardised difference to be found")] = None,
-    power: Annotated[float, Parameter(help="with which probability it is to be found")] = 0.8,
+    paired: Annotated[bool, Parameter(negative="--parallel")] = True,
+    groups: int = 2,
+    outcomes: int = 4,
+    effect: float | None = None,
+    power: float = 0.8,
 ) -> None:
     """Before data are taken: the smallest p that so many participants can reach, after Holm too,
     and how many it takes.
@@ -340,27 +325,35 @@ def plan(
     ----------
     participants
         How many, all together.
+    paired
+        each does both conditions, or one of them
+    groups
+        how many; each is compared with the first
+    outcomes
+        compared of each; the four of `study`
+    effect
+        standardised difference to be found
+    power
+        with which probability it is to be found
     """
     from ravenjax.train.study import planning
 
     sizes = planning.plan(
         participants, paired=paired, groups=groups, outcomes=outcomes, effect=effect, power=power
     )
-    _say(planning.sentences(sizes))
+    console.say(planning.sentences(sizes))
 
 
 @log.command
-def recover(
-    file: Path,
-    *,
-    out: Annotated[Path | None, Parameter(help="whole file; default FILE.recovered.mcap")] = None,
-) -> None:
+def recover(file: Path, *, out: Path | None = None) -> None:
     """Make a recording that was cut short whole again, as far as it goes.
 
     Parameters
     ----------
     file
         session.mcap of a session that was killed.
+    out
+        whole file; default FILE.recovered.mcap
     """
     from ravenjax.errors import UserError
     from ravenjax.store.logs import mcap_records as store
@@ -370,21 +363,11 @@ def recover(
             f"--out {out}: is the recording itself, expected another file: what is damaged may be"
             " needed again"
         )
-    _say(str(store.recover(file, out)))
+    console.say(str(store.recover(file, out)))
 
 
 @log.command
-def bag(
-    recording: Path,
-    *,
-    ros: Annotated[
-        Literal[1, 2], Parameter(help="1: a .bag file, 2: a folder of ROS 2 (SQLite)")
-    ] = 1,
-    out: Annotated[
-        Path | None,
-        Parameter(help="the bag; default beside the recording, as NAME.bag or NAME_ros2"),
-    ] = None,
-) -> None:
+def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> None:
     """Write the recording of a session, or the trace of a run, as a bag that rosbag and ros2 bag
     play.
 
@@ -392,10 +375,14 @@ def bag(
     ----------
     recording
         session.mcap, the folder of a session, or the .mcap of a traced run.
+    ros
+        1: a .bag file, 2: a folder of ROS 2 (SQLite)
+    out
+        the bag; default beside the recording, as NAME.bag or NAME_ros2
     """
     from ravenjax.store.logs import bags
 
-    _say(str(bags.write_bag(recording, ros, out)))
+    console.say(str(bags.write_bag(recording, ros, out)))
 
 
 @log.command
@@ -409,8 +396,4 @@ def debrief(folder: Path) -> None:
     """
     from ravenjax.train.debrief import page
 
-    _say(f"debrief: {page.write(folder)}")
-
-
-def _say(text: str) -> None:
-    console.out.print(text, markup=False, highlight=False, soft_wrap=True)
+    console.say(f"debrief: {page.write(folder)}")

@@ -12,6 +12,7 @@ from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
 from ravenjax.train.session import pedal, scripts
 from ravenjax.train.session.advance import Session
+from ravenjax.train.session.command_log import read_commands
 
 SOME_PACKETS = 10
 """Refused ones in `STALE_MS`, without one that is taken, are told."""
@@ -24,12 +25,12 @@ class Scripted:
 
     def __init__(self, script: str, session: Session) -> None:
         self._session = session
-        self._operator: scripts.SessionOperator
+        self._operator: scripts.Follower | scripts.Recorded
         if script in scripts.REACTIONS:
             speeds = session.scenario.speeds
-            self._operator = scripts.Follower(session.task, session.arms, speeds, reaction=script)  # type: ignore[arg-type]
+            self._operator = scripts.Follower(session.task, session.arms, speeds, script)
         else:
-            self._operator = scripts.load(script)
+            self._operator = scripts.Recorded(read_commands(script))
 
     def poll(self) -> list[dict[str, Any]]:
         session = self._session
@@ -108,7 +109,7 @@ class ItpConsole:
         return messages
 
     def tell(self, frame: Frame) -> None:
-        drives = self._session.seat.owner == "itp"
+        drives = self._session.arbiter.owner == "itp"
         forces = self._still
         if drives and frame.number("console_alive"):
             setting, cue_on = self._session.scenario, frame.number("cue_on") != 0

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import dataclasses
+import re
 import secrets
 import socket
 import time
@@ -24,7 +25,6 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.store import files, manifest
 from ravenjax.store.consoles import loading as profiles
@@ -32,25 +32,22 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import judge, page, processes, scenario
 from ravenjax.train.consoles import ItpConsole, PedalWords, Scripted
-from ravenjax.train.helpers import SessionHelpers
 from ravenjax.train.page.options import loopback
+from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import recorder
 from ravenjax.train.recording.hazards import table
-from ravenjax.train.robot_link.crtk import bridge
-from ravenjax.train.robot_link.crtk import console as crtk
-from ravenjax.train.robot_link.crtk.messages import Ros
-from ravenjax.train.robot_link.crtk.names import ARM_NAMES
-from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
+from ravenjax.train.robot import UDP_PORT
+from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.joints.stream import JOINT_PORT
-from ravenjax.train.robot_link.process import digest
+from ravenjax.train.robot_link.joint_server import JOINT_PORT
+from ravenjax.train.robot_link.process import digest, in_words
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
-from ravenjax.train.session import scripts
+from ravenjax.train.session import command_log, scripts
 from ravenjax.train.session.advance import Driven, Session
 from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.simulation import SimulatedRobot
@@ -58,7 +55,7 @@ from ravenjax.train.session.simulation import SimulatedRobot
 KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 COMMANDS = "commands.jsonl"
-"""What was said to the session (up to `heard.MOST_HEARD`): a script that makes it again."""
+"""What was said to the session: a script that makes it again."""
 CLAIM = ".session"
 """Empty; there while a session begins in a folder, so that two that begin at once do not get the
 same.
@@ -82,18 +79,20 @@ class SessionOptions:
     host: str = "127.0.0.1"
     port: int = 0
     token: str | None = None
-    instructor_token: str | None = (
-        None  # what makes an instructor of a visitor; made up where it is left out
-    )
-    script: str | None = (
-        None  # who drives in place of a person: a reaction of `scripts`, or a file of commands
-    )
+    # what makes an instructor of a visitor; made up where it is left out
+    instructor_token: str | None = None
+    # who drives in place of a person: a reaction of `scripts`, or a file of commands
+    script: str | None = None
     itp_port: int | None = None  # None: no console over the network
     console: str = "raven"  # its profile: a name or file of `store.consoles`, or "auto"
-    robot: str | None = (
-        None  # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 in place of that port
-    )
+    # a robot elsewhere, HOST[:ITP_PORT[:JOINT_PORT]], or ros1, ros2 in place of that port
+    robot: str | None = None
     crtk: Ros | None = None  # also speak CRTK over this ROS
+
+    @property
+    def is_blinded(self) -> bool:
+        """Whether the session is blinded."""
+        return self.scenario.cue.blinded if self.blinded is None else self.blinded
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,17 +103,9 @@ class FinishedSession:
     hazards: list[dict[str, Any]]
     timing: LoopTiming | None
     ended: str
-    wish: NextSession | None = None  # the session that the instructor asked for
+    # the session that the instructor asked for: the command "next" of `messages`
+    wish: dict[str, Any] | None = None
     port: int = 0  # of the page
-
-
-@dataclasses.dataclass(frozen=True)
-class NextSession:
-    """A session that the instructor asked for; None: as before."""
-
-    participant: str | None = None
-    scenario: str | None = None  # name of a bundled one
-    seed: int | None = None
 
 
 def realtime(
@@ -144,16 +135,13 @@ def realtime(
         )
         interruption.point()
         say(f"robot: ready after {time.monotonic() - began:.1f} s")
-        script = (
-            None if options.script is None else Scripted(options.script, session)
-        )  # before anything is recorded
+        # A script that is none is refused before anything is recorded.
+        script = None if options.script is None else Scripted(options.script, session)
         header = _header(options, session)
-        frames, events = (
-            Ring.create(KEPT_FRAMES, 4 * session.layout.size),
-            Ring.create(KEPT_EVENTS, EVENT_BYTES),
-        )
-        stack.callback(events.close)
+        frames = Ring.create(KEPT_FRAMES, 4 * session.layout.size)
         stack.callback(frames.close)
+        events = Ring.create(KEPT_EVENTS, EVENT_BYTES)
+        stack.callback(events.close)
         names = tuple(session.layout.names())
         helpers.recorder.begin(
             recorder.RecorderOptions(frames.name, events.name, names, options.folder, header)
@@ -175,12 +163,18 @@ def realtime(
                 session.arms, options.host, options.itp_port, profiles=console_profiles
             )
             stack.callback(server.close)
-            stack.callback(lambda: say(f"console: {_counted(server.counters())}"))
+            stack.callback(
+                lambda: say(f"console: {in_words(server.counters()) or 'nothing arrived'}")
+            )
             consoles.append(ItpConsole(server, session, say))
             say("console: ITP over UDP {}:{}".format(*server.address))
         if options.crtk is not None:
-            robot = crtk.traits(session.blueprint, elsewhere=options.robot is not None)
-            consoles.append(crtk.spawn(stack, options.crtk, session.layout, robot, say))
+            from ravenjax.train.robot_link.crtk import bridge
+
+            elsewhere = options.robot is not None
+            consoles.append(
+                bridge.spawn(stack, options.crtk, session.blueprint, say, elsewhere=elsewhere)
+            )
             say(f"CRTK: {options.crtk}, {', '.join(ARM_NAMES[arm] for arm in session.arms)}")
         consoles.append(PedalWords(session, say))
         if script is not None:
@@ -204,11 +198,7 @@ def realtime(
         recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
         if with_page and linger_s != 0 and not stop:
-            say(
-                "the page stays until Ctrl-C"
-                if linger_s is None
-                else f"the page stays for {linger_s:g} s"
-            )
+            say(f"the page stays {'until Ctrl-C' if linger_s is None else f'for {linger_s:g} s'}")
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
             while not stop and time.monotonic() < end and browser is not None:
                 time.sleep(0.05)
@@ -231,36 +221,34 @@ def following(options: SessionOptions, last: FinishedSession) -> SessionOptions:
     """The options of the session that was asked for at the end of the last, in a folder beside
     that.
     """
-    wish = last.wish or NextSession()
-    setting = options.scenario if wish.scenario is None else scenario.load(wish.scenario)
-    participant = options.participant if wish.participant is None else wish.participant
-    seed = setting.seed if wish.seed is None else wish.seed
-    folder = fresh_folder(setting.name, participant, seed, options.folder.parent)
+    wish = last.wish or {}
+    name = wish.get("scenario")
+    setting = options.scenario if name is None else scenario.load(name)
+    participant = wish.get("participant", options.participant)
+    seed = wish.get("seed", setting.seed)
     return dataclasses.replace(
         options,
         scenario=setting,
         participant=participant,
         seed=seed,
-        folder=folder,
+        folder=fresh_folder(setting.name, participant, seed, options.folder.parent),
         port=last.port or options.port,
     )
 
 
-def _wish(said: loop.PageCommands, say: Say) -> NextSession | None:
+def _wish(said: loop.PageCommands, say: Say) -> dict[str, Any] | None:
     """The next session that was asked for since the last look; a scenario that is none is told
     of.
     """
     for command in said.poll():
-        if (command.get("type"), command.get("do")) != ("instructor", "next"):
-            continue
-        wish = NextSession(*(command.get(name) for name in ("participant", "scenario", "seed")))
-        try:
-            if wish.scenario is not None:
-                scenario.load(wish.scenario)
-        except UserError as error:
-            say(f"the next session cannot be begun: {error}")
-            continue
-        return wish
+        if (command["type"], command.get("do")) == ("instructor", "next"):
+            try:
+                if "scenario" in command:
+                    scenario.load(command["scenario"])
+            except UserError as error:
+                say(f"the next session cannot be begun: {error}")
+            else:
+                return command
     return None
 
 
@@ -277,9 +265,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
             " commands"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
-    driver = Scripted(
-        script, session
-    )  # before there is a folder: a file that is no script leaves none
+    driver = Scripted(script, session)  # a file that is no script leaves no folder
     options = _apart(options, say)
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     description.write(options.folder, header)
@@ -309,9 +295,7 @@ def fresh_folder(
     """A folder for a session that begins now, named by scenario, who drives, time (UTC) and
     seed; not by the group.
     """
-    who = "".join(letter if letter.isalnum() or letter in "_.-" else "-" for letter in participant)[
-        :40
-    ]
+    who = re.sub(r"[^\w.-]", "-", participant)[:40]
     parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
     return base / "-".join(part for part in parts if part)
 
@@ -353,6 +337,8 @@ def _release(folder: Path) -> None:
 
 def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
     setting = options.scenario
+    beside = (("itp", options.itp_port), ("crtk", options.crtk))
+    consoles = ["page", *(name for name, given in beside if given is not None)]
     return {
         "name": options.folder.name,
         "scenario": setting.resolved(),
@@ -360,7 +346,7 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
         "participant": options.participant,
         "group": options.group,
         "cue": session.cue_on,
-        "blinded": _blinded(options),
+        "blinded": options.is_blinded,
         "cue_threshold_mm": setting.cue.threshold_mm,
         "contact_units_per_n": setting.contact.units_per_n if setting.contact.on else None,
         "versions": manifest.package_versions(),
@@ -372,19 +358,11 @@ def _header(options: SessionOptions, session: Session) -> dict[str, Any]:
             for arm in session.arms
         },
         "robot": options.robot or "virtual",
-        "consoles": _consoles(options),
+        "consoles": ["script"] if options.script is not None else consoles,
         "hazards": [hazard.header() for hazard in session.hazards],
         "task": session.task.geometry(),
         "summary": {},
     }
-
-
-def _consoles(options: SessionOptions) -> list[str]:
-    """Who may drive, of `frame.CONSOLES`."""
-    if options.script is not None:
-        return ["script"]
-    beside = (("itp", options.itp_port is not None), ("crtk", options.crtk is not None))
-    return ["page", *(console for console, there in beside if there)]
 
 
 def _robot(
@@ -405,6 +383,9 @@ def _robot(
                     f" can be armed in a robot over {stream}: choose a scenario without, or start"
                     " `ravenjax robot` and give its joint port"
                 )
+            from ravenjax.train.robot_link.crtk import bridge
+            from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
+
             transport = bridge.connect(stream, *RosRobot.topics(made.setup.arms, stream))
             stack.callback(transport.close)
             robot = RosRobot(host, itp_port, made.setup.arms, made.setup.tools, transport, say=say)
@@ -458,7 +439,6 @@ def _open_page(
     """Tell the page's process what to serve, wait until it listens, say where and return the
     port.
     """
-    token, instructor_token = options.token, options.instructor_token
     page_options = page.PageOptions(
         frames=rings[0].name,
         events=rings[1].name,
@@ -469,8 +449,8 @@ def _open_page(
         folder=str(options.folder.absolute()),
         host=options.host,
         port=options.port,
-        token=token,
-        instructor_token=instructor_token,
+        token=options.token,
+        instructor_token=options.instructor_token,
     )
     serving.begin(page_options)
     if not serving.answers.poll(processes.STARTING_S):
@@ -488,13 +468,11 @@ def _open_page(
         ) from None
     if options.port not in (0, port):
         say(f"port {options.port} is taken: the page is at port {port}")
-    ask = f"&token={token}" if token else ""
+    ask = f"&token={options.token}" if options.token else ""
     host = "127.0.0.1" if options.host in ("0.0.0.0", "") else options.host
-    say(f"operator: http://{host}:{port}/?role=operator{ask}")
-    say(
-        "instructor:"
-        f" http://{host}:{port}/?role=instructor{ask}&instructor_token={instructor_token}"
-    )
+    url = f"http://{host}:{port}/?role="
+    say(f"operator: {url}operator{ask}")
+    say(f"instructor: {url}instructor{ask}&instructor_token={options.instructor_token}")
     return port
 
 
@@ -527,19 +505,19 @@ def _conclude(
         participant=options.participant,
         group=options.group,
         seed=options.seed,
-        blinded=_blinded(options),
+        blinded=options.is_blinded,
     )
     with open(options.folder / table.FILE, "w", newline="", encoding="utf-8") as file:
         writer: csv.DictWriter[str] = csv.DictWriter(file, judge.COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    scripts.save(options.folder / COMMANDS, session.heard)
+    command_log.write_commands(options.folder / COMMANDS, session.command_log)
     summary: dict[str, Any] = {
         "ended": session.ended,
         "task": session.task.result(),
         "ticks": session.ticks,
+        "hazards": session.judge.result(),
     }
-    summary["hazards"] = session.judge.result()
     if timing is not None:
         summary["timing"] = facts(timing)
     description.update(options.folder, {"summary": summary})
@@ -558,13 +536,3 @@ def facts(timing: LoopTiming) -> dict[str, float]:
         for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
             numbers[f"{what}_{name}_us"] = timing.percentile(what, share)
     return numbers
-
-
-def _blinded(options: SessionOptions) -> bool:
-    return options.scenario.cue.blinded if options.blinded is None else options.blinded
-
-
-def _counted(counts: dict[str, int]) -> str:
-    return (
-        ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing arrived"
-    )

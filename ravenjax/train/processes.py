@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -16,6 +17,7 @@ from typing import Any
 
 from ravenjax import interruption
 from ravenjax.errors import UserError
+from ravenjax.train import page, recording
 from ravenjax.train.realtime import clock
 
 STARTING_S = 60.0
@@ -55,6 +57,26 @@ class Helper:
                 os.sched_setaffinity(int(task), cpus)
 
 
+@dataclasses.dataclass(frozen=True)
+class SessionHelpers:
+    """Page and recorder, started before anything else of a session is imported."""
+
+    recorder: Helper
+    page: Helper | None
+
+    @staticmethod
+    def start(stack: contextlib.ExitStack, with_page: bool) -> SessionHelpers:
+        """Start them; `stack` ends them."""
+        serving = Helper(stack, page.run_when_told) if with_page else None
+        return SessionHelpers(Helper(stack, recording.run_when_told), serving)
+
+    def keep_away(self) -> None:
+        """Leave the CPU of the realtime loop to that."""
+        for helper in (self.recorder, self.page):
+            if helper is not None:
+                helper.keep_away()
+
+
 def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any) -> BaseProcess:
     """A process of its own, never a fork: neither jax nor a loaded server survives one. Ctrl-C
     does not reach it.
@@ -62,8 +84,14 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
     process = multiprocessing.get_context("spawn").Process(
         target=target, args=(given,), daemon=True
     )
-    with _deaf():
+    # Ctrl-C waits, also for a process that is started now, from its first moment on. The resource
+    # tracker lets signals through as it starts, so that comes first.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
         process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def end() -> None:
         process.terminate()
@@ -73,19 +101,6 @@ def spawn(stack: contextlib.ExitStack, target: Callable[[Any], None], given: Any
 
     stack.callback(end)
     return process
-
-
-@contextlib.contextmanager
-def _deaf() -> Iterator[None]:
-    """Ctrl-C waits, also for a process that is started now, from its first moment on; here it
-    comes afterwards.
-    """
-    resource_tracker.ensure_running()  # it lets signals through once it has started
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def wait_for(recording: BaseProcess, path: Path) -> None:

@@ -8,10 +8,11 @@ import contextlib
 import dataclasses
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-from ravenjax.train import launch, scenario
+from ravenjax.train import launch, processes, scenario
+from ravenjax.train.page import visitor
 from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.session import blueprint
@@ -61,10 +62,11 @@ def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list
     The session is driven by commands that were recorded before, as many as a page sends.
     """
     setting = scenario.load(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
-    results = [
-        Measured("empty", _empty(seconds, say)),
-        Measured(TICK, _tick_alone(setting, seconds, say)),
-    ]
+    robot = SimulatedRobot(blueprint.make(scenario.campaign(setting, 0)))
+    results = []
+    for name, work in (("empty", lambda: None), (TICK, robot.step)):
+        say(f"{name}: {seconds:g} s")
+        results.append(Measured(name, _paced(seconds, work)))
     with tempfile.TemporaryDirectory() as place:
         driven = launch.SessionOptions(
             scenario=setting, folder=Path(place) / "driven", seed=0, script="none"
@@ -74,50 +76,28 @@ def measure(seconds: float, say: Callable[[str], None] = lambda _: None) -> list
             say(f"{name}: {seconds:g} s")
             options = dataclasses.replace(driven, folder=Path(place) / name, script=str(commands))
             results.append(Measured(name, _session(options, visited)))
-    return [*results, Measured("empty again", _empty(seconds, say))]
+    return [*results, Measured("empty again", _paced(seconds, lambda: None))]
 
 
-def verdict(found: list[Measured]) -> list[tuple[str, str]]:
+def verdict(measured: list[Measured]) -> list[tuple[str, str]]:
     """(state, sentence) of each thing that is asked for."""
-    out = []
-    for one in found:
+    states = []
+    for one in measured:
         if one.loop.startswith(("session", TICK)):
             slow = one.timing.percentile("compute", 0.999)
-            state = "ok" if slow <= AIM_US else "slow"
-            out.append(
-                (
-                    state,
-                    (
-                        f"{one.loop}: 99.9 % of ticks are computed within {slow:.0f} us, expected"
-                        f" {AIM_US}"
-                    ),
-                )
-            )
-    idle = [one.timing for one in found if one.loop.startswith("empty")]
+            sentence = f"99.9 % of ticks are computed within {slow:.0f} us, expected {AIM_US}"
+            states.append(("ok" if slow <= AIM_US else "slow", f"{one.loop}: {sentence}"))
+    idle = [one.timing for one in measured if one.loop.startswith("empty")]
     worst = max(timing.late / timing.ticks for timing in idle)
-    for one in found:
+    empty = ", ".join(f"{timing.late}" for timing in idle)
+    for one in measured:
         if one.loop.startswith("session"):
             late, ticks = one.timing.late, one.timing.ticks
             noise = 3 * max(1.0, (worst * ticks) ** 0.5)  # three standard deviations of a count
+            sentence = f"{late} late ticks of {ticks}; the empty loops had {empty}"
             state = "ok" if late <= worst * ticks + noise else "late"
-            empty = ", ".join(f"{timing.late}" for timing in idle)
-            out.append(
-                (state, f"{one.loop}: {late} late ticks of {ticks}; the empty loops had {empty}")
-            )
-    return out
-
-
-def _empty(seconds: float, say: Callable[[str], None]) -> LoopTiming:
-    say(f"empty loop: {seconds:g} s")
-    return _paced(seconds, lambda: None)
-
-
-def _tick_alone(
-    chosen: scenario.Scenario, seconds: float, say: Callable[[str], None]
-) -> LoopTiming:
-    say(f"{TICK}: {seconds:g} s")
-    robot = SimulatedRobot(blueprint.make(scenario.campaign(chosen, 0)))
-    return _paced(seconds, robot.step)
+            states.append((state, f"{one.loop}: {sentence}"))
+    return states
 
 
 def _paced(seconds: float, work: Callable[[], None]) -> LoopTiming:
@@ -131,29 +111,14 @@ def _paced(seconds: float, work: Callable[[], None]) -> LoopTiming:
 
 
 def _session(options: launch.SessionOptions, visited: bool) -> LoopTiming:
+    """With somebody who looks at the page: a process that takes everything the page sends."""
     with contextlib.ExitStack() as stack:
 
         def say(text: str) -> None:
             if visited and text.startswith("operator: "):
-                stack.enter_context(_visitor(text.removeprefix("operator: ")))
+                processes.spawn(stack, visitor.look, text.removeprefix("operator: "))
+                time.sleep(2.0)
 
         finished = launch.realtime(options, with_page=visited, linger_s=0.0, say=say)
         assert finished.timing is not None
         return finished.timing
-
-
-@contextlib.contextmanager
-def _visitor(url: str) -> Iterator[None]:
-    """Someone who looks at the page: a process that takes everything the page sends."""
-    from multiprocessing import get_context
-
-    from ravenjax.train.page import visitor
-
-    process = get_context("spawn").Process(target=visitor.look, args=(url,), daemon=True)
-    process.start()
-    time.sleep(2.0)
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.join(5.0)

@@ -22,7 +22,7 @@ that a session depends on.
         reset, end, cue (with "on"). Once the session is over its starter looks for next (with "participant",
         "scenario", "seed", each of which may be left out): another session takes this one's place
     {"type": "seat", "do": DO, "by": ROLE}
-        who drives, see `session.seat`. DO: take (for the console that says so), give (with "to", one of `CONSOLES`),
+        who drives, see `session.console_arbiter`. DO: take (for the console that says so), give (with "to", one of `CONSOLES`),
         left (the console that says so is gone)
     {"type": "unheard", "why": WHY}
         nothing of a console over the network is taken, as the packet filter refuses it; "": it is again. With "once":

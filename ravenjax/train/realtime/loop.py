@@ -14,7 +14,7 @@ from ravenjax.train.realtime import clock
 from ravenjax.train.realtime.clock import Clock, LoopTiming
 from ravenjax.train.realtime.ring import Ring, put_json, read_json
 from ravenjax.train.session.advance import PAUSED, Session
-from ravenjax.train.session.seat import console_of
+from ravenjax.train.session.console_arbiter import console_of
 
 MOST_COMMANDS = 16
 """Commands taken in a tick; what is more waits for the next."""
@@ -129,7 +129,7 @@ class _Understudy:
         """
         if commands:
             hands = [one for one in commands if one.get("type") in ("input", "increments")]
-            driving = [one for one in hands if console_of(one) == self._seen.seat.owner]
+            driving = [one for one in hands if console_of(one) == self._seen.arbiter.owner]
             self._commands = [{**one, "console": "script"} for one in driving or hands[:1]]
 
     def tick(self) -> None:
@@ -138,4 +138,4 @@ class _Understudy:
         """
         if not self._session.over and self._seen.phase != PAUSED:
             self._session.tick(self._commands)
-            self._session.heard.clear()
+            self._session.command_log.clear()

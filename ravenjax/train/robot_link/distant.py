@@ -13,7 +13,6 @@ false reports nothing can be said: `false_report_mm` is NaN.
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,16 +26,14 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import U_STRUCT
+from ravenjax.robots.raven2.console.reading import FIELDS
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.loop import connections, observers
-from ravenjax.robots.raven2.run_levels import E_STOP
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
-from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
-from ravenjax.train.robot_link.joints.record import JointReport
-from ravenjax.train.robot_link.remote import RemoteRobot
+from ravenjax.train.robot import ARMS, E_STOP
+from ravenjax.train.robot_link.joint_record import JointReport
+from ravenjax.train.robot_link.remote import RobotLink
 from ravenjax.train.session import blueprint as of_session
 from ravenjax.train.session.blueprint import Blueprint, hazard_distances
 
@@ -48,9 +45,6 @@ _SEEN = (
 _CHECKS = frozenset(ROBOT.checks)
 _MOST_TRIPS = 2**23
 """Of one check: the sum stays a whole number in single precision."""
-_U_FIELDS = struct.Struct("<3I6i8d2i2i2i")
-assert _U_FIELDS.size == U_STRUCT.itemsize
-
 _SOURCE = Path(__file__).read_bytes()
 """Part of the key under which compiled code is kept."""
 
@@ -69,7 +63,7 @@ class DistantRobot:
     `remote`.
     """
 
-    def __init__(self, blueprint: Blueprint, remote: RemoteRobot | RosRobot) -> None:
+    def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
         self.blueprint, self.remote = blueprint, remote
         self.arms = blueprint.setup.arms
         self._stepper = Stepper(_half(blueprint), ())
@@ -173,7 +167,7 @@ class DistantRobot:
             grasp[slot] = int(numbers[first + 7])
         mode = int(numbers[0])
         total = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
-        return _U_FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, total)
+        return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, total)
 
     def _take(self, report: JointReport) -> None:
         report.fill(self._frame)

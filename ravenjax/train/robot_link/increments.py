@@ -4,14 +4,11 @@ entry an arm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import reduce
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.console.packet import U_STRUCT, Packet
-from ravenjax.robots.raven2.geometry.mapping import quat_mul
-from ravenjax.train.session.hands import unit
+from ravenjax.train.robot import U_STRUCT, Packet, Quat, turn_by
 
 
 class Increments(NamedTuple):
@@ -20,20 +17,31 @@ class Increments(NamedTuple):
     sequence: int  # of the last datagram, unsigned
     pedal: int  # 1: down; of the last datagram
     delta_um: tuple[tuple[int, int, int], ...]  # um
-    quat: tuple[tuple[float, float, float, float], ...]  # x, y, z, w
+    quat: tuple[Quat, ...]  # x, y, z, w
     grasp_mrad: tuple[int, ...]  # mrad, positive closes
 
-    def message(self, arms: Sequence[str], source: str = "itp") -> dict[str, Any]:
+    @staticmethod
+    def of(message: Mapping[str, Any], arms: Sequence[str]) -> Increments:
+        """Of a command "increments"."""
+        tables = [message["arms"][arm] for arm in arms]
+        return Increments(
+            0,
+            int(message["pedal"]),
+            tuple(tuple(table["delta_um"]) for table in tables),
+            tuple(tuple(table["quat"]) for table in tables),
+            tuple(table["grasp_mrad"] for table in tables),
+        )
+
+    def message(self, arms: Sequence[str]) -> dict[str, Any]:
         """The command "increments" of `messages` for these arms."""
+        each = zip(arms, self.delta_um, self.quat, self.grasp_mrad, strict=True)
         return {
             "type": "increments",
-            "source": source,
+            "source": "itp",
             "pedal": bool(self.pedal),
             "arms": {
                 arm: {"delta_um": list(delta), "quat": list(quat), "grasp_mrad": grasp}
-                for arm, delta, quat, grasp in zip(
-                    arms, self.delta_um, self.quat, self.grasp_mrad, strict=True
-                )
+                for arm, delta, quat, grasp in each
             },
         }
 
@@ -50,26 +58,19 @@ class Increments(NamedTuple):
         )
 
 
-def merge(many: Sequence[Increments]) -> Increments | None:
-    """Everything in `many`, in their order, as one: displacements add up, later turns come after
-    earlier ones.
-    """
-    return reduce(_followed, many) if many else None
-
-
-def _followed(first: Increments, then: Increments) -> Increments:
-    return Increments(
-        then.sequence,
-        then.pedal,
-        tuple(
-            (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-            for a, b in zip(first.delta_um, then.delta_um, strict=True)
-        ),
-        tuple(_turned(a, b) for a, b in zip(first.quat, then.quat, strict=True)),
-        tuple(a + b for a, b in zip(first.grasp_mrad, then.grasp_mrad, strict=True)),
-    )
-
-
-def _turned(first: Sequence[float], then: Sequence[float]) -> tuple[float, float, float, float]:
-    """The turn `first` followed by `then`, a unit quaternion."""
-    return unit(quat_mul(Vec(then), Vec(first)))
+def merge(increments: Sequence[Increments]) -> Increments | None:
+    """All of them, in their order, as one: displacements add up, turns follow each other."""
+    total = None
+    for then in increments:
+        if total is None:
+            total = then
+            continue
+        deltas = zip(total.delta_um, then.delta_um, strict=True)
+        total = Increments(
+            then.sequence,
+            then.pedal,
+            tuple((a[0] + b[0], a[1] + b[1], a[2] + b[2]) for a, b in deltas),
+            tuple(map(turn_by, total.quat, then.quat)),
+            tuple(a + b for a, b in zip(total.grasp_mrad, then.grasp_mrad, strict=True)),
+        )
+    return total

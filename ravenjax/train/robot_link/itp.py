@@ -25,12 +25,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.console.packet import UDP_PORT, V_STRUCT
-from ravenjax.robots.raven2.console.profile import ConsoleProfile
-from ravenjax.robots.raven2.geometry.mapping import position_to_itp
 from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
 from ravenjax.train.robot_link.increments import Increments, merge
 from ravenjax.train.robot_link.packet_filter import DEFAULT, SIZE, Gate, PacketLimits
 
@@ -48,27 +44,18 @@ PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 FORCE_SCALE = 1000.0
 _V_FIELDS = struct.Struct("<4I7iIi")
 _FORCE_LIMIT = 2**31 - 1
-_UNITS = tuple(Vec(float(i == axis) for i in range(3)) for axis in range(3))
 _SO_MEMINFO, _DROPS = 55, 8  # Linux: linux/sock_diag.h, SK_MEMINFO_DROPS
 assert _V_FIELDS.size == V_STRUCT.itemsize
 
 
-def _axes(arm: ArmName) -> list[tuple[int, float]]:
-    """Of each ITP axis, which axis of the arm's frame 0 it lies along, and what to multiply by:
-    it costs 1 kHz less.
-    """
-    columns = [position_to_itp(arm, unit) for unit in _UNITS]
-    return [
-        next(
-            (axis, FORCE_SCALE * float(column[row]))
-            for axis, column in enumerate(columns)
-            if column[row]
-        )
-        for row in range(3)
+_AXES = tuple(
+    [
+        next((k, FORCE_SCALE * row[axis]) for k, row in enumerate(ITP_AXES[arm]) if row[axis])
+        for axis in range(3)
     ]
-
-
-_AXES = tuple(_axes(arm) for arm in ARMS)
+    for arm in ARMS
+)
+"""Of each arm and ITP axis: which axis of frame 0 it lies along, and what to multiply by."""
 
 
 class ItpServer:
@@ -89,7 +76,17 @@ class ItpServer:
         self.arms = tuple(arms)
         self.gate = Gate(arms, limits, profiles)
         self._clock = clock
-        self._socket = _bound(host, port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            self._socket.bind((host, port))
+        except (OSError, OverflowError) as error:
+            self._socket.close()
+            raise UserError(
+                f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may"
+                " hold it. Give another port, or 0 for any free one"
+            ) from None
         self._last: Increments | None = None
         self._taken_ms = float("-inf")
         self._sent = 0
@@ -135,13 +132,6 @@ class ItpServer:
         increments = self.receive()
         return [] if increments is None else [increments.message(self.arms)]
 
-    @property
-    def alive(self) -> bool:
-        """Whether an accepted packet is younger than `STALE_MS`; otherwise the pedal counts as
-        up.
-        """
-        return self._clock() * 1e-6 - self._taken_ms <= STALE_MS
-
     def send_force(
         self,
         forces: Mapping[str, Sequence[float]],
@@ -168,9 +158,9 @@ class ItpServer:
             flags |= ALIVE | (PEDAL if pedal and self._last.pedal else 0)
             for arm, force in forces.items():
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
-                felt = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
-                components[slot::2] = felt
-                flags |= (1 << 8 + slot) if any(felt) else 0
+                pull = [_whole(float(force[axis]) * scale) for axis, scale in _AXES[slot]]
+                components[slot::2] = pull
+                flags |= (1 << 8 + slot) if any(pull) else 0
         last = 0 if self._last is None else self._last.sequence
         self._sent += 1
         total = sum(components) + int(runlevel) + self._sent
@@ -187,44 +177,25 @@ class ItpServer:
 
     def counters(self) -> dict[str, int]:
         """Datagrams by what became of them (`gate.CAUSES`), and what the kernel dropped before
-        anybody saw it.
+        anybody saw it, for want of room; 0 where the system does not say.
         """
+        size = 4 * (_DROPS + 1)
+        try:
+            words = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, size)
+        except OSError:
+            words = b""
+        dropped = struct.unpack_from("=I", words, 4 * _DROPS)[0] if len(words) >= size else 0
         return {
             **self.gate.counts,
             "cut": self.gate.cut,
-            "kernel_dropped": self._kernel_dropped(),
+            "kernel_dropped": dropped,
             "force_sent": self._sent - self.unsent,
             "force_unsent": self.unsent,
         }
 
-    def _kernel_dropped(self) -> int:
-        """For want of room; 0 where the system does not say."""
-        try:
-            words = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_DROPS + 1))
-        except OSError:
-            return 0
-        return (
-            struct.unpack_from("=I", words, 4 * _DROPS)[0] if len(words) >= 4 * (_DROPS + 1) else 0
-        )
-
     def close(self) -> None:
         """Give the port back."""
         self._socket.close()
-
-
-def _bound(host: str, port: int) -> socket.socket:
-    endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        endpoint.setblocking(False)
-        endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        endpoint.bind((host, port))
-    except (OSError, OverflowError) as error:
-        endpoint.close()
-        raise UserError(
-            f"UDP {host}:{port} cannot be opened for consoles ({error}); another session may hold"
-            " it. Give another port, or 0 for any free one"
-        ) from None
-    return endpoint
 
 
 def _whole(value: float) -> int:

@@ -27,12 +27,11 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
-from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
 from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store.consoles import loading as consoles
+from ravenjax.train.robot import ArmName, ConsoleProfile
 from ravenjax.train.robot_link.increments import Increments
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 

@@ -13,56 +13,25 @@ notice: its own time-out (5 s) lifts the pedal, as on the real one.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from ravenjax import interruption
 from ravenjax.errors import UserError, shown
-from ravenjax.robots.raven2.console.packet import UDP_PORT
-from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.train import scenario
 from ravenjax.train.realtime.clock import Clock, LoopTiming, no_collection, realtime
-from ravenjax.train.robot_link.crtk import console
-from ravenjax.train.robot_link.crtk.console import CrtkConsole
-from ravenjax.train.robot_link.crtk.messages import Ros
-from ravenjax.train.robot_link.crtk.names import ARM_NAMES
+from ravenjax.train.robot import UDP_PORT, ConsoleProfile
+from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, ItpServer
-from ravenjax.train.robot_link.joints.stream import JOINT_PORT, JointServer
+from ravenjax.train.robot_link.joint_server import JOINT_PORT, JointServer
 from ravenjax.train.robot_link.packet_filter import PacketLimits
 from ravenjax.train.robot_link.station import Station
 from ravenjax.train.scenario import Armable, Scenario
 from ravenjax.train.session.simulation import PacketRobot
 
 
-@dataclasses.dataclass
-class Counters:
-    """What a process did."""
-
-    timing: LoopTiming
-    itp: dict[str, int]
-    joints: dict[str, int]
-
-    def lines(self) -> list[str]:
-        """For the terminal, without what did not happen."""
-        timing = self.timing
-        loop = (
-            f"{timing.ticks} ticks, {timing.late} late, {timing.skipped} ms skipped; compute p50"
-            f" {timing.percentile('compute', 0.5):g} us, p99"
-            f" {timing.percentile('compute', 0.99):g} us"
-        )
-        return [
-            f"loop: {loop}",
-            *(
-                f"{name}: {', '.join(f'{key} {n}' for key, n in counts.items() if n) or 'nothing'}"
-                for name, counts in (("console", self.itp), ("joint stream", self.joints))
-            ),
-        ]
-
-
-@dataclasses.dataclass(frozen=True)
-class Strike:
+class Strike(NamedTuple):
     """A hazard that the process arms by itself."""
 
     number: int  # of the session's list
@@ -71,16 +40,12 @@ class Strike:
     @staticmethod
     def parse(text: str) -> Strike:
         """NUMBER@MS. UserError."""
-        number, _, at = text.partition("@")
-        try:
-            strike = Strike(int(number), int(at))
-        except ValueError:
-            strike = Strike(-1, -1)
-        if strike.number < 0 or strike.at_ms < 0:
+        parts = text.split("@")
+        if len(parts) != 2 or not all(part.isdecimal() for part in parts):
             raise UserError(
                 f"hazard is {shown(text)}, expected NUMBER@MS, such as 0@5000: hazard 0 after 5 s"
             )
-        return strike
+        return Strike(int(parts[0]), int(parts[1]))
 
 
 def run(
@@ -97,14 +62,13 @@ def run(
     seconds: float | None = None,
     crtk: Ros | None = None,
     say: Callable[[str], None] = print,
-) -> Counters:
+) -> None:
     """Run the robot of a scenario until Ctrl-C, SIGTERM, or for so many seconds.
 
-    seed: draws the scenario's hazards; its own if None. host: address to listen on, loopback unless
-    told otherwise. token: what orders from other machines must carry; None: they are refused.
-    console_host: the only host that may drive. profiles: that of the console, or several of which
-    it has one. crtk: also speak CRTK over this ROS. UserError where a port cannot be had or a
-    hazard is not there.
+    seed: draws the scenario's hazards; its own if None. host: address to listen on. token: what
+    orders from other machines must carry; None: they are refused. console_host: the only host that
+    may drive. profiles: that of the console, or several of which it has one. crtk: also speak CRTK
+    over this ROS. UserError where a port cannot be had or a hazard is not there.
     """
     number = chosen.seed if seed is None else seed
     robot = PacketRobot(scenario.campaign(chosen, number))
@@ -121,13 +85,16 @@ def run(
         "hazards": digest(armables),
     }
     with contextlib.ExitStack() as stack:
-        itp = ItpServer(
-            robot.arms, host, itp_port, PacketLimits(console=console_host), profiles=profiles
-        )
+        limits = PacketLimits(console=console_host)
+        itp = ItpServer(robot.arms, host, itp_port, limits, profiles=profiles)
         stack.callback(itp.close)
         joints = JointServer(greeting, host, joint_port, token)
         stack.callback(joints.close)
-        beside = _speaks(stack, crtk, robot, say) if crtk else None
+        beside = None
+        if crtk:
+            from ravenjax.train.robot_link.crtk import bridge
+
+            beside = bridge.spawn(stack, crtk, robot.blueprint, say)
         station = Station(robot, itp, joints, len(armables), robot.blueprint.plan.runs - 1, beside)
         stop = stack.enter_context(interruption.until_interrupted())
         for one in armables:
@@ -144,17 +111,19 @@ def run(
             if crtk:
                 say(f"CRTK: {crtk}, {', '.join(ARM_NAMES[arm] for arm in robot.arms)}")
             timing = serve(station, due(hazards, lasting), seconds, lambda: bool(stop), say)
-        counters = Counters(timing, itp.counters(), joints.counts)
-    for line in counters.lines():
-        say(line)
-    return counters
+        counts = {"console": itp.counters(), "joint stream": joints.counts}
+    p50, p99 = (timing.percentile("compute", share) for share in (0.5, 0.99))
+    say(
+        f"loop: {timing.ticks} ticks, {timing.late} late, {timing.skipped} ms skipped; compute p50"
+        f" {p50:g} us, p99 {p99:g} us"
+    )
+    for name, numbers in counts.items():
+        say(f"{name}: {in_words(numbers) or 'nothing'}")
 
 
-def _speaks(
-    stack: contextlib.ExitStack, ros: Ros, robot: PacketRobot, say: Callable[[str], None]
-) -> CrtkConsole:
-    """The process that speaks CRTK for this robot."""
-    return console.spawn(stack, ros, robot.blueprint.layout, console.traits(robot.blueprint), say)
+def in_words(counts: Mapping[str, int]) -> str:
+    """For the terminal, without what did not happen."""
+    return ", ".join(f"{name} {count}" for name, count in counts.items() if count)
 
 
 def serve(
@@ -173,9 +142,8 @@ def serve(
             clock.wait()
             while waiting and waiting[0][0] <= station.ticks:
                 content = waiting.pop(0)[1]
-                if (
-                    content.get("order") != "disarm" or station.armed == content["number"]
-                ):  # another may be at work by now
+                # Another hazard may be at work by now.
+                if content["order"] != "disarm" or station.armed == content["number"]:
                     station.obey(content)
             station.tick()
             for line in station.news():
@@ -189,11 +157,9 @@ def due(strikes: Sequence[Strike], lasting: dict[int, int]) -> list[tuple[int, d
     left at work.
     """
     orders = []
-    for strike in strikes:
-        orders.append((strike.at_ms, {"order": "arm", "number": strike.number}))
-        orders.append(
-            (strike.at_ms + lasting[strike.number], {"order": "disarm", "number": strike.number})
-        )
+    for number, at_ms in strikes:
+        orders.append((at_ms, {"order": "arm", "number": number}))
+        orders.append((at_ms + lasting[number], {"order": "disarm", "number": number}))
     return sorted(orders, key=lambda order: order[0])
 
 
@@ -201,18 +167,14 @@ def exposed(host: str, token: str | None, console: str | None) -> list[str]:
     """What the user should know who listens on more than this machine."""
     if host == "localhost" or host.startswith("127."):
         return []
-    words = (
-        []
-        if console
-        else [
+    warnings = []
+    if not console:
+        warnings.append(
             f"whoever reaches {host} can drive this robot; --console-host ADDRESS lets one in only"
-        ]
-    )
-    return (
-        words
-        if token
-        else [*words, "orders from other machines are refused; --token TOKEN allows them"]
-    )
+        )
+    if not token:
+        warnings.append("orders from other machines are refused; --token TOKEN allows them")
+    return warnings
 
 
 def digest(hazards: Sequence[Armable]) -> str:

@@ -1,13 +1,14 @@
-"""A robot elsewhere, as a session holds it: its packets out by ITP, its joints in over TCP. It
-never waits.
+"""A robot elsewhere, as a session holds it: its packets out by ITP, what it reports in. It never
+waits.
 
-The other end is `ravenjax robot`, or a real Raven with a program beside it that sends
-`joints.record.RECORD`s; without such a one (`joint_port=None`) a Raven can be driven all the same,
-but nothing is known of it.
+The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a program beside it that
+sends `joint_record.RECORD`s over TCP.
 """
 
 from __future__ import annotations
 
+import abc
+import contextlib
 import json
 import socket
 import time
@@ -15,12 +16,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.train.protocol.messages import STALE_MS
-from ravenjax.train.robot_link.joints.decoder import Decoder
-from ravenjax.train.robot_link.joints.record import JointReport
-from ravenjax.train.robot_link.joints.stream import JOINT_PORT
+from ravenjax.train.robot import UDP_PORT, ArmName
+from ravenjax.train.robot_link.joint_record import Decoder, JointReport
+from ravenjax.train.robot_link.joint_server import JOINT_PORT
 
 PATIENCE_S = 10.0
 """Longest that a robot may take to let a session in: a busy machine may leave it alone for
@@ -29,14 +28,75 @@ seconds.
 READ_BYTES = 1 << 16
 
 
-class RemoteRobot:
+class RobotLink(abc.ABC):
     """The connection to one robot."""
+
+    def __init__(
+        self, host: str, itp_port: int, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        """UserError where the host has no address."""
+        self.report: JointReport | None = None  # the newest
+        self.lost = False  # nothing can be heard of the robot any more
+        self._clock, self._arrived_ms = clock, float("-inf")
+        self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._console.connect((host, itp_port))
+        except (OSError, OverflowError) as error:
+            self._console.close()
+            raise UserError(
+                f"no robot can be reached at {host}:{itp_port} ({error}); expected a name or"
+                " address"
+            ) from None
+        self._console.setblocking(False)
+
+    def exchange(self, datagram: bytes) -> JointReport | None:
+        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the
+        first.
+
+        The report may be old: see `stale`.
+        """
+        # No room, or nobody listens there: the robot misses this packet, as any that is lost.
+        with contextlib.suppress(OSError):
+            self._console.send(datagram)
+        if not self.lost:
+            self._read()
+        return self.report
+
+    @abc.abstractmethod
+    def _read(self) -> None:
+        """Take what has come."""
+
+    @abc.abstractmethod
+    def order(self, content: dict[str, Any]) -> None:
+        """Send an order of `joint_server` to the robot."""
+
+    def answers(self) -> list[dict[str, Any]]:
+        """What the robot answered to orders since the last call: {"answer": order, "ok": ...,
+        "error": ...}.
+        """
+        return []
+
+    @property
+    def stale(self) -> bool:
+        """Whether nothing has come for `STALE_MS`: what is shown of the robot is then old."""
+        return self.lost or self._clock() * 1e-6 - self._arrived_ms > STALE_MS
+
+    def close(self) -> None:
+        """Leave the robot alone."""
+        self._console.close()
+
+    def _arrived(self, report: JointReport) -> None:
+        self.report, self._arrived_ms = report, self._clock() * 1e-6
+
+
+class RemoteRobot(RobotLink):
+    """A robot with a joint stream."""
 
     def __init__(
         self,
         host: str,
         itp_port: int = UDP_PORT,
-        joint_port: int | None = JOINT_PORT,
+        joint_port: int = JOINT_PORT,
         arms: Sequence[ArmName] = (),
         token: str | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
@@ -45,52 +105,32 @@ class RemoteRobot:
 
         UserError where nobody is there, or the robot lacks an arm.
         """
-        self._clock, self._token = clock, token
-        self._decoder = Decoder()
+        super().__init__(host, itp_port, clock)
+        self._token, self._decoder = token, Decoder()
         self._answers: list[dict[str, Any]] = []
         self._orders = bytearray()
         self._resets = 0  # that were not answered yet
-        self._arrived_ms = float("-inf")
-        self.report: JointReport | None = None  # the newest
-        self.reports = 0  # that came
-        self.unsent = 0  # packets that the system did not take
-        self.lost = False  # the robot has ended the connection
-        self.greeting: dict[
-            str, Any
-        ] = {}  # the robot's first words: its arms, scenario, seed and hazards
         self._stream: socket.socket | None = None
-        self._console = connected_console(host, itp_port)
-        if joint_port is not None:
-            try:
-                self._stream = _connected(host, joint_port)
-                self.greeting = self._greeted(host, joint_port)
-                self._require(arms, host, joint_port)
-            except BaseException:
-                self.close()
-                raise
-
-    def exchange(self, datagram: bytes) -> JointReport | None:
-        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the
-        first.
-
-        The report may be old: see `stale`.
-        """
         try:
-            self._console.send(datagram)
-        except (
-            OSError
-        ):  # no room, or nobody listens there: the robot will miss this packet, as any that is lost
-            self.unsent += 1
-        self._read()
-        self._write_orders()
-        return self.report
+            self._connect(host, joint_port)
+            # The robot's first words: its arms, scenario, seed and hazards.
+            self.greeting = self._greeted(f"{host}:{joint_port}")
+            there = self.greeting.get("arms", [])
+            if missing := [arm for arm in arms if arm not in there]:
+                raise UserError(
+                    f"the robot at {host}:{joint_port} has arms {there}, but the session needs"
+                    f" {', '.join(missing)}: start both with the same scenario"
+                )
+        except BaseException:
+            self.close()
+            raise
 
     def order(self, content: dict[str, Any]) -> None:
-        """Send an order of `joints.stream` to the robot's process, now or as soon as there is room.
+        """Send an order of `joint_server`, now or as soon as there is room.
 
         After a reset there is no report until one comes from the robot that was reset.
         """
-        if content.get("order") == "reset" and self._stream is not None:
+        if content.get("order") == "reset":
             self._resets += 1
             self.report = None
         request = content if self._token is None else content | {"token": self._token}
@@ -98,45 +138,42 @@ class RemoteRobot:
         self._write_orders()
 
     def answers(self) -> list[dict[str, Any]]:
-        """What the robot answered to orders since the last call: {"answer": order, "ok": ...,
-        "error": ...}.
-        """
         answers, self._answers = self._answers, []
         return answers
 
-    @property
-    def age_ms(self) -> float:
-        """Since a report last came; infinite before the first."""
-        return self._clock() * 1e-6 - self._arrived_ms
-
-    @property
-    def stale(self) -> bool:
-        """Whether nothing has come for `STALE_MS`: what is shown of the robot is then old."""
-        return self.lost or self.age_ms > STALE_MS
-
     def close(self) -> None:
-        """Leave the robot alone."""
-        self._console.close()
+        super().close()
         if self._stream is not None:
             self._stream.close()
 
+    def _connect(self, host: str, port: int) -> None:
+        try:
+            self._stream = socket.create_connection((host, port), PATIENCE_S)
+        except (OSError, OverflowError) as error:
+            raise UserError(
+                f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax"
+                " robot`, and give the port of its joint stream"
+            ) from None
+        self._stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._stream.setblocking(False)
+
     def _read(self) -> None:
-        if self._stream is None or self.lost:
-            return
+        assert self._stream is not None
         try:
             content = self._stream.recv(READ_BYTES)
+            self.lost = not content
+            records = self._decoder.feed(content)
         except BlockingIOError:
-            return
-        except OSError:
-            content = b""
-        self.lost = not content
-        for record in self._decoder.feed(content):
+            records = []
+        except (OSError, ValueError):
+            records, self.lost = [], True
+        for record in records:
             if not isinstance(record, JointReport):
                 self._answers.append(record)
                 self._resets -= record.get("answer") == "reset"
             elif not self._resets:
-                self.report, self._arrived_ms = record, self._clock() * 1e-6
-                self.reports += 1
+                self._arrived(record)
+        self._write_orders()
 
     def _write_orders(self) -> None:
         if self._orders and self._stream is not None and not self.lost:
@@ -147,7 +184,7 @@ class RemoteRobot:
             except OSError:
                 self.lost = True
 
-    def _greeted(self, host: str, port: int) -> dict[str, Any]:
+    def _greeted(self, address: str) -> dict[str, Any]:
         """Wait for the robot's first words."""
         deadline = time.monotonic() + PATIENCE_S
         while not self._answers and not self.lost and time.monotonic() < deadline:
@@ -157,50 +194,9 @@ class RemoteRobot:
         for answer in answers:
             if answer.get("robot") == "ravenjax":
                 return answer
-        heard = (
-            "sent something else"
-            if answers
-            else "hung up"
-            if self.lost
-            else f"was silent for {PATIENCE_S:g} s"
-        )
+        silent = not (answers or self.lost)
+        heard = f"was silent for {PATIENCE_S:g} s" if silent else "said something else, or hung up"
         raise UserError(
-            f"{host}:{port} takes connections but is no ravenjax robot, or a busy one (it {heard}):"
+            f"{address} takes connections but is no ravenjax robot, or a busy one (it {heard}):"
             " start one there with `ravenjax robot`"
         )
-
-    def _require(self, arms: Sequence[ArmName], host: str, port: int) -> None:
-        there = self.greeting.get("arms", [])
-        missing = [arm for arm in arms if arm not in there]
-        if missing:
-            raise UserError(
-                f"the robot at {host}:{port} has arms {there}, but the session needs"
-                f" {', '.join(missing)}: start both with the same scenario"
-            )
-
-
-def connected_console(host: str, port: int) -> socket.socket:
-    """A socket for ITP packets to a robot. UserError where it has no address."""
-    endpoint = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        endpoint.connect((host, port))
-    except (OSError, OverflowError) as error:
-        endpoint.close()
-        raise UserError(
-            f"no robot can be reached at {host}:{port} ({error}); expected a name or address"
-        ) from None
-    endpoint.setblocking(False)
-    return endpoint
-
-
-def _connected(host: str, port: int) -> socket.socket:
-    try:
-        endpoint = socket.create_connection((host, port), PATIENCE_S)
-    except (OSError, OverflowError) as error:
-        raise UserError(
-            f"no robot answers at {host}:{port} ({error}): start one there with `ravenjax robot`,"
-            " and give the port of its joint stream"
-        ) from None
-    endpoint.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    endpoint.setblocking(False)
-    return endpoint

@@ -12,37 +12,22 @@ too.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ravenjax.errors import UserError, shown
-from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.realtime.loop import Console
 from ravenjax.train.robot_link.increments import Increments, merge
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.joints.record import Reporter, encode_text
-from ravenjax.train.robot_link.joints.stream import JointServer, ListenerOrder
+from ravenjax.train.robot_link.joint_record import Reporter, encode_text
+from ravenjax.train.robot_link.joint_server import JointServer
 from ravenjax.train.session import pedal
+from ravenjax.train.session.simulation import PacketRobot
 from ravenjax.vocabulary import checks
-
-
-class DrivenRobot(Protocol):
-    """What is driven; as `simulation.PacketRobot`."""
-
-    arms: tuple[ArmName, ...]
-
-    def tick(self, packet: Packet | None) -> Frame: ...
-    def arm(self, row: int) -> None: ...
-    def disarm(self) -> None: ...
-    def press(self, row: int) -> None: ...
-    def reset(self) -> None: ...
-    def outcomes(self) -> dict[str, Any]: ...
-
 
 ITP, CRTK = "itp", "crtk"
 """Consoles that a robot may have."""
@@ -51,11 +36,11 @@ CHECKS_EVERY = 100
 
 
 class Station:
-    """One machine with its ports: `tick` once a millisecond, `obey` for what is asked of it."""
+    """One robot with its ports: `tick` once a millisecond, `obey` for what is asked of it."""
 
     def __init__(
         self,
-        machine: DrivenRobot,
+        machine: PacketRobot,
         itp: ItpServer,
         joints: JointServer,
         hazards: int,
@@ -72,37 +57,40 @@ class Station:
         self._reporter = Reporter(FrameLayout.of(machine.arms))
         self._number = 0  # of the robot's newest packet
         self._lifted: set[str] = set()  # consoles whose pedal was seen up since it had to be
+        self._advised: set[str] = set()  # consoles whose user was told to lift it
         self._heard: dict[str, int] = {}  # tick of each console's last packet
         self._driver: str | None = None  # whose pedal is down
-        self._told_to_lift: set[str] = (
-            set()
-        )  # consoles whose user was told why the pedal does not count
         self._news: list[str] = []
-        self._trips, self._told = 0.0, 0  # of the checks at their last report, and its tick
+        self._trips, self._reported = 0.0, 0  # of the checks at their last report, and its tick
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
 
     def tick(self) -> Frame:
         """Orders, the console's increments, the robot's millisecond, and what it reports."""
         for order in self.joints.poll():
-            self._answer(order)
-        console, increments = self._asked()
+            try:
+                self.obey(order.content)
+            except UserError as error:
+                self.joints.answer(order, str(error))
+            else:
+                self.joints.answer(order)
+        console, increments = self._choose()
         packet = None
         if increments is not None:
             self._number += 1
             packet = increments.packet(self._number)
         frame = self.machine.tick(packet)
-        took = increments is not None and frame.number("last_seq") == float(
-            np.float32(self._number)
-        )
-        if took and console == ITP:
-            self._last_seq = increments.sequence  # type: ignore[union-attr]
+        took_it = frame.number("last_seq") == float(np.float32(self._number))
+        if increments is not None and took_it and console == ITP:
+            self._last_seq = increments.sequence
         self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))
-        self._tell_checks(frame)
-        forces = {arm: frame[f"{arm}/force"].tolist() for arm in self.machine.arms}
+        self._report_checks(frame)
         drives = self._driver != CRTK
-        still = forces if drives else dict.fromkeys(forces, (0.0, 0.0, 0.0))
+        forces = {
+            arm: frame[f"{arm}/force"].tolist() if drives else (0.0, 0.0, 0.0)
+            for arm in self.machine.arms
+        }
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
-        self.itp.send_force(still, runlevel, stopped, drives, drives)
+        self.itp.send_force(forces, runlevel, stopped, drives, drives)
         if self.crtk is not None:
             self.crtk.tell(frame)
         self.ticks += 1
@@ -115,21 +103,25 @@ class Station:
         news, self._news = self._news, []
         return [*self.itp.gate.news(), *news]
 
-    def _asked(self) -> tuple[str, Increments | None]:
+    def _choose(self) -> tuple[str, Increments | None]:
         """Which console is heard in this tick, and what it asks for: whose pedal is down keeps
         the other one out.
         """
         requests = {ITP: self.itp.receive()}
         if self.crtk is not None:
-            requests[CRTK] = self._crtk_asked(self.crtk)
+            requests[CRTK] = self._poll_crtk(self.crtk)
         counted = {
-            name: self._counted(name, one) for name, one in requests.items() if one is not None
+            name: self._with_counted_pedal(name, one)
+            for name, one in requests.items()
+            if one is not None
         }
         driver = self._driver
         if driver is not None and self.ticks - self._heard[driver] > STALE_MS:
             self._driver = None
             if driver == CRTK:  # its process is gone: nobody holds the pedal
-                return CRTK, self._still()
+                arms = len(self.machine.arms)
+                level = ((0.0, 0.0, 0.0, 1.0),) * arms
+                return CRTK, Increments(0, 0, ((0, 0, 0),) * arms, level, (0,) * arms)
         elif driver is None:
             self._driver = next((name for name, one in counted.items() if one.pedal), None)
         name = self._driver or next(iter(counted), ITP)
@@ -143,56 +135,37 @@ class Station:
             self._driver = None
         return name, request
 
-    def _crtk_asked(self, console: Console) -> Increments | None:
+    def _poll_crtk(self, console: Console) -> Increments | None:
         """What CRTK asks for: orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":
                 self._news.append(f"{CRTK}: {command['why']}")
-                continue
-            if command["type"] == "operator":
+            elif command["type"] == "operator":
                 self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
-                continue
-            tables = [command["arms"][arm] for arm in self.machine.arms]
-            deltas, quats, grasps = (
-                [table[name] for table in tables] for name in ("delta_um", "quat", "grasp_mrad")
-            )
-            whole = Increments(
-                0,
-                int(command["pedal"]),
-                tuple(map(tuple, deltas)),
-                tuple(map(tuple, quats)),
-                tuple(grasps),
-            )
-            requests.append(whole)
+            else:
+                requests.append(Increments.of(command, self.machine.arms))
         return merge(requests)
 
-    def _still(self) -> Increments:
-        """Pedal up, and nothing moves."""
-        many = len(self.machine.arms)
-        return Increments(0, 0, ((0, 0, 0),) * many, ((0.0, 0.0, 0.0, 1.0),) * many, (0,) * many)
-
-    def _counted(self, console: str, increments: Increments) -> Increments:
+    def _with_counted_pedal(self, console: str, increments: Increments) -> Increments:
         """As they count: without a pedal that was down all the time."""
         if self.ticks - self._heard.get(console, 0) > STALE_MS:
             self._lifted.discard(console)
         self._heard[console] = self.ticks
         if not increments.pedal:
             self._lifted.add(console)
-            self._told_to_lift.discard(console)
-        elif console not in self._lifted and console not in self._told_to_lift:
-            self._told_to_lift.add(console)
+            self._advised.discard(console)
+        elif console not in self._lifted and console not in self._advised:
+            self._advised.add(console)
             self._news.append(f"{console}: {pedal.LIFT}")
         return increments if console in self._lifted else increments._replace(pedal=0)
 
-    def _tell_checks(self, frame: Frame) -> None:
-        """How often each check of the robot has tripped so far, and how long ago it first did,
-        where one has.
-        """
+    def _report_checks(self, frame: Frame) -> None:
+        """How often each check of the robot has tripped so far, and how long ago it first did."""
         trips = frame.number("trips")
-        if trips == self._trips or self.ticks - self._told < CHECKS_EVERY:
+        if trips == self._trips or self.ticks - self._reported < CHECKS_EVERY:
             return
-        self._trips, self._told = trips, self.ticks
+        self._trips, self._reported = trips, self.ticks
         outcomes, now = self.machine.outcomes(), int(frame.number("tick"))
         report = {
             name: [count, now - int(outcomes[f"check_{name}_first_ms"])]
@@ -202,10 +175,16 @@ class Station:
         self.joints.publish(encode_text({"checks": report}))
 
     def obey(self, content: dict[str, Any]) -> None:
-        """Carry out an order of `joints.stream`. UserError where it cannot be."""
-        kind = content.get("order")
+        """Carry out an order of `joint_server`. UserError where it cannot be."""
+        kind, number = content.get("order"), content.get("number")
         if kind == "arm":
-            self._arm(content.get("number"))
+            if type(number) is not int or not 0 <= number < self._hazards:
+                expected = f"a hazard's number 0..{self._hazards - 1}"
+                if not self._hazards:
+                    expected = "no hazard: the scenario has none"
+                raise UserError(f"number is {shown(number)}, expected {expected}")
+            self.machine.arm(number)
+            self.armed = number
         elif kind == "disarm":
             self.machine.disarm()
             self.armed = None
@@ -219,26 +198,3 @@ class Station:
             self._trips = 0.0
         else:
             raise UserError(f"order is {shown(kind)}, expected one of arm, disarm, estop, reset")
-
-    def _arm(self, number: Any) -> None:
-        if (
-            not isinstance(number, int)
-            or isinstance(number, bool)
-            or not 0 <= number < self._hazards
-        ):
-            expected = (
-                f"a hazard's number 0..{self._hazards - 1}"
-                if self._hazards
-                else "no hazard: the scenario has none"
-            )
-            raise UserError(f"number is {shown(number)}, expected {expected}")
-        self.machine.arm(number)
-        self.armed = number
-
-    def _answer(self, order: ListenerOrder) -> None:
-        try:
-            self.obey(order.content)
-        except UserError as error:
-            self.joints.answer(order, str(error))
-        else:
-            self.joints.answer(order)

@@ -12,27 +12,23 @@ given to the robot, row by row, for as long as the pedal is held.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once
-from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 from ravenjax.train import judge, scenario, tasks
 from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame, FrameLayout
 from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.messages import INSTRUCTOR, OPERATOR, SEAT
 from ravenjax.train.protocol.world import Point
+from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import blueprint, director, hands, pedal
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.heard import Heard
-from ravenjax.train.session.seat import ConsoleSeat, console_of
+from ravenjax.train.session.command_log import CommandLog
+from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
+from ravenjax.train.session.estop_hold import EstopHold
 from ravenjax.train.session.simulation import SimulatedRobot
-from ravenjax.train.session.standstill import Standstill
 
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))
@@ -73,21 +69,6 @@ class Driven(Protocol):
     def stand_by(self) -> None: ...
 
 
-class _Places(NamedTuple):
-    """Where an arm's channels stand in a row."""
-
-    hand: slice  # hand, hand_quat and grasp: as in a row of motion
-    link_jpos: slice
-    tip: slice
-    virtual_jpos: slice
-    virtual_tip: slice
-
-    @staticmethod
-    def of(places: dict[str, slice], arm: str) -> _Places:
-        hand = slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop)
-        return _Places(hand, *(places[f"{arm}/{name}"] for name in _Places._fields[1:]))
-
-
 class Session:
     """One session. `tick` until `over`."""
 
@@ -122,11 +103,11 @@ class Session:
         self.phase, self.view = READY, REAL
         self.ticks = 0  # ms of the session, without pauses
         self.started: int | None = None  # tick in which its time began
-        self.seat = ConsoleSeat()
+        self.arbiter = ConsoleArbiter()
         self.pedals = pedal.PedalReasons()
-        self._standstill = Standstill(self.layout)
+        self._estop_hold = EstopHold(self.layout)
         self.ended = ""  # why it is over
-        self.heard = Heard()
+        self.command_log = CommandLog()
         self._hands = self._new_hands()
         self._resume_to = READY
         self._rest: np.ndarray | None = (
@@ -137,7 +118,16 @@ class Session:
         self._pedal, self._alive = 0.0, False
         self._told: tuple[Any, ...] = (None,) * len(_TOLD)
         places = self.layout.places
-        self._places = [_Places.of(places, arm) for arm in self.arms]
+        # Of each arm: hand, hand_quat and grasp as in a row of motion; which of the followed
+        # robot's channels go to which of the virtual one.
+        self._hand_places = [
+            slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms
+        ]
+        self._shown_places = [
+            (places[f"{arm}/virtual_{to}"], places[f"{arm}/{source}"])
+            for arm in self.arms
+            for to, source in (("jpos", "link_jpos"), ("tip", "tip"))
+        ]
         self._common = slice(places["session_tick"].start, places["cue_on"].stop)
         self._runlevel, self._trips = places["runlevel"].start, places["trips"].start
         self._soft_estopped = places["soft_estopped"].start
@@ -180,7 +170,7 @@ class Session:
         if self.phase in (PAUSED, OVER):
             self._publish()
             return
-        if self.seat.step(self.ticks):
+        if self.arbiter.step(self.ticks):
             self._let_go("silent")
         hand = self._hands.advance(self.ticks)
         goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
@@ -196,8 +186,8 @@ class Session:
 
     def conclude(self) -> list[Event]:
         """Second half: what task, judge and phase make of it; the events of both."""
-        self.heard.add(self.ticks, self._new)
-        self._events += self.seat.events()
+        self.command_log.add(self.ticks, self._new)
+        self._events += self.arbiter.events()
         self.frame.settle()
         self._tell_changes()
         if self._moved:
@@ -212,21 +202,18 @@ class Session:
 
     def _why_not(self, console: str) -> str:
         """Why the pedal that a console holds down does not count."""
-        why = self.seat.why_not(console, self.ticks)
-        if self.over:
-            return ""
-        if not self.seat.holds(console):
-            return why
-        if self.phase in _STANDS:
-            return _STANDS[self.phase]
-        return why or (pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else "")
+        why = self.arbiter.why_not(console, self.ticks)
+        if self.over or not self.arbiter.holds(console):
+            return "" if self.over else why
+        homing = pedal.HOMING if self.frame.numbers[self._runlevel] == INIT else ""
+        return _STANDS.get(self.phase) or why or homing
 
     # --- commands ---
 
     def _command(self, command: dict[str, Any]) -> None:
         kind, do = command.get("type"), command.get("do")
         if kind in ("input", "increments"):
-            self.seat.hear(
+            self.arbiter.hear(
                 command, lambda counted: self._hands.take(counted, self.ticks), self.ticks
             )
         elif kind == "unheard":
@@ -234,9 +221,9 @@ class Session:
             if command.get("once"):
                 self._tell("refused", **self.pedals.once(console, why))
             else:
-                self.seat.unheard(console, why)
+                self.arbiter.unheard(console, why)
         elif kind == "seat" and do in SEAT:
-            if self.seat.obey(command, self.ticks):
+            if self.arbiter.obey(command, self.ticks):
                 self._let_go("handover", own=command.get("by") != "instructor")
         elif kind == "operator" and do in OPERATOR:
             self._operator(command)
@@ -269,7 +256,7 @@ class Session:
         if do in ("arm", "disarm"):
             if do == "disarm":
                 self._events += self.judge.interrupted(self.ticks, "instructor")
-            self.director.command(command, self.ticks)
+            self.director.command(command)
         elif do == "start" and self.phase != OVER:
             self._start("instructor")
         elif do == "pause" and self.phase in (READY, RUNNING, STOPPED, LOST):
@@ -293,7 +280,7 @@ class Session:
 
         own: it is the operator's act all the same, who gives the seat away or leaves.
         """
-        self.seat.rearm(why, self.ticks)
+        self.arbiter.rearm(why, self.ticks)
         self._hands.take({"type": "input", "pedal": False, "arms": {}}, self.ticks)
         if own:
             self.judge.walked_away()
@@ -374,7 +361,7 @@ class Session:
     def _restart(self, why: str) -> None:
         """The robot is homed again and stands at its beginning, ready."""
         self._look()
-        self.seat.rearm(why, self.ticks)
+        self.arbiter.rearm(why, self.ticks)
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
@@ -389,25 +376,17 @@ class Session:
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
-            self._standstill.apply(row)
+            self._estop_hold.apply(row)
             view_row = self.virtual.row if self.view == VIRTUAL else self.robot.row
-            for i, places in enumerate(self._places):
-                row[places.hand] = hand.columns[8 * i : 8 * i + 8]
-                row[places.virtual_jpos], row[places.virtual_tip] = (
-                    view_row[places.link_jpos],
-                    view_row[places.tip],
-                )
+            for i, place in enumerate(self._hand_places):
+                row[place] = hand.columns[8 * i : 8 * i + 8]
+            for place, source in self._shown_places:
+                row[place] = view_row[source]
             self._pedal, self._alive = float(hand.columns[-1]), hand.alive
+        left_ms = 0 if self.over else self.left_ms
         row[self._common] = (
-            *(
-                self.ticks,
-                0 if self.over else self.left_ms,
-                self.phase,
-                self.view,
-                self._pedal,
-                self._alive,
-            ),
-            *(self.seat.number, self.robot.heard),
+            *(self.ticks, left_ms, self.phase, self.view, self._pedal, self._alive),
+            *(self.arbiter.number, self.robot.heard),
             *(self.director.at_work, task.target, task.progress, self.cue_on),
         )
 
@@ -447,7 +426,7 @@ class Session:
             self._let_go("link")
             self.phase = LOST
         elif self.robot.heard and self.phase == LOST:
-            self.seat.rearm("link", self.ticks)
+            self.arbiter.rearm("link", self.ticks)
             self.phase = READY
 
     def _checked(self) -> tuple[()] | tuple[dict[str, Any], dict[str, Any] | None]:
@@ -480,10 +459,8 @@ class Session:
 
     def _tips(self) -> dict[ArmName, Point]:
         """Where the jaws close at the beginning, m, frame 0."""
-        starts = self.blueprint.plan.motion.start_jpos
         tips: dict[ArmName, Point] = {}
-        for arm, jpos in zip(self.arms, starts, strict=True):
-            with at_once():
-                axis = [float(number) for number in kinematics.forward(arm, Vec(jpos)).position]
-            tips[arm] = closing_point(arm, axis, [float(joint) for joint in jpos])
+        for arm, jpos in zip(self.arms, self.blueprint.plan.motion.start_jpos, strict=True):
+            joints = [float(joint) for joint in jpos]
+            tips[arm] = closing_point(arm, tip_pose(arm, joints)[0].tolist(), joints)
         return tips

@@ -18,8 +18,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
 from ravenjax.train.protocol.frame import PHASES, VIEWS, Frame
+from ravenjax.train.robot import PEDAL_DOWN
 from ravenjax.train.scenario import Armable, Scenario
 
 SETTLED_MS = 500
@@ -49,8 +49,6 @@ class Director:
         self.hazards = tuple(hazards)
         self.at_work = -1
         """Number of the hazard that is armed or at work; -1: none."""
-        self.refused: dict[str, int] = {}
-        """How many commands were refused, by reason."""
         rng = np.random.default_rng([seed, 3])
         planned = [
             (float(rng.uniform(*hazard.when_ms)), hazard.number)
@@ -68,24 +66,13 @@ class Director:
         self._stop = False  # the instructor takes it back
         self._columns: tuple[int, ...] = ()
 
-    def command(self, message: Mapping[str, Any], tick: int) -> bool:
-        """The instructor's "arm" or "disarm"; False where it is refused, and counted."""
-        do, number = message.get("do"), message.get("hazard")
-        if do == "disarm":
+    def command(self, message: Mapping[str, Any]) -> None:
+        """The instructor's "arm" or "disarm". While a hazard is at work no other can be armed."""
+        number = message.get("hazard")
+        if message["do"] == "disarm":
             self._pending, self._stop = -1, True
-            return True
-        if do != "arm":
-            return self._refuse("neither arm nor disarm")
-        if (
-            not isinstance(number, int)
-            or isinstance(number, bool)
-            or not 0 <= number < len(self.hazards)
-        ):
-            return self._refuse("hazard is no number of the list")
-        if self._ordered:
-            return self._refuse("another hazard is at work")
-        self._pending = number
-        return True
+        elif type(number) is int and 0 <= number < len(self.hazards) and not self._ordered:
+            self._pending = number
 
     def step(self, tick: int, frame: Frame, clock: int | None = None) -> tuple[Order, ...]:
         """What is to be done before this tick, `frame` being that of the tick before.
@@ -112,11 +99,14 @@ class Director:
             hazard = self.hazards[self.at_work]
             cleared = self._up >= CLEARED_MS and "release" in hazard.right_response
             if self._stop or cleared or tick - self._since >= hazard.lasts_ms:
-                return (self._take_back(tick),)
+                self.at_work, self._ordered, self._stop = -1, False, False
+                self._free_from = tick + GAP_MS
+                return (Order("disarm", hazard.number),)
             return ()
         self._stop = False
-        choice = self._chosen(tick if clock is None else clock)
-        self.at_work = self._pending
+        choice = self.at_work = self._pending  # the instructor's hazard first
+        if choice < 0 and self.plan and self.plan[0][0] <= (tick if clock is None else clock):
+            choice = self.plan[0][1]
         if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
             return ()
         if choice == self._pending:
@@ -130,19 +120,3 @@ class Director:
         """The robot was homed again and holds no fault any more; what is yet to come stays."""
         self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
         self._down, self._free_from = 0, tick + GAP_MS
-
-    def _chosen(self, clock: int) -> int:
-        """The instructor's hazard first, then the earliest that is due; -1: none."""
-        if self._pending >= 0:
-            return self._pending
-        return self.plan[0][1] if self.plan and self.plan[0][0] <= clock else -1
-
-    def _take_back(self, tick: int) -> Order:
-        number = self.at_work
-        self.at_work, self._ordered, self._stop = -1, False, False
-        self._free_from = tick + GAP_MS
-        return Order("disarm", number)
-
-    def _refuse(self, reason: str) -> bool:
-        self.refused[reason] = self.refused.get(reason, 0) + 1
-        return False

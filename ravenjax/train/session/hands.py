@@ -20,23 +20,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
-from ravenjax.robots.raven2.geometry.mapping import quat_mul
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.protocol.world import itp_from_view, turned
+from ravenjax.train.robot import ArmName, Quat, turn_by, unit
 from ravenjax.train.scenario import Speeds
-from ravenjax.train.session import console_message
-from ravenjax.train.session.console_message import LEVEL, STILL, Increment, RefusedCommand
+
+STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Speeds of a hand at rest: move 3, turn 3, grasp."""
+LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
+"""No turn."""
 
 SMOOTHING_MS = 30.0
 """Time in which hands reach 90 % of a new speed: keys have no ramp of their own, and a hand
 cannot jump. Ours.
 """
-_RATE = (
-    3.8897 / SMOOTHING_MS
-)  # 1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897
+_RATE = 3.8897 / SMOOTHING_MS
+"""1/ms; a critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
 _AT_REST = 1e-6  # share of the fastest speed below which a hand stands
 _SETTLED = 1e-12  # and below which it no longer comes nearer to the speed that it goes for
@@ -65,8 +65,6 @@ class Hands:
     def __init__(self, arms: Sequence[ArmName], scale: float, speeds: Speeds) -> None:
         """scale: the console's, tip motion per hand motion. speeds: of tips at full speed input."""
         self.arms = tuple(arms)
-        self.refused: dict[str, int] = {}
-        """How many messages were refused, by reason."""
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
         self._pedal = False
@@ -74,30 +72,22 @@ class Hands:
         self._columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
 
     def take(self, message: Mapping[str, Any], tick: int) -> bool:
-        """A message "input" or "increments" that came before this tick; False where it is
-        refused, and counted.
+        """A message "input" or "increments" that came before this tick, valid as
+        `protocol.messages` has it; False where it would lead farther than the robot can be told.
         """
-        try:
-            pedal, meant = console_message.pedal(message), console_message.each_arm(message)
-            if message.get("type") == "increments":
-                increments = {
-                    arm: Increment.read(entry) for arm, entry in meant.items() if arm in self._hands
-                }
-                for arm, increment in increments.items():
-                    self._hands[arm].require_room(increment)
-                for arm, hand in self._hands.items():
-                    hand.aim(STILL)
-                    if arm in increments:
-                        hand.add(increments[arm])
-            else:
-                speeds = {arm: console_message.speeds(entry) for arm, entry in meant.items()}
-                for arm, hand in self._hands.items():
-                    hand.aim(speeds.get(arm, STILL))
-        except RefusedCommand as error:
-            reason = str(error)
-            self.refused[reason] = self.refused.get(reason, 0) + 1
-            return False
-        self._pedal, self._heard = pedal, tick
+        tables = message["arms"]
+        if message["type"] == "increments":
+            given = [(hand, tables[arm]) for arm, hand in self._hands.items() if arm in tables]
+            if not all(hand.has_room(increment) for hand, increment in given):
+                return False
+            for hand in self._hands.values():
+                hand.aim(STILL)
+            for hand, increment in given:
+                hand.add(increment)
+        else:
+            for arm, hand in self._hands.items():
+                hand.aim(_speeds(tables[arm]) if arm in tables else STILL)
+        self._pedal, self._heard = message["pedal"], tick
         return True
 
     def advance(self, tick: int) -> HandsRow:
@@ -124,20 +114,6 @@ class Hands:
 
 class _Hand:
     """One hand: where it is, scaled, and how fast it goes, as shares of full speed in ITP axes."""
-
-    __slots__ = (
-        "_aim",
-        "_axes",
-        "_change",
-        "_grasp_step",
-        "_grasped",
-        "_move",
-        "_moving",
-        "_quat",
-        "_turn",
-        "_v",
-        "_x",
-    )
 
     def __init__(self, arm: ArmName, speeds: Speeds) -> None:
         self._axes = itp_from_view(arm)
@@ -195,34 +171,29 @@ class _Hand:
             self._grasped = min(max(wanted, min(low, self._grasped)), max(high, self._grasped))
         if v[3] or v[4] or v[5]:
             half = 0.5 * self._turn
-            self._turn_by(unit((v[3] * half, v[4] * half, v[5] * half, 1.0)))
+            turn = unit((v[3] * half, v[4] * half, v[5] * half, 1.0))
+            self._quat = turn_by(self._quat, turn)
 
-    def require_room(self, increment: Increment) -> None:
-        """Refuse what would lead farther than the robot can be told."""
-        if any(abs(x + d) > FARTHEST_UM for x, d in zip(self._x, increment.delta_um, strict=True)):
-            raise RefusedCommand("delta_um leads out of range")
-        if abs(self._grasped + increment.grasp_mrad) > FARTHEST_UM:
-            raise RefusedCommand("grasp_mrad leads out of range")
+    def has_room(self, increment: Mapping[str, Any]) -> bool:
+        """Whether the robot can be told where it leads."""
+        x = [a + d for a, d in zip(self._x, increment["delta_um"], strict=True)]
+        x.append(self._grasped + increment.get("grasp_mrad", 0.0))
+        return max(map(abs, x)) <= FARTHEST_UM
 
-    def add(self, increment: Increment) -> None:
+    def add(self, increment: Mapping[str, Any]) -> None:
         """Move by what a console has told the robot."""
-        for i, d in enumerate(increment.delta_um):
+        for i, d in enumerate(increment["delta_um"]):
             self._x[i] += d
-        self._grasped += increment.grasp_mrad
-        if increment.quat != LEVEL:
-            self._turn_by(increment.quat)
+        self._grasped += increment.get("grasp_mrad", 0.0)
+        quat = tuple(increment.get("quat", LEVEL))
+        if quat != LEVEL:
+            self._quat = turn_by(self._quat, quat)
 
     def fill(self, values: list[float], scale: float) -> None:
         """Append the arm's columns of a motion."""
-        x, y, z = self._x
         per_um = 1.0 / scale
-        values += (
-            _beyond(x) * per_um,
-            _beyond(y) * per_um,
-            _beyond(z) * per_um,
-            *self._quat,
-            _beyond(self._grasped),
-        )
+        values += [_beyond(position) * per_um for position in self._x]
+        values += (*self._quat, _beyond(self._grasped))
 
     def place(self, values: list[float], scale: float) -> None:
         """Be where the arm's columns of a motion say."""
@@ -230,8 +201,17 @@ class _Hand:
         self._quat = unit(tuple(values[3:7]))  # type: ignore[arg-type]
         self._grasped = _within(values[7])
 
-    def _turn_by(self, turn: tuple[float, float, float, float]) -> None:
-        self._quat = unit(quat_mul(Vec(turn), Vec(self._quat)))
+
+def _speeds(given: Mapping[str, Any]) -> tuple[float, ...]:
+    """An arm's table of a message "input", as STILL: move and turn cut to length 1, grasp to -1
+    .. 1.
+    """
+    speeds: list[float] = []
+    for name in ("move", "turn"):
+        vector = given.get(name, STILL[:3])
+        length = max(1.0, math.hypot(*vector))
+        speeds += [x / length for x in vector]
+    return *speeds, min(max(given.get("grasp", 0.0), -1.0), 1.0)
 
 
 def _beyond(x: float) -> float:
@@ -242,10 +222,3 @@ def _beyond(x: float) -> float:
 def _within(x: float) -> float:
     """What `_beyond` gives `x` for; 0 where it gives nothing like it."""
     return x - 0.5 if x > 0.5 else x + 0.5 if x < -0.5 else 0.0
-
-
-def unit(q: Sequence[float]) -> tuple[float, float, float, float]:
-    """A quaternion at length 1."""
-    x, y, z, w = q
-    over = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
-    return x * over, y * over, z * over, w * over

@@ -13,13 +13,13 @@ from ravenjax.engines.cpu.stepper import Stepper
 from ravenjax.faults.fault import FaultSlot
 from ravenjax.numbers import tree
 from ravenjax.numbers.vec import replace
-from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import run
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import GOLDEN, Frame
+from ravenjax.train.robot import Packet
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.standstill import Standstill
+from ravenjax.train.session.estop_hold import EstopHold
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
@@ -189,7 +189,7 @@ class PacketRobot(SimulatedRobot):
         super().__init__(blueprint.make(config, packets=True))
         self.arms = self.blueprint.setup.arms
         self.frame = Frame(self.blueprint.layout)
-        self._standstill = Standstill(self.blueprint.layout)
+        self._estop_hold = EstopHold(self.blueprint.layout)
 
     def tick(self, packet: Packet | None) -> Frame:
         """One tick with the packet that arrived, None: none did. The frame is the same object
@@ -205,5 +205,5 @@ class PacketRobot(SimulatedRobot):
                 entering[0][0] = 0  # received
         self.step()
         self.frame.row[: self.row.size] = self.row
-        self._standstill.apply(self.frame.row)
+        self._estop_hold.apply(self.frame.row)
         return self.frame

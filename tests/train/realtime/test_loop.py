@@ -101,7 +101,7 @@ def test_a_session_against_the_clock_is_that_of_a_tight_loop(blueprint, rings):
     np.testing.assert_array_equal(found[:, kept], np.stack(rows)[:, kept])
     events = [event for event in read_json(rings[1].read(0)[1]) if event["kind"] != "overrun"]
     assert events[: len(told)] == told  # and then that it is over
-    assert alone.frame.number("runlevel") == 3 and alone.heard == session.heard
+    assert alone.frame.number("runlevel") == 3 and alone.command_log == session.command_log
     assert timing.ticks == len(raw) and timing.whole.sum() == timing.ticks
 
 

@@ -11,8 +11,7 @@ from ravenjax.train import scenario
 from ravenjax.train.judge.trips import Trips
 from ravenjax.train.protocol.frame import PHASES, FrameLayout
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.joints.decoder import Decoder
-from ravenjax.train.robot_link.joints.record import Reporter
+from ravenjax.train.robot_link.joint_record import Decoder, Reporter
 from ravenjax.train.session import advance, blueprint
 from ravenjax.train.session.advance import Session
 from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot

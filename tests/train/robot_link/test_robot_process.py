@@ -16,14 +16,12 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.robot_link import process
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.joints.decoder import Decoder
-from ravenjax.train.robot_link.joints.record import JointReport
-from ravenjax.train.robot_link.joints.stream import JointServer
+from ravenjax.train.robot_link.joint_record import Decoder, JointReport
+from ravenjax.train.robot_link.joint_server import JointServer
 from ravenjax.train.robot_link.packet_filter import TAKEN
-from ravenjax.train.robot_link.process import Counters, Strike
+from ravenjax.train.robot_link.process import Strike
 from ravenjax.train.robot_link.station import Station
 from ravenjax.train.session.simulation import PacketRobot
 
@@ -299,11 +297,6 @@ def test_who_listens_to_the_world_is_told():
     )
     assert len(process.exposed("0.0.0.0", None, None)) == 2
     assert process.exposed("0.0.0.0", "secret", "10.0.0.7") == []
-
-
-def test_counters_in_words():
-    lines = Counters(LoopTiming(), {"accepted": 3, "short": 0}, {}).lines()
-    assert lines[1:] == ["console: accepted 3", "joint stream: nothing"]
 
 
 @pytest.mark.slow

@@ -416,8 +416,6 @@ def test_a_command_that_is_none_changes_nothing(made):
         {},
         {"type": "operator", "do": "fly"},
         {"type": ["input"]},
-        {"type": "input", "pedal": "yes"},
-        {"type": "input", "pedal": True, "arms": {"gold": {"move": [9e9, None, 1]}}},
         {"type": "instructor", "do": "arm", "hazard": 99},
     ]
     one, _ = drive(quiet, 900)

@@ -1,34 +1,49 @@
-"""The process that speaks CRTK beside a robot's realtime loop."""
+"""CRTK beside a realtime loop: a console of the loop, and the process that speaks for it.
+
+The two exchange rings in shared memory, so that neither waits for the other: rows of the robot one
+way, commands the other. A row is that of a `Frame`, the clocks at its tick, and the number of the
+last command that the loop had taken before it.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import multiprocessing
 import signal
+import struct
 import sys
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
+import numpy as np
+
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.train.protocol.frame import FrameLayout
-from ravenjax.train.robot_link.crtk import names
-from ravenjax.train.robot_link.crtk.exchange import BridgeEnd
-from ravenjax.train.robot_link.crtk.interpreter import Interpreter
+from ravenjax.train import processes
+from ravenjax.train.protocol.frame import Frame, FrameLayout
+from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, put_json, read_json
+from ravenjax.train.robot import ArmName
+from ravenjax.train.robot_link.crtk import messages
+from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.messages import MessageTypes, Ros
+from ravenjax.train.session.blueprint import Blueprint
 
 PERIOD_S = 0.002
 """Between two looks at robot and network."""
-HERTZ = 100.0
-"""Of everything measured, as the consoles of the dVRK have it where nobody says otherwise."""
+READINGS_HZ = 100.0
+"""As the consoles of the dVRK have it where nobody says otherwise."""
 _PARENT_S = 1.0
+_TAIL = struct.Struct("<qqq")  # wall clock ns, monotonic ns, number of the last command
+_KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
+_LOOK_EVERY = 256
+"""Calls of `poll` between two looks whether the process is still there: each is a system call."""
 
 
 class Transport(Protocol):
     """Topics of one ROS."""
 
-    ros: Ros
     types: MessageTypes
 
     def publish(self, name: str, message: Any) -> None: ...
@@ -37,57 +52,7 @@ class Transport(Protocol):
     def close(self) -> None: ...
 
 
-@dataclasses.dataclass(frozen=True)
-class BridgeOptions:
-    """Picklable, so that a spawned process gets it whole."""
-
-    rows: str  # names of the rings
-    commands: str
-    ros: Ros
-    arms: tuple[ArmName, ...]
-    tools: tuple[str, ...]
-    grasp_gain: int
-    contact: bool  # whether the force of what the robot touches is known
-    tells: (
-        Connection  # the process says here that it speaks (None), or why it does not, or no longer
-    )
-    hertz: float = HERTZ
-
-
-def run(options: BridgeOptions) -> None:
-    """Speak until the process is terminated or the robot's is gone. The entry point of a spawned
-    process.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the robot's to take
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # others are told that the topics are gone
-    try:
-        topics = names.published(options.arms, options.ros == "ros1", options.contact)
-        transport = connect(options.ros, topics, names.subscribed(options.arms))
-    except UserError as error:
-        options.tells.send(str(error))
-        return
-    end = BridgeEnd(options.rows, options.commands, FrameLayout.of(options.arms))
-
-    def refused(why: str) -> None:
-        end.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
-
-    arms, tools, gain = options.arms, options.tools, options.grasp_gain
-    interpreter = Interpreter(
-        arms, tools, transport.types, gain, contact=options.contact, refused=refused
-    )
-    options.tells.send(None)
-    try:
-        _work(transport, end, interpreter, options.hertz)
-    except UserError as error:
-        options.tells.send(str(error))
-    finally:
-        transport.close()
-        end.close()
-
-
-def connect(
-    ros: Ros, published: list[names.RosTopic], subscribed: list[names.RosTopic]
-) -> Transport:
+def connect(ros: Ros, published: list[str], subscribed: list[str]) -> Transport:
     """The transport of this ROS. UserError where it cannot be had."""
     if ros == "ros2":
         from ravenjax.train.robot_link.crtk.dds import DdsTransport
@@ -98,30 +63,192 @@ def connect(
     return Ros1Transport(published, subscribed)
 
 
-def _work(transport: Transport, end: BridgeEnd, interpreter: Interpreter, hertz: float) -> None:
+class CrtkConsole:
+    """A console of the realtime loop (`realtime.loop.Console`), which owns both rings."""
+
+    def __init__(self, layout: FrameLayout, ros: Ros, say: Callable[[str], None] = print) -> None:
+        """say: is told once that the process has ended."""
+        self._bytes = np.zeros(4 * layout.size + _TAIL.size, np.uint8)
+        self._tail = 4 * layout.size
+        self.rows = Ring.create(_KEPT_ROWS, self._bytes.size)
+        self.commands = Ring.create(_KEPT_COMMANDS, COMMAND_BYTES)
+        self._ros, self._say = ros, say
+        self._next = self._polls = 0
+        self.taken = 0  # number of the last command that was handed out
+        self.process_says: Connection | None = None  # why the process ends
+
+    def poll(self) -> list[dict[str, Any]]:
+        """Commands of consoles of CRTK; none once the process that speaks it has ended."""
+        self._polls += 1
+        if self._polls % _LOOK_EVERY == 0 and self.process_says and self.process_says.poll():
+            try:
+                why = self.process_says.recv()
+            except (EOFError, OSError):
+                why = "the process that speaks it is gone"
+            self.process_says = None
+            self._say(
+                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, nothing is told"
+                " or heard there any more, and the robot goes on; CRTK comes back when ravenjax is"
+                " started anew"
+            )
+        if self.commands.written == self._next:
+            return []
+        first, rows = self.commands.read(self._next, _COMMANDS_PER_TICK)
+        self._next = first + len(rows)
+        commands = list(read_json(rows))
+        for command in commands:
+            self.taken = command.pop("command")
+        return commands
+
+    def tell(self, frame: Frame) -> None:
+        """Publish a tick."""
+        self._bytes[: self._tail] = frame.row.view(np.uint8)
+        clocks = time.time_ns(), time.monotonic_ns()
+        _TAIL.pack_into(self._bytes.data, self._tail, *clocks, self.taken)
+        self.rows.put(self._bytes)
+
+    def close(self) -> None:
+        """Remove the rings."""
+        self.rows.close()
+        self.commands.close()
+
+
+@dataclasses.dataclass(frozen=True)
+class BridgeOptions:
+    """What the process is started with."""
+
+    rows: str  # names of the rings
+    commands: str
+    says: Connection  # takes None once the process speaks, later why it ends
+    ros: Ros
+    arms: tuple[ArmName, ...]
+    tools: tuple[str, ...]
+    grasp_gain: int  # how the robot's software takes increments of the jaws
+    contact: bool  # whether the force of what the robot touches is known
+
+
+def spawn(
+    stack: contextlib.ExitStack,
+    ros: Ros,
+    blueprint: Blueprint,
+    say: Callable[[str], None] = print,
+    elsewhere: bool = False,
+) -> CrtkConsole:
+    """Start the process for the robot of a blueprint and wait until it speaks. UserError.
+
+    elsewhere: another robot is driven, whose contact is not known here.
+    """
+    console = CrtkConsole(blueprint.layout, ros, say)
+    stack.callback(console.close)
+    answers, says = multiprocessing.Pipe(duplex=False)
+    stack.callback(answers.close)
+    setup, control = blueprint.setup, blueprint.plan.program.params.control
+    options = BridgeOptions(
+        console.rows.name,
+        console.commands.name,
+        says,
+        ros,
+        blueprint.layout.arms,
+        setup.tools,
+        int(control.teleoperation.grasp_gain),
+        setup.contact and not elsewhere,
+    )
+    process = processes.spawn(stack, run, options)
+    says.close()
+    if not answers.poll(processes.STARTING_S):
+        raise UserError(f"CRTK over {ros} did not start within {processes.STARTING_S:g} s")
+    try:
+        trouble = answers.recv()
+    except EOFError:
+        process.join(processes.STARTING_S)
+        trouble = f"the process that speaks CRTK ended with code {process.exitcode}; see above"
+    if trouble:
+        raise UserError(trouble)
+    console.process_says = answers
+    return console
+
+
+class RobotRings:
+    """The process's end of the rings."""
+
+    def __init__(self, rows: str, commands: str, layout: FrameLayout) -> None:
+        self._rows, self._commands = Ring.attach(rows), Ring.attach(commands)
+        self._frame = Frame(layout)
+        self._sent = 0
+
+    def newest(self) -> RobotRow | None:
+        """The last row; None before the first. Its frame is the same object each time."""
+        first, rows = self._rows.read(self._rows.written - 1)
+        if not len(rows):
+            return None
+        tail = 4 * self._frame.layout.size
+        self._frame.row[:] = rows[-1][:tail].view(np.float32)
+        self._frame.settle()
+        stamp, clock, last_command = _TAIL.unpack_from(rows[-1].data, tail)
+        return RobotRow(self._frame, stamp, clock, last_command, first + len(rows) - 1)
+
+    def send(self, command: dict[str, Any]) -> int:
+        """Put a command into the ring; its number."""
+        self._sent += 1
+        put_json(self._commands, {**command, "command": self._sent})
+        return self._sent
+
+    def close(self) -> None:
+        """Let go of both."""
+        self._rows.close()
+        self._commands.close()
+
+
+def run(options: BridgeOptions) -> None:
+    """Speak until the process is terminated or the robot's is gone. The entry point of a spawned
+    process.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the robot's to take
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # others are told that the topics are gone
+    arms, contact = options.arms, options.contact
+    try:
+        topics = messages.published(arms, options.ros, contact), messages.subscribed(arms)
+        transport = connect(options.ros, *topics)
+    except UserError as error:
+        options.says.send(str(error))
+        return
+    rings = RobotRings(options.rows, options.commands, FrameLayout.of(arms))
+
+    def refused(why: str) -> None:
+        rings.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
+
+    interpreter = Interpreter(
+        arms, options.tools, transport.types, options.grasp_gain, contact, refused
+    )
+    options.says.send(None)
     parent = multiprocessing.parent_process()
     published = checked = time.monotonic()
-    while True:
-        began = time.monotonic()
-        if began - checked > _PARENT_S:
-            checked = began
-            if parent is not None and not parent.is_alive():
-                return
-        row = end.newest()
-        heard = transport.poll()
-        now_ms = time.monotonic() * 1e3
-        if row is not None:
-            connected, was_down = transport.connected(), interpreter.state.pedal
-            interpreter.observe(row, connected, now_ms)
-            for name, message in heard:
-                interpreter.hear(name, message, now_ms)
-            if connected or heard or was_down or interpreter.state.pedal:
-                for command in interpreter.commands(now_ms):
-                    interpreter.note_sent(end.send(command))
-            for name, message in interpreter.states(time.time_ns()):
-                transport.publish(name, message)
-            if began - published >= 1 / hertz:
-                published = max(published + 1 / hertz, began - 1 / hertz)
-                for name, message in interpreter.readings(row):
+    try:
+        while True:
+            began = time.monotonic()
+            if began - checked > _PARENT_S:
+                checked = began
+                if parent is not None and not parent.is_alive():
+                    return
+            row, heard = rings.newest(), transport.poll()
+            now_ms = time.monotonic() * 1e3
+            if row is not None:
+                connected, was_down = transport.connected(), interpreter.state.pedal
+                interpreter.observe(row, connected, now_ms)
+                for name, message in heard:
+                    interpreter.hear(name, message, now_ms)
+                if connected or heard or was_down or interpreter.state.pedal:
+                    for command in interpreter.commands(now_ms):
+                        interpreter.note_sent(rings.send(command))
+                told = interpreter.states(time.time_ns())
+                if began - published >= 1 / READINGS_HZ:
+                    published = max(published + 1 / READINGS_HZ, began - 1 / READINGS_HZ)
+                    told += interpreter.readings(row)
+                for name, message in told:
                     transport.publish(name, message)
-        time.sleep(max(0.0, PERIOD_S - (time.monotonic() - began)))
+            time.sleep(max(0.0, PERIOD_S - (time.monotonic() - began)))
+    except UserError as error:
+        options.says.send(str(error))
+    finally:
+        transport.close()
+        rings.close()

@@ -9,6 +9,7 @@ again.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,6 @@ from typing import Any
 
 from ravenjax.errors import UserError
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.crtk.names import SERVO, RosTopic
 
 DOMAIN = "ROS_DOMAIN_ID"
 DEPTH = 10
@@ -30,75 +30,62 @@ MOST_TAKEN = 64
 class DdsTransport:
     """Topics over DDS. `publish` and `poll` never wait longer than a millisecond."""
 
-    ros: messages.Ros = "ros2"
-
-    def __init__(
-        self, published: Sequence[RosTopic], subscribed: Sequence[RosTopic], name: str = "ravenjax"
-    ) -> None:
+    def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
         """UserError where the wheel or a sound domain is missing."""
-        _require()
-        from cyclonedds.domain import DomainParticipant
-        from cyclonedds.pub import DataWriter
-        from cyclonedds.sub import DataReader
-        from cyclonedds.topic import Topic as DdsTopic
-
+        try:
+            from cyclonedds.domain import DomainParticipant
+            from cyclonedds.pub import DataWriter
+            from cyclonedds.sub import DataReader
+            from cyclonedds.topic import Topic
+        except ImportError as error:
+            raise UserError(
+                f"ROS 2 needs the package cyclonedds ({error}): install it with `pip install"
+                " 'ravenjax[ros2]'`"
+            ) from None
         self.types = messages.types("ros2")
-        self.unsent = 0
-        self.garbled = 0
         self._participant = DomainParticipant(domain())
-        self._writers: dict[str, tuple[Any, Any, str]] = {}
-        self._readers: list[tuple[str, str, Any]] = []
-        for one in published:
-            quality = _quality(latched=one.latched)
-            data = _data_type(one.kind)
-            topic = DdsTopic(self._participant, f"rt/{one.name}", data, quality)
-            self._writers[one.name] = DataWriter(self._participant, topic, quality), data, one.kind
-        for one in subscribed:
-            topic = DdsTopic(self._participant, f"rt/{one.name}", _data_type(one.kind))
-            for latched in {
-                False,
-                one.latched,
-            }:  # who wants to hear the last one does not match who does not keep it
-                quality = _quality(reliable=not one.name.endswith(SERVO), latched=latched)
-                self._readers.append(
-                    (one.name, one.kind, DataReader(self._participant, topic, quality))
-                )
+        self._writers: dict[str, tuple[Any, Any]] = {}
+        self._readers: list[tuple[str, Any]] = []
+        for name in published:
+            quality = _quality(latched=messages.is_latched(name))
+            data = _data_type(messages.kind_of(name))
+            topic = Topic(self._participant, f"rt/{name}", data, quality)
+            self._writers[name] = DataWriter(self._participant, topic, quality), data
+        for name in subscribed:
+            data = _data_type(messages.kind_of(name))
+            topic = Topic(self._participant, f"rt/{name}", data)
+            reliable = not name.endswith(tuple(messages.SERVO))
+            # A reader that wants the last message does not match a writer that keeps none.
+            for latched in {False, messages.is_latched(name)}:
+                quality = _quality(reliable=reliable, latched=latched)
+                self._readers.append((name, DataReader(self._participant, topic, quality)))
 
     def publish(self, name: str, message: Any) -> None:
         """Send a message of `types` to whoever reads the topic."""
         from cyclonedds.core import DDSException
 
-        writer, data, kind = self._writers[name]
-        try:
-            writer.write(data.of(self.types.encode(message, kind)))
-        except DDSException:  # no room within a millisecond: a reader that does not read
-            self.unsent += 1
+        writer, data = self._writers[name]
+        # No room within a millisecond: a reader that does not read.
+        with contextlib.suppress(DDSException):
+            writer.write(data.of(self.types.encode(message)))
 
     def poll(self) -> list[tuple[str, Any]]:
         """Topic and message of what has come, oldest first within a topic."""
         arrivals: list[tuple[str, Any]] = []
-        for name, kind, reader in self._readers:
+        for name, reader in self._readers:
             for sample in reader.take(N=MOST_TAKEN):
                 content = getattr(sample, "content", None)
                 if content is None:  # somebody has left
                     continue
                 try:
-                    arrivals.append((name, self.types.decode(content, kind)))
-                except ValueError:
-                    self.garbled += 1
+                    arrivals.append((name, self.types.decode(content, messages.kind_of(name))))
+                except ValueError:  # no such message
+                    continue
         return arrivals
-
-    def writers(self, name: str) -> int:
-        """How many publish what is subscribed to under this name."""
-        return sum(
-            len(reader.get_matched_publications())
-            for one, _, reader in self._readers
-            if one == name
-        )
 
     def connected(self) -> bool:
         """Whether anybody publishes any of the topics that are heard."""
-        return any(reader.get_matched_publications() for _, _, reader in self._readers)
+        return any(reader.get_matched_publications() for _, reader in self._readers)
 
     def close(self) -> None:
         """Leave the domain."""
@@ -115,26 +102,13 @@ def domain() -> int:
     return int(text)
 
 
-def _require() -> None:
-    try:
-        import cyclonedds  # noqa: F401
-    except ImportError as error:
-        raise UserError(
-            f"ROS 2 needs the package cyclonedds ({error}): install it with `pip install"
-            " 'ravenjax[ros2]'`"
-        ) from None
-
-
 def _quality(*, reliable: bool = True, latched: bool = False) -> Any:
     from cyclonedds.core import Policy, Qos
     from cyclonedds.util import duration
 
+    kinds = Policy.Reliability
     return Qos(
-        (
-            Policy.Reliability.Reliable(duration(milliseconds=1))
-            if reliable
-            else Policy.Reliability.BestEffort
-        ),
+        kinds.Reliable(duration(milliseconds=1)) if reliable else kinds.BestEffort,
         Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(1 if latched else DEPTH),
         Policy.DataRepresentation(use_cdrv0_representation=True),
@@ -152,23 +126,21 @@ def _data_type(kind: str) -> Any:
     package, _, word = kind.split("/")
     fields = {name: _idl(node) for name, node in messages.types("ros2").store.fielddefs[kind][1]}
 
-    def of(cls: Any, content: bytes) -> Any:
+    def of(cls: Any, content: bytes, *_: Any, **__: Any) -> Any:
         sample = cls.__new__(cls)
-        sample.content = content
+        sample.content = bytes(content)
         return sample
 
-    def fill(namespace: dict[str, Any]) -> None:
-        namespace["__annotations__"] = fields
-        namespace["of"] = classmethod(of)
-
-    def deserialize(cls: Any, content: bytes, *_: Any, **__: Any) -> Any:
-        return of(cls, bytes(content))
-
     typename = f"{package}::msg::dds_::{word}_"
-    bare: Any = new_class(f"{word}_", (IdlStruct,), {"typename": typename}, fill)
+    bare: Any = new_class(
+        f"{word}_",
+        (IdlStruct,),
+        {"typename": typename},
+        lambda namespace: namespace.update(__annotations__=fields),
+    )
     data: Any = final(dataclass(bare))
+    data.of = data.deserialize = classmethod(of)
     data.serialize = lambda self, *_, **__: self.content
-    data.deserialize = classmethod(deserialize)
     return data
 
 

@@ -7,33 +7,51 @@ and commands of `protocol.messages` come out.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once
-from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
-from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.geometry.limits import soft_limits
+from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import STALE_MS
-from ravenjax.train.robot_link.crtk import follower, frames, messages
-from ravenjax.train.robot_link.crtk.exchange import RobotRow
-from ravenjax.train.robot_link.crtk.follower import (
+from ravenjax.train.robot import (
+    ARMS,
+    JOINTS,
+    ArmName,
+    joints_of_motors,
+    motors_of_joints,
+    soft_limits,
+    tip_pose,
+    tip_twist,
+)
+from ravenjax.train.robot_link.crtk import messages
+from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, MessageTypes
+from ravenjax.train.robot_link.crtk.motion import (
+    BASE,
     SETTLED_TICKS,
     STILL,
     Setpoint,
     SetpointFollower,
+    Trajectory,
+    from_base,
+    to_base,
 )
-from ravenjax.train.robot_link.crtk.frames import BASE, ArmReading
-from ravenjax.train.robot_link.crtk.messages import MessageTypes
-from ravenjax.train.robot_link.crtk.names import ARM_NAMES, arm_topic, frame_id
 from ravenjax.train.robot_link.crtk.operating_state import OperatingState
-from ravenjax.train.robot_link.crtk.trajectory import Trajectory
 from ravenjax.train.session import pedal
 
 Message = tuple[str, Any]
-_PER_DEGREE = 180 / np.pi
+RAVEN_STATE_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])
+"""Of an arm's joints among its 8 in ravenstate; number 3 is not connected."""
+ELSEWHERE = "the robot went elsewhere: at a joint limit, or out of reach"
+
+
+class RobotRow(NamedTuple):
+    """One tick of the robot."""
+
+    frame: Frame
+    stamp_ns: int  # since 1970
+    clock_ns: int  # monotonic
+    last_command: int  # number of the last command that the loop took before
+    number: int = 0  # of rows, from 0
 
 
 class _Arm:
@@ -41,28 +59,37 @@ class _Arm:
 
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int) -> None:
         self.name: ArmName = arm
+        self.tool = tool
         self.follower = SetpointFollower(arm, grasp_gain)
         limits = soft_limits(tool)
-        self.lower, self.upper = (
-            np.array(side[:5], float) for side in (limits.lower, limits.upper)
-        )
+        self.lower, self.upper = (np.array(side[:5], float) for side in limits[:2])
         self.jpos_d = np.zeros(7)  # as the software wants it
-        self.joints: np.ndarray | None = (
-            None  # last goal in joint space, what relative ones count from
-        )
+        self.goal: np.ndarray | None = None  # last one in joint space, for relative ones
         self.move: Trajectory | None = None
 
-    def within(self, jpos: np.ndarray) -> bool:
-        """Whether the software would go there and not clamp."""
-        return bool(((jpos[:5] > self.lower) & (jpos[:5] < self.upper)).all())
 
-    def goal(self, jpos: np.ndarray) -> Setpoint:
-        """The pose at these joints."""
-        return follower.setpoint(*frames.reached(self.name, jpos), float(jpos[5] + jpos[6]))
+class ArmReading(NamedTuple):
+    """What an arm does, in frame 0."""
 
-    def stand(self) -> Setpoint:
-        """Where the software wants it."""
-        return self.goal(self.jpos_d)
+    jpos: np.ndarray  # [7] rad, insertion m
+    jpos_d: np.ndarray  # as the software wants it
+    jvel: np.ndarray
+    position: np.ndarray  # [3] m, as measured
+    rotation: np.ndarray  # [3, 3]
+    position_d: np.ndarray
+    rotation_d: np.ndarray
+    linear: np.ndarray  # [3] m/s, of the jaw axis
+    angular: np.ndarray  # [3] rad/s, of the jaws' frame
+
+    @staticmethod
+    def of(frame: Frame, arm: ArmName, tool: str) -> ArmReading:
+        """Read from a frame."""
+        jpos, jpos_d, mvel = (
+            frame[f"{arm}/{name}"].astype(float) for name in ("jpos", "jpos_d", "mvel")
+        )
+        jvel = joints_of_motors(arm, tool, mvel)
+        poses = (*tip_pose(arm, jpos), *tip_pose(arm, jpos_d))
+        return ArmReading(jpos, jpos_d, jvel, *poses, *tip_twist(arm, jpos, jvel))
 
 
 class Interpreter:
@@ -74,23 +101,21 @@ class Interpreter:
         tools: Sequence[str],
         types: MessageTypes,
         grasp_gain: int = 1,
-        console: str = "crtk",
         contact: bool = False,
         refused: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """tools: one an arm. console: whose commands these are. contact: whether the robot tells of
-        its force.
-
-        refused: told why a message was not followed."""
+        """tools: one an arm. contact: whether the robot tells of its force. refused: told why a
+        message was not followed.
+        """
         self.state = OperatingState()
         self.counts: dict[str, int] = {}
         """Messages that were not followed, by reason."""
-        self._types, self._console, self._refused = types, console, refused
-        self._arms: dict[ArmName, _Arm] = {
-            arm: _Arm(arm, tool, grasp_gain) for arm, tool in zip(arms, tools, strict=True)
+        self._types, self._contact, self._refused = types, contact, refused
+        self._arms = {
+            ARM_NAMES[arm]: _Arm(arm, tool, grasp_gain)
+            for arm, tool in zip(arms, tools, strict=True)
         }
-        self._tools, self._contact = tools, contact
-        self._told: tuple[str, bool, bool] | None = None
+        self._published: tuple[str, bool, bool] | None = None  # the state
         self._answer = False  # a state command came: the state is told again
         self._orders: list[dict[str, Any]] = []
         self._stepped_ms: float | None = None
@@ -102,27 +127,19 @@ class Interpreter:
     # --- what is heard ---
 
     def hear(self, name: str, message: Any, now_ms: float) -> None:
-        """A message that came for a topic of `names.subscribed`."""
+        """A message that came for a topic of `messages.subscribed`."""
         place, _, word = name.partition("/")
-        arm = next(
-            (
-                self._arms[one]
-                for one, alias in ARM_NAMES.items()
-                if alias == place and one in self._arms
-            ),
-            None,
-        )
-        if name == "state_command" or (arm is not None and word == "state_command"):
+        if name.endswith("state_command"):
             self._command(message.string.strip(), now_ms)
         elif place == "console":
             pressed = bool(len(message.buttons) and message.buttons[0])
             present = word == "operator_present"
             self.state.foot(pressed if present else None, None if present else pressed, now_ms)
             if present:
-                self._wished(pressed and not self._present)
+                self._want_pedal(pressed and not self._present)
                 self._present = pressed
-        elif arm is not None:
-            self._move(arm, word, message, now_ms)
+        else:
+            self._move(self._arms[place], word, message, now_ms)
 
     def _command(self, word: str, now_ms: float) -> None:
         try:
@@ -132,56 +149,51 @@ class Interpreter:
             return
         self._answer = True
         self._orders += [{"type": "operator", "do": order} for order in orders]
-        self._wished(word in ("enable", "resume"))
+        self._want_pedal(word in ("enable", "resume"))
 
-    def _wished(self, wished: bool) -> None:
+    def _want_pedal(self, wanted: bool) -> None:
         """Somebody wants the pedal down: say where another has it."""
-        if wished and not self.state.pedal and self.state.other_drives:
+        if wanted and not self.state.pedal and self.state.other_drives:
             self._refused(pedal.rival("another console"))
 
     def _move(self, arm: _Arm, word: str, message: Any, now_ms: float) -> None:
-        servo = word != "move_jp"
-        (self.state.servo if servo else self.state.word)(now_ms)
+        (self.state.word if word == "move_jp" else self.state.servo)(now_ms)
+        if why := self._why_not(arm, word, message, now_ms):
+            self._refuse(f"{word}: {why}")
+
+    def _why_not(self, arm: _Arm, word: str, message: Any, now_ms: float) -> str:
+        """Follow a command of motion, or say why not."""
         if not self.state.drives or arm.follower.sum is None:
-            self._refuse(f"{word}: the robot is not enabled")
-            return
+            return "the robot is not enabled"
         now = arm.follower.target or arm.follower.sum
-        goal: Setpoint | None = None
         joints: np.ndarray | None = None
         if word == "servo_cp":
             pose = messages.pose_of(message)
             if pose is None:
-                self._refuse(f"{word}: no pose of finite numbers with a unit quaternion")
-                return
-            goal = follower.setpoint(*frames.to_frame0(arm.name, pose), now.grasp_mrad * 1e-3)
+                return "no pose of finite numbers with a unit quaternion"
+            goal = Setpoint.of(*from_base(arm.name, *pose), now.grasp_mrad * 1e-3)
         elif word == "jaw/servo_jp":
             opening = messages.numbers_of(message.position, 1)
             if opening is None:
-                self._refuse(f"{word}: position is not one finite number")
-                return
+                return "position is not one finite number"
             goal = now._replace(grasp_mrad=opening[0] * 1e3)
         else:
-            numbers = messages.numbers_of(message.position, 7)
-            if numbers is None:
-                self._refuse(f"{word}: position is not 7 finite numbers")
-                return
-            joints = np.array(numbers)
+            joints = messages.numbers_of(message.position, 7)
+            if joints is None:
+                return "position is not 7 finite numbers"
+            before = arm.jpos_d if arm.goal is None else arm.goal
             if word == "servo_jr":
-                joints = joints + (arm.jpos_d if arm.joints is None else arm.joints)
-            if not arm.within(joints):
-                self._refuse(f"{word}: a joint would leave its limits")
-                return
+                joints = joints + before
+            if not ((joints[:5] > arm.lower) & (joints[:5] < arm.upper)).all():
+                return "a joint would leave its limits"
             if word == "move_jp":
-                arm.move = Trajectory(
-                    arm.jpos_d if arm.joints is None else arm.joints, joints, now_ms
-                )
-                arm.joints = joints
-                return
-            goal = arm.goal(joints)
+                arm.move, arm.goal = Trajectory(before, joints, now_ms), joints
+                return ""
+            goal = Setpoint.at(arm.name, joints)
         if not arm.follower.aim(goal):
-            self._refuse(f"{word}: farther than 75 mm from where the arm is wanted")
-            return
-        arm.joints, arm.move = joints, None
+            return "farther than 75 mm from where the arm is wanted"
+        arm.goal, arm.move = joints, None
+        return ""
 
     def _refuse(self, why: str) -> None:
         self.counts[why] = self.counts.get(why, 0) + 1
@@ -206,18 +218,16 @@ class Interpreter:
         settled = self._taken is not None and row.number - self._taken >= SETTLED_TICKS
         for arm in self._arms.values():
             arm.jpos_d = frame[f"{arm.name}/jpos_d"].astype(float)
-            if drives and not self._drove:
-                arm.follower.engage(arm.stand())
-                arm.joints = arm.move = None
-            elif not drives:
+            if drives and self._drove:
+                if settled and arm.follower.has_slipped(Setpoint.at(arm.name, arm.jpos_d)):
+                    arm.goal = arm.move = None
+                    self._refuse(ELSEWHERE)
+                continue
+            arm.goal = arm.move = None
+            if drives:
+                arm.follower.engage(Setpoint.at(arm.name, arm.jpos_d))
+            else:
                 arm.follower.release()
-                arm.joints = arm.move = None
-            elif settled:
-                slips = arm.follower.slips
-                arm.follower.compare(arm.stand())
-                if arm.follower.slips > slips:
-                    arm.joints = arm.move = None
-                    self._refuse("the robot went elsewhere: at a joint limit, or out of reach")
         self._drove = drives
 
     def commands(self, now_ms: float) -> list[dict[str, Any]]:
@@ -226,29 +236,18 @@ class Interpreter:
         """
         elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
         self._stepped_ms = now_ms
-        self._moves = False
-        arms: dict[str, Any] = {}
+        increments: dict[str, Any] = {}
         for arm in self._arms.values():
             if arm.move is not None:
                 joints, done = arm.move.at(now_ms)
-                if not arm.follower.aim(arm.goal(joints)) or done:
+                if not arm.follower.aim(Setpoint.at(arm.name, joints)) or done:
                     arm.move = None
-            increment = arm.follower.step(elapsed)
-            self._moves |= increment != STILL
-            arms[arm.name] = {
-                "delta_um": list(increment.delta_um),
-                "quat": list(increment.quat),
-                "grasp_mrad": increment.grasp_mrad,
-            }
+            increments[arm.name] = arm.follower.step(elapsed)
+        self._moves = any(increment != STILL for increment in increments.values())
         self.state.is_busy = any(arm.move is not None for arm in self._arms.values())
         orders, self._orders = self._orders, []
-        increments = {
-            "type": "increments",
-            "source": "crtk",
-            "pedal": self.state.pedal,
-            "arms": arms,
-        }
-        return [{**one, "console": self._console} for one in (*orders, increments)]
+        hands = {"type": "increments", "pedal": self.state.pedal, "arms": increments}
+        return [{**command, "source": "crtk", "console": "crtk"} for command in (*orders, hands)]
 
     def note_sent(self, number: int) -> None:
         """The number of the last of `commands` that went out."""
@@ -259,108 +258,94 @@ class Interpreter:
 
     def states(self, stamp_ns: int) -> list[Message]:
         """The operating state, where it has changed or was asked about."""
-        now = (
-            self.state.state,
-            self.state.is_homed,
-            self.state.is_busy or self.state.runlevel == 1,
-        )
-        if now == self._told and not self._answer:
+        state = self.state
+        now = state.state, state.is_homed, state.is_busy or state.runlevel == 1
+        if now == self._published and not self._answer:
             return []
-        self._told, self._answer = now, False
-        message = self._types.operating_state(self._types.header(stamp_ns, ""), *now)
-        names = ["operating_state", *(arm_topic(arm, "operating_state") for arm in self._arms)]
+        self._published, self._answer = now, False
+        header = self._types.header(stamp_ns)
+        message = self._types.message(messages.OPERATING_STATE, header, *now)
+        names = ["operating_state", *(f"{name}/operating_state" for name in self._arms)]
         return [(name, message) for name in names]
 
     def readings(self, row: RobotRow) -> list[Message]:
         """Everything measured and wanted, and ravenstate over ROS 1."""
-        types, frame, arms = self._types, row.frame, tuple(self._arms)
-        channels = [
-            np.array([frame[f"{arm}/{name}"] for arm in arms])
-            for name in ("jpos", "jpos_d", "mvel")
-        ]
-        read = [frames.read(*one) for one in zip(arms, self._tools, *channels, strict=True)]
-        messages_out: list[Message] = []
-        for arm, jpos, jpos_d, one in zip(arms, channels[0], channels[1], read, strict=True):
-            header = types.header(row.stamp_ns, frame_id(arm))
-            measured = types.joint_state(header, JOINTS, jpos, one.jvel)
-            wanted = types.joint_state(header, JOINTS, jpos_d)
-            poses = [
-                frames.from_frame0(arm, position, rotation)
-                for position, rotation in (
-                    (one.position, one.rotation),
-                    (one.position_d, one.rotation_d),
-                )
-            ]
-            turned, force = BASE[arm], self._force(arm, frame)
-            jaw = types.joint_state(
-                header, ("jaw",), (jpos[5] + jpos[6],), (one.jvel[5] + one.jvel[6],)
-            )
-            jaw_d = types.joint_state(header, ("jaw",), (jpos_d[5] + jpos_d[6],))
+        types, frame = self._types, row.frame
+        told: list[Message] = []
+        read: list[tuple[_Arm, ArmReading]] = []
+        for name, arm in self._arms.items():
+            one = ArmReading.of(frame, arm.name, arm.tool)
+            read.append((arm, one))
+            header, base = types.header(row.stamp_ns, f"{name}_base"), BASE[arm.name]
+            force = frame[f"{arm.name}/force"].astype(float) if self.state.drives else np.zeros(3)
+            twist = base @ one.linear, base @ one.angular
+            grasp, rate, grasp_d = (sum(q[5:7]) for q in (one.jpos, one.jvel, one.jpos_d))
             words = {
-                "measured_js": measured,
-                "setpoint_js": wanted,
-                "measured_cp": types.pose(header, poses[0]),
-                "setpoint_cp": types.pose(header, poses[1]),
-                "measured_cv": types.twist(header, turned @ one.linear, turned @ one.angular),
-                "jaw/measured_js": jaw,
-                "jaw/setpoint_js": jaw_d,
-                "cue_cf": types.wrench(header, turned @ force),
+                "measured_js": types.joint_state(header, JOINTS, one.jpos, one.jvel),
+                "setpoint_js": types.joint_state(header, JOINTS, one.jpos_d),
+                "jaw/measured_js": types.joint_state(header, ("jaw",), (grasp,), (rate,)),
+                "jaw/setpoint_js": types.joint_state(header, ("jaw",), (grasp_d,)),
+                "measured_cv": types.message(messages.TWIST, header, twist),
+                "cue_cf": _wrench(types, header, base @ force),
             }
+            poses = (one.position, one.rotation), (one.position_d, one.rotation_d)
+            for word, pose in zip(("measured_cp", "setpoint_cp"), poses, strict=True):
+                words[word] = types.message(messages.POSE, header, to_base(arm.name, *pose))
             if self._contact:
-                words["measured_cf"] = types.wrench(header, turned @ frames.pressing(frame, arm))
-            messages_out += [(arm_topic(arm, word), message) for word, message in words.items()]
+                # CRTK's `servo_cf` is a force of the robot on its environment, and so is this: it
+                # acts against the force that the instrument feels.
+                touch = -frame[f"{arm.name}/contact"].astype(float) + 0.0  # no -0
+                words["measured_cf"] = _wrench(types, header, base @ touch)
+            told += [(f"{name}/{word}", message) for word, message in words.items()]
         if types.ros == "ros1":
-            messages_out.append(("ravenstate", self._raven_state(row, read)))
-        return messages_out
+            told.append(("ravenstate", _raven_state(types, row, read)))
+        return told
 
-    def _force(self, arm: ArmName, frame: Any) -> np.ndarray:
-        """Of the cue, frame 0: nobody feels it whose pedal is up."""
-        return frame[f"{arm}/force"].astype(float) if self.state.drives else np.zeros(3)
 
-    def _raven_state(self, row: RobotRow, read: list[ArmReading]) -> Any:
-        frame = row.frame
-        wide = {
-            name: np.zeros(16, np.float32)
-            for name in ("mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d")
+def _wrench(types: MessageTypes, header: Any, force: np.ndarray) -> Any:
+    return types.message(messages.WRENCH, header, (force, np.zeros(3)))
+
+
+def _raven_state(
+    types: MessageTypes, row: RobotRow, read: Sequence[tuple[_Arm, ArmReading]]
+) -> Any:
+    """All of raven2's message; what the virtual robot does not know is zero."""
+    frame = row.frame
+    sizes = dict.fromkeys(("dac_val", "mpos", "jpos", "mvel", "jvel", "mpos_d", "jpos_d"), 8)
+    sizes |= {"pos": 3, "pos_d": 3, "ori": 9, "ori_d": 9, "grasp_d": 1, "jac_vel": 6}
+    values = {name: np.zeros(2 * size) for name, size in sizes.items()}
+    for arm, one in read:
+        slot = ARMS.index(arm.name)
+        degrees = {
+            "mpos": frame[f"{arm.name}/mpos"],
+            "mvel": frame[f"{arm.name}/mvel"],
+            "mpos_d": motors_of_joints(arm.name, arm.tool, one.jpos_d),
+            "jpos": one.jpos,
+            "jvel": one.jvel,
+            "jpos_d": one.jpos_d,
         }
-        dac, pos, pos_d = np.zeros(16, np.int32), np.zeros(6, np.int32), np.zeros(6, np.int32)
-        ori, ori_d = np.zeros(18, np.float32), np.zeros(18, np.float32)
-        grasp_d, jac_vel = np.zeros(2, np.float32), np.zeros(12, np.float32)
-        for arm, tool, one in zip(self._arms, self._tools, read, strict=True):
-            slot = ARMS.index(arm)
-            places = 8 * slot + np.array([0, 1, 2, 4, 5, 6, 7])  # number 3 is not connected
-            jpos_d = frame[f"{arm}/jpos_d"].astype(float)
-            with at_once():
-                mpos_d = np.array(
-                    transmission.motor_from_joint(arm, tool, Vec(jpos_d.tolist())), float
-                )
-            own = {"jvel": one.jvel, "mpos_d": mpos_d}
-            for name, values in wide.items():
-                values[places] = _PER_DEGREE * (
-                    own[name] if name in own else frame[f"{arm}/{name}"]
-                )
-            dac[places] = frame[f"{arm}/dac"]
-            three = slice(3 * slot, 3 * slot + 3)
-            pos[three], pos_d[three] = np.rint(one.position * 1e6), np.rint(one.position_d * 1e6)
-            nine = slice(9 * slot, 9 * slot + 9)
-            ori[nine], ori_d[nine] = one.rotation.ravel(), one.rotation_d.ravel()
-            grasp_d[slot] = jpos_d[5] + jpos_d[6]
-            jac_vel[6 * slot : 6 * slot + 6] = (*one.linear, *one.angular)
-        store = self._types.store.types
-        return store[messages.RAVEN_STATE](
-            self._types.header(row.stamp_ns, "0"),
-            int(frame.number("runlevel")),
-            3,  # of the initialisation: done
-            int(frame.number("last_seq")),
-            np.array((0, 1), np.int32),
-            *(pos, ori, ori_d, pos_d),
-            store["builtin_interfaces/msg/Duration"](0, 1_000_000),
-            np.zeros(16, np.int32),
-            dac,
-            np.zeros(16, np.float32),
-            *wide.values(),
-            grasp_d,
-            np.zeros(16, np.float32),
-            jac_vel,
-            jac_vel,
-        )
+        for name, joints in degrees.items():
+            values[name][8 * slot + RAVEN_STATE_PLACES] = np.degrees(joints)
+        values["dac_val"][8 * slot + RAVEN_STATE_PLACES] = frame[f"{arm.name}/dac"]
+        whole = {
+            "pos": np.rint(one.position * 1e6),
+            "pos_d": np.rint(one.position_d * 1e6),
+            "ori": one.rotation.ravel(),
+            "ori_d": one.rotation_d.ravel(),
+            "grasp_d": one.jpos_d[5] + one.jpos_d[6],
+            "jac_vel": (*one.linear, *one.angular),
+        }
+        for name, numbers in whole.items():
+            values[name][sizes[name] * slot :][: sizes[name]] = numbers
+    runlevel, last_seq = int(frame.number("runlevel")), int(frame.number("last_seq"))
+    values |= {"type": np.array([0, 1]), "dt": (0, 1_000_000), "jac_f": values["jac_vel"]}
+    unknown = np.zeros(16)
+    names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1][4:]]
+    return types.message(
+        messages.RAVEN_STATE,
+        types.header(row.stamp_ns, "0"),
+        runlevel,
+        3,  # of the initialisation: done
+        last_seq,
+        *(values.get(name, unknown) for name in names),
+    )

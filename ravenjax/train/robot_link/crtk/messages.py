@@ -1,8 +1,8 @@
-"""Messages of CRTK and of raven2, as ROS 1 and ROS 2 write them.
+"""Topics and messages of CRTK and of raven2, as ROS 1 and ROS 2 write them.
 
-The common ones (`sensor_msgs/JointState` and so on) are those of the distributions, by `rosbags`;
-what CRTK and raven2 define of their own is written down here. A message of ROS 1 and the same of
-ROS 2 have the same fields, but for the number in the header of ROS 1.
+The common messages (`sensor_msgs/JointState` and so on) are those of the distributions, by
+`rosbags`; those of CRTK and raven2 are defined here. Both ROS have the same fields, but for the
+number in the header of ROS 1.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
+
+from ravenjax.train.robot import ArmName
 
 Ros = Literal["ros1", "ros2"]
 
@@ -25,11 +27,10 @@ OPERATING_STATE = "crtk_msgs/msg/OperatingState"
 STRING = "crtk_msgs/msg/StringStamped"
 RAVEN_STATE = "raven_2/msg/raven_state"
 
-OWN = {
+DEFINITIONS = {
     OPERATING_STATE: "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n",
     STRING: "std_msgs/Header header\nstring string\n",
-    RAVEN_STATE: (
-        """std_msgs/Header hdr
+    RAVEN_STATE: """std_msgs/Header hdr
 int32 runlevel
 int32 sublevel
 int32 last_seq
@@ -52,115 +53,132 @@ float32[2] grasp_d
 float32[16] encoffsets
 float32[12] jac_vel
 float32[12] jac_f
-"""
-    ),
+""",
 }
 """Sources: crtk_msgs; raven2 `msg/raven_state.msg`."""
-_NONE = np.zeros(0)
+
+ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
+"""As raven2's own CRTK interface has them."""
+_MEASURED = {
+    "measured_js": JOINT_STATE,
+    "setpoint_js": JOINT_STATE,
+    "jaw/measured_js": JOINT_STATE,
+    "jaw/setpoint_js": JOINT_STATE,
+    "measured_cp": POSE,
+    "setpoint_cp": POSE,
+    "measured_cv": TWIST,
+    "cue_cf": WRENCH,
+}
+SERVO = {
+    "servo_cp": POSE,
+    "servo_jp": JOINT_STATE,
+    "servo_jr": JOINT_STATE,
+    "jaw/servo_jp": JOINT_STATE,
+}
+"""Commands that are sent again and again, and are outdated soon."""
+_COMMANDS = {"state_command": STRING, **SERVO, "move_jp": JOINT_STATE}
+_PEDALS = ("console/operator_present", "console/clutch")
+_KINDS = {
+    **_MEASURED,
+    **_COMMANDS,
+    **dict.fromkeys(_PEDALS, JOY),
+    "measured_cf": WRENCH,
+    "operating_state": OPERATING_STATE,
+    "ravenstate": RAVEN_STATE,
+}
 
 
-class TipPose(NamedTuple):
-    """Where something is: m, and a unit quaternion x, y, z, w."""
+def kind_of(topic: str) -> str:
+    """The type of a topic's messages; a topic such as `arm1/measured_js`."""
+    return _KINDS[topic.removeprefix("arm1/").removeprefix("arm2/")]
 
-    position: tuple[float, float, float]
-    quat: tuple[float, float, float, float]
+
+def is_latched(topic: str) -> bool:
+    """Whether who subscribes late gets the last message too."""
+    return kind_of(topic) == OPERATING_STATE
+
+
+def published(arms: Sequence[ArmName], ros: Ros, contact: bool = False) -> list[str]:
+    """Topics of a robot with these arms. contact: it knows its force on what it touches."""
+    words = ["operating_state", *_MEASURED, *(["measured_cf"] if contact else [])]
+    own = ["ravenstate"] if ros == "ros1" else []
+    return ["operating_state", *_of_arms(arms, words), *own]
+
+
+def subscribed(arms: Sequence[ArmName]) -> list[str]:
+    """Topics that command a robot with these arms."""
+    return ["state_command", *_PEDALS, *_of_arms(arms, _COMMANDS)]
+
+
+def reported(arms: Sequence[ArmName], ros: Ros) -> list[str]:
+    """Topics in which another robot reports its state: raven2's own, or CRTK's of each arm."""
+    words = ("measured_js", "setpoint_js", "operating_state")
+    return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
+
+
+def _of_arms(arms: Sequence[ArmName], words: Sequence[str] | Mapping[str, str]) -> list[str]:
+    return [f"{ARM_NAMES[arm]}/{word}" for arm in arms for word in words]
 
 
 class MessageTypes:
     """The types of one ROS: makes messages, and bytes of them."""
 
-    def __init__(self, ros: Ros, other: Mapping[str, str] | None = None) -> None:
-        """other: definitions in place of those above, with those of their parts as ROS 1 sends
-        them.
-        """
+    def __init__(self, ros: Ros, definitions: Mapping[str, str] | None = None) -> None:
+        """definitions: in place of those above, with those of their parts as ROS 1 sends them."""
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self.ros: Ros = ros
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == "ros1" else Stores.ROS2_HUMBLE)
-        for kind, text in (OWN | dict(other or {})).items():
+        for kind, text in (DEFINITIONS | dict(definitions or {})).items():
             if kind != RAVEN_STATE or ros == "ros1":
                 types = get_types_from_msg(text, kind)
-                self.store.register(
-                    {name: one for name, one in types.items() if name not in self.store.types}
-                )
-        self._serialize = self.store.serialize_ros1 if ros == "ros1" else self.store.serialize_cdr
-        self._deserialize = (
-            self.store.deserialize_ros1 if ros == "ros1" else self.store.deserialize_cdr
-        )
+                known = self.store.types
+                self.store.register({k: v for k, v in types.items() if k not in known})
 
-    def encode(self, message: Any, kind: str) -> bytes:
+    def encode(self, message: Any) -> bytes:
         """The bytes of a message: CDR with its head, or ROS 1's own."""
-        return bytes(self._serialize(message, kind))
+        store = self.store
+        write = store.serialize_ros1 if self.ros == "ros1" else store.serialize_cdr
+        return bytes(write(message, message.__msgtype__))
 
     def decode(self, content: bytes, kind: str) -> Any:
         """The message; ValueError where the bytes are none."""
+        store = self.store
+        read = store.deserialize_ros1 if self.ros == "ros1" else store.deserialize_cdr
         try:
-            return self._deserialize(content, kind)
+            return read(content, kind)
         except Exception as error:  # whatever the library stumbles over
             raise ValueError(f"no {kind}: {error}") from None
 
-    def header(self, stamp_ns: int, frame: str) -> Any:
-        """A header; stamp_ns: since 1970."""
-        time = self._time(stamp_ns)
-        header = self.store.types["std_msgs/msg/Header"]
-        return header(0, time, frame) if self.ros == "ros1" else header(time, frame)
+    def header(self, stamp_ns: int, frame: str = "") -> tuple[Any, ...]:
+        """Fields of a header; stamp_ns: since 1970."""
+        stamp = divmod(stamp_ns, 10**9)
+        return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
 
-    def _time(self, stamp_ns: int) -> Any:
-        return self.store.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+    def message(self, kind: str, *values: Any) -> Any:
+        """A message of these fields, in their order; a field that has fields is a sequence."""
+        from rosbags.interfaces import Nodetype
+
+        fields = []
+        node: Any
+        for (_, node), value in zip(self.store.fielddefs[kind][1], values, strict=True):
+            nodetype, content = node
+            if nodetype == Nodetype.NAME:
+                value = self.message(content, *map(_plain, value))
+            elif nodetype != Nodetype.BASE and (element := content[0][1][0]) != "string":
+                value = np.asarray(value, element)
+            fields.append(value)
+        return self.store.types[kind](*fields)
 
     def joint_state(
-        self,
-        header: Any,
-        names: Sequence[str],
-        position: Sequence[float] | np.ndarray,
-        velocity: Sequence[float] | np.ndarray | None = None,
+        self, header: Any, names: Sequence[str], position: Any, velocity: Any = ()
     ) -> Any:
-        """Joints: rad, insertion m, per s."""
-        there = _NONE if velocity is None else np.asarray(velocity, float)
-        return self.store.types[JOINT_STATE](
-            header, list(names), np.asarray(position, float), there, _NONE
-        )
+        """Joints: rad, insertion m, and their rates."""
+        return self.message(JOINT_STATE, header, list(names), position, velocity, ())
 
-    def pose(self, header: Any, pose: TipPose) -> Any:
-        """A pose, m."""
-        return self.store.types[POSE](header, self.plain_pose(pose))
 
-    def plain_pose(self, pose: TipPose) -> Any:
-        """A pose without a header."""
-        types = self.store.types
-        point = types["geometry_msgs/msg/Point"](*pose.position)
-        return types["geometry_msgs/msg/Pose"](
-            point, types["geometry_msgs/msg/Quaternion"](*pose.quat)
-        )
-
-    def twist(self, header: Any, linear: np.ndarray, angular: np.ndarray) -> Any:
-        """A velocity: m/s, rad/s."""
-        twist = self.store.types["geometry_msgs/msg/Twist"](
-            self._vector(linear), self._vector(angular)
-        )
-        return self.store.types[TWIST](header, twist)
-
-    def wrench(self, header: Any, force: np.ndarray) -> Any:
-        """A force without a torque."""
-        wrench = self.store.types["geometry_msgs/msg/Wrench"](
-            self._vector(force), self._vector(np.zeros(3))
-        )
-        return self.store.types[WRENCH](header, wrench)
-
-    def operating_state(self, header: Any, state: str, is_homed: bool, is_busy: bool) -> Any:
-        """The state of an arm."""
-        return self.store.types[OPERATING_STATE](header, state, is_homed, is_busy)
-
-    def string(self, header: Any, text: str) -> Any:
-        """A word with a stamp."""
-        return self.store.types[STRING](header, text)
-
-    def joy(self, header: Any, buttons: Sequence[int]) -> Any:
-        """Buttons of a pedal tray."""
-        return self.store.types[JOY](header, np.zeros(0, np.float32), np.asarray(buttons, np.int32))
-
-    def _vector(self, xyz: np.ndarray) -> Any:
-        return self.store.types["geometry_msgs/msg/Vector3"](*xyz.tolist())
+def _plain(value: Any) -> Any:
+    return float(value) if isinstance(value, np.floating) else value
 
 
 @cache
@@ -169,26 +187,21 @@ def types(ros: Ros) -> MessageTypes:
     return MessageTypes(ros)
 
 
-def pose_of(message: Any) -> TipPose | None:
-    """The pose in a `PoseStamped`, its quaternion at length 1; None where it is none or not
-    finite.
-    """
+def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
+    """Position and quaternion in a `PoseStamped`; None where they are not finite, or no pose."""
     point, turn = message.pose.position, message.pose.orientation
-    position, quat = (point.x, point.y, point.z), (turn.x, turn.y, turn.z, turn.w)
-    length = math.hypot(*quat)
-    if not all(map(math.isfinite, (*position, *quat))) or not 0.9 < length < 1.1:
+    numbers = np.array([point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w])
+    if not np.isfinite(numbers).all() or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:
         return None
-    x, y, z, w = (number / length for number in quat)
-    return TipPose(position, (x, y, z, w))
+    return numbers[:3], numbers[3:]
 
 
-def numbers_of(values: Any, count: int) -> tuple[float, ...] | None:
-    """The first field's numbers where there are exactly so many and all are finite."""
+def numbers_of(values: Any, count: int) -> np.ndarray | None:
+    """These numbers where there are exactly so many and all are finite."""
     numbers = tuple(map(float, values))
-    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
+    return np.array(numbers) if len(numbers) == count and all(map(math.isfinite, numbers)) else None
 
 
-def stamp_ns(message: Any) -> int:
+def stamp_ns(header: Any) -> int:
     """When a message was stamped, ns since 1970; 0: it was not."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)

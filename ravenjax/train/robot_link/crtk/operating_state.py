@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
 
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 Order = Literal["estop", "restart"]

@@ -7,18 +7,18 @@ message packages.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from ravenjax.errors import UserError
 from ravenjax.train.robot_link.crtk import messages, ros1_node
-from ravenjax.train.robot_link.crtk.names import RosTopic
 from ravenjax.train.robot_link.crtk.ros1_node import HEAD, TABLE
 
 PYTHON = "RAVENJAX_ROS1_PYTHON"
@@ -32,17 +32,10 @@ _READ = 1 << 16
 class Ros1Transport:
     """Topics over ROS 1. `publish` and `poll` never wait."""
 
-    ros: messages.Ros = "ros1"
-
-    def __init__(
-        self, published: Sequence[RosTopic], subscribed: Sequence[RosTopic], name: str = "ravenjax"
-    ) -> None:
+    def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
         """UserError where rospy or its master is missing."""
         self.types = messages.types("ros1")
-        self.unsent = 0
-        self.garbled = 0
-        self._numbers = {one.name: (number, one.kind) for number, one in enumerate(published)}
-        self._heard = list(subscribed)
+        self._published, self._subscribed = list(published), list(subscribed)
         self._connected = 0
         self._defined: dict[int, messages.MessageTypes] = {}  # as their publishers have them
         self._waiting, self._bytes = bytearray(), bytearray()
@@ -57,16 +50,16 @@ class Ros1Transport:
         self._into, self._out = self._node.stdin.fileno(), self._node.stdout.fileno()
         os.set_blocking(self._out, False)
         table = {
-            "name": name,
-            "published": [self._described(one) for one in published],
-            "subscribed": [self._described(one) for one in subscribed],
+            "name": "ravenjax",
+            "published": [self._described(name) for name in published],
+            # Versions of ravenstate differ: its publisher says how it is defined.
+            "subscribed": [self._described(name, name == "ravenstate") for name in subscribed],
         }
         content = json.dumps(table).encode()
         try:
-            os.write(
-                self._into, HEAD.pack(TABLE, len(content)) + content
-            )  # blocks until it is taken
-            self._await()
+            # This write blocks until the node has taken all of it.
+            os.write(self._into, HEAD.pack(TABLE, len(content)) + content)
+            self._await_node()
         except BaseException:
             self.close()
             raise
@@ -74,13 +67,10 @@ class Ros1Transport:
 
     def publish(self, name: str, message: Any) -> None:
         """Send a message of `types` to whoever subscribes to the topic."""
-        number, kind = self._numbers[name]
-        content = self.types.encode(message, kind)
-        if len(self._waiting) + len(content) > _ROOM:
-            self.unsent += 1
-            return
-        self._waiting += HEAD.pack(number, len(content)) + content
-        self._write()
+        content = self.types.encode(message)
+        if len(self._waiting) + len(content) <= _ROOM:
+            self._waiting += HEAD.pack(self._published.index(name), len(content)) + content
+            self._write()
 
     def poll(self) -> list[tuple[str, Any]]:
         """Topic and message of what has come. UserError where the node has ended."""
@@ -90,12 +80,9 @@ class Ros1Transport:
             if number == TABLE:
                 self._hear_of_node(json.loads(content))
                 continue
-            topic = self._heard[number]
-            types = self._defined.get(number, self.types)
-            try:
-                arrivals.append((topic.name, types.decode(content, topic.kind)))
-            except ValueError:
-                self.garbled += 1
+            name, types = self._subscribed[number], self._defined.get(number, self.types)
+            with contextlib.suppress(ValueError):  # no such message
+                arrivals.append((name, types.decode(content, messages.kind_of(name))))
         return arrivals
 
     def connected(self) -> bool:
@@ -117,9 +104,8 @@ class Ros1Transport:
         self._connected = table.get("connected", self._connected)
         if "defined" in table:
             number, _, definition = table["defined"]
-            self._defined[number] = messages.MessageTypes(
-                "ros1", {self._heard[number].kind: definition}
-            )
+            kind = messages.kind_of(self._subscribed[number])
+            self._defined[number] = messages.MessageTypes("ros1", {kind: definition})
 
     def _write(self) -> None:
         try:
@@ -130,7 +116,7 @@ class Ros1Transport:
         except BrokenPipeError:
             self._waiting.clear()  # `poll` tells
 
-    def _arrived(self) -> list[tuple[int, bytes]]:
+    def _arrived(self) -> Iterator[tuple[int, bytes]]:
         """What the node has said, whole."""
         while True:
             try:
@@ -142,19 +128,16 @@ class Ros1Transport:
                     f"the node of ROS 1 has ended (code {self._node.wait()}); its words stand above"
                 )
             self._bytes += content
-        chunks: list[tuple[int, bytes]] = []
-        at = 0
-        while len(self._bytes) - at >= HEAD.size:
-            number, length = HEAD.unpack_from(self._bytes, at)
-            end = at + HEAD.size + length
+        while len(self._bytes) >= HEAD.size:
+            number, length = HEAD.unpack_from(self._bytes)
+            end = HEAD.size + length
             if len(self._bytes) < end:
                 break
-            chunks.append((number, bytes(self._bytes[at + HEAD.size : end])))
-            at = end
-        del self._bytes[:at]
-        return chunks
+            content = bytes(self._bytes[HEAD.size : end])
+            del self._bytes[:end]
+            yield number, content
 
-    def _await(self) -> None:
+    def _await_node(self) -> None:
         """Until the node is there."""
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
@@ -172,11 +155,12 @@ class Ros1Transport:
             time.sleep(0.01)
         raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
 
-    def _described(self, topic: RosTopic) -> list[Any]:
-        definition, md5 = self.types.store.generate_msgdef(topic.kind)
-        if topic.as_published:
+    def _described(self, name: str, as_published: bool = False) -> list[Any]:
+        kind = messages.kind_of(name)
+        definition, md5 = self.types.store.generate_msgdef(kind)
+        if as_published:
             definition = md5 = ""
-        return [topic.name, topic.kind.replace("/msg/", "/"), md5, definition, topic.latched]
+        return [name, kind.replace("/msg/", "/"), md5, definition, messages.is_latched(name)]
 
 
 _HELP = (
@@ -188,20 +172,14 @@ _HELP = (
 def _python() -> str:
     """The Python that has rospy. UserError."""
     wanted = os.environ.get(PYTHON)
-    choices = [wanted] if wanted else ["/usr/bin/python3", shutil.which("python3")]
-    tried: list[str] = []
-    for python in choices:
-        if python is None or python in tried:
-            continue
-        tried.append(python)
-        try:
-            command = [python, "-c", "import rospy"]
-            trial = subprocess.run(
-                command, capture_output=True, env=_environment(), timeout=PATIENCE_S, check=False
+    choices = [wanted] if wanted else ["/usr/bin/python3", shutil.which("python3") or ""]
+    tried = list(dict.fromkeys(filter(None, choices)))
+    for python in tried:
+        command = [python, "-c", "import rospy"]
+        with contextlib.suppress(OSError, subprocess.SubprocessError):
+            subprocess.run(
+                command, capture_output=True, env=_environment(), timeout=PATIENCE_S, check=True
             )
-        except (OSError, subprocess.TimeoutExpired):
-            continue
-        if trial.returncode == 0:
             return python
     raise UserError(f"ROS 1 needs rospy, which {' and '.join(tried)} do not have; {_HELP}")
 

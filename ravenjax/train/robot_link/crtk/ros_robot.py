@@ -8,142 +8,107 @@ be armed there.
 
 from __future__ import annotations
 
-import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ravenjax.errors import UserError
-from ravenjax.numbers.lazy import at_once
-from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.geometry import kinematics, transmission
-from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
-from ravenjax.train.protocol.messages import STALE_MS
-from ravenjax.train.robot_link.crtk import messages, names
+from ravenjax.train.robot import (
+    ARMS,
+    E_STOP,
+    INIT,
+    PEDAL_DOWN,
+    PEDAL_UP,
+    ArmName,
+    motors_of_joints,
+    tip_pose,
+)
+from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import Transport
-from ravenjax.train.robot_link.crtk.messages import Ros
-from ravenjax.train.robot_link.crtk.names import ARM_NAMES, RosTopic
-from ravenjax.train.robot_link.joints.record import ARM_SHIFT, RECORD, JointReport
-from ravenjax.train.robot_link.remote import connected_console
+from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
+from ravenjax.train.robot_link.joint_record import RECORD, JointReport, flags_of
+from ravenjax.train.robot_link.remote import RobotLink
 
-_RADIANS = np.pi / 180
-_PLACES = np.array([0, 1, 2, 4, 5, 6, 7])  # of an arm's 8 in ravenstate; number 3 is not connected
-_ORDERS = {"estop": "disable", "reset": "home"}
+_COMMANDS = {"estop": "disable", "reset": "home"}
+"""State command of an order."""
 
 
-class RosRobot:
-    """As `remote.RemoteRobot`, for `distant.DistantRobot`."""
+class RosRobot(RobotLink):
+    """The connection to such a robot."""
 
     def __init__(
         self,
         host: str,
         itp_port: int,
-        arms: Sequence[ArmName],
-        tools: Sequence[str],
+        arms: tuple[ArmName, ...],
+        tools: tuple[str, ...],
         transport: Transport,
         clock: Callable[[], int] = time.monotonic_ns,
         say: Callable[[str], None] = print,
     ) -> None:
-        """tools: one an arm. say: is told where ROS is lost. UserError where the host has no
-        address.
+        """tools: one an arm. transport: of `topics`. say: is told where ROS is lost. UserError
+        where the host has no address.
         """
-        self._arms, self._transport, self._clock = tuple(arms), transport, clock
-        self._say = say
-        self._console: socket.socket = connected_console(host, itp_port)
+        super().__init__(host, itp_port, clock)
+        self._transport, self._say = transport, say
+        self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
         self._record = np.zeros(1, RECORD)
-        self._record["flags"] = sum(1 << ARM_SHIFT + ARMS.index(arm) for arm in arms)
-        self._motors = {arm: _rates(arm, tool) for arm, tool in zip(arms, tools, strict=True)}
-        self._missing = {topic.name for topic in self.topics(arms, transport.types.ros)[1]}
+        self._record["flags"] = flags_of(arms)
+        self._motor_rates = {  # of joint rates, [7, 7]: the cables couple them
+            arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
+            for arm, tool in zip(arms, tools, strict=True)
+        }
+        self._missing = set(messages.reported(arms, transport.types.ros))
         self._levels: dict[ArmName, int] = {}
         self._began_ns = 0
-        self._arrived_ms = float("-inf")
-        self.report: JointReport | None = None
-        self.reports = self.unsent = 0
-        self.lost = False  # nothing can be heard of it any more
 
     @staticmethod
-    def topics(arms: Sequence[ArmName], ros: Ros) -> tuple[list[RosTopic], list[RosTopic]]:
+    def topics(arms: tuple[ArmName, ...], ros: messages.Ros) -> tuple[list[str], list[str]]:
         """What such a robot is told, and what is heard of it."""
-        return [RosTopic("state_command", messages.STRING)], names.reported(
-            arms, raven_state=ros == "ros1"
-        )
-
-    def exchange(self, datagram: bytes) -> JointReport | None:
-        """Send this tick's ITP packet (124 bytes) and return the newest report; None before the
-        first.
-        """
-        try:
-            self._console.send(datagram)
-        except OSError:
-            self.unsent += 1
-        for name, message in self._heard():
-            if name == "ravenstate":
-                self._take_raven_state(message)
-            else:
-                self._take(name, message)
-        return self.report
+        return ["state_command"], messages.reported(arms, ros)
 
     def order(self, content: dict[str, Any]) -> None:
         """What CRTK has a command for; anything else is nothing."""
-        word = _ORDERS.get(str(content.get("order")))
+        word = _COMMANDS.get(content["order"])
         if word is not None and not self.lost:
             types = self._transport.types
-            self._transport.publish(
-                "state_command", types.string(types.header(time.time_ns(), ""), word)
-            )
+            message = types.message(messages.STRING, types.header(time.time_ns()), word)
+            self._transport.publish("state_command", message)
 
-    def answers(self) -> list[dict[str, Any]]:
-        """None ever come."""
-        return []
-
-    @property
-    def stale(self) -> bool:
-        """Whether nothing has come for `STALE_MS`."""
-        return self.lost or self._clock() * 1e-6 - self._arrived_ms > STALE_MS
-
-    def close(self) -> None:
-        """Leave the robot alone."""
-        self._console.close()
-
-    def _heard(self) -> list[tuple[str, Any]]:
-        """What has come; nothing more, and the robot counts as stopped, once ROS is lost."""
-        if self.lost:
-            return []
+    def _read(self) -> None:
+        """Take what has come; once ROS is lost the robot counts as stopped."""
         try:
-            return self._transport.poll()
+            heard = self._transport.poll()
         except UserError as error:
             self.lost = True
             self._say(
                 f"nothing is heard of the robot any more: {error}; it counts as stopped. Start the"
                 " session anew"
             )
-            return []
+            return
+        for name, message in heard:
+            if name == "ravenstate":
+                self._take_raven_state(message)
+            else:
+                self._take(name, message)
 
     def _take_raven_state(self, message: Any) -> None:
-        stamp = message.hdr.stamp
-        record = self._record[0]
-        for arm in self._arms:
-            slot, there = ARMS.index(arm), record["arms"][ARMS.index(arm)]
-            at = 8 * slot + _PLACES
+        for arm in self._arms.values():
+            slot, there = ARMS.index(arm), self._record[0]["arms"][ARMS.index(arm)]
+            places = 8 * slot + RAVEN_STATE_PLACES
             for name in ("jpos", "jpos_d", "mpos", "mvel"):
-                there[name] = np.asarray(getattr(message, name))[at] * _RADIANS
+                there[name] = np.radians(np.asarray(getattr(message, name))[places])
             there["position_um"] = np.asarray(message.pos)[3 * slot : 3 * slot + 3]
-            counts = getattr(message, "dac_val", None)
-            if counts is None:
-                counts = getattr(message, "current_cmd", np.zeros(16))
-            there["dac"] = np.asarray(counts)[at]
-        self._publish(
-            int(stamp.sec) * 10**9 + int(stamp.nanosec),
-            int(message.runlevel),
-            int(message.last_seq),
-        )
+            # Versions of the message name the counts differently, or lack them.
+            counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
+            there["dac"] = np.asarray(counts)[places]
+        self._complete(message.hdr, int(message.runlevel), int(message.last_seq))
 
     def _take(self, name: str, message: Any) -> None:
         alias, _, word = name.partition("/")
-        arm: ArmName = next(one for one in self._arms if ARM_NAMES[one] == alias)
+        arm = self._arms[alias]
         there = self._record[0]["arms"][ARMS.index(arm)]
         if word == "operating_state":
             self._levels[arm] = _runlevel(message)
@@ -154,30 +119,25 @@ class RosRobot:
             if word == "setpoint_js":
                 there["jpos_d"] = jpos
             else:
-                there["jpos"] = jpos
-                motors = self._motors[arm]
-                there["mpos"] = motors @ np.array(jpos)
-                there["mvel"] = motors @ np.array(
-                    messages.numbers_of(message.velocity, 7) or (0.0,) * 7
-                )
-                with at_once():
-                    tip = kinematics.forward(arm, Vec(jpos)).position
-                there["position_um"] = np.rint(np.array(tip, float) * 1e6)
+                rates, jvel = self._motor_rates[arm], messages.numbers_of(message.velocity, 7)
+                there["jpos"], there["mpos"] = jpos, rates @ jpos
+                there["mvel"] = 0.0 if jvel is None else rates @ jvel
+                there["position_um"] = np.rint(tip_pose(arm, jpos)[0] * 1e6)
         was_missing = name in self._missing
         self._missing.discard(name)
-        if not self._missing and (was_missing or (word == "measured_js" and arm == self._arms[-1])):
-            self._publish(messages.stamp_ns(message), min(self._levels.values()), 0)
+        is_last = word == "measured_js" and alias == list(self._arms)[-1]
+        if not self._missing and (was_missing or is_last):
+            self._complete(message.header, min(self._levels.values()), 0)
 
-    def _publish(self, stamp_ns: int, runlevel: int, last_seq: int) -> None:
+    def _complete(self, header: Any, runlevel: int, last_seq: int) -> None:
         """The record is whole."""
+        stamp_ns = messages.stamp_ns(header)
         self._began_ns = self._began_ns or stamp_ns
         record = self._record[0]
         record["tick"] = max(stamp_ns - self._began_ns, 0) // 10**6 % 2**32
         record["runlevel"], record["surgeon_mode"] = runlevel & 3, runlevel == PEDAL_DOWN
         record["last_seq"] = last_seq % 2**32
-        self.report = JointReport(self._record.copy()[0])
-        self.reports += 1
-        self._arrived_ms = self._clock() * 1e-6
+        self._arrived(JointReport(self._record.copy()[0]))
 
 
 def _runlevel(message: Any) -> int:
@@ -185,10 +145,3 @@ def _runlevel(message: Any) -> int:
     if message.state == "ENABLED":
         return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
     return PEDAL_UP if message.is_homed else E_STOP
-
-
-def _rates(arm: ArmName, tool: str) -> np.ndarray:
-    """Motor rates of joint rates, [7, 7]: the cables couple them."""
-    with at_once():
-        columns = [transmission.motor_from_joint(arm, tool, Vec(row)) for row in np.eye(7).tolist()]
-    return np.array(columns, float).T

@@ -18,10 +18,9 @@ from ravenjax.robots.raven2.geometry.arrays import forward_kinematics, motor_fro
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.messages import STALE_MS
-from ravenjax.train.robot_link.crtk import messages, names, ros1
-from ravenjax.train.robot_link.crtk.console import CrtkConsole
-from ravenjax.train.robot_link.crtk.exchange import LoopEnd, RobotRow
-from ravenjax.train.robot_link.crtk.interpreter import Interpreter
+from ravenjax.train.robot_link.crtk import messages, ros1
+from ravenjax.train.robot_link.crtk.bridge import CrtkConsole
+from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
 from ravenjax.train.robot_link.increments import Increments
 from ravenjax.train.robot_link.station import Station
@@ -188,7 +187,7 @@ def test_what_a_robot_tells_over_ros_is_its_joint_report(ros):
     row.frame["gold/mvel"] = np.arange(7.0)
     row.frame["gold/mpos"] = motor_from_joint(YAML["gold"][0], "gold")
     interpreter.observe(row, True, row.clock_ns * 1e-6)
-    heard = {topic.name for topic in RosRobot.topics(BOTH, ros)[1]}
+    heard = RosRobot.topics(BOTH, ros)[1]
     now = [0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raven:
         raven.bind(("127.0.0.1", 0))
@@ -228,7 +227,7 @@ def position_of(arm):
 
 
 def test_ravenstate_is_read_as_its_publisher_defines_it():
-    old = messages.OWN[messages.RAVEN_STATE].replace("int32[16] dac_val\n", "")
+    old = messages.DEFINITIONS[messages.RAVEN_STATE].replace("int32[16] dac_val\n", "")
     old = old.replace("float32[12] jac_vel\nfloat32[12] jac_f\n", "")
     rule = "=" * 80
     text = f"{old}\n{rule}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
@@ -242,8 +241,9 @@ def test_ravenstate_is_read_as_its_publisher_defines_it():
 )
 def test_a_terminal_is_told_once_that_nobody_speaks_crtk_any_more(word, told):
     answers, tells = multiprocessing.Pipe(duplex=False)
-    end, lines = LoopEnd(FrameLayout.of(("gold",))), []
-    console = CrtkConsole(end, answers, "ros1", lines.append)
+    lines = []
+    console = CrtkConsole(FrameLayout.of(("gold",)), "ros1", lines.append)
+    console.process_says = answers
     for _ in range(1000):
         assert console.poll() == []
     assert not lines
@@ -253,7 +253,7 @@ def test_a_terminal_is_told_once_that_nobody_speaks_crtk_any_more(word, told):
     for _ in range(1000):
         assert console.poll() == []
     assert len(lines) == 1 and lines[0].startswith("CRTK over ros1 has ended") and told in lines[0]
-    end.close()
+    console.close()
     answers.close()
 
 
@@ -276,7 +276,7 @@ def test_what_a_node_says_in_one_breath_with_its_first_word_counts(tmp_path, mon
     (tmp_path / "node.py").write_text(NODE)
     monkeypatch.setattr(ros1, "_python", lambda: sys.executable)
     monkeypatch.setattr(ros1.ros1_node, "__file__", str(tmp_path / "node.py"))
-    transport = ros1.Ros1Transport([], names.subscribed(("gold",)))
+    transport = ros1.Ros1Transport([], messages.subscribed(("gold",)))
     assert transport.connected() and transport.poll() == []
     transport._waiting += b"!"
 
@@ -298,7 +298,7 @@ def test_a_session_is_driven_by_crtk_tick_by_tick():
     )
     types = messages.types("ros2")
     interpreter = Interpreter(("gold",), ("r_grasper",), types)
-    header = types.header(0, "")
+    header = types.header(0)
     events = []
 
     def tick(count, *words):
@@ -321,23 +321,24 @@ def test_a_session_is_driven_by_crtk_tick_by_tick():
 
     session.tick([])  # nothing is told before there is a row
     tick(300)
-    assert session.seat.owner == "nobody" and interpreter.state.state == "DISABLED"
-    tick(1, ("state_command", types.string(header, "enable")))
+    assert session.arbiter.owner == "nobody" and interpreter.state.state == "DISABLED"
+    tick(1, ("state_command", types.message(messages.STRING, header, "enable")))
     tick(200)
-    assert session.seat.owner == "crtk" and interpreter.state.state == "ENABLED"
+    assert session.arbiter.owner == "crtk" and interpreter.state.state == "ENABLED"
     start = setpoint()
     p, q = start.position, start.orientation
-    goal = messages.TipPose((p.x + 0.004, p.y - 0.002, p.z + 0.003), (q.x, q.y, q.z, q.w))
-    tick(200, ("arm1/servo_cp", types.pose(header, goal)))
+    goal = p.x + 0.004, p.y - 0.002, p.z + 0.003
+    pose = types.message(messages.POSE, header, (goal, (q.x, q.y, q.z, q.w)))
+    tick(200, ("arm1/servo_cp", pose))
     poses = setpoint().position
-    assert (poses.x, poses.y, poses.z) == pytest.approx(goal.position, abs=5e-6)
+    assert (poses.x, poses.y, poses.z) == pytest.approx(goal, abs=5e-6)
     tick(300)  # nothing more is said: the pedal comes up
     assert interpreter.state.state == "PAUSED" and interpreter.state.why == "silence"
     assert session.frame.number("pedal") == 0
-    tick(1, ("state_command", types.string(header, "disable")))
+    tick(1, ("state_command", types.message(messages.STRING, header, "disable")))
     tick(200)
     assert session.frame.number("runlevel") == 0 and interpreter.state.state == "DISABLED"
-    tick(1, ("state_command", types.string(header, "enable")))
+    tick(1, ("state_command", types.message(messages.STRING, header, "enable")))
     tick(300)
     assert interpreter.state.state == "ENABLED" and session.frame.number("runlevel") == 3
     assert [event["console"] for event in events if event["kind"] == "owner"] == ["crtk"]

@@ -25,8 +25,7 @@ import pytest
 import waiting
 
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.robot_link.joints.decoder import Decoder
-from ravenjax.train.robot_link.joints.record import JointReport
+from ravenjax.train.robot_link.joint_record import Decoder, JointReport
 
 HERE = Path(__file__).parent
 ROSPY = Path("/usr/lib/python3/dist-packages/rospy")

@@ -27,8 +27,8 @@ a stream.
 NOBODY, SCRIPT = "nobody", "script"
 
 
-class ConsoleSeat:
-    """The seat of one session."""
+class ConsoleArbiter:
+    """Of one session."""
 
     def __init__(self) -> None:
         self.owner = NOBODY
@@ -54,22 +54,21 @@ class ConsoleSeat:
         take: gets it as it counts, if its console drives; it gives False where it is refused, as if
         it were unsaid.
         """
-        console, pedal = console_of(message), message.get("pedal")
+        console, pedal = console_of(message), message["pedal"]
         if console in self._heard and tick - self._heard[console] > STALE_MS:
             self._disarm(console, "silence", tick)
-        down = pedal is True and console in self._armed
+        down = pedal and console in self._armed
         if self.owner in (NOBODY, console):
-            if not take({**message, "pedal": down} if pedal is True else message):
+            if not take({**message, "pedal": down}):
                 self._unheard[console] = words.OUT_OF_RANGE
                 return
             if self.owner == NOBODY and down:
                 self._hand_to(console, "pedal", tick)
             self._down = down
-        self._heard[console] = tick
-        self._foot[console] = pedal is True
+        self._heard[console], self._foot[console] = tick, pedal
         if self._unheard.get(console) == words.OUT_OF_RANGE:
             del self._unheard[console]
-        if pedal is False:
+        if not pedal:
             self._armed.add(console)
 
     def unheard(self, console: str, why: str) -> None:
@@ -95,27 +94,27 @@ class ConsoleSeat:
     def obey(self, command: Mapping[str, Any], tick: int) -> bool:
         """A command "seat"; whether the seat or its pedal is another's now."""
         console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
+        target, refusal = (command.get("to") if do == "give" else console), ""
         if do == "left":
             self._disarm(console, "left", tick)
-            if console == self.owner:
-                self._hand_to(NOBODY, "left", tick)
-                return True
-        elif do == "take" and self.owner != console:
-            if (
-                self.owner != NOBODY
-                and self._down
-                and tick - self._heard.get(self.owner, tick) <= STALE_MS
-            ):
-                self._tell(
-                    tick, "refused", console=console, why=f"the pedal of {self.owner} is down"
-                )
-            else:
-                return self._hand_over(console, by, tick)
-        elif do == "give" and command.get("to") in CONSOLES and command["to"] != self.owner:
-            if by == "instructor" or console == self.owner or self.owner == NOBODY:
-                return self._hand_over(command["to"], by, tick)
-            self._tell(tick, "refused", console=console, why=f"{self.owner} has the console")
-        return False
+            if console != self.owner:
+                return False
+            self._hand_to(NOBODY, "left", tick)
+            return True
+        if target == self.owner or target not in CONSOLES:
+            return False
+        is_alive = tick - self._heard.get(self.owner, tick) <= STALE_MS
+        if do == "take" and self.owner != NOBODY and self._down and is_alive:
+            refusal = f"the pedal of {self.owner} is down"
+        elif do == "give" and by != "instructor" and self.owner not in (console, NOBODY):
+            refusal = f"{self.owner} has the console"
+        if refusal:
+            self._tell(tick, "refused", console=console, why=refusal)
+            return False
+        self._armed.discard(target)
+        self._since[target] = "handover"
+        self._hand_to(target, by, tick)
+        return True
 
     def step(self, tick: int) -> bool:
         """Once a tick; whether the console that had the seat has lost it by its silence."""
@@ -137,12 +136,6 @@ class ConsoleSeat:
         """What happened since the last call."""
         events, self._events = self._events, []
         return events
-
-    def _hand_over(self, console: str, by: str, tick: int) -> bool:
-        self._armed.discard(console)
-        self._since[console] = "handover"
-        self._hand_to(console, by, tick)
-        return True
 
     def _hand_to(self, console: str, by: str, tick: int) -> None:
         self.owner, self._down = console, False

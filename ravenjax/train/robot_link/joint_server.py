@@ -1,9 +1,9 @@
 """The robot's joint state over TCP, and orders back: one server, several listeners, and nobody is
 waited for.
 
-To a listener: `record.RECORD`s, one a millisecond, and text records that greet it and answer its
-orders. One that reads too slowly loses whole records, never parts of one. From a listener: orders,
-one JSON object a line,
+To a listener: `joint_record.RECORD`s, one a millisecond, and text records that greet it and answer
+its orders. One that reads too slowly loses whole records, never parts of one. From a listener:
+orders, one JSON object a line,
 
     {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, reset
 
@@ -13,6 +13,7 @@ connection: it is no console's, but perhaps a web page's that knocks on local po
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import hmac
 import ipaddress
@@ -21,7 +22,7 @@ import socket
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.train.robot_link.joints.record import encode_text
+from ravenjax.train.robot_link.joint_record import encode_text
 
 JOINT_PORT = 36002
 """Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
@@ -29,6 +30,7 @@ MOST_CLIENTS = 8
 BUFFER_BYTES = 1 << 15
 """For one listener, here and again in the kernel: a tenth of a second."""
 LONGEST_LINE = 1024
+_NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
 
 
 @dataclasses.dataclass(eq=False)
@@ -59,20 +61,16 @@ class JointServer:
         where it cannot be had.
         """
         self._greeting, self._token = encode_text(greeting), token
-        self._socket = _listening(host, port)
+        try:
+            self._socket = socket.create_server((host, port), backlog=MOST_CLIENTS)
+        except (OSError, OverflowError) as error:
+            raise UserError(
+                f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot"
+                " may hold it. Give another port, or 0 for any free one"
+            ) from None
+        self._socket.setblocking(False)
         self.listeners: list[Listener] = []
-        self.counts: dict[str, int] = dict.fromkeys(
-            (
-                "listeners",
-                "turned_away",
-                "records",
-                "records_dropped",
-                "orders",
-                "orders_refused",
-                "garbled",
-            ),
-            0,
-        )
+        self.counts: collections.Counter[str] = collections.Counter()
 
     @property
     def address(self) -> tuple[str, int]:
@@ -81,20 +79,14 @@ class JointServer:
 
     def poll(self) -> list[ListenerOrder]:
         """Let in who knocks, and hear the orders that have arrived."""
-        self._let_in()
-        return [
-            ListenerOrder(listener, content)
-            for listener in list(self.listeners)
-            for content in self._heard(listener)
-        ]
+        self._accept()
+        return [order for listener in list(self.listeners) for order in self._orders(listener)]
 
     def publish(self, record: bytes) -> None:
         """Send a record to every listener; one that has no room left loses it."""
         for listener in list(self.listeners):
-            if self._push(listener, record):
-                self.counts["records"] += 1
-            else:
-                self.counts["records_dropped"] += 1
+            sent = self._push(listener, record)
+            self.counts["records" if sent else "records_dropped"] += 1
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
         """Tell who gave an order that it was carried out, or why not."""
@@ -103,9 +95,9 @@ class JointServer:
             "answer": kind if isinstance(kind, str) else None,
             "ok": error is None,
         }
-        self._push(
-            order.listener, encode_text(reply if error is None else reply | {"error": error})
-        )
+        if error is not None:
+            reply["error"] = error
+        self._push(order.listener, encode_text(reply))
 
     def close(self) -> None:
         """End all connections and give the port back."""
@@ -113,7 +105,7 @@ class JointServer:
             self._drop(listener)
         self._socket.close()
 
-    def _let_in(self) -> None:
+    def _accept(self) -> None:
         try:
             connection, address = self._socket.accept()
         except OSError:  # nobody knocks, or is gone again
@@ -143,46 +135,41 @@ class JointServer:
             self._drop(listener)
         return fits
 
-    def _heard(self, listener: Listener) -> list[dict[str, Any]]:
+    def _orders(self, listener: Listener) -> list[ListenerOrder]:
+        """The orders of a listener that may give them."""
         try:
-            content = listener.socket.recv(4 * LONGEST_LINE)
+            heard = listener.socket.recv(4 * LONGEST_LINE)
         except BlockingIOError:
             return []
         except OSError:
-            content = b""
-        if not content:
+            heard = b""
+        if not heard:
             self._drop(listener)
             return []
-        listener.heard += content
-        *lines, rest = listener.heard.split(b"\n")
-        listener.heard = rest
-        orders = []
+        *lines, listener.heard = (listener.heard + heard).split(b"\n")
+        orders: list[ListenerOrder] = []
         for line in lines:
-            order = _object(line)
-            if order is None:
-                return self._garbled(listener, orders)
-            if self._may(listener, order):
+            content = _json_object(line)
+            if content is None:
+                break
+            order = ListenerOrder(listener, content)
+            if self._may(listener, content):
                 self.counts["orders"] += 1
                 orders.append(order)
             else:
                 self.counts["orders_refused"] += 1
-                refusal = (
-                    "not from this machine: start the robot with a token and give the same one here"
-                )
-                self.answer(ListenerOrder(listener, order), refusal)
-        return orders if len(rest) <= LONGEST_LINE else self._garbled(listener, orders)
-
-    def _garbled(self, listener: Listener, orders: list[dict[str, Any]]) -> list[dict[str, Any]]:
+                self.answer(order, _NOT_ALLOWED)
+        else:
+            if len(listener.heard) <= LONGEST_LINE:
+                return orders
         self.counts["garbled"] += 1
         self._drop(listener)
         return orders
 
     def _may(self, listener: Listener, order: dict[str, Any]) -> bool:
-        if listener.local:
-            return True
         token = order.get("token")
-        if self._token is None or not isinstance(token, str):
-            return False
+        if listener.local or self._token is None or not isinstance(token, str):
+            return listener.local
         return hmac.compare_digest(self._token.encode(), token.encode(errors="replace"))
 
     def _drop(self, listener: Listener) -> None:
@@ -191,21 +178,10 @@ class JointServer:
             listener.socket.close()
 
 
-def _object(line: bytes | bytearray) -> dict[str, Any] | None:
+def _json_object(line: bytes | bytearray) -> dict[str, Any] | None:
+    """The object in a line; None where there is none, or the line is too long."""
     try:
         content = json.loads(line) if len(line) <= LONGEST_LINE else None
     except (ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None
-
-
-def _listening(host: str, port: int) -> socket.socket:
-    try:
-        endpoint = socket.create_server((host, port), backlog=MOST_CLIENTS)
-    except (OSError, OverflowError) as error:
-        raise UserError(
-            f"TCP {host}:{port} cannot be opened for the joint stream ({error}); another robot may"
-            " hold it. Give another port, or 0 for any free one"
-        ) from None
-    endpoint.setblocking(False)
-    return endpoint

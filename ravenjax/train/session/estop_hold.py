@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ravenjax.robots.raven2.run_levels import E_STOP
 from ravenjax.train.protocol.frame import FrameLayout
+from ravenjax.train.robot import E_STOP
 
 
-class Standstill:
+class EstopHold:
     """Holds the model in the rows of one robot."""
 
     def __init__(self, layout: FrameLayout) -> None:
@@ -29,16 +29,11 @@ class Standstill:
             )
             for arm in layout.arms
         ]
-        self._model = np.concatenate(
-            [
-                np.r_[places[f"{arm}/{name}"]]
-                for arm in layout.arms
-                for name in ("model_jpos", "model_tip")
-            ]
-        )
-        self._pose: np.ndarray | None = (
-            None  # of the models as the robot stopped; None: it is not stopped
-        )
+        names = ("model_jpos", "model_tip")
+        held = [places[f"{arm}/{name}"] for arm in layout.arms for name in names]
+        self._model = np.r_[*held]
+        # Pose of the models as the robot stopped; None: it is not stopped.
+        self._pose: np.ndarray | None = None
 
     def apply(self, row: np.ndarray) -> None:
         """Change a row, float32, of this tick in place."""

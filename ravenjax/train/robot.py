@@ -1,0 +1,77 @@
+"""What a session needs of the Raven-II: its names, its packets, and its kinematics on numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
+from ravenjax.robots.raven2.console.packet import U_STRUCT, UDP_PORT, V_STRUCT, Packet
+from ravenjax.robots.raven2.console.profile import ConsoleProfile
+from ravenjax.robots.raven2.geometry import kinematics, transmission
+from ravenjax.robots.raven2.geometry.limits import soft_limits
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES, quat_mul
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP
+
+__all__ = [
+    "ARMS",
+    "E_STOP",
+    "INIT",
+    "ITP_AXES",
+    "JOINTS",
+    "PEDAL_DOWN",
+    "PEDAL_UP",
+    "UDP_PORT",
+    "U_STRUCT",
+    "V_STRUCT",
+    "ArmName",
+    "ConsoleProfile",
+    "Packet",
+    "soft_limits",
+]
+
+Quat = tuple[float, float, float, float]
+"""x, y, z, w."""
+
+
+def tip_pose(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7] in rad and m."""
+    with at_once():
+        pose = kinematics.forward(arm, Vec(map(float, jpos)))
+    return np.array(pose.position, float), np.array(pose.rotation, float)
+
+
+def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity, m/s, and angular velocity, rad/s, of the jaws in frame 0."""
+    with at_once():
+        jacobian = np.array(kinematics.jacobian(arm, Vec(map(float, jpos))), float)
+    twist = jacobian @ (*jvel[:5], 0.5 * (jvel[6] - jvel[5]))
+    return twist[:3], twist[3:]
+
+
+def joints_of_motors(arm: ArmName, tool: str, motors: np.ndarray) -> np.ndarray:
+    """Joints [7], or their rates, of motors [7], or of their rates."""
+    with at_once():
+        return np.array(transmission.joint_from_motor(arm, tool, Vec(map(float, motors))), float)
+
+
+def motors_of_joints(arm: ArmName, tool: str, joints: np.ndarray) -> np.ndarray:
+    """Motors [7], or their rates, of joints [7], or of their rates."""
+    with at_once():
+        return np.array(transmission.motor_from_joint(arm, tool, Vec(map(float, joints))), float)
+
+
+def unit(quat: Sequence[float]) -> Quat:
+    """A quaternion at length 1."""
+    x, y, z, w = quat
+    scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+    return x * scale, y * scale, z * scale, w * scale
+
+
+def turn_by(first: Sequence[float], then: Sequence[float]) -> Quat:
+    """The turn `first` followed by `then`, a unit quaternion."""
+    return unit(quat_mul(Vec(then), Vec(first)))

@@ -1,1 +1,0 @@
-"""The robot's joint state on the network: record, decoder, and the TCP stream."""
