@@ -33,7 +33,7 @@ from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import judge, page, processes, scenario
 from ravenjax.train.consoles import ItpConsole, PedalWords, Scripted
 from ravenjax.train.helpers import SessionHelpers
-from ravenjax.train.page.options import loopback
+from ravenjax.train.page import loopback
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
