@@ -37,8 +37,8 @@ from ravenjax.train.page import loopback
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
+from ravenjax.train.recording import hazards as table
 from ravenjax.train.recording import recorder
-from ravenjax.train.recording.hazards import table
 from ravenjax.train.robot_link.crtk import bridge
 from ravenjax.train.robot_link.crtk import console as crtk
 from ravenjax.train.robot_link.crtk.messages import Ros

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.train.debrief import html
-from ravenjax.train.recording.hazards import table as hazards_table
+from ravenjax.train.recording import hazards as hazards_table
 from ravenjax.train.study import comparison, figures, words
 from ravenjax.train.study import table as study_table
 from ravenjax.train.study.assignment import Assignment, assign
@@ -75,7 +75,7 @@ def table(study: TrainingStudy) -> str:
         if study.blinded:
             row = {name: value for name, value in row.items() if name not in _HIDDEN}
         rows.append({"compared": label} | row)
-    return hazards_table.text(list(rows[0]), rows)
+    return hazards_table.as_csv(list(rows[0]), rows)
 
 
 def render(study: TrainingStudy, found: list[GroupComparison], horizon: float, text: str) -> str:

@@ -17,8 +17,8 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.recording import hazards as table
 from ravenjax.train.recording import reader
-from ravenjax.train.recording.hazards import events, table
 
 BY = ("group", "cue")
 """What sessions may be compared by."""
@@ -170,9 +170,9 @@ def _read(folder: Path) -> StudySession:
     """
     header = description.read(folder)
     if (folder / table.FILE).exists() or reader.find(folder) is None:
-        return StudySession(folder, header, table.read(folder))
+        return StudySession(folder, header, table.read_table(folder))
     return StudySession(
-        folder, header, events.from_recording(reader.read(folder), header), cut_short=True
+        folder, header, table.from_recording(reader.read(folder), header), cut_short=True
     )
 
 

@@ -21,6 +21,7 @@ from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.comparison import independent
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.train.judge.row import TOLD
 from ravenjax.train.protocol.frame import FrameLayout
 from ravenjax.train.study import comparison, report
 from ravenjax.train.study import table as study_table
@@ -172,22 +173,14 @@ def killed(base, participant, group):
     log = session_log.SessionWriter(
         folder / session_log.FILE, tuple(layout.names()), description.read(folder)
     )
+    answered = synthetic.hazard(0, struck=1000.0, response=700.0)
     log.add(
         0,
         synthetic.rows(layout, [], 8.0)[:, : layout.size],
         [
             {"tick": 900, "kind": "hazard_armed", "number": 0},
             {"tick": 1000, "kind": "hazard_struck", "number": 0},
-            {"tick": 1050, "kind": "knowable", "number": 0, "by": "tip", "ms": 1050},
-            {
-                "tick": 1700,
-                "kind": "response",
-                "number": 0,
-                "what": "release",
-                "ok": True,
-                "ms": 650,
-            },
-            {"tick": 2500, "kind": "hazard_over", "number": 0, "outcome": "avoided", "score": 80.0},
+            {"tick": 2500, "kind": "hazard_row", "row": [getattr(answered, name) for name in TOLD]},
             {"tick": 6000, "kind": "hazard_armed", "number": 1},
             {"tick": 6100, "kind": "hazard_struck", "number": 1},
         ],
