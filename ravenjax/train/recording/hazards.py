@@ -116,4 +116,5 @@ def _hazard(cells: dict[str, str]) -> HazardRow:
             values[field.name] = number if is_finite else None
     if values["number"] is None:
         raise ValueError("number is empty, expected the hazard's number in session.json")
-    return HazardRow(**values | {"number": int(values["number"])})
+    values["number"] = int(values["number"])
+    return HazardRow(**values)
