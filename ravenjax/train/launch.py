@@ -32,13 +32,13 @@ from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train import judge, page, processes, scenario
 from ravenjax.train.consoles import ItpConsole, PedalWords, Scripted
-from ravenjax.train.page.options import loopback
+from ravenjax.train.page import loopback
 from ravenjax.train.processes import SessionHelpers
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.realtime.clock import LoopTiming
 from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
+from ravenjax.train.recording import hazards as table
 from ravenjax.train.recording import recorder
-from ravenjax.train.recording.hazards import table
 from ravenjax.train.robot import UDP_PORT
 from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.distant import DistantRobot

@@ -1,7 +1,7 @@
 """The robot and its surroundings for a page that draws them itself: shapes, and the bodies that
 carry them.
 
-Shapes are those of the training page. A page turns joint positions into places of bodies by the
+A page turns joint positions into places of bodies by the
 tree of the model.
 """
 
@@ -18,8 +18,7 @@ import numpy as np
 import trimesh
 
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.dynamics import arm_model
-from ravenjax.train.page import body_meshes, cameras
+from ravenjax.robots.raven2.dynamics import arm_model, body_shapes, scene_views
 
 STEPS = 65535
 """Steps of a coordinate over the extent of a body's shapes: 1 m is known to 15 um."""
@@ -43,7 +42,7 @@ def description() -> dict[str, Any]:
     return {
         "steps": STEPS,
         "bodies": [_body(model, body, joints) for body in range(model.nbody)],
-        "cameras": {name: _camera(name) for name in cameras.CAMERAS},
+        "cameras": {name: _camera(name) for name in scene_views.VIEWS},
     }
 
 
@@ -56,7 +55,7 @@ def _body(model: mujoco.MjModel, body: int, joints: dict[int, tuple[str, int]]) 
         "joint": (
             _joint(model, int(model.body_jntadr[body]), joints) if model.body_jntnum[body] else None
         ),
-        "meshes": [_mesh(model, geoms) for geoms in body_meshes.looks(model, body)],
+        "meshes": [_mesh(model, geoms) for geoms in body_shapes.geoms_by_look(model, body)],
     }
 
 
@@ -74,13 +73,13 @@ def _joint(model: mujoco.MjModel, joint: int, joints: dict[int, tuple[str, int]]
 
 
 def _mesh(model: mujoco.MjModel, geoms: list[int]) -> dict[str, Any]:
-    mesh = body_meshes.conversions.merge_geoms(model, geoms)
+    mesh = body_shapes.merged_mesh(model, geoms)
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     corners = np.asarray(mesh.vertices, float)
     low = corners.min(axis=0)
     size = np.maximum(corners.max(axis=0) - low, 1e-9)
     return {
-        "colour": [round(float(part), 3) for part in body_meshes.colour(model, geoms[0])],
+        "colour": [round(float(part), 3) for part in body_shapes.colour(model, geoms[0])],
         "low": low.tolist(),
         "size": size.tolist(),
         "corners": _words(np.rint((corners - low) / size * STEPS)),
@@ -94,5 +93,5 @@ def _words(numbers: np.ndarray) -> str:
 
 
 def _camera(name: str) -> dict[str, Any]:
-    place, focus, fov = cameras.pose(name)
+    place, focus, fov = scene_views.view_pose(name)
     return {"place": place.tolist(), "focus": focus.tolist(), "fov": fov}

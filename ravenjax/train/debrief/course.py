@@ -30,19 +30,10 @@ class Course:
         the cue was felt.
         """
         ticks = recording["session_tick"]
-        keep = (
-            np.flatnonzero(np.diff(ticks, append=ticks[-1:] + 1) > 0)
-            if len(ticks)
-            else np.zeros(0, int)
-        )
-        self.rows = recording.rows[keep]
+        keep = np.diff(ticks, append=ticks[-1:] + 1) > 0
+        self.rows, self.layout = recording.rows[keep], recording.layout
         self.ms = ticks[keep].astype(float)
-        self.layout, self.threshold_mm, self.limit_mm, self.blinded = (
-            recording.layout,
-            threshold_mm,
-            limit_mm,
-            blinded,
-        )
+        self.threshold_mm, self.limit_mm, self.blinded = threshold_mm, limit_mm, blinded
 
     def channel(self, name: str) -> np.ndarray:
         """One channel, [T] or [T, k]."""
@@ -67,9 +58,7 @@ def peaks(
     stride = -(-len(time) // points)
     if stride == 1:
         return time, finite
-    best = [
-        start + int(finite[start : start + stride].argmax())
-        for start in range(0, len(time), stride)
-    ]
+    starts = range(0, len(time), stride)
+    best = [start + int(finite[start : start + stride].argmax()) for start in starts]
     indices = np.unique([0, *best, len(time) - 1])
     return time[indices], finite[indices]

@@ -25,7 +25,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,11 +36,8 @@ IDLE_MM_S = 1.0
 """A tip that is slower is still."""
 SHORTEST_S = 0.5
 """Of a movement whose smoothness is measured."""
-_SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = (
-    10.0,
-    0.05,
-    4,
-)  # Balasubramanian et al. 2015: cut-off, amplitude, zero-padding
+# Balasubramanian et al. 2015: cut-off, amplitude, zero-padding.
+_SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
 RUNNING = 1  # of `frame.PHASES`
 
 
@@ -67,29 +64,58 @@ class Dexterity:
 
     def plain(self) -> dict[str, Any]:
         """For JSON: null where there was nothing to measure."""
-        return _without_nan(asdict(self))
+
+        def without_nan(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {name: without_nan(part) for name, part in value.items()}
+            return None if isinstance(value, float) and math.isnan(value) else value
+
+        return without_nan(asdict(self))
+
+
+class ArmContact(NamedTuple):
+    """How hard one instrument pressed on tissue, vessel and the other instrument."""
+
+    arm: str
+    peak_n: float  # N, largest force of all that it touched
+    impulse_n_s: float  # N s, that force over time
+    vessel_n: float  # N, largest force of the vessel
+    between_n: float  # N, largest force of the other instrument
+
+
+def contact(course: Course) -> list[ArmContact]:
+    """Of each arm of a recorded session; its rows are ms."""
+    out = []
+    for arm in course.layout.arms:
+        force = np.linalg.norm(np.asarray(course.channel(f"{arm}/contact"), float), axis=1)
+        parts = (float(course.channel(f"{arm}/{name}").max()) for name in ("vessel_n", "between_n"))
+        out.append(ArmContact(arm, float(force.max()), float(force.sum() * 1e-3), *parts))
+    return out
 
 
 def measure(course: Course) -> Dexterity:
     """The measures of a recorded session."""
     arms = course.layout.arms
-    target = course.channel("target")
-    speeds: dict[str, list[np.ndarray]] = {arm: [] for arm in arms}
-    stretches = _stretches(course)
-    for first, last in stretches:
-        for arm in arms:
-            points = resampled(course.ms[first:last], course.channel(f"{arm}/tip")[first:last])
-            speeds[arm].append(speed(points))
-    moving = [np.concatenate([*speeds[arm], np.zeros(0)]) > IDLE_MM_S * 1e-3 for arm in arms]
-    two = len(arms) == 2 and len(moving[0]) > 0
+    driven = (course.channel("pedal") > 0) & (course.channel("phase") == RUNNING)
+    cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
+    edges = [0, *cuts.tolist(), len(driven)]
+    stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
+    points = {
+        arm: [
+            resampled(course.ms[first:last], course.channel(f"{arm}/tip")[first:last])
+            for first, last in stretches
+        ]
+        for arm in arms
+    }
+    speeds = [np.concatenate([*map(speed, points[arm]), np.zeros(0)]) for arm in arms]
+    moving = [each > IDLE_MM_S * 1e-3 for each in speeds]
+    is_any, is_two = len(speeds[0]) > 0, len(arms) == 2 and len(speeds[0]) > 0
     return Dexterity(
         driven_s=sum(last - first for first, last in stretches) * 1e-3,
-        idle=float(np.mean(~np.any(moving, axis=0))) if len(moving[0]) else math.nan,
-        both=float(np.mean(moving[0] & moving[1])) if two else math.nan,
-        correlation=(
-            correlation(*(np.concatenate(speeds[arm]) for arm in arms)) if two else math.nan
-        ),
-        arms={arm: _of_arm(course, arm, stretches, target) for arm in arms},
+        idle=float(np.mean(~np.any(moving, axis=0))) if is_any else math.nan,
+        both=float(np.mean(moving[0] & moving[1])) if is_two else math.nan,
+        correlation=correlation(*speeds) if is_two else math.nan,
+        arms={arm: _of_arm(course, arm, stretches, points[arm]) for arm in arms},
     )
 
 
@@ -103,11 +129,8 @@ def economy(ways: Sequence[np.ndarray]) -> float:
     gone; NaN for 0.
     """
     gone = sum(map(path_length, ways))
-    return (
-        sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways) / gone
-        if gone > 0
-        else math.nan
-    )
+    straight = sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways)
+    return straight / gone if gone > 0 else math.nan
 
 
 def speed(points: np.ndarray, rate_hz: float = RATE_HZ) -> np.ndarray:
@@ -174,38 +197,23 @@ def resampled(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(signal.sosfiltfilt(sections, even, axis=0))
 
 
-def _stretches(course: Course) -> list[tuple[int, int]]:
-    """Rows from, to: pedal down, session running, no row missing."""
-    driven = (course.channel("pedal") > 0) & (course.channel("phase") == RUNNING)
-    cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
-    edges = [0, *cuts.tolist(), len(driven)]
-    return [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
-
-
 def _of_arm(
-    course: Course, arm: str, stretches: Sequence[tuple[int, int]], target: np.ndarray
+    course: Course, arm: str, stretches: Sequence[tuple[int, int]], points: Sequence[np.ndarray]
 ) -> ArmDexterity:
-    tip = course.channel(f"{arm}/tip")
-    path, ways, smooth = 0.0, [], []
+    tip, target = course.channel(f"{arm}/tip"), course.channel("target")
+    ways, smooth = [], []
     for first, last in stretches:
-        path += path_length(resampled(course.ms[first:last], tip[first:last]))
         marks = first + 1 + np.flatnonzero(np.diff(target[first:last]))
-        edges = [first, *marks.tolist(), last]
-        for a, b in itertools.pairwise(edges):
+        for a, b in itertools.pairwise([first, *marks.tolist(), last]):
             if (b - a) * 1e-3 < SHORTEST_S:
                 continue
-            points = resampled(course.ms[a:b], tip[a:b])
-            profile = speed(points)
+            way = resampled(course.ms[a:b], tip[a:b])
+            profile = speed(way)
             if profile.max() <= IDLE_MM_S * 1e-3:
                 continue
             smooth.append((spectral_arc_length(profile), log_dimensionless_jerk(profile)))
             if target[a] >= 0:
-                ways.append(points)
-    middle = np.nanmedian(smooth, axis=0) if smooth else (math.nan, math.nan)
-    return ArmDexterity(path * 1e3, economy(ways), float(middle[0]), float(middle[1]), len(smooth))
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _without_nan(one) for name, one in value.items()}
-    return None if isinstance(value, float) and math.isnan(value) else value
+                ways.append(way)
+    sparc, jerk = np.nanmedian(smooth, axis=0) if smooth else (math.nan, math.nan)
+    path_mm = 1e3 * sum(map(path_length, points))
+    return ArmDexterity(path_mm, economy(ways), float(sparc), float(jerk), len(smooth))

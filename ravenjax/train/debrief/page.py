@@ -14,58 +14,44 @@ from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
-from ravenjax.train.debrief import (
-    contact,
-    dexterity,
-    figures,
-    html,
-    learning,
-    levels,
-    replay,
-    words,
-)
+from ravenjax.train.debrief import dexterity, figures, html, learning, replay, words
 from ravenjax.train.debrief.course import Course
 from ravenjax.train.judge.row import COLUMNS, HazardRow
+from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
-from ravenjax.train.recording.hazards import events, table
 
 FILE = "debrief.html"
+_LEVELS = ("p50", "p99", "p99_9")
+_COUNTS = ("late_ticks", "ticks", "lost_rows", "rows", "skipped_ms")
 
 
 def write(folder: Path) -> Path:
     """Write debrief.html into a session's folder from session.json, hazards.csv and the recording;
     return its path.
 
-    What is missing or cut short is said on the page. StoreError where the folder holds no session.
+    The measures of the motion go into the summary of session.json, where a learning curve finds
+    them. What is missing or cut short is said on the page. StoreError where the folder holds no
+    session.
     """
     folder = Path(folder)
-    keep_measures(folder)
-    text = render(folder)
-    path = folder / FILE
-    write_aside(path, lambda target: target.write_bytes(text.encode()))
-    return path
-
-
-def keep_measures(folder: Path) -> None:
-    """Put the measures of the motion into the summary of session.json, where a learning curve
-    finds them.
-    """
-    description.read(folder)  # refused where there is no session
+    description.read(folder)
     recording, _ = _recording(folder)
     if recording is not None and len(recording.rows) > 1:
-        description.update(
-            folder, {"summary": {learning.MEASURES: dexterity.measure(Course(recording)).plain()}}
-        )
+        measures = dexterity.measure(Course(recording)).plain()
+        description.update(folder, {"summary": {learning.MEASURES: measures}})
+    text, path = render(folder), folder / FILE
+    write_aside(path, lambda target: target.write_bytes(text.encode()))
+    return path
 
 
 def render(folder: Path) -> str:
     """The page as text."""
     header = description.read(folder)
     recording, state = _recording(folder)
-    state["table"] = (folder / table.FILE).exists()
-    hazards = table.read(folder)
+    state["table"] = (folder / hazard_table.FILE).exists()
+    hazards = hazard_table.read_table(folder)
     if not state["table"] and recording is not None:
-        hazards = events.from_recording(recording, header)
+        hazards = hazard_table.from_recording(recording, header)
     threshold_mm, limit_mm = header.get("cue_threshold_mm"), words.harm_mm(header)
     blinded = bool(header.get("blinded"))
     course = None
@@ -74,6 +60,7 @@ def render(folder: Path) -> str:
     numbers = words.summary(hazards)
     summary = header.get("summary") or {}
     begin, rest = words.headline(hazards, numbers, state["table"] or recording is not None)
+    has_contact = course is not None and header.get("contact_units_per_n") is not None
     return html.page(
         "debrief.html.j2",
         header=header,
@@ -83,23 +70,23 @@ def render(folder: Path) -> str:
         begin=begin,
         rest=rest,
         numbers=numbers,
-        hazards=[_told(one, course, blinded) for one in hazards],
+        hazards=[_with_words(one, course, blinded) for one in hazards],
         hazards_csv=_csv(hazards, blinded),
-        replay=replay.of(course, header, hazards) if course else None,
+        replay=replay.data(course, header, hazards) if course else None,
         overview=figures.overview(course, hazards) if course else None,
         timing=figures.loop(course) if course else None,
         quality=_quality(summary),
         task=_task(summary, course),
-        levels=levels.results(header),
+        rounds=(summary.get("task") or {}).get("rounds_s_of_level"),
         dexterity=summary.get(learning.MEASURES),
-        contact=(
-            contact.measure(course)
-            if course is not None and header.get("contact_units_per_n") is not None
-            else ()
-        ),
-        curves=learning.figure(learning.attempts(folder.absolute())),
+        contact=dexterity.contact(course) if has_contact else (),
+        curves=figures.learning(learning.attempts(folder.absolute())),
         caveats=words.caveats(header, state),
-        events=[one for one in state.get("events", []) if not blinded or one["kind"] != "cue"],
+        events=[
+            event
+            for event in state.get("events", [])
+            if event["kind"] != "hazard_row" and not (blinded and event["kind"] == "cue")
+        ],
         marks=figures.MARKS,
         limit_mm=limit_mm,
         depth_mm=words.harm_mm(header, "depth_mm"),
@@ -116,17 +103,16 @@ def _recording(folder: Path) -> tuple[reader.Recording | None, dict[str, Any]]:
         recording = reader.read(path)
     except StoreError as error:
         return None, {"broken": str(error)}
+    numbers = recording.numbers
     return recording, {
         "complete": recording.complete,
         "lost_bytes": recording.lost_bytes,
-        "lost_rows": (
-            int(recording.numbers[-1] + 1 - len(recording.numbers)) if len(recording.numbers) else 0
-        ),
+        "lost_rows": int(numbers[-1] + 1 - len(numbers)) if len(numbers) else 0,
         "events": recording.events,
     }
 
 
-def _told(one: HazardRow, course: Course | None, blinded: bool) -> dict[str, Any]:
+def _with_words(one: HazardRow, course: Course | None, blinded: bool) -> dict[str, Any]:
     steps = words.steps(one, blinded) if one.struck_ms is not None else []
     return {
         "row": one,
@@ -156,28 +142,22 @@ def _scenario(header: dict[str, Any]) -> dict[str, str]:
     if not isinstance(content, dict):
         content = {"name": str(content)}
     name = str(content.get("name") or header.get("name") or "session")
-    return {
-        "name": name,
-        "title": str(content.get("title") or name),
-        "text": str(content.get("description") or ""),
-    }
+    title = str(content.get("title") or name)
+    return {"name": name, "title": title, "text": str(content.get("description") or "")}
 
 
 def _quality(summary: dict[str, Any]) -> dict[str, Any]:
     """Timing of the loop as one flat table, from whoever measured it; empty where nobody did."""
-    timing = summary.get("timing") or {}
     recorded = summary.get("recording") or {}
-    out: dict[str, Any] = {}
+    values = dict(recorded)
     for what in ("compute", "lateness"):
-        for level in ("p50", "p99", "p99_9"):
-            value = timing.get(f"{what}_{level}_us", (recorded.get(f"{what}_us") or {}).get(level))
-            if value is not None:
-                out[f"{what}_{level}"] = float(value)
-    for name in ("late_ticks", "ticks", "lost_rows", "rows", "skipped_ms"):
-        value = timing.get(name, recorded.get(name))
-        if value is not None:
-            out[name] = int(value)
-    return out
+        levels = recorded.get(f"{what}_us") or {}
+        values |= {f"{what}_{level}_us": value for level, value in levels.items()}
+    values |= summary.get("timing") or {}
+    names = [f"{what}_{level}" for what in ("compute", "lateness") for level in _LEVELS]
+    out: dict[str, Any] = {name: values.get(f"{name}_us") for name in names}
+    out |= {name: values.get(name) for name in _COUNTS}
+    return {name: value for name, value in out.items() if value is not None}
 
 
 def _task(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
@@ -192,4 +172,5 @@ def _csv(hazards: list[HazardRow], blinded: bool) -> str:
     """The table as it stands in the folder; without group and cue where the session is blinded."""
     hidden = ("group", "cue", "cue_ms") if blinded else ()
     names = [name for name in COLUMNS if name not in hidden]
-    return table.text(names, [dataclasses.asdict(one) for one in hazards]) if hazards else ""
+    rows = [dataclasses.asdict(one) for one in hazards]
+    return hazard_table.as_csv(names, rows) if rows else ""

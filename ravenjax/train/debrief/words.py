@@ -7,13 +7,14 @@ session's own.
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ravenjax.outcomes.verdict import HALT_MS
 from ravenjax.train.judge.row import HazardRow
-from ravenjax.train.recording.hazards.table import OUTCOMES
+from ravenjax.train.recording.hazards import OUTCOMES
 
 DASH = "–"
 RESPONSES = {
@@ -85,27 +86,21 @@ def did(response: str) -> str:
 
 def wanted(hazard: HazardRow) -> str:
     """The right responses in words."""
-    names = [
-        RESPONSES[name][1] if name in RESPONSES else name for name in hazard.right_response.split()
-    ]
+    names = [RESPONSES.get(name, (name, name))[1] for name in hazard.right_response.split()]
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def sign(hazard: HazardRow) -> str:
     """What gave it away."""
     by = hazard.knowable_by
-    return SIGNS.get(by, f"the check {check_name(by)}") if by else ""
-
-
-def check_name(name: str) -> str:
-    """overdrive_clip -> overdrive clip."""
-    return name.replace("_", " ")
+    return SIGNS.get(by, f"the check {by.replace('_', ' ')}") if by else ""
 
 
 def checks(hazard: HazardRow) -> str:
     """What the robot's checks did, as a sentence without its full stop."""
     words = CHECKS.get(hazard.check_response, "What the checks did is not known")
-    return f"{words} ({check_name(hazard.check_cause)})" if hazard.check_cause else words
+    cause = hazard.check_cause.replace("_", " ")
+    return f"{words} ({cause})" if cause else words
 
 
 def motion(hazard: HazardRow) -> str:
@@ -115,33 +110,28 @@ def motion(hazard: HazardRow) -> str:
     if hazard.limit_mm is None or hazard.unintended_mm is None:
         return "How far the instrument was off is not known."
     limit = f"limit {hazard.limit_mm:g} mm"
-    word = hazard.motion_hazard
-    if word == "unintended motion":
-        sentence = (
-            f"Unintended motion: while live, the true tip was up to {length(hazard.unintended_mm)}"
-            f" off, {limit}"
-        )
-    elif word == "loss of motion" and hazard.loss_first_ms is not None:
-        sentence = (
-            f"Loss of motion: the instrument did not follow and was up to {length(hazard.loss_mm)}"
-            f" off, {limit}"
-        )
-    elif word == "loss of motion":
-        lost = (hazard.halted_ms or 0.0) - (hazard.golden_halted_ms or 0.0)
-        sentence = (
-            f"Loss of motion: the robot was out of pedal-down for {milliseconds(lost)} although the"
-            f" pedal was held, limit {HALT_MS} ms, and no check had stopped it"
-        )
-    elif word == "false report":
-        sentence = (
-            f"False report: the reported tip was up to {length(hazard.false_report_mm)} off the"
-            f" true one, {limit}; the true tip itself was up to {length(hazard.unintended_mm)} off"
-        )
-    else:
-        sentence = (
-            f"No motion hazard while live: the true tip was up to {length(hazard.unintended_mm)}"
-            f" off, {limit}"
-        )
+    true_off = f"the true tip was up to {length(hazard.unintended_mm)} off"
+    match hazard.motion_hazard:
+        case "unintended motion":
+            sentence = f"Unintended motion: while live, {true_off}, {limit}"
+        case "loss of motion" if hazard.loss_first_ms is not None:
+            sentence = (
+                "Loss of motion: the instrument did not follow and was up to"
+                f" {length(hazard.loss_mm)} off, {limit}"
+            )
+        case "loss of motion":
+            lost = (hazard.halted_ms or 0.0) - (hazard.golden_halted_ms or 0.0)
+            sentence = (
+                f"Loss of motion: the robot was out of pedal-down for {milliseconds(lost)} although"
+                f" the pedal was held, limit {HALT_MS} ms, and no check had stopped it"
+            )
+        case "false report":
+            sentence = (
+                f"False report: the reported tip was up to {length(hazard.false_report_mm)} off the"
+                f" true one, {limit}; {true_off.replace('tip was', 'tip itself was')}"
+            )
+        case _:
+            sentence = f"No motion hazard while live: {true_off}, {limit}"
     off = hazard.unintended_off_mm
     if off is None or off < _WORTH_MM:
         return f"{sentence}."
@@ -154,28 +144,22 @@ def steps(hazard: HazardRow, blinded: bool) -> list[Step]:
     where blinded.
     """
     after = hazard.after
+    did_what = did(hazard.response) if hazard.response else ""
+    # name, what to add where it came, what to say where it never did
     entries = {
         "knowable": ("could be known", sign(hazard), "not by a person"),
         "cue": ("the cue", "", "did not come" if hazard.cue == "on" else "was off"),
-        "alarm": ("the robot's alarm", check_name(hazard.alarm), "none"),
-        "response": (
-            "the operator",
-            did(hazard.response) if hazard.response else "",
-            _no_response(hazard),
-        ),
+        "alarm": ("the robot's alarm", hazard.alarm.replace("_", " "), "none"),
+        "response": ("the operator", did_what, _no_response(hazard)),
     }
     if blinded:
         del entries["cue"]
-    came = sorted((kind for kind in entries if kind in after), key=lambda kind: after[kind])
-    return [
-        Step("strike", "strikes", 0.0, f"at {moment(hazard.struck_ms)}"),
-        *(Step(kind, entries[kind][0], after[kind], entries[kind][1]) for kind in came),
-        *(
-            Step(kind, entries[kind][0], None, entries[kind][2])
-            for kind in entries
-            if kind not in after
-        ),
+    out = [
+        Step(kind, name, after.get(kind), text if kind in after else never)
+        for kind, (name, text, never) in entries.items()
     ]
+    out.sort(key=lambda step: math.inf if step.after_ms is None else step.after_ms)
+    return [Step("strike", "strikes", 0.0, f"at {moment(hazard.struck_ms)}"), *out]
 
 
 def sentence(hazard: HazardRow, blinded: bool) -> str:
@@ -183,21 +167,16 @@ def sentence(hazard: HazardRow, blinded: bool) -> str:
     if hazard.struck_ms is None:
         return "It was armed and never struck."
     after = hazard.after
-    parts = [
-        f"It struck at {moment(hazard.struck_ms)}"
-        + (f" on the {hazard.arm} arm" if hazard.arm else "")
-        + "."
-    ]
+    arm = f" on the {hazard.arm} arm" if hazard.arm else ""
+    parts = [f"It struck at {moment(hazard.struck_ms)}{arm}."]
     if "knowable" in after:
         by = f", by {sign(hazard)}" if sign(hazard) else ""
         when = f"after {milliseconds(after['knowable'])}" if after["knowable"] >= 0.5 else "at once"
         parts.append(f"Anyone could have known {when}{by}.")
     else:
         parts.append("Nothing that a person can see gave it away.")
-    cue = not blinded and "cue" in after
-    parts.append(
-        (f"The cue came after {milliseconds(after['cue'])}; " if cue else "") + _response(hazard)
-    )
+    cue = f"The cue came after {milliseconds(after.get('cue'))}; "
+    parts.append((cue if "cue" in after and not blinded else "") + _response(hazard))
     ending = OUTCOMES.get(hazard.outcome, hazard.outcome) or "how it ended is not known"
     parts += [f"{checks(hazard)}.", f"{ending}.", motion(hazard)]
     if hazard.deepest_mm is not None and hazard.deepest_mm > 0:
@@ -208,36 +187,23 @@ def sentence(hazard: HazardRow, blinded: bool) -> str:
 def _response(hazard: HazardRow) -> str:
     right = wanted(hazard)
     if hazard.response_ms is None:
-        return (
-            f"{_no_response(hazard)}."
-            if hazard.response_ok or not right
-            else f"{_no_response(hazard)} (right: {right})."
-        )
-    reaction = (
-        f", {milliseconds(hazard.reaction_ms)} after the first sign"
-        if hazard.reaction_ms is not None
-        else ""
-    )
-    verdict = (
-        "the right response"
-        if hazard.response_ok
-        else "not the right response" + (f" ({right})" if right else "")
-    )
-    return (
-        f"the operator {did(hazard.response)} after"
-        f" {milliseconds(hazard.after['response'])}{reaction}: {verdict}."
-    )
+        hint = f" (right: {right})" if right and not hazard.response_ok else ""
+        return f"{_no_response(hazard)}{hint}."
+    reaction = ""
+    if hazard.reaction_ms is not None:
+        reaction = f", {milliseconds(hazard.reaction_ms)} after the first sign"
+    wrong = "not the right response" + (f" ({right})" if right else "")
+    verdict = "the right response" if hazard.response_ok else wrong
+    when = milliseconds(hazard.after["response"])
+    return f"the operator {did(hazard.response)} after {when}{reaction}: {verdict}."
 
 
 def _no_response(hazard: HazardRow) -> str:
     """To carry on may be what was right."""
     if hazard.response_ok:
         return f"the operator {did(hazard.response)}, the right response"
-    return (
-        "the robot halted by itself before any response"
-        if hazard.halted
-        else "no response followed"
-    )
+    halted = "the robot halted by itself before any response"
+    return halted if hazard.halted else "no response followed"
 
 
 class Summary(NamedTuple):

@@ -60,7 +60,6 @@ happened. `hazard` is the id in the library.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -95,18 +94,6 @@ PEAKS = (*DISTANCES, "unintended_off")
 """Those whose largest value an episode keeps."""
 
 
-def motion_hazard(
-    first_ms: Mapping[str, float], halted_ms: float, golden_halted_ms: float, stopped: bool
-) -> str:
-    """One of `verdict.HAZARDS`, by its definitions. first_ms: when one of `DISTANCES` exceeded
-    the limit, if ever.
-    """
-    times = {f"{name}_first_ms": [first_ms.get(name, -1)] for name in DISTANCES}
-    halted = {"halted_ms": [halted_ms], "golden_halted_ms": [golden_halted_ms]}
-    (place,) = verdict.hazards(times | halted, np.array([stopped]))
-    return verdict.HAZARDS[place]
-
-
 class Episode:
     """One hazard from arming until it is taken back."""
 
@@ -118,35 +105,33 @@ class Episode:
         self.knowable_ms: int | None = None
         self.knowable_by = ""
         self.cue_ms: int | None = None
-        self.checks: dict[
-            str, tuple[int, str]
-        ] = {}  # response -> ms and name of the first check of that kind
-        self.origin_ms: int | None = None  # earliest of knowledge, cue and alarm
+        # ms and name of the first check of each kind of response
+        self.checks: dict[str, tuple[int, str]] = {}
+        # the earliest of knowledge, cue and alarm
+        self.origin_ms: int | None = None
         self.halted = False
         self.halted_ms, self.golden_halted_ms = 0, 0
-        self._lost = False  # by being halted for too long
-        self.arm = hazard.arm  # the struck one, else the one that moved farthest
+        # the struck one, else the one that moved farthest
+        self.arm = hazard.arm
         self.peak_error_mm = 0.0
-        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)  # -1: not measured
-        self.first_ms: dict[str, int] = {}  # when one of `DISTANCES` first exceeded the limit
+        # -1: not measured
+        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)
+        # when one of `DISTANCES` first exceeded the limit
+        self.first_ms: dict[str, int] = {}
         self.deepest_mm = -math.inf
-        self.driven_mm = 0.0  # into the tissue, by the fault
-        self._spared_mm = [
-            0.0,
-            0.0,
-        ]  # of farthest and driven: what was done before a person could have acted
-        self.responses: dict[str, int] = {}  # kind -> ms of the first
+        # Unintended motion and depth that the fault drove the tip to, the limits of both, and
+        # what was done before a person could have acted.
+        self._done_mm, self._spared_mm = [0.0, 0.0], [0.0, 0.0]
+        self._limits_mm = harm.excursion_mm, harm.depth_mm
+        self._is_lost = False
+        # ms of the first response of each kind
+        self.responses: dict[str, int] = {}
         self.interrupted = False
 
     @property
     def struck(self) -> bool:
         """Whether the fault has been at work."""
         return self.struck_ms is not None
-
-    @property
-    def farthest_mm(self) -> float:
-        """Largest unintended motion of the true tip, live or not."""
-        return max(0.0, self.peak_mm["unintended"], self.peak_mm["unintended_off"])
 
     @property
     def check_response(self) -> str:
@@ -167,22 +152,21 @@ class Episode:
         """A check tripped more often than in the golden run; whether it is the first of its kind
         of response.
         """
-        first = check.response not in self.checks
-        if first:
-            self.checks[check.response] = tick, check.name
-            if check.response in verdict.TOLD:
-                self._originate(tick)
-        return first
+        if check.response in self.checks:
+            return False
+        self.checks[check.response] = tick, check.name
+        if check.response in verdict.TOLD:
+            self._originate(tick)
+        return True
 
     def exceed(self, tick: int, name: str, mm: float, arm: str) -> bool:
         """A new peak of one of `PEAKS`, of this arm; whether it makes a hazard for the first
         time.
         """
-        if name.startswith("unintended") and mm > self.farthest_mm and not self.hazard.arm:
-            self.arm = arm
         self.peak_mm[name] = mm
-        if self._beyond_anyone(tick):
-            self._spared_mm[0] = self.farthest_mm
+        if name.startswith("unintended") and mm > self._done_mm[0] and not self.hazard.arm:
+            self.arm = arm
+        self._do(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
             return True
@@ -190,30 +174,23 @@ class Episode:
 
     def drive(self, tick: int, mm: float) -> None:
         """The fault has driven the tip so much deeper into the tissue than it was at the strike."""
-        self.driven_mm = max(self.driven_mm, mm)
-        if self._beyond_anyone(tick):
-            self._spared_mm[1] = self.driven_mm
+        self._do(tick, 1, mm)
 
     def halt(self, halted_ms: int, golden_halted_ms: int) -> bool:
         """Time since the strike in which the pedal was held and the robot not live, its own and the
         golden run's; whether that makes a loss of motion for the first time."""
-        before = self._lost
+        was_lost = self._is_lost
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
-        self._lost = bool(
-            verdict.halts(halted_ms, golden_halted_ms, self.check_response == "stopped")
-        )
-        return self._lost and not before
+        stopped = self.check_response == "stopped"
+        self._is_lost = bool(verdict.halts(halted_ms, golden_halted_ms, stopped))
+        return self._is_lost and not was_lost
 
     def respond(self, tick: int, what: str) -> bool:
         """Take a response; False where it is none: before anything could be known, or not the
         first of its kind.
         """
-        if (
-            self.interrupted
-            or self.origin_ms is None
-            or tick < self.origin_ms
-            or what in self.responses
-        ):
+        known = self.origin_ms is not None and tick >= self.origin_ms
+        if self.interrupted or not known or what in self.responses:
             return False
         self.responses[what] = tick
         return True
@@ -222,12 +199,12 @@ class Episode:
         """Whether nothing from this tick on can make its outcome better: harm, a right response,
         or too late.
         """
-        if self._harmed() and not self._unavoidable():
+        if self._exceeds(self._done_mm) and not self._exceeds(self._spared_mm):
             return True
-        late = self.origin_ms is not None and tick - self.origin_ms > self.hazard.within_s * 1000.0
+        is_late = self.origin_ms is not None and tick - self.origin_ms > self._within_ms
         if CONTINUE in self.hazard.right_response:
-            return late or any(what != "slow" for what in self.responses)
-        return late or self.answer()[1]
+            return is_late or any(what != "slow" for what in self.responses)
+        return is_late or self.answer()[1]
 
     def interrupt(self, tick: int) -> bool:
         """Something cuts it off that is not the operator's; whether that leaves it undecided,
@@ -240,11 +217,7 @@ class Episode:
 
     def right(self, what: str) -> bool:
         """Whether this response, taken, is right and in time."""
-        limit = self.hazard.within_s * 1000.0
-        return (
-            what in self.hazard.right_response
-            and self.responses[what] - (self.origin_ms or 0) <= limit
-        )
+        return what in self.hazard.right_response and self.reaction_ms(what) <= self._within_ms
 
     def reaction_ms(self, what: str) -> int:
         """Of a response that was taken."""
@@ -253,37 +226,33 @@ class Episode:
     def answer(self) -> tuple[str, bool]:
         """The response that counts ("" if none) and whether it is right and in time."""
         in_order = sorted(self.responses, key=self.responses.__getitem__)
+        first = next((what for what in in_order if what != "slow"), "")
         if CONTINUE in self.hazard.right_response:
-            others = [what for what in in_order if what != "slow"]
-            return (others[0], False) if others else (CONTINUE, self.struck and not self.halted)
-        for what in in_order:
-            if self.right(what):
-                return what, True
-        return next((what for what in in_order if what != "slow"), ""), False
+            return (first, False) if first else (CONTINUE, self.struck and not self.halted)
+        right = next((what for what in in_order if self.right(what)), "")
+        return (right, True) if right else (first, False)
 
     def motion_hazard(self) -> str:
         """One of `verdict.HAZARDS`."""
-        return motion_hazard(
-            self.first_ms, self.halted_ms, self.golden_halted_ms, self.check_response == "stopped"
-        )
+        columns = {f"{name}_first_ms": [self.first_ms.get(name, -1)] for name in DISTANCES}
+        columns |= {"halted_ms": [self.halted_ms], "golden_halted_ms": [self.golden_halted_ms]}
+        (place,) = verdict.hazards(columns, np.array([self.check_response == "stopped"]))
+        return verdict.HAZARDS[place]
 
     def outcome(self) -> str:
         """One of interrupted, unavoidable, harm, avoided, halted, unaffected, missed."""
         if self.interrupted:
             return "interrupted"
-        if self._unavoidable():
+        if self._exceeds(self._spared_mm):
             return "unavoidable"
-        if self._harmed():
+        if self._exceeds(self._done_mm):
             return "harm"
         if self.answer()[1]:
             return "avoided"
         if self.halted:
             return "halted"
-        if (
-            max(self.peak_mm.values()) < AFFECTED_MM
-            and self.cue_ms is None
-            and self.motion_hazard() == "none"
-        ):
+        is_small = max(self.peak_mm.values()) < AFFECTED_MM
+        if is_small and self.cue_ms is None and self.motion_hazard() == "none":
             return "unaffected"
         return "missed"
 
@@ -294,12 +263,16 @@ class Episode:
         what, ok = self.answer()
         response = 0.0
         if ok:
-            limit = max(self.hazard.within_s * 1000.0 - FASTEST_MS, 1.0)
+            longest = max(self._within_ms - FASTEST_MS, 1.0)
             late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
-            response = 1.0 - 0.5 * min(late / limit, 1.0)
+            response = 1.0 - 0.5 * min(late / longest, 1.0)
+        # Of the way to a limit that was left when a person could act, the part that was gone
+        # since; of the whole way where nothing was left.
         used = max(
-            _share(*one)
-            for one in zip(self._done_mm(), self._spared_mm, self._limits_mm(), strict=True)
+            (done - spared) / (limit - spared if spared < limit else limit)
+            for done, spared, limit in zip(
+                self._done_mm, self._spared_mm, self._limits_mm, strict=True
+            )
         )
         return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
 
@@ -307,12 +280,11 @@ class Episode:
         """Its columns of hazards.csv."""
         what, ok = self.answer()
         answered = what in self.responses
-        alarms = [
-            self.checks[word] for word in verdict.TOLD if word in self.checks
-        ]  # of two at once the stronger
+        # of two at once the stronger
+        alarms = [self.checks[word] for word in verdict.TOLD if word in self.checks]
         alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
         limited_ms, limited = self.checks.get("limited", (None, None))
-        return {
+        row = {
             "cue": "on" if self.cue_on else "off",
             "number": self.hazard.number,
             "hazard": self.hazard.hazard,
@@ -336,19 +308,15 @@ class Episode:
             "halted": self.halted,
             "outcome": self.outcome(),
             "score": self.score(),
-            **(self._happening() if self.struck else {}),
         }
-
-    def _happening(self) -> dict[str, Any]:
-        """Columns of what happened to the robot."""
-        peaks = {
-            f"{name}_mm": round(mm, 4) if mm >= 0.0 else None for name, mm in self.peak_mm.items()
-        }
-        return {
+        if not self.struck:
+            return row
+        peaks = self.peak_mm.items()
+        return row | {
             "check_response": self.check_response,
             "check_cause": self.checks.get(self.check_response, (None, None))[1],
             "motion_hazard": self.motion_hazard(),
-            **peaks,
+            **{f"{name}_mm": round(mm, 4) if mm >= 0.0 else None for name, mm in peaks},
             **{f"{name}_first_ms": self.first_ms.get(name) for name in DISTANCES},
             "halted_ms": self.halted_ms,
             "golden_halted_ms": self.golden_halted_ms,
@@ -356,29 +324,18 @@ class Episode:
             "deepest_mm": round(self.deepest_mm, 4) if math.isfinite(self.deepest_mm) else None,
         }
 
-    def _done_mm(self) -> tuple[float, float]:
-        return self.farthest_mm, self.driven_mm
+    @property
+    def _within_ms(self) -> float:
+        return self.hazard.within_s * 1000.0
 
-    def _limits_mm(self) -> tuple[float, float]:
-        return self.harm.excursion_mm, self.harm.depth_mm
+    def _exceeds(self, amounts_mm: list[float]) -> bool:
+        return any(mm > limit for mm, limit in zip(amounts_mm, self._limits_mm, strict=True))
 
-    def _harmed(self) -> bool:
-        return any(mm > limit for mm, limit in zip(self._done_mm(), self._limits_mm(), strict=True))
-
-    def _unavoidable(self) -> bool:
-        return any(mm > limit for mm, limit in zip(self._spared_mm, self._limits_mm(), strict=True))
-
-    def _beyond_anyone(self, tick: int) -> bool:
-        """Whether no person could have acted on it yet."""
-        return self.origin_ms is None or tick < self.origin_ms + ACTS_MS
+    def _do(self, tick: int, kind: int, mm: float) -> None:
+        self._done_mm[kind] = max(self._done_mm[kind], mm)
+        if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
+            self._spared_mm[kind] = self._done_mm[kind]
 
     def _originate(self, tick: int) -> None:
         if self.origin_ms is None or tick < self.origin_ms:
             self.origin_ms = tick
-
-
-def _share(done: float, spared: float, limit: float) -> float:
-    """Of the way to a limit that was left, how much was gone since; of the whole way where none
-    was left.
-    """
-    return (done - spared) / (limit - spared if spared < limit else limit)

@@ -29,9 +29,8 @@ class HazardRow:
     cue_ms: float | None
     alarm_ms: float | None  # first check that told a person or stopped the robot
     alarm: str
-    limited_ms: (
-        float | None
-    )  # first check that changed a command or dropped a packet: nobody was told
+    # first check that changed a command or dropped a packet: nobody was told
+    limited_ms: float | None
     limited: str
     check_response: str  # one of outcomes.verdict.RESPONSES; "" where it never struck
     check_cause: str  # first check that did so
@@ -75,11 +74,15 @@ class HazardRow:
         """Largest unintended motion of the true tip, while the robot was live and while it was
         not.
         """
-        return max(
-            (mm for mm in (self.unintended_mm, self.unintended_off_mm) if mm is not None),
-            default=None,
-        )
+        distances = (self.unintended_mm, self.unintended_off_mm)
+        return max((mm for mm in distances if mm is not None), default=None)
 
 
 COLUMNS = tuple(one.name for one in dataclasses.fields(HazardRow))
 """Of hazards.csv, in order."""
+OF_SESSION = ("session", "participant", "group", "scenario", "seed", "blinded")
+"""Columns that are the same in every row of a session."""
+OF_LIST = ("hazard", "title", "right_response")
+"""Columns that stand in the session's list of hazards, too."""
+TOLD = tuple(name for name in COLUMNS if name not in (*OF_SESSION, *OF_LIST))
+"""Columns of the event "hazard_row", in order: with session.json they make the row again."""

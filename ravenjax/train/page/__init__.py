@@ -9,22 +9,63 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import ipaddress
 from multiprocessing.connection import Connection
+from typing import Any
 
-from ravenjax.train.page.options import PageOptions
+from ravenjax.errors import UserError
+from ravenjax.robots.raven2.arms import ArmName
 
-__all__ = ["PageOptions", "run", "run_when_told"]
+
+@dataclasses.dataclass(frozen=True)
+class PageOptions:
+    """What the page's process is told when it is spawned, by pickling."""
+
+    frames: str  # name of the ring of frames
+    events: str  # name of the ring of events
+    commands: str  # name of the ring of commands, which the page writes
+    port_taken: Connection | None  # the page says here which port it took, once it listens
+    arms: tuple[ArmName, ...]
+    # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
+    header: dict[str, Any]
+    folder: str | None = None  # where debrief.html appears once the session is over
+    host: str = "127.0.0.1"
+    port: int = 0  # 0: a free one
+    # what every request must carry; needed where `host` is not a loopback address
+    token: str | None = None
+    # what an instructor's window must carry; None: nobody instructs
+    instructor_token: str | None = None
+    fps: float = 60.0  # frames a second, 30 at least
+
+    def __post_init__(self) -> None:
+        if not self.token and not loopback(self.host):
+            raise UserError(
+                f"host is {self.host!r}, which others can reach, and there is no token: "
+                "give one that every visitor must carry, or bind 127.0.0.1"
+            )
+        if self.token and self.token == self.instructor_token:
+            raise UserError(
+                "token and instructor_token are the same: whoever drives could instruct; give two"
+                " that differ"
+            )
+        if not 30.0 <= self.fps <= 240.0:
+            raise UserError(f"fps is {self.fps!r}, expected 30 to 240")
+
+
+def loopback(host: str) -> bool:
+    """Whether only this machine can reach a server on `host`."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def run(options: PageOptions) -> None:
     """Serve the page until the process is terminated or the session's is gone. The entry point of a
     spawned process.
-
-    Sends its port through `options.port_taken` once it listens.
     """
-    from ravenjax.train.page import (
-        process,
-    )  # viser and MuJoCo: seconds, wanted in the page's process alone
+    # viser and MuJoCo take seconds, and only the page's process needs them.
+    from ravenjax.train.page import process
 
     process.run(options)
 
@@ -35,5 +76,6 @@ def run_when_told(told: Connection) -> None:
     """
     from ravenjax.train.page import process
 
-    with contextlib.suppress(EOFError):  # the session ended before it began
+    # EOFError: the session ended before it began.
+    with contextlib.suppress(EOFError):
         process.run(dataclasses.replace(told.recv(), port_taken=told))

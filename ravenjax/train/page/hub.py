@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import hmac
 import json
 import time
 from collections import Counter
@@ -21,14 +20,15 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.train.page.door import query
+from ravenjax.train.page.auth import query, same_secret
 from ravenjax.train.page.inbox import Inbox, RefusedMessage
-from ravenjax.train.page.sight import Sight
+from ravenjax.train.page.visibility import Visibility
 from ravenjax.train.protocol import messages
 from ravenjax.train.protocol.frame import CONSOLES, PHASES, VIEWS, FrameLayout
 from ravenjax.train.realtime.ring import Ring, put_json
 
-MOST_PER_S = 400  # messages of one window; a gamepad at 144 Hz with all keys stays below
+MOST_PER_S = 400
+"""Messages of one window; a gamepad at 144 Hz with all keys stays below."""
 KEPT_EVENTS = 1000
 _SIGNED = ("operator", "seat")
 """Commands that say which role they come from, where that is not the operator."""
@@ -43,28 +43,23 @@ class Client:
         self, connection: ServerConnection, role: str, window: str, instructs: bool
     ) -> None:
         """instructs: whether it has shown that it may, though another may do so now."""
-        self.connection, self.role, self.window, self.instructs = (
-            connection,
-            role,
-            window,
-            instructs,
-        )
+        self.connection, self.role, self.window = connection, role, window
+        self.instructs = instructs
         self._texts: list[str] = []
         self._frame: tuple[np.ndarray, np.ndarray] | None = None
         self._wake = asyncio.Event()
         self._room, self._counted = float(MOST_PER_S), time.monotonic()
 
-    def tell(self, told: dict[str, Any]) -> None:
+    def send_soon(self, message: dict[str, Any]) -> None:
         """Send a text, in order."""
-        self._texts.append(json.dumps(told, separators=(",", ":")))
+        self._texts.append(json.dumps(message, separators=(",", ":")))
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
-        """Send a frame, in place of one that still waits."""
+        """Send a frame, in place of one that still waits; of both the greater peaks."""
         if self._frame:
-            extras = np.column_stack(
-                [np.maximum(extras[:, :2], self._frame[1][:, :2]), extras[:, 2:]]
-            )
+            extras = extras.copy()
+            extras[:, :2] = np.maximum(extras[:, :2], self._frame[1][:, :2])
         self._frame = row, extras
         self._wake.set()
 
@@ -78,7 +73,7 @@ class Client:
         self._room -= 1
         return True
 
-    async def send(self, sight: Callable[[], Sight]) -> None:
+    async def send(self, visibility: Callable[[], Visibility]) -> None:
         """Until the socket closes."""
         while True:
             await self._wake.wait()
@@ -88,7 +83,7 @@ class Client:
                 await self.connection.send(text)
             if self._frame:
                 frame, self._frame = self._frame, None
-                await self.connection.send(sight().frame(*frame))
+                await self.connection.send(visibility().frame(*frame))
 
 
 class Hub:
@@ -115,14 +110,13 @@ class Hub:
         self._on_page, self._on_input = on_page, on_input
         self._instructor_token = instructor_token
         self._scripted = "script" in header.get("consoles", ())
-        blinded = bool(header.get("blinded"))
-        self._sights = {
-            role: Sight(layout, role, blinded) for role in ("operator", "watcher", "instructor")
+        self._visibility = {
+            role: Visibility(layout, role, bool(header.get("blinded")))
+            for role in ("operator", "watcher", "instructor")
         }
         self._clients: list[Client] = []
-        self._closing: set[asyncio.Task[None]] = (
-            set()
-        )  # connections; who else holds a task is its event loop, weakly
+        # An event loop holds its tasks weakly, so these keep closing connections alive.
+        self._closing: set[asyncio.Task[None]] = set()
         self._events: list[dict[str, Any]] = []
         self._last_input: dict[str, Any] = {}
         self.dropped: Counter[str] = Counter()
@@ -131,19 +125,25 @@ class Hub:
         """One websocket, from its greeting to its end."""
         options = query(connection.request.path if connection.request else "")
         window = options.get("window", "")[:64]
-        self._forget(window)
+        self._drop_earlier(window)
         asks = options.get("role") == "instructor"
-        instructs = asks and self._may_instruct(options.get("instructor_token", ""))
-        role = self._free_chair() if instructs else "watcher" if asks else self._free_seat()
+        token = options.get("instructor_token", "")
+        instructs = asks and same_secret(token, self._instructor_token)
+        # A second instructor begins as a watcher and takes over only by a message of their own.
+        if instructs and not self._has("instructor"):
+            role = "instructor"
+        else:
+            role = "watcher" if asks or not self._seat_is_free() else "operator"
         client = Client(connection, role, window, instructs)
         self._greet(client)
         self._clients.append(client)
-        sender = asyncio.create_task(client.send(lambda: self._sights[client.role]))
+        sender = asyncio.create_task(client.send(lambda: self._visibility[client.role]))
         try:
             async for message in connection:
                 self._take(client, message)
         except ConnectionClosed:
-            pass  # a tab that vanished; what it held is let go below
+            # The tab vanished; `_part` lets go of what it held.
+            pass
         finally:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
@@ -151,36 +151,38 @@ class Hub:
             self._part(client)
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
-        """A new frame (float32) and what belongs to it, see `Sight.frame`."""
+        """A new frame (float32) and what belongs to it, see `Visibility.frame`."""
         for client in self._clients:
             client.show(row, extras)
 
-    def tell(self, events: list[dict[str, Any]]) -> None:
+    def announce(self, events: list[dict[str, Any]]) -> None:
         """New events of the session."""
         self._events = [*self._events, *events][-KEPT_EVENTS:]
         for client in self._clients:
-            for event in events:
-                if self._sights[client.role].event(event.get("kind", "")):
-                    client.tell({"type": "event", **event})
+            for event in self._visible(client, events):
+                client.send_soon({"type": "event", **event})
 
     @property
     def open(self) -> int:
         """Windows."""
         return len(self._clients)
 
+    def _visible(self, client: Client, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        return [event for event in events if self._visibility[client.role].shows_event(event)]
+
     def _part(self, client: Client) -> None:
         """The window is gone, or another connection has come in its place."""
-        if client in self._clients:
-            self._clients.remove(client)
-            drove, client.role = (
-                client.role == "operator",
-                "watcher",
-            )  # what it has said before may arrive yet
-            if drove:
-                self._forward(LEFT)
-                self._seat_told()
+        if client not in self._clients:
+            return
+        self._clients.remove(client)
+        drove = client.role == "operator"
+        # What it has sent before may still arrive.
+        client.role = "watcher"
+        if drove:
+            self._forward(LEFT)
+            self._announce_seat()
 
-    def _forget(self, window: str) -> None:
+    def _drop_earlier(self, window: str) -> None:
         """A window that comes back may be there still, on a connection that has died unheard."""
         for client in [one for one in self._clients if window and one.window == window]:
             self._part(client)
@@ -190,35 +192,23 @@ class Hub:
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
 
-    def _may_instruct(self, token: str) -> bool:
-        expected = self._instructor_token
-        return expected is not None and hmac.compare_digest(token.encode(), expected.encode())
+    def _has(self, role: str) -> bool:
+        return any(client.role == role for client in self._clients)
 
-    def _free_seat(self) -> str:
-        if self._scripted or any(client.role == "operator" for client in self._clients):
-            return "watcher"
-        return "operator"
-
-    def _free_chair(self) -> str:
-        """The instructor's: a second one sits down beside the first only by a word of their own."""
-        return (
-            "watcher"
-            if any(client.role == "instructor" for client in self._clients)
-            else "instructor"
-        )
+    def _seat_is_free(self) -> bool:
+        return not self._scripted and not self._has("operator")
 
     def _greet(self, client: Client) -> None:
-        sight = self._sights[client.role]
         places = {
             name: [place.start, place.stop - place.start]
             for name, place in self._layout.places.items()
         }
-        client.tell(
+        client.send_soon(
             {
                 "type": "welcome",
                 "role": client.role,
                 "instructs": client.instructs,
-                "header": sight.header(self._header),
+                "header": self._visibility[client.role].header(self._header),
                 **self._place,
                 "arms": self._layout.arms,
                 "layout": places,
@@ -228,58 +218,54 @@ class Hub:
                 "views": VIEWS,
                 "consoles": CONSOLES,
                 "stale_ms": messages.STALE_MS,
-                "events": [event for event in self._events if sight.event(event.get("kind", ""))],
+                "events": self._visible(client, self._events),
             }
         )
 
-    def _seat_told(self) -> None:
-        free = self._free_seat() == "operator"
+    def _announce_seat(self) -> None:
         for client in self._clients:
             if client.role == "watcher":
-                client.tell({"type": "seat", "free": free})
+                client.send_soon({"type": "seat", "free": self._seat_is_free()})
 
     def _take(self, client: Client, message: str | bytes) -> None:
         if not client.admits():
             self.dropped["too many"] += 1
             return
         try:
-            content = self._inbox.read(message, client.role)
+            command = self._inbox.read(message, client.role)
         except RefusedMessage as reason:
             self.dropped["refused"] += 1
-            client.tell({"type": "refused", "why": str(reason), "dropped": self.dropped["refused"]})
+            refusal = {"why": str(reason), "dropped": self.dropped["refused"]}
+            client.send_soon({"type": "refused", **refusal})
             return
-        if content["type"] == "page":
-            self._page(client, content)
+        if command["type"] == "page":
+            self._obey(client, command)
+        elif client.role != "operator" and command["type"] in _SIGNED:
+            self._forward({**command, "by": client.role})
         else:
-            by = (
-                {}
-                if client.role == "operator" or content["type"] not in _SIGNED
-                else {"by": client.role}
-            )
-            self._forward({**content, **by})
+            self._forward(command)
 
-    def _page(self, client: Client, told: dict[str, Any]) -> None:
-        if told["do"] == "ping":
-            client.tell(
-                {
-                    "type": "pong",
-                    "stamp": told.get("stamp", 0.0),
-                    "dropped": sum(self.dropped.values()),
-                }
-            )
-        elif told["do"] == "instruct":
-            if client.instructs:
-                client.role = "instructor"
-                self._greet(client)
-        elif told["do"] != "take":
-            self._on_page(client, told)
-        elif self._free_seat() == "operator":
-            client.role = "operator"
-            self._greet(client)
-            self._seat_told()
+    def _obey(self, client: Client, command: dict[str, Any]) -> None:
+        """A command for the page's process."""
+        match command["do"]:
+            case "ping":
+                dropped = sum(self.dropped.values())
+                pong = {"type": "pong", "stamp": command.get("stamp", 0.0), "dropped": dropped}
+                client.send_soon(pong)
+            case "instruct":
+                if client.instructs:
+                    client.role = "instructor"
+                    self._greet(client)
+            case "take":
+                if self._seat_is_free():
+                    client.role = "operator"
+                    self._greet(client)
+                    self._announce_seat()
+            case _:
+                self._on_page(client, command)
 
-    def _forward(self, told: dict[str, Any]) -> None:
-        put_json(self._commands, told)
-        if told["type"] == "input" and told != self._last_input:
-            self._last_input = told
+    def _forward(self, command: dict[str, Any]) -> None:
+        put_json(self._commands, command)
+        if command["type"] == "input" and command != self._last_input:
+            self._last_input = command
             self._on_input()

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-LARGEST = 2048  # bytes of one message
-NOTE = 700  # bytes of a note as JSON: it must fit in an event
-
+LARGEST = 2048
+"""Bytes of one message at most."""
+NOTE = 700
+"""Bytes of a note as JSON at most: it must fit in an event."""
 
 _Speed = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
 _Axes = Annotated[list[_Speed], Field(min_length=3, max_length=3)]
@@ -24,8 +25,8 @@ class _Message(BaseModel):
 
 
 class _Hand(_Message):
-    move: _Axes = Field(default_factory=lambda: [0.0, 0.0, 0.0])
-    turn: _Axes = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    move: _Axes = [0.0, 0.0, 0.0]
+    turn: _Axes = [0.0, 0.0, 0.0]
     grasp: _Speed = 0.0
 
 
@@ -73,6 +74,15 @@ class _Page(_Message):
 _ANY: TypeAdapter[_Input | _Operator | _Instructor | _Seat | _Page] = TypeAdapter(
     Annotated[_Input | _Operator | _Instructor | _Seat | _Page, Field(discriminator="type")]
 )
+_NEEDED = {("operator", "note"): {"text"}, ("seat", "give"): {"to"}} | {
+    ("instructor", "cue"): {"on"},
+    ("instructor", "arm"): {"hazard"},
+}
+"""Keys that a command must have; others it must not have."""
+_OPTIONAL = {"instructor": {"next": {"participant", "scenario", "seed"}}}
+_EVERYBODY = {("page", "camera"), ("page", "layer"), ("page", "ping"), ("operator", "estop")}
+"""Commands of every role: an E-stop is the safe direction, open to whoever looks."""
+_NOT_WATCHERS = {("operator", "note"), ("seat", "give")}
 
 
 class Inbox:
@@ -83,7 +93,7 @@ class Inbox:
         self._arms, self._hazards, self._blinded = arms, hazards, blinded
 
     def read(self, message: str | bytes, role: str) -> dict[str, Any]:
-        """The message as `messages` describes it, or one of "page". Raises Refused."""
+        """The message as `messages` describes it, or one of "page". Raises RefusedMessage."""
         if len(message) > LARGEST:
             raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:
@@ -93,63 +103,48 @@ class Inbox:
             raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
         except RecursionError:
             raise RefusedMessage("nested too deep") from None
-        if not _may(role, content):
-            raise RefusedMessage(
-                f"a {role} may not send {content.type} {getattr(content, 'do', '')}".rstrip()
-            )
-        return self._sense(content)
+        command = content.model_dump(exclude_none=True)
+        kind, do = content.type, command.get("do", "")
+        if not _may_send(role, kind, do):
+            raise RefusedMessage(f"a {role} may not send {kind} {do}".rstrip())
+        if kind in ("operator", "seat", "instructor"):
+            _require_keys(kind, do, command.keys() - {"type", "do"})
+        self._require_sense(command)
+        return command
 
-    def _sense(self, told: _Message) -> dict[str, Any]:
-        if isinstance(told, _Input):
-            strange = [arm for arm in told.arms if arm not in self._arms]
-            if strange:
+    def _require_sense(self, command: dict[str, Any]) -> None:
+        for arm in command.get("arms", ()):
+            if arm not in self._arms:
+                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
+        if len(json.dumps(command.get("text", ""))) > NOTE:
+            raise RefusedMessage(f"a note of more than {NOTE} bytes")
+        if (command["type"], command.get("do")) == ("instructor", "cue") and self._blinded:
+            raise RefusedMessage("the session is blinded: its cue is not the instructor's")
+        if command.get("hazard", -1) >= self._hazards:
+            raise RefusedMessage(f"hazard {command['hazard']}, the session has {self._hazards}")
+        if "scenario" in command:
+            # The models of a scenario are needed only once a session is over.
+            from ravenjax.train.scenario import loading
+
+            names = [path.stem for path in loading.bundled()]
+            if command["scenario"] not in names:
                 raise RefusedMessage(
-                    f"arm {strange[0]}, the session has {' and '.join(self._arms)}"
+                    f"no scenario {command['scenario']}; there are {', '.join(names)}"
                 )
-        if isinstance(told, _Operator):
-            if (told.do == "note") != (told.text is not None):
-                raise RefusedMessage("a note has a text, and nothing else has")
-            if told.text is not None and len(json.dumps(told.text)) > NOTE:
-                raise RefusedMessage(f"a note of more than {NOTE} bytes")
-        if isinstance(told, _Seat) and (told.do == "give") != (told.to is not None):
-            raise RefusedMessage("`to` belongs to give")
-        if isinstance(told, _Instructor):
-            if told.do == "cue" and self._blinded:
-                raise RefusedMessage("the session is blinded: its cue is not the instructor's")
-            if (told.do == "cue") != (told.on is not None) or (told.do == "arm") != (
-                told.hazard is not None
-            ):
-                raise RefusedMessage("`on` belongs to cue, `hazard` to arm")
-            if told.do != "next" and (told.participant, told.scenario, told.seed) != (
-                None,
-                None,
-                None,
-            ):
-                raise RefusedMessage("`participant`, `scenario` and `seed` belong to next")
-            if told.scenario is not None:
-                from ravenjax.train.scenario import (
-                    loading,
-                )  # the models of a scenario: only once a session is over
-
-                names = [path.stem for path in loading.bundled()]
-                if told.scenario not in names:
-                    raise RefusedMessage(
-                        f"no scenario {told.scenario}; there are {', '.join(names)}"
-                    )
-            if told.hazard is not None and told.hazard >= self._hazards:
-                raise RefusedMessage(f"hazard {told.hazard}, the session has {self._hazards}")
-        return told.model_dump(exclude_none=True)
 
 
-def _may(role: str, told: Any) -> bool:
-    if isinstance(told, _Page):
-        return told.do not in ("take", "instruct") or role == "watcher"
-    if isinstance(told, _Operator) and told.do == "estop":
-        return True  # the safe direction is open to whoever looks
-    if isinstance(told, _Instructor):
-        return role == "instructor"
-    if isinstance(told, _Operator) and told.do == "note":
+def _may_send(role: str, kind: str, do: str) -> bool:
+    if (kind, do) in _EVERYBODY:
+        return True
+    if (kind, do) in _NOT_WATCHERS:
         return role != "watcher"
-    if isinstance(told, _Seat) and told.do == "give":
-        return role != "watcher"
-    return role == "operator"
+    return role == {"page": "watcher", "instructor": "instructor"}.get(kind, "operator")
+
+
+def _require_keys(kind: str, do: str, keys: set[str]) -> None:
+    needed = _NEEDED.get((kind, do), set())
+    allowed = needed | _OPTIONAL.get(kind, {}).get(do, set())
+    if not needed <= keys <= allowed:
+        got = ", ".join(sorted(keys)) or "nothing"
+        wanted = ", ".join(sorted(allowed)) or "nothing"
+        raise RefusedMessage(f"{kind} {do}: got {got}, expected {wanted}")

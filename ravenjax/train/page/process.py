@@ -1,5 +1,8 @@
 """The page's process: polls the rings, draws, and tells the windows."""
 
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import contextlib
@@ -10,36 +13,54 @@ import signal
 import threading
 import time
 
+import mujoco
 import numpy as np
 
-from ravenjax.train.page.aim import Aim
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.train.page import PageOptions
+from ravenjax.train.page.auth import Auth
 from ravenjax.train.page.cameras import Windows
-from ravenjax.train.page.door import Door
 from ravenjax.train.page.hub import Hub
 from ravenjax.train.page.inbox import Inbox
-from ravenjax.train.page.options import PageOptions
 from ravenjax.train.page.server import Server
 from ravenjax.train.page.site import PageSite
-from ravenjax.train.page.world import World, place
+from ravenjax.train.page.world import World, frame0_in_world, place
 from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.jaws import with_tips
+from ravenjax.train.protocol.jaws import closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, read_json
 
-PROMPT_S = 0.004  # between frames while the answer to a key is awaited
-ANSWER_S = 0.06
+# Between frames while the answer to a key is awaited, and for how long it is.
+PROMPT_S, ANSWER_S = 0.004, 0.06
 PARENT_S = 1.0
+
+
+class Aim:
+    """Where the control software wants the jaws of one arm to close, before the robot gets there:
+    forward kinematics by the model's own tip site.
+    """
+
+    def __init__(self, arm: ArmName) -> None:
+        self._model = arm_model.one_arm(arm)
+        self._data = mujoco.MjData(self._model)
+        self._arm: ArmName = arm
+        self._site = self._model.site(f"{arm}_tip").id
+        self._origin, self._turn = frame0_in_world(self._model, arm)
+
+    def tip(self, jpos: np.ndarray) -> np.ndarray:
+        """[3] m, in the arm's frame 0, of joints [7] in rad and m."""
+        self._data.qpos[:] = jpos
+        mujoco.mj_kinematics(self._model, self._data)
+        axis = (self._data.site_xpos[self._site] - self._origin) @ self._turn
+        return np.array(closing_point(self._arm, axis.tolist(), jpos.tolist()))
 
 
 def run(options: PageOptions) -> None:
     """See the package."""
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C is the session's to take; it ends the page in its own time
-    page = Page(options)
-    try:
+    # Ctrl-C is the session's to take; it ends the page in its own time.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.closing(Page(options)) as page:
         page.work()
-    finally:
-        page.close()
 
 
 class Page:
@@ -47,109 +68,105 @@ class Page:
 
     def __init__(self, options: PageOptions) -> None:
         """Attach to the rings, bind the port, and say which it is."""
-        self._options = options
+        self._fps = options.fps
         self._layout = FrameLayout.of(options.arms)
-        self._frames, self._events = Ring.attach(options.frames), Ring.attach(options.events)
-        self._commands = Ring.attach(options.commands)
+        self._frames, self._events, commands = self._rings = [
+            Ring.attach(name) for name in (options.frames, options.events, options.commands)
+        ]
         self._next_event = 0
-        self._seen = 0  # frames
+        self._frames_seen = 0
         self._answer_until = 0.0
         self._changed = threading.Event()
-        blinded = bool(options.header.get("blinded"))
-        inbox = Inbox(options.arms, len(options.header.get("hazards", ())), blinded)
-        self._windows = Windows()
         self._aims = {arm: Aim(arm) for arm in options.arms}
+        header = options.header
+        blinded = bool(header.get("blinded"))
+        windows = Windows()
         self._hub = Hub(
-            options.header,
+            header,
             place(options.arms),
             self._layout,
-            self._commands,
-            inbox,
-            self._windows.obey,
+            commands,
+            Inbox(options.arms, len(header.get("hazards", ())), blinded),
+            windows.obey,
             self._await_answer,
             options.instructor_token,
         )
-        door = Door(options.host, options.token)
-        logging.getLogger("websockets").setLevel(
-            logging.CRITICAL
-        )  # refusals are counted, not printed
-        self._server = Server(
-            options.host,
-            options.port,
-            door,
-            PageSite(door, options.folder, options.instructor_token),
-            self._hub.serve,
-        )
-        self._windows.watch(self._server.viser)
-        self._world = World(self._server.viser, options.arms, options.header.get("task"), blinded)
+        auth = Auth(options.host, options.token)
+        # Refusals are counted, not printed.
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)
+        site = PageSite(auth, options.folder, options.instructor_token)
+        self._server = Server(options.host, options.port, auth, site, self._hub.serve)
+        windows.watch(self._server.viser)
+        self._world = World(self._server.viser, options.arms, header.get("task"), blinded)
         if options.port_taken is not None:
             options.port_taken.send(self._server.port)
             options.port_taken.close()
 
     def work(self) -> None:
         """Until the session's process is gone."""
-        period = 1.0 / self._options.fps
+        period = 1.0 / self._fps
         last_frame = last_check = time.monotonic()
         while True:
             now = time.monotonic()
-            self._tell()
+            self._pass_on()
             if now >= last_frame + period - 1e-3:
                 last_frame = now
                 self._draw()
-            parent = multiprocessing.parent_process()
             if now > last_check + PARENT_S:
                 last_check = now
+                parent = multiprocessing.parent_process()
                 if parent is not None and not parent.is_alive():
                     return
-            self._changed.wait(
-                PROMPT_S
-                if now < self._answer_until
-                else max(0.0, last_frame + period - time.monotonic())
-            )
+            until_frame = max(0.0, last_frame + period - time.monotonic())
+            self._changed.wait(PROMPT_S if now < self._answer_until else until_frame)
             self._changed.clear()
 
     def close(self) -> None:
         """Stop serving and let go of the rings."""
-        with contextlib.redirect_stdout(io.StringIO()):  # viser says good-bye
+        # viser says good-bye.
+        with contextlib.redirect_stdout(io.StringIO()):
             self._server.viser.stop()
-        self._frames.close()
-        self._events.close()
-        self._commands.close()
+        for ring in self._rings:
+            ring.close()
 
-    def _tell(self) -> None:
+    def _pass_on(self) -> None:
         """What is new, to the windows."""
+        call_soon = self._server.loop.call_soon_threadsafe
         first, rows = self._events.read(self._next_event)
         if len(rows):
             self._next_event = first + len(rows)
             events = list(read_json(rows))
             for event in events:
-                self._world.tell(event)
-            self._server.loop.call_soon_threadsafe(self._hub.tell, events)
-        _, rows = self._frames.read(self._seen)
+                self._world.follow(event)
+            call_soon(self._hub.announce, events)
+        _, rows = self._frames.read(self._frames_seen)
         if len(rows):
-            self._seen = self._frames.written
+            self._frames_seen = self._frames.written
             if self._hub.open:
                 frames = rows.view(np.float32)
                 row = with_tips(self._layout, frames[-1])
-                self._server.loop.call_soon_threadsafe(self._hub.show, row, self._extras(frames))
+                call_soon(self._hub.show, row, self._extras(frames))
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
         """[arms, 5]: greatest error_mm and force of these frames, for a peak of one millisecond is
         to be seen; then the tip that the software wants, m, in the arm's frame 0."""
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):
-            out[i, 0] = frames[:, self._layout.places[f"{arm}/error_mm"]].max()
-            out[i, 1] = np.linalg.norm(frames[:, self._layout.places[f"{arm}/force"]], axis=1).max()
-            out[i, 2:] = self._aims[arm].tip(frames[-1, self._layout.places[f"{arm}/jpos_d"]])
+            error, force, wanted = (
+                frames[:, self._layout.places[f"{arm}/{name}"]]
+                for name in ("error_mm", "force", "jpos_d")
+            )
+            out[i, 0] = error.max()
+            out[i, 1] = np.linalg.norm(force, axis=1).max()
+            out[i, 2:] = self._aims[arm].tip(wanted[-1])
         return out
 
     def _draw(self) -> None:
         if self._frames.written and self._server.watching:
             _, rows = self._frames.read(self._frames.written - 1)
             if len(rows):
-                self._world.update(
-                    Frame(self._layout, with_tips(self._layout, rows[-1].view(np.float32)))
-                )
+                row = with_tips(self._layout, rows[-1].view(np.float32))
+                self._world.update(Frame(self._layout, row))
 
     def _await_answer(self) -> None:
         self._answer_until = time.monotonic() + ANSWER_S

@@ -2,7 +2,7 @@
 it.
 
 Viser binds its websocket server itself, without a look at who asks. It is started with that one
-function wrapped, so that the door is asked first, /session is ours, and only what is left reaches
+function wrapped, so that `auth` is asked first, /session is ours, and only what is left reaches
 viser; one thread and one event loop.
 """
 
@@ -23,7 +23,7 @@ from viser import _messages
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from ravenjax.train.page.door import Door
+from ravenjax.train.page.auth import Auth
 from ravenjax.train.page.site import PageSite
 
 SESSION = "/session"
@@ -38,22 +38,23 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class Server:
-    """A running viser server behind the door."""
+    """A running viser server behind its checks."""
 
-    def __init__(self, host: str, port: int, door: Door, site: PageSite, session: Handler) -> None:
+    def __init__(self, host: str, port: int, auth: Auth, site: PageSite, session: Handler) -> None:
         """session: handles each websocket of /session."""
-        self.watching = 0  # sockets that look at the scene
+        # Sockets that look at the scene.
+        self.watching = 0
         with (
-            _wrapped(door, site, session, self._watched),
+            _wrapped(auth, site, session, self._count_watchers),
             contextlib.redirect_stdout(io.StringIO()),
         ):
             self.viser = viser.ViserServer(host=host, port=port, verbose=False)
-        door.port = self.viser.get_port()
+        auth.port = self.viser.get_port()
         # A visitor could make viser open a tunnel to a server elsewhere; nothing leaves this
         # machine.
         self.viser._websock_server.unregister_handler(_messages.ShareUrlRequest)
 
-    def _watched(self, change: int) -> None:
+    def _count_watchers(self, change: int) -> None:
         self.watching += change
 
     @property
@@ -69,7 +70,7 @@ class Server:
 
 @contextlib.contextmanager
 def _wrapped(
-    door: Door, site: PageSite, session: Handler, watched: Callable[[int], None]
+    auth: Auth, site: PageSite, session: Handler, watched: Callable[[int], None]
 ) -> Iterator[None]:
     original = websockets.asyncio.server.serve
 
@@ -87,10 +88,9 @@ def _wrapped(
                     watched(-1)
 
         def process(connection: ServerConnection, request: Request) -> Response | None:
-            if door.port == 0 and connection.local_address:
-                door.port = connection.local_address[
-                    1
-                ]  # the first to come may come before the constructor is done
+            # The first request may come before the constructor is done.
+            if auth.port == 0 and connection.local_address:
+                auth.port = connection.local_address[1]
             connection.protocol.max_message_size = LARGEST_BYTES
             return site.answer(request)
 

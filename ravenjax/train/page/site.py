@@ -1,22 +1,22 @@
 """What the server hands out over HTTP: viser's client with the page's own lines in it, static
-files, the debrief.
+files, the debrief, and for the instructor the sessions beside the present one.
 """
 
 from __future__ import annotations
 
 import gzip
-import hmac
-import http
 import json
+from http import HTTPStatus
 from pathlib import Path
-from urllib.parse import urlsplit
+from typing import Any
+from urllib.parse import quote, urlsplit
 
 import viser
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from ravenjax.train.page.door import Door, query
-from ravenjax.train.page.session_list import SessionList
+from ravenjax.train.page.auth import Auth, query, same_secret
+from ravenjax.train.recording import folders
 
 STATIC = Path(__file__).resolve().parent / "static"
 DEBRIEF = "debrief.html"
@@ -31,6 +31,12 @@ _LATE = (
     f'{_LOOK}<link rel="stylesheet" href="/static/instructor.css"><script type="module"'
     ' src="/static/page.js"></script>'
 )
+_WITHOUT_SCENE = (
+    f'<!doctype html><html lang="en"><head>{_EARLY}<meta charset="utf-8" />'
+    '<link rel="icon" href="data:," />'
+    '<meta name="viewport" content="width=device-width, initial-scale=1" />'
+    f"<title>ravenjax</title>{_LATE}</head><body>PANEL</body></html>"
+)
 
 
 class PageSite:
@@ -38,15 +44,14 @@ class PageSite:
     403.
     """
 
-    def __init__(self, door: Door, folder: str | None, instructor_token: str | None = None) -> None:
+    def __init__(self, auth: Auth, folder: str | None, instructor_token: str | None = None) -> None:
         """instructor_token: opens the list of sessions in the folder's folder; None: nobody sees
         it.
         """
-        self._door, self._instructor_token = door, instructor_token
-        self._sessions = SessionList(Path(folder).parent) if folder and instructor_token else None
-        self._debrief = Path(folder) / DEBRIEF if folder else None
+        self._auth, self._instructor_token = auth, instructor_token
+        self._folder = Path(folder) if folder else None
         self._files = {
-            f"/static/{path.name}": _packed(path)
+            f"/static/{path.name}": (_TYPES[path.suffix], gzip.compress(path.read_bytes(), 6))
             for path in STATIC.iterdir()
             if path.suffix in _TYPES
         }
@@ -54,111 +59,118 @@ class PageSite:
 
     def answer(self, request: Request) -> Response | None:
         """The response; None lets a websocket through."""
-        reason = self._door.refusal(request)
+        reason = self._auth.refusal(request)
         if reason is not None:
-            return self._response(http.HTTPStatus.FORBIDDEN, "text/plain", f"{reason}\n".encode())
+            return _plain_response(HTTPStatus.FORBIDDEN, reason)
         if (request.headers.get("Upgrade") or "").lower() == "websocket":
             return None
-        path = urlsplit(request.path).path
-        ready = self._debrief is not None and self._debrief.is_file()
+        path, parameters = urlsplit(request.path).path, query(request.path)
+        debrief = self._folder / DEBRIEF if self._folder else None
+        has_debrief = debrief is not None and debrief.is_file()
         if path == "/debrief.json":
-            return self._response(
-                http.HTTPStatus.OK, "application/json", json.dumps({"ready": ready}).encode()
-            )
-        if path == f"/{DEBRIEF}" and self._debrief is not None and ready:
-            return self._response(http.HTTPStatus.OK, _TYPES[".html"], self._debrief.read_bytes())
+            ready = json.dumps({"ready": has_debrief}).encode()
+            return _response(HTTPStatus.OK, "application/json", ready)
+        if path == f"/{DEBRIEF}" and debrief is not None and has_debrief:
+            return _response(HTTPStatus.OK, _TYPES[".html"], debrief.read_bytes())
         if path.startswith("/sessions"):
-            return self._past(request, path)
-        if path == "/":
-            wishes = query(request.path)
-            page = (
-                "inset"
-                if "inset" in wishes
-                else "panel"
-                if wishes.get("scene") == "off"
-                else "scene"
-            )
-            kind, body = _TYPES[".html"], self._pages[page]
-        elif path in self._files:
-            kind, body = self._files[path]
-        else:
-            return self._response(http.HTTPStatus.NOT_FOUND, "text/plain", b"no such page\n")
+            return self._earlier_session(path, parameters.get("instructor_token", ""))
         extra = {"Content-Encoding": "gzip"}
-        cookie = self._door.cookie(request)
-        if cookie:
+        if cookie := self._auth.cookie(request):
             extra["Set-Cookie"] = cookie
         if path == "/":
+            with_scene = "panel" if parameters.get("scene") == "off" else "scene"
+            body = self._pages["inset" if "inset" in parameters else with_scene]
             extra["Content-Security-Policy"] = _policy(request.headers["Host"])
-        return self._response(http.HTTPStatus.OK, kind, body, extra)
+            return _response(HTTPStatus.OK, _TYPES[".html"], body, extra)
+        if path in self._files:
+            return _response(HTTPStatus.OK, *self._files[path], extra)
+        return _plain_response(HTTPStatus.NOT_FOUND, "no such page")
 
-    def _past(self, request: Request, path: str) -> Response:
+    def _earlier_session(self, path: str, token: str) -> Response:
         """The list of sessions, or a debrief out of it: the instructor's alone."""
-        expected = (self._instructor_token or "").encode()
-        word = query(request.path).get("instructor_token", "")
-        if self._sessions is None or not hmac.compare_digest(word.encode(), expected):
-            return self._response(
-                http.HTTPStatus.FORBIDDEN,
-                "text/plain",
-                b"the list of sessions is the instructor's\n",
-            )
-        body = self._sessions.page(word) if path == "/sessions" else self._sessions.debrief(path)
-        if body is None:
-            return self._response(http.HTTPStatus.NOT_FOUND, "text/plain", b"no such session\n")
-        return self._response(http.HTTPStatus.OK, _TYPES[".html"], body)
+        if self._folder is None or not same_secret(token, self._instructor_token):
+            return _plain_response(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
+        sessions = folders.beside(self._folder.parent)
+        if path == "/sessions":
+            # jinja takes a while to import.
+            from ravenjax.document import html
 
-    def _response(
-        self, status: http.HTTPStatus, kind: str, body: bytes, extra: dict[str, str] | None = None
-    ) -> Response:
-        fixed = {
-            "Content-Type": kind,
-            "Content-Length": str(len(body)),
-            "Cache-Control": "no-store",
-            "X-Content-Type-Options": "nosniff",
-            "X-Frame-Options": "SAMEORIGIN",
-            "Referrer-Policy": "no-referrer",  # the address may hold the token
-        }
-        return Response(status.value, status.phrase, Headers({**fixed, **(extra or {})}), body)
+            template = html.environment("ravenjax.train").get_template("sessions.html.j2")
+            rows = [_session_row(session, token) for session in reversed(sessions)]
+            text = template.render(rows=rows, folder=str(self._folder.parent))
+            return _response(HTTPStatus.OK, _TYPES[".html"], text.encode())
+        for session in sessions:
+            file = session.path / DEBRIEF
+            if path == _debrief_address(session) and file.is_file():
+                return _response(HTTPStatus.OK, _TYPES[".html"], file.read_bytes())
+        return _plain_response(HTTPStatus.NOT_FOUND, "no such session")
 
 
-_PLAIN = (
-    '<!doctype html><html lang="en"><head><meta charset="utf-8" /><link rel="icon" href="data:," />'
-    '<meta name="viewport" content="width=device-width, initial-scale=1" />'
-    "<title>ravenjax</title></head><body>PANEL</body></html>"
-)
+def _debrief_address(session: folders.SessionFolder) -> str:
+    return f"/sessions/{quote(session.path.name)}/{DEBRIEF}"
+
+
+def _session_row(session: folders.SessionFolder, token: str) -> dict[str, Any]:
+    header, summary = session.header, session.summary
+    hazards = summary.get("hazards") or {}
+    address = f"{_debrief_address(session)}?instructor_token={quote(token)}"
+    return {
+        "name": session.path.name,
+        "started": session.started[:16].replace("T", " "),
+        "scenario": session.scenario,
+        "participant": session.participant,
+        "group": "blinded" if header.get("blinded") else str(header.get("group") or ""),
+        "seconds": (summary.get("ticks") or 0) / 1000 or None,
+        "score": hazards.get("score"),
+        "reaction_ms": hazards.get("median_reaction_ms"),
+        "ended": str(summary.get("ended") or "cut short"),
+        "address": address if (session.path / DEBRIEF).is_file() else "",
+    }
+
+
+def _plain_response(status: HTTPStatus, text: str) -> Response:
+    return _response(status, "text/plain", f"{text}\n".encode())
+
+
+def _response(
+    status: HTTPStatus, kind: str, body: bytes, extra: dict[str, str] | None = None
+) -> Response:
+    headers = {
+        "Content-Type": kind,
+        "Content-Length": str(len(body)),
+        "Cache-Control": "no-store",
+        "X-Content-Type-Options": "nosniff",
+        "X-Frame-Options": "SAMEORIGIN",
+        # The address may hold the token.
+        "Referrer-Policy": "no-referrer",
+    }
+    return Response(status.value, status.phrase, Headers({**headers, **(extra or {})}), body)
 
 
 def _pages() -> dict[str, str]:
     """Viser's client, which is one self-contained page, with the session's panel over it; the panel
     alone; and the client alone, for a small second picture."""
     panel = (STATIC / "panel.html").read_text(encoding="utf-8")
-    plain = (
-        _PLAIN.replace("<head>", f"<head>{_EARLY}")
-        .replace("</head>", f"{_LATE}</head>")
-        .replace("PANEL", panel)
-    )
-    client = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text(
-        encoding="utf-8"
-    )
+    client = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    text = client.read_text(encoding="utf-8")
     return {
-        "panel": plain,
-        "scene": _scene(client, _LATE, panel),
-        "inset": _scene(client, _LOOK, ""),
+        "panel": _WITHOUT_SCENE.replace("PANEL", panel),
+        "scene": _with_scene(text, _LATE, panel),
+        "inset": _with_scene(text, _LOOK, ""),
     }
 
 
-def _scene(client: str, late: str, panel: str) -> str:
-    text = client.replace("<head>", f"<head>{_EARLY}", 1).replace(
-        "<title>Viser</title>", "<title>ravenjax</title>", 1
-    )
+def _with_scene(client: str, late: str, panel: str) -> str:
+    text = client.replace("<head>", f"<head>{_EARLY}", 1)
+    text = text.replace("<title>Viser</title>", "<title>ravenjax</title>", 1)
     head, _, rest = text.rpartition("</head>")
-    text = f"{head}{late}</head>{rest}".replace(
-        '<div id="root"></div>', f'<div id="root"></div>{panel}', 1
-    )
-    missing = [part for part in (_EARLY, late, panel) if part not in text]
-    if missing:
-        raise RuntimeError(
-            f"viser {viser.__version__}: its client's page has no place for {missing[0][:60]!r}"
-        )
+    root = '<div id="root"></div>'
+    text = f"{head}{late}</head>{rest}".replace(root, f"{root}{panel}", 1)
+    for part in (_EARLY, late, panel):
+        if part not in text:
+            raise RuntimeError(
+                f"viser {viser.__version__}: its client's page has no place for {part[:60]!r}"
+            )
     return text
 
 
@@ -169,7 +181,3 @@ def _policy(host: str) -> str:
         " data:; style-src 'self' 'unsafe-inline'; worker-src blob: data:; connect-src 'self'"
         f" ws://{host} wss://{host} data: blob:; frame-ancestors 'self'; base-uri 'none'"
     )
-
-
-def _packed(path: Path) -> tuple[str, bytes]:
-    return _TYPES[path.suffix], gzip.compress(path.read_bytes(), 6)

@@ -17,28 +17,33 @@ import numpy as np
 import viser
 
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 from ravenjax.robots.raven2.geometry import scene
-from ravenjax.train.page import bodies, colours, task_shapes
-from ravenjax.train.page.kept_meshes import KeptMeshes
-from ravenjax.train.page.plumb import Plumb
+from ravenjax.train.page import colours
+from ravenjax.train.page.depth_line import DepthLine
+from ravenjax.train.page.mesh_cache import MeshCache
+from ravenjax.train.page.task_shapes import TaskShapes
 from ravenjax.train.page.trails import Trails
 from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
 from ravenjax.train.protocol.world import surface
 
 LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task", "plumb")
-GHOST, VIRTUAL = colours.MODEL, (120, 226, 170)
-FORCE = (255, 190, 60)
+_LOOKS = {"ghost": (colours.MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
+"""Colour and opacity of the figures that are not the robot."""
 GHOST_MM = (0.5, 0.8)
 """A ghost goes below the first and comes above the second: inside the robot it would only tint
 it.
 """
-CONTACT = (70, 200, 150)
-CONTACT_M = 0.03  # m of arrow per N of contact
-FORCE_M = 0.9  # m of arrow per device unit; the published cue ends at 0.05
-SHADOW = 0.3  # how dark
-_STILL_M, _STILL = 2e-6, 2e-5  # m and 1: what nobody sees is not sent
+FORCE, CONTACT = (255, 190, 60), (70, 200, 150)
+CONTACT_M = 0.03
+"""m of arrow per N of contact."""
+FORCE_M = 0.9
+"""m of arrow per device unit; the published cue ends at 0.05."""
+SHADOW = 0.3
+"""How dark."""
+# What nobody sees is not sent: m, and parts of a quaternion.
+_STILL = np.array([2e-6] * 3 + [2e-5] * 4)
 
 
 class RobotFigure:
@@ -50,21 +55,34 @@ class RobotFigure:
         layer: str,
         model: mujoco.MjModel,
         arms: tuple[ArmName, ...],
-        meshes: KeptMeshes,
+        meshes: MeshCache,
     ) -> None:
         self._model, self._data = model, mujoco.MjData(model)
-        self._arms = arms
         self._data.qpos[:] = model.key("home").qpos
-        self._places = {
+        self._qpos = {
             arm: [int(model.joint(name).qposadr[0]) for name in arm_model.joint_names(arm)]
             for arm in arms
         }
-        self._nodes: list[tuple[int, Any]] = []
+        self._nodes: dict[int, Any] = {}
         self._sent: dict[int, np.ndarray] = {}
         self._visible = True
         for arm in arms:
-            for body, name in bodies.names(model, bodies.moving(model, arm)):
-                self._nodes.append((body, _drawn(server, f"/{layer}/{name}", meshes, body, layer)))
+            for body, body_name in body_shapes.moving_bodies(model, arm).items():
+                name = f"/{layer}/{body_name}"
+                if layer == "robot":
+                    glb = meshes.coloured(body)
+                    node = server.scene.add_glb(name, glb, receive_shadow=SHADOW)
+                else:
+                    colour, opacity = _LOOKS[layer]
+                    node = server.scene.add_mesh_simple(
+                        name,
+                        *meshes.plain(body),
+                        color=colour,
+                        opacity=opacity,
+                        cast_shadow=False,
+                        receive_shadow=False,
+                    )
+                self._nodes[body] = node
         self._place()
 
     @property
@@ -76,47 +94,23 @@ class RobotFigure:
     def visible(self, shown: bool) -> None:
         if shown != self._visible:
             self._visible = shown
-            for _, node in self._nodes:
+            for node in self._nodes.values():
                 node.visible = shown
 
     def show(self, frame: Frame, channel: str) -> None:
         """Take the joint positions of this channel."""
-        for arm in self._arms:
+        for arm, places in self._qpos.items():
             if f"{arm}/{channel}" in frame.layout.places:
-                self._data.qpos[self._places[arm]] = frame[f"{arm}/{channel}"]
+                self._data.qpos[places] = frame[f"{arm}/{channel}"]
         self._place()
 
     def _place(self) -> None:
         mujoco.mj_kinematics(self._model, self._data)
-        for body, node in self._nodes:
-            position, turn = self._data.xpos[body], self._data.xquat[body]
-            last = self._sent.get(body)
-            if last is not None and _still(last, position, turn):
-                continue
-            self._sent[body] = np.concatenate([position, turn])
-            node.position, node.wxyz = position, turn
-
-
-def _still(last: np.ndarray, position: np.ndarray, turn: np.ndarray) -> bool:
-    return bool(
-        np.abs(last[:3] - position).max() < _STILL_M and np.abs(last[3:] - turn).max() < _STILL
-    )
-
-
-def _drawn(server: viser.ViserServer, name: str, meshes: KeptMeshes, body: int, layer: str) -> Any:
-    if layer == "robot":
-        return server.scene.add_glb(name, meshes.coloured(body), receive_shadow=SHADOW)
-    vertices, faces = meshes.plain(body)
-    colour, opacity = (GHOST, 0.36) if layer == "ghost" else (VIRTUAL, 0.75)
-    return server.scene.add_mesh_simple(
-        name,
-        vertices,
-        faces,
-        color=colour,
-        opacity=opacity,
-        cast_shadow=False,
-        receive_shadow=False,
-    )
+        for body, node in self._nodes.items():
+            pose = np.concatenate([self._data.xpos[body], self._data.xquat[body]])
+            if body not in self._sent or np.any(np.abs(self._sent[body] - pose) >= _STILL):
+                self._sent[body] = pose
+                node.position, node.wxyz = pose[:3], pose[3:]
 
 
 class World:
@@ -134,83 +128,71 @@ class World:
         """
         model = arm_model.scene()
         self._server, self._arms = server, arms
-        self._frames = {arm: _frame0(model, arm) for arm in arms}
-        meshes = KeptMeshes(model)
+        self._frames = {arm: frame0_in_world(model, arm) for arm in arms}
+        meshes = MeshCache(model)
+        shown = () if blinded else arms
         with server.atomic():
-            _surroundings(server, model, meshes)
+            _add_surroundings(server, model, meshes)
             self._robot = RobotFigure(server, "robot", model, ARMS, meshes)
             self._virtual = RobotFigure(server, "virtual", model, arms, meshes)
-            self._ghosts = (
-                {}
-                if blinded
-                else {arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in arms}
-            )
+            self._ghosts = {
+                arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in shown
+            }
             self._trails = Trails(server, arms, blinded)
-            self._arrows = {} if blinded else {arm: _arrow(server, arm) for arm in arms}
-            self._contacts = {arm: _arrow(server, f"contact_{arm}", CONTACT) for arm in arms}
-            self._plumb = Plumb(server, arms)
-            self._task = task_shapes.TaskShapes(server, task or {})
+            self._forces = {arm: _add_arrow(server, arm, FORCE) for arm in shown}
+            self._contacts = {arm: _add_arrow(server, f"contact_{arm}", CONTACT) for arm in arms}
+            self._depth_lines = {arm: DepthLine(server, arm) for arm in arms}
+            self._task = TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
             figure.visible = False
 
     def update(self, frame: Frame) -> None:
         """Draw this frame."""
-        view = VIEWS[int(frame.number("view"))]
         tips: dict[str, np.ndarray] = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")
-            self._virtual.visible = view == "virtual"
-            if view == "virtual":
+            self._virtual.visible = VIEWS[int(frame.number("view"))] == "virtual"
+            if self._virtual.visible:
                 self._virtual.show(frame, "virtual_jpos")
             for arm, ghost in self._ghosts.items():
-                ghost.visible = frame.number(f"{arm}/error_mm") > (
-                    GHOST_MM[0] if ghost.visible else GHOST_MM[1]
-                )
+                ghost.visible = frame.number(f"{arm}/error_mm") > GHOST_MM[not ghost.visible]
                 if ghost.visible:
                     ghost.show(frame, "model_jpos")
+            ms, is_felt = int(frame.number("session_tick")), frame.number("cue_on") != 0
             for arm in self._arms:
                 origin, turn = self._frames[arm]
                 tip = tips[arm] = origin + turn @ frame[f"{arm}/tip"]
-                self._trails.add(
-                    arm,
-                    tip,
-                    origin + turn @ frame[f"{arm}/model_tip"],
-                    int(frame.number("session_tick")),
-                )
-                if arm in self._arrows:
-                    force = turn @ frame[f"{arm}/force"] * (frame.number("cue_on") != 0)
-                    _point(self._arrows[arm], tip, FORCE_M * force)
-                touch = turn @ frame[f"{arm}/contact"]
-                _point(self._contacts[arm], self._touching(frame, arm), CONTACT_M * touch)
+                self._trails.add(arm, tip, origin + turn @ frame[f"{arm}/model_tip"], ms)
+                if arm in self._forces:
+                    force = turn @ frame[f"{arm}/force"] * is_felt
+                    _point(self._forces[arm], tip, FORCE_M * force)
+                contact = turn @ frame[f"{arm}/contact"]
+                _point(self._contacts[arm], self._deeper_jaw(frame, arm), CONTACT_M * contact)
+                self._depth_lines[arm].show(tip)
             self._trails.send()
-            self._plumb.show(tips)
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
 
-    def _touching(self, frame: Frame, arm: ArmName) -> np.ndarray:
+    def _deeper_jaw(self, frame: Frame, arm: ArmName) -> np.ndarray:
         """The jaw tip that is deeper in the tissue, in the world: where most of the contact's
         force acts.
         """
         origin, turn = self._frames[arm]
-        ends = [
-            origin + turn @ np.array(end)
-            for end in jaw_tips(
-                arm, frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
-            )
-        ]
+        tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
+        ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
         return min(ends, key=lambda end: end[2] - surface(float(end[0]), float(end[1])))
 
-    def tell(self, event: dict[str, Any]) -> None:
+    def follow(self, event: dict[str, Any]) -> None:
         """An event of the session that changes what is drawn."""
         if event.get("kind") == "object":
-            self._task.moved(event)
+            self._task.follow(event)
 
 
 def place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
     """Where the arms and the tissue stand, for a window that draws tips itself: JSON, m, the
     world's axes.
     """
-    bases = {arm: _frame0(arm_model.scene(), arm) for arm in arms}
+    bases = {arm: frame0_in_world(arm_model.scene(), arm) for arm in arms}
     return {
         "bases": {
             arm: {"origin": origin.tolist(), "turn": turn.tolist()}
@@ -220,7 +202,7 @@ def place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
     }
 
 
-def _frame0(model: mujoco.MjModel, arm: ArmName) -> tuple[np.ndarray, np.ndarray]:
+def frame0_in_world(model: mujoco.MjModel, arm: ArmName) -> tuple[np.ndarray, np.ndarray]:
     """Origin (m) and rotation [3, 3] of the arm's frame 0 in the world."""
     body = model.body(arm_model.base(arm))
     turn = np.zeros(9)
@@ -228,10 +210,10 @@ def _frame0(model: mujoco.MjModel, arm: ArmName) -> tuple[np.ndarray, np.ndarray
     return body.pos.copy(), turn.reshape(3, 3)
 
 
-def _surroundings(server: viser.ViserServer, model: mujoco.MjModel, meshes: KeptMeshes) -> None:
+def _add_surroundings(server: viser.ViserServer, model: mujoco.MjModel, meshes: MeshCache) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    for body, name in bodies.names(model, bodies.fixed(model)):
+    for body, name in body_shapes.fixed_bodies(model).items():
         server.scene.add_glb(
             f"/fixed/{name}",
             meshes.coloured(body),
@@ -241,7 +223,7 @@ def _surroundings(server: viser.ViserServer, model: mujoco.MjModel, meshes: Kept
         )
 
 
-def _arrow(server: viser.ViserServer, name: str, colour: tuple[int, int, int] = FORCE) -> Any:
+def _add_arrow(server: viser.ViserServer, name: str, colour: tuple[int, int, int]) -> Any:
     return server.scene.add_arrows(
         f"/force/{name}",
         np.zeros((1, 2, 3), np.float32),

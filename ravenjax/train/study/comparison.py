@@ -18,7 +18,6 @@ from ravenjax.stats import multiplicity
 from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison import clustered, effect_size
 from ravenjax.stats.intervals import Estimate, Rate, wilson
-from ravenjax.stats.latency import Incidence, LogRank, incidence, log_rank
 from ravenjax.train.judge.row import HazardRow
 from ravenjax.train.study.table import TrainingStudy
 
@@ -67,7 +66,6 @@ class ComparedGroup(NamedTuple):
     rate: Rate | None  # of right responses
     mean: float  # of participants' means
     median: float  # of hazards; of a time inf where half had no response
-    curve: Incidence | None  # of a time
     points: list[float]  # participants' means
 
 
@@ -83,7 +81,6 @@ class GroupComparison(NamedTuple):
     g: Estimate  # standardised difference of participants' means
     delta: Estimate  # Cliff's, of participants' means
     icc: float  # likeness of hazards of one participant, NaN where each met one
-    log_rank: LogRank | None  # of a time, hazards taken as independent
     p: float  # by exchanging conditions between, or within, participants
     adjusted: float  # by Holm over all outcomes that vary and pairs of groups
     clear: bool  # adjusted p below 1 - confidence
@@ -93,11 +90,11 @@ class GroupComparison(NamedTuple):
 
 def compare(study: TrainingStudy, confidence: float = 0.95, seed: int = 0) -> list[GroupComparison]:
     """Every outcome, each group against the reference: the first of `study.labels`."""
-    labels = list(study.labels.values())
+    first, *others = study.labels.values()
     horizon = horizon_ms(study)
     comparisons = [
-        _compared(study, outcome, labels[0], label, horizon, confidence, seed)
-        for label in labels[1:]
+        _compared(study, outcome, first, label, horizon, confidence, seed)
+        for label in others
         for outcome in OUTCOMES
     ]
     findings = multiplicity.holm({str(i): one.p for i, one in enumerate(comparisons)}, confidence)
@@ -114,14 +111,9 @@ def horizon_ms(study: TrainingStudy) -> float:
     The shortest time for a response that a hazard of the scenario gives; the longest response seen
     where none tells.
     """
-    limits = [
-        session.watched_ms[hazard.number]
-        for session, _, hazard in study.rows()
-        if hazard.number in session.watched_ms
-    ]
-    responses = [
-        hazard.after["response"] for _, _, hazard in study.rows() if "response" in hazard.after
-    ]
+    rows = [(session.watched_ms.get(hazard.number), hazard) for session, _, hazard in study.rows()]
+    limits = [limit for limit, _ in rows if limit is not None]
+    responses = [hazard.after["response"] for _, hazard in rows if "response" in hazard.after]
     return min(limits) if limits else max(responses, default=1000.0)
 
 
@@ -135,54 +127,54 @@ def _compared(
     seed: int,
 ) -> GroupComparison:
     sides = [_clusters(study, outcome, label, horizon) for label in (first, second)]
-    both = sides[0].keys() & sides[1].keys()
-    everyone = sides[0].keys() | sides[1].keys()
+    both, everyone = sides[0].keys() & sides[1].keys(), sides[0].keys() | sides[1].keys()
     is_paired = 2 * len(both) > len(everyone)
     members = [sorted(both)] * 2 if is_paired else [sorted(side.keys() - both) for side in sides]
-    left_out = len(everyone - set(members[0]) - set(members[1]))
     one, two = ([side[name] for name in names] for side, names in zip(sides, members, strict=True))
-    means = [
-        [np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in side]
-        for side in (one, two)
-    ]
+    limited_one, limited_two = (
+        [np.minimum(values, horizon) for values in side] for side in (one, two)
+    )
+    if outcome is not TIME:
+        limited_one, limited_two = one, two
     if outcome is RIGHT:
         risk = clustered.paired_risk_difference if is_paired else clustered.risk_difference
-        difference = risk(two, one, confidence)
+        difference, median = risk(two, one, confidence), None
     else:
-        difference = clustered.mean_difference(means[1], means[0], confidence, is_paired=is_paired)
-    points = [clustered.means(side) for side in means]
-    enough = min(map(len, points)) > 1
-    varies = enough and _varies(points, is_paired)
-    standard = effect_size.paired_g if is_paired else effect_size.hedges_g
+        difference = clustered.mean_difference(
+            limited_two, limited_one, confidence, is_paired=is_paired
+        )
+        median = clustered.bootstrap_difference(
+            two, one, _median, confidence, is_paired=is_paired, seed=seed
+        )
+    means = clustered.means(limited_one), clustered.means(limited_two)
+    enough = min(map(len, means)) > 1
+    # Whether exchanging conditions could change anything. That is asked without a look at which
+    # group is which, so that leaving out what does not vary favours no result.
+    varies = False
+    if enough:
+        spread = np.abs(means[0] - means[1]).max() if is_paired else np.ptp(np.concatenate(means))
+        varies = bool(spread > _ALIKE)
+    p = math.nan
+    if varies:
+        p = clustered.permutation_p(limited_two, limited_one, is_paired=is_paired, seed=seed)
+    standardised = effect_size.paired_g if is_paired else effect_size.hedges_g
     dominance = effect_size.paired_dominance if is_paired else effect_size.cliffs_delta
+    groups = _group(first, one, means[0], outcome), _group(second, two, means[1], outcome)
     return GroupComparison(
         outcome,
-        first=_group(first, one, outcome, horizon),
-        second=_group(second, two, outcome, horizon),
+        *groups,
         paired=is_paired,
         difference=difference,
-        median=None if outcome is RIGHT else _medians(one, two, confidence, is_paired, seed),
-        g=standard(points[1], points[0], confidence) if enough else _NONE,
-        delta=dominance(points[1], points[0], confidence) if enough else _NONE,
-        icc=clustered.correlation(*means).icc,
-        log_rank=_log_rank(one, two, horizon) if outcome is TIME else None,
-        p=(
-            clustered.permutation_p(means[1], means[0], is_paired=is_paired, seed=seed)
-            if varies
-            else math.nan
-        ),
+        median=median,
+        g=standardised(means[1], means[0], confidence) if enough else _NONE,
+        delta=dominance(means[1], means[0], confidence) if enough else _NONE,
+        icc=clustered.correlation(limited_one, limited_two).icc,
+        p=p,
         adjusted=math.nan,
         clear=False,
-        left_out=left_out,
+        left_out=len(everyone - set(members[0]) - set(members[1])),
         varies=varies,
     )
-
-
-def _varies(points: list[np.ndarray], is_paired: bool) -> bool:
-    """Whether exchanging conditions could change anything: asked without a look at which group is
-    which, so that leaving out what does not vary favours no result."""
-    spread = np.abs(points[0] - points[1]).max() if is_paired else np.ptp(np.concatenate(points))
-    return bool(spread > _ALIKE)
 
 
 def _clusters(
@@ -195,43 +187,26 @@ def _clusters(
     for session, group, hazard in study.rows():
         value = outcome.value(hazard) if group == label else None
         if value is not None:
-            late = outcome is TIME and value > horizon
-            out.setdefault(session.participant, []).append(math.inf if late else value)
+            is_late = outcome is TIME and value > horizon
+            out.setdefault(session.participant, []).append(math.inf if is_late else value)
     return {name: np.array(values) for name, values in out.items()}
 
 
 def _group(
-    label: str, clusters: list[np.ndarray], outcome: ComparedOutcome, horizon: float
+    label: str, clusters: list[np.ndarray], means: np.ndarray, outcome: ComparedOutcome
 ) -> ComparedGroup:
-    values = np.concatenate(clusters) if clusters else np.zeros(0)
-    limited = [np.minimum(cluster, horizon) if outcome is TIME else cluster for cluster in clusters]
-    points = clustered.means(limited).tolist()
+    values = np.concatenate([*clusters, np.zeros(0)])
     return ComparedGroup(
         label,
-        len(clusters),
-        len(values),
-        wilson(int(values.sum()), len(values)) if outcome is RIGHT else None,
-        float(np.mean(points)) if points else math.nan,
-        _median(values) if len(values) else math.nan,
-        incidence(np.minimum(values, horizon), np.isfinite(values)) if outcome is TIME else None,
-        points,
+        participants=len(clusters),
+        hazards=len(values),
+        rate=wilson(int(values.sum()), len(values)) if outcome is RIGHT else None,
+        mean=float(np.mean(means)) if len(means) else math.nan,
+        median=_median(values) if len(values) else math.nan,
+        points=means.tolist(),
     )
 
 
 def _median(values: np.ndarray) -> float:
     """The least value that half of the values do not exceed; infinite where half never came."""
     return float(np.sort(values)[(len(values) - 1) // 2])
-
-
-def _medians(
-    one: list[np.ndarray], two: list[np.ndarray], confidence: float, is_paired: bool, seed: int
-) -> BootstrapBand:
-    return clustered.bootstrap_difference(
-        two, one, _median, confidence, is_paired=is_paired, seed=seed
-    )
-
-
-def _log_rank(one: list[np.ndarray], two: list[np.ndarray], horizon: float) -> LogRank:
-    values = [np.concatenate(side) if side else np.zeros(0) for side in (one, two)]
-    first, second = ((np.minimum(side, horizon), np.isfinite(side)) for side in values)
-    return log_rank(*first, *second)

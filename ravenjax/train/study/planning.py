@@ -10,6 +10,7 @@ be begun.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -88,25 +89,21 @@ def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float
     return min(1.0, 2.0 / min(ways, DRAWS + 1))
 
 
-def sentences(found: StudyPlan) -> str:
+def sentences(plan: StudyPlan) -> str:
     """The plan in words."""
-    design = "who do both conditions" if found.paired else "each in one group"
-    family = f"{found.comparisons} comparisons" if found.comparisons > 1 else "one comparison"
-    can = (
-        "a clear result is possible"
-        if found.possible
-        else "no result can be clear, however large the effect"
-    )
-    why = f", as {DRAWS:,} exchanges are drawn" if found.smallest_p <= 2.0 / (DRAWS + 1) else ""
+    design = "who do both conditions" if plan.paired else "each in one group"
+    family = f"{plan.comparisons} comparisons" if plan.comparisons > 1 else "one comparison"
+    verdict = "no result can be clear, however large the effect"
+    if plan.possible:
+        verdict = "a clear result is possible"
+    why = f", as {DRAWS:,} exchanges are drawn" if plan.smallest_p <= 2.0 / (DRAWS + 1) else ""
     lines = [
-        (
-            f"{found.participants} participants, {design}: the smallest p is"
-            f" {found.smallest_p:.3g}{why}; after Holm over {family} {found.adjusted:.3g}: {can}."
-        ),
-        f"The least for a clear result: {found.needed} participants.",
+        f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g}{why};"
+        f" after Holm over {family} {plan.adjusted:.3g}: {verdict}.",
+        f"The least for a clear result: {plan.needed} participants.",
     ]
-    if found.for_effect is not None:
-        lines.append(f"For the effect that is to be found: {found.for_effect} participants.")
+    if plan.for_effect is not None:
+        lines.append(f"For the effect that is to be found: {plan.for_effect} participants.")
     lines.append(
         "An outcome that does not vary is not compared, which makes the family smaller; who drops"
         " out makes it harder."
@@ -118,10 +115,11 @@ def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups:
     """Participants, by Student's t-test at Holm's first level: somewhat fewer than an exchange
     test of few needs.
     """
-    from statsmodels.stats.power import TTestIndPower, TTestPower  # slow to import
+    # slow to import
+    from statsmodels.stats.power import TTestIndPower, TTestPower
 
-    law = TTestPower() if paired else TTestIndPower()
-    each = _least(lambda n: n > 1 and float(law.power(effect, n, alpha)) >= power)
+    test = TTestPower() if paired else TTestIndPower()
+    each = _least(lambda n: n > 1 and float(test.power(effect, n, alpha)) >= power)
     return each if paired else groups * each
 
 
@@ -135,7 +133,4 @@ def _least(enough: Callable[[int], bool]) -> int:
                 f"more than {MOST} participants are needed: ask for a larger effect or fewer"
                 " comparisons"
             )
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle, high)
-    return high
+    return bisect.bisect_left(range(high), True, lo=low + 1, key=enough)

@@ -11,14 +11,11 @@ from typing import NamedTuple
 
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.train.debrief import html
-from ravenjax.train.recording.hazards import table as hazards_table
+from ravenjax.train.recording import hazards as hazards_table
 from ravenjax.train.study import comparison, figures, words
 from ravenjax.train.study import table as study_table
-from ravenjax.train.study.assignment import Assignment, assign
 from ravenjax.train.study.comparison import GroupComparison
 from ravenjax.train.study.table import TrainingStudy
-
-__all__ = ["Assignment", "StudyResult", "assign", "run"]
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
 _HIDDEN = ("group", "cue", "cue_ms", "session")
@@ -57,32 +54,30 @@ def run(
     text = words.text(study, comparisons, horizon)
     out = Path(out)
     require_writable(out)
-    page = render(study, comparisons, horizon, text)
-    for name, content in ((PAGE, page), (TABLE, table(study)), (TEXT, text)):
+    table = _table(study)
+    page = _page(study, comparisons, horizon, table)
+    for name, content in ((PAGE, page), (TABLE, table), (TEXT, text)):
         data = content.encode()
         write_aside(out / name, lambda target, data=data: target.write_bytes(data))
     return StudyResult(out / PAGE, out / TABLE, text, comparisons)
 
 
-def table(study: TrainingStudy) -> str:
+def _table(study: TrainingStudy) -> str:
     """One row a hazard that struck, as CSV; `compared` is the group as it is shown."""
-    rows = []
-    for session, label, hazard in study.rows():
-        row = dataclasses.asdict(hazard) | {
-            "participant": session.participant,
-            "session": session.name,
-        }
-        if study.blinded:
-            row = {name: value for name, value in row.items() if name not in _HIDDEN}
-        rows.append({"compared": label} | row)
-    return hazards_table.text(list(rows[0]), rows)
+    rows = [
+        {"compared": label}
+        | dataclasses.asdict(hazard)
+        | {"participant": session.participant, "session": session.name}
+        for session, label, hazard in study.rows()
+    ]
+    columns = [name for name in rows[0] if not (study.blinded and name in _HIDDEN)]
+    return hazards_table.as_csv(columns, rows)
 
 
-def render(study: TrainingStudy, found: list[GroupComparison], horizon: float, text: str) -> str:
-    """The page as text."""
-    labels = list(study.labels.values())
+def _page(study: TrainingStudy, found: list[GroupComparison], horizon: float, table: str) -> str:
     begin, rest = words.headline(found)
-    per_outcome = {one.outcome.key: one for one in reversed(found)}
+    keys = [outcome.key for outcome in comparison.OUTCOMES]
+    per_outcome = {key: [one for one in found if one.outcome.key == key] for key in keys}
     return html.page(
         "study.html.j2",
         study=study,
@@ -90,24 +85,13 @@ def render(study: TrainingStudy, found: list[GroupComparison], horizon: float, t
         rest=rest,
         caveats=words.caveats(study, found),
         comparisons=found,
-        labels=labels,
+        labels=list(study.labels.values()),
         people=len({one.participant for one in study.sessions}),
         hazards=len(study.rows()),
         horizon_s=horizon / 1000,
-        forest=figures.forest(found, labels),
-        curves=figures.curves(found, labels, horizon),
-        dots={
-            one.outcome.key: figures.participants(one, found, labels)
-            for one in (per_outcome[outcome.key] for outcome in comparison.OUTCOMES)
-        },
-        heights={
-            "forest": figures.forest_height(found),
-            "curves": figures.CURVE_HEIGHT,
-            "dots": figures.POINTS_HEIGHT,
-        },
-        colours=figures.COLOURS,
+        dots={key: figures.participants(mine) for key, mine in per_outcome.items()},
+        dots_height=figures.HEIGHT,
         words=words,
-        table=table(study),
-        text=text,
+        table=table,
         versions=study.sessions[0].header.get("versions") or {},
     )

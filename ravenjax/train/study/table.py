@@ -17,8 +17,9 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.store.logs.session import description
 from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.recording import hazards as table
 from ravenjax.train.recording import reader
-from ravenjax.train.recording.hazards import events, table
+from ravenjax.train.recording.folders import SessionFolder
 
 BY = ("group", "cue")
 """What sessions may be compared by."""
@@ -66,11 +67,10 @@ class StudySession:
         """How long a response to each hazard of its list is awaited, ms; a little longer is
         watched.
         """
-        listed = self.header.get("hazards") or []
         return {
-            int(one["number"]): 1e3 * float(one["within_s"])
-            for one in listed
-            if "number" in one and "within_s" in one
+            int(hazard["number"]): 1e3 * float(hazard["within_s"])
+            for hazard in self.header.get("hazards") or []
+            if "number" in hazard and "within_s" in hazard
         }
 
 
@@ -88,14 +88,14 @@ class TrainingStudy:
     @property
     def scenario(self) -> str:
         """Name of its scenario."""
-        return scenario_name(self.sessions[0].header)
+        return SessionFolder(self.sessions[0].folder, self.sessions[0].header).scenario
 
     def rows(self) -> list[tuple[StudySession, str, HazardRow]]:
         """Session, label of its group and hazard, of every hazard that struck."""
         return [
-            (one, self.labels[condition], hazard)
-            for one in self.sessions
-            for condition, hazards in one.groups(self.by).items()
+            (session, self.labels[condition], hazard)
+            for session in self.sessions
+            for condition, hazards in session.groups(self.by).items()
             for hazard in hazards
         ]
 
@@ -114,54 +114,52 @@ def collect(
     together, and say so. Raises UserError where there is nothing to compare or sessions are not of
     one study, StoreError where a file is damaged.
     """
-    every = [_read(folder) for folder in _folders(folders)]
-    left_out = [_why_not(one) for one in every if not _struck(one)]
-    valid = [one for one in every if _struck(one)]
+    if by is not None and by not in BY:
+        raise UserError(f"compare by {by!r}: expected one of {', '.join(BY)}")
+    sessions = [_read(folder) for folder in _folders(folders)]
+    valid = [session for session in sessions if session.groups("cue")]
+    left_out = [_why_not(session) for session in sessions if session not in valid]
     if not valid:
         listed = "; ".join(left_out[:_LONGEST]) or "no session was found"
         raise UserError(
             f"a study needs sessions in which hazards struck and were decided: {listed}"
         )
     notes = [*_of_one_study(valid, mixed), *_undecided(valid)]
-    by = _by(valid, by)
-    groups = sorted(
-        {name for one in valid for name in one.groups(by)},
-        key=lambda name: (name.lower() not in _REFERENCES, name),
-    )
+
+    def conditions(by: str) -> set[str]:
+        return {name for session in valid for name in session.groups(by)}
+
+    if by is None:
+        by = "group" if len(conditions("group")) > 1 else "cue"
+    groups = sorted(conditions(by), key=lambda name: (name.lower() not in _REFERENCES, name))
     if len(groups) < 2:
         raise UserError(
             f"all {len(valid)} sessions have {by} {groups[0]!r}: there is nothing to compare. Give"
             f" sessions of another {by} too" + ("" if by == "cue" else ", or compare by the cue")
         )
-    blinded = any(one.header.get("blinded") for one in valid) and not unblind
-    labels = _blind(groups, valid) if blinded else {name: _named(by, name) for name in groups}
+    blinded = any(session.header.get("blinded") for session in valid) and not unblind
+    if blinded:
+        labels = _blind(groups, valid)
+    else:
+        labels = {name: f"cue {name}" if by == "cue" else name or "(no group)" for name in groups}
     return TrainingStudy(valid, by, labels, blinded, left_out, notes)
 
 
-def scenario_name(header: dict[str, Any]) -> str:
-    """Of a session's header."""
-    scenario = header.get("scenario")
-    return str(scenario.get("name", "")) if isinstance(scenario, dict) else str(scenario or "")
-
-
 def _folders(given: Iterable[Path]) -> list[Path]:
-    out: list[Path] = []
+    """The folders of sessions, each once."""
+    out: dict[Path, Path] = {}
     for folder in map(Path, given):
-        if (folder / description.FILE).exists():
-            inside = [folder]
-        else:
-            inside = (
-                sorted(path.parent for path in folder.rglob(description.FILE))
-                if folder.is_dir()
-                else []
-            )
+        inside = [folder]
+        if not (folder / description.FILE).exists():
+            inside = sorted(path.parent for path in folder.rglob(description.FILE))
         if not inside:
             raise UserError(
                 f"{folder}: holds no session; expected folders that `ravenjax train` wrote, or one"
                 " with such"
             )
-        out += [one for one in inside if one.resolve() not in {other.resolve() for other in out}]
-    return out
+        for session in inside:
+            out.setdefault(session.resolve(), session)
+    return list(out.values())
 
 
 def _read(folder: Path) -> StudySession:
@@ -170,14 +168,9 @@ def _read(folder: Path) -> StudySession:
     """
     header = description.read(folder)
     if (folder / table.FILE).exists() or reader.find(folder) is None:
-        return StudySession(folder, header, table.read(folder))
-    return StudySession(
-        folder, header, events.from_recording(reader.read(folder), header), cut_short=True
-    )
-
-
-def _struck(one: StudySession) -> bool:
-    return bool(one.groups("cue"))
+        return StudySession(folder, header, table.read_table(folder))
+    hazards = table.from_recording(reader.read(folder), header)
+    return StudySession(folder, header, hazards, cut_short=True)
 
 
 def _why_not(one: StudySession) -> str:
@@ -262,14 +255,6 @@ def _difference(first: Any, second: Any) -> str:
     return f"{str(first)[:60]} and {str(second)[:60]}"
 
 
-def _by(sessions: Sequence[StudySession], by: str | None) -> str:
-    if by is not None and by not in BY:
-        raise UserError(f"compare by {by!r}: expected one of {', '.join(BY)}")
-    if by is not None:
-        return by
-    return "group" if len({name for one in sessions for name in one.groups("group")}) > 1 else "cue"
-
-
 def _blind(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
     """Letters in an order that tells nothing: drawn from the sessions' own names, the same each
     time.
@@ -279,7 +264,3 @@ def _blind(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str,
     order = np.random.default_rng(seed).permutation(len(groups))
     letters = {groups[int(place)]: string.ascii_uppercase[i] for i, place in enumerate(order)}
     return dict(sorted(letters.items(), key=lambda one: one[1]))
-
-
-def _named(by: str, name: str) -> str:
-    return f"cue {name}" if by == "cue" else name or "(no group)"

@@ -16,10 +16,9 @@ import pytest
 
 from ravenjax.analyses.explorer import figure
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.dynamics import arm_model
-from ravenjax.train.page import body_meshes
+from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 NODE = shutil.which("node")
 SCRIPT = """
 import { load } from "./tests/browser_scripts.mjs";
@@ -64,10 +63,10 @@ def test_bodies_stand_where_mujoco_puts_them(description):
 def test_corners_of_shapes_are_the_models_to_20_um(description):
     model = arm_model.scene()
     for body, told in enumerate(description["bodies"]):
-        groups = body_meshes.looks(model, body)
+        groups = body_shapes.geoms_by_look(model, body)
         assert len(told["meshes"]) == len(groups)
         for mesh, geoms in zip(told["meshes"], groups, strict=True):
-            whole = body_meshes.conversions.merge_geoms(model, geoms)
+            whole = body_shapes.merged_mesh(model, geoms)
             words = np.frombuffer(base64.b64decode(mesh["corners"]), "<u2").reshape(-1, 3)
             corners = np.array(mesh["low"]) + np.array(mesh["size"]) * words / figure.STEPS
             np.testing.assert_allclose(corners.min(axis=0), whole.vertices.min(axis=0), atol=2e-5)

@@ -6,7 +6,7 @@ import re
 
 import synthetic_session as synthetic
 
-from ravenjax.train.debrief import levels, page
+from ravenjax.train.debrief import page
 
 LEVEL = [
     {"title": "Drive <slowly>", "targets": 6, "within_s": 8.0},
@@ -41,10 +41,3 @@ def test_every_round_stands_in_the_table_and_those_in_time_are_bold(tmp_path):
     ]
     assert second == ["2. Hold 3 targets", "12.5 s", "1", "14.0 s", "14.0", "not yet"]
     assert third[2:] == ["0", "–", "none", "–"]
-
-
-def test_other_sessions_and_those_that_were_killed_have_no_levels(tmp_path):
-    assert levels.results({"scenario": SCENARIO}) == ()
-    assert levels.results({"scenario": "pegs", "summary": {"task": {"progress": 1.0}}}) == ()
-    folder = synthetic.write(tmp_path, [], recorded=False)
-    assert 'id="levels"' not in page.render(folder)

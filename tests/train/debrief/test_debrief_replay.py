@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 
 def test_places_are_those_of_the_world_and_every_hazard_is_a_mark(folder):
     recording = reader.read(folder)
-    told = replay.of(Course(recording), {"bases": BASES, "task": TASK}, [MET])
+    told = replay.data(Course(recording), {"bases": BASES, "task": TASK}, [MET])
     assert told is not None
     ms = np.array(told["ms"])
     assert ms[0] == 0 and ms[-1] == 4999 and len(ms) < 1000
@@ -64,9 +64,9 @@ def test_places_are_those_of_the_world_and_every_hazard_is_a_mark(folder):
 
 def test_a_blinded_session_shows_no_model_and_one_without_bases_no_replay(folder):
     recording = reader.read(folder)
-    told = replay.of(Course(recording, blinded=True), {"bases": BASES}, [])
+    told = replay.data(Course(recording, blinded=True), {"bases": BASES}, [])
     assert told is not None and all("model" not in one for one in told["arms"].values())
-    assert replay.of(Course(recording), {}, [MET]) is None
+    assert replay.data(Course(recording), {}, [MET]) is None
 
 
 @pytest.mark.slow

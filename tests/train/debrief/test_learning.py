@@ -6,7 +6,7 @@ import pytest
 import synthetic_session as synthetic
 
 from ravenjax.store.logs.session import description
-from ravenjax.train.debrief import learning
+from ravenjax.train.debrief import figures, learning
 from ravenjax.train.debrief import page as debrief
 
 
@@ -36,13 +36,13 @@ def test_a_curve_holds_the_persons_sessions_of_the_scenario_so_far_in_order(tmp_
         and told[1].path_mm == pytest.approx(60.0)
         and told[1].sparc == pytest.approx(-2.0)
     )
-    drawn = json.loads(learning.figure(told).json)
+    drawn = json.loads(figures.learning(told).json)
     assert [trace["y"] for trace in drawn["data"]] == [
         [5, 15],
         [20.0, 60.0],
         [-4.0, -2.0],
     ]  # no reaction was timed
-    assert learning.figure(told[:1]) is None
+    assert figures.learning(told[:1]) is None
 
 
 def test_nobody_who_is_not_named_has_a_curve(tmp_path):

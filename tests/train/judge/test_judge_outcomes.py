@@ -5,7 +5,6 @@ made-up courses.
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_frames import made, running
 
-from ravenjax.outcomes import verdict
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.train.judge import Judge
-from ravenjax.train.judge.row import HazardRow
-from ravenjax.train.recording.hazards import events as hazard_events
 
 TICKS, STRIKE, LOOK = 500, 40, 10
 FAULT = [
@@ -168,44 +164,3 @@ def test_an_episode_is_what_the_definitions_make_of_its_course(seed, limit_mm):
     assert ("limited" in kinds) is (row["limited"] is not None)
     assert ("unintended_motion" in kinds) is (row["unintended_first_ms"] is not None)
     assert ("false_report" in kinds) is (row["false_report_first_ms"] is not None)
-
-
-@settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), limit_mm=st.sampled_from([0.7, 3.0, 12.0]))
-def test_a_recording_that_broke_off_says_the_same(seed, limit_mm):
-    data = course(seed, limit_mm)
-    row, events, layout, rows = judged(data, limit_mm)
-
-    class Cut(SimpleNamespace):
-        def __getitem__(self, name):
-            values = rows[:, layout.places[name]]
-            return values[:, 0] if values.shape[1] == 1 else values
-
-    header = {
-        "name": "s",
-        "cue": True,
-        "scenario": {"name": "made", "harm": {"excursion_mm": limit_mm}},
-    }
-    (again,) = hazard_events.from_recording(Cut(layout=layout, events=events), header)
-    assert isinstance(again, HazardRow)
-    for name in (
-        *("check_response", "check_cause", "motion_hazard", "limit_mm", "halted"),
-        *("alarm_ms", "alarm", "limited_ms", "limited"),
-        *(
-            "unintended_first_ms",
-            "loss_first_ms",
-            "false_report_first_ms",
-            "halted_ms",
-            "golden_halted_ms",
-        ),
-        *("knowable_ms", "struck_ms", "armed_ms"),
-    ):
-        assert (getattr(again, name) or None) == (row[name] or None), name
-    for name in (*DISTANCES, "unintended_off_mm", "peak_error_mm"):
-        assert getattr(again, name) == pytest.approx(row[name], abs=1e-4), name
-
-
-def test_the_words_are_those_of_outcomes():
-    row, *_ = judged(course(1, 3.0), 3.0)
-    assert row["check_response"] in verdict.RESPONSES and row["motion_hazard"] in verdict.HAZARDS
-    assert {check.response for check in CHECKS.values()} == {"stopped", "flagged", "limited"}

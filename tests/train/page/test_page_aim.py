@@ -9,7 +9,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
-from ravenjax.train.page.aim import Aim
+from ravenjax.train.page.process import Aim
 
 
 @pytest.mark.parametrize("arm", ARMS)

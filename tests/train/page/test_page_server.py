@@ -123,8 +123,8 @@ def test_pages_and_files(session):
         == "text/javascript; charset=utf-8"
     )
     for path in (
-        "/static/../door.py",
-        "/static/%2e%2e/door.py",
+        "/static/../auth.py",
+        "/static/%2e%2e/auth.py",
         "/etc/passwd",
         "/index.html",
         "/debrief.html",

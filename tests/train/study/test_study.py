@@ -21,8 +21,9 @@ from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.comparison import independent
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.train.judge.row import TOLD
 from ravenjax.train.protocol.frame import FrameLayout
-from ravenjax.train.study import comparison, report
+from ravenjax.train.study import assignment, comparison, report
 from ravenjax.train.study import table as study_table
 
 PEOPLE = [f"P{i:02d}" for i in range(12)]
@@ -58,7 +59,7 @@ def missed(number, off=12.0):
 def made(base, both=False, blinded=False, people=PEOPLE):
     """Sessions of three hazards: with the cue 300 ms faster, 3 mm nearer, and none missed."""
     random = np.random.default_rng(4)
-    for one in report.assign(people, ["cue", "control"], seed=3):
+    for one in assignment.assign(people, ["cue", "control"], seed=3):
         skill = random.normal(0, 40)
         for group in ("cue", "control") if both else (one.group,):
             hazards = []
@@ -77,23 +78,24 @@ def made(base, both=False, blinded=False, people=PEOPLE):
 
 
 def test_assignment_is_balanced_in_every_block_and_the_same_again():
-    got = report.assign(PEOPLE, ["a", "b", "c"], seed=11)
+    got = assignment.assign(PEOPLE, ["a", "b", "c"], seed=11)
     assert (
         got
-        == report.assign(PEOPLE, ["a", "b", "c"], seed=11)
-        != report.assign(PEOPLE, ["a", "b", "c"], seed=12)
+        == assignment.assign(PEOPLE, ["a", "b", "c"], seed=11)
+        != assignment.assign(PEOPLE, ["a", "b", "c"], seed=12)
     )
     for block in (0, 1):
         names = [one.group for one in got if one.block == block]
         assert sorted(names) == ["a", "a", "b", "b", "c", "c"]
-    longer = report.assign([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
+    longer = assignment.assign([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
     assert longer[:12] == got and longer[12].block == 2
     assert [one.participant for one in got] == PEOPLE
 
 
 def test_every_order_of_a_block_is_as_likely():
     orders = [
-        tuple(one.group for one in report.assign("wxyz", ["a", "b"], seed)) for seed in range(3000)
+        tuple(one.group for one in assignment.assign("wxyz", ["a", "b"], seed))
+        for seed in range(3000)
     ]
     counts = np.array([orders.count(order) for order in set(orders)])
     assert len(counts) == math.comb(4, 2)
@@ -110,7 +112,7 @@ def test_every_order_of_a_block_is_as_likely():
 )
 def test_assignments_that_cannot_be_are_refused(people, groups, block, told):
     with pytest.raises(UserError, match=told):
-        report.assign(people, groups, 0, block)
+        assignment.assign(people, groups, 0, block)
 
 
 # --- collection ---
@@ -172,22 +174,14 @@ def killed(base, participant, group):
     log = session_log.SessionWriter(
         folder / session_log.FILE, tuple(layout.names()), description.read(folder)
     )
+    answered = synthetic.hazard(0, struck=1000.0, response=700.0)
     log.add(
         0,
         synthetic.rows(layout, [], 8.0)[:, : layout.size],
         [
             {"tick": 900, "kind": "hazard_armed", "number": 0},
             {"tick": 1000, "kind": "hazard_struck", "number": 0},
-            {"tick": 1050, "kind": "knowable", "number": 0, "by": "tip", "ms": 1050},
-            {
-                "tick": 1700,
-                "kind": "response",
-                "number": 0,
-                "what": "release",
-                "ok": True,
-                "ms": 650,
-            },
-            {"tick": 2500, "kind": "hazard_over", "number": 0, "outcome": "avoided", "score": 80.0},
+            {"tick": 2500, "kind": "hazard_row", "row": [getattr(answered, name) for name in TOLD]},
             {"tick": 6000, "kind": "hazard_armed", "number": 1},
             {"tick": 6100, "kind": "hazard_struck", "number": 1},
         ],
@@ -287,7 +281,6 @@ def test_groups_of_different_participants_are_compared(tmp_path):
     assert (
         time.median.value == pytest.approx(-300, abs=80) and time.second.median < time.first.median
     )
-    assert time.first.curve.events == 12 and time.first.curve.n == 18
     assert off.difference.low < off.difference.value < off.difference.high < 0 and depth.clear
     assert time.g.value < -1 and time.delta.value == -1
     smallest = 2 / math.comb(12, 6)  # every participant of one group before every one of the other
@@ -303,8 +296,6 @@ def test_groups_of_different_participants_are_compared(tmp_path):
         r'<script type="application/json" id="(?!csv)([\w-]+)">(.*?)</script>', page, re.S
     )
     assert [name for name, _ in drawn] == [
-        "forest",
-        "curves",
         "dots-right",
         "dots-time",
         "dots-unintended",

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.train.page.sight import Sight
+from ravenjax.train.page.visibility import Visibility
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
@@ -29,7 +29,7 @@ def seen(role, blinded, cue_on=1.0):
     frame["cue_on"], frame["hazard"], frame["fault_active"] = cue_on, 2, 1
     peaks = np.array([[4.0, 0.05, 7, 8, 9], [1.0, 0.02, 7, 8, 9]], np.float32)
     before = row.copy()
-    numbers = np.frombuffer(Sight(LAYOUT, role, blinded).frame(row, peaks), np.float32)
+    numbers = np.frombuffer(Visibility(LAYOUT, role, blinded).frame(row, peaks), np.float32)
     np.testing.assert_array_equal(row, before)  # the ring's row is others' too
     return numbers[:10].reshape(2, 5), Frame(LAYOUT, numbers[10:]), Frame(LAYOUT, before)
 
@@ -101,7 +101,7 @@ def test_events_by_role():
                 "stopped",
                 "end",
             )
-            if Sight(LAYOUT, role, blinded).event(kind)
+            if Visibility(LAYOUT, role, blinded).shows_event({"kind": kind})
         }
         for role in ("operator", "instructor")
         for blinded in (False, True)
@@ -115,11 +115,11 @@ def test_events_by_role():
 
 
 def test_headers_by_role():
-    assert set(Sight(LAYOUT, "operator", False).header(HEADER)) == {"name", "cue", "task"}
-    assert set(Sight(LAYOUT, "operator", True).header(HEADER)) == {"name", "task"}
-    assert Sight(LAYOUT, "instructor", False).header(HEADER) == HEADER
-    assert set(Sight(LAYOUT, "instructor", True).header(HEADER)) == {"name", "hazards", "task"}
-    told = Sight(LAYOUT, "operator", True).header(
+    assert set(Visibility(LAYOUT, "operator", False).header(HEADER)) == {"name", "cue", "task"}
+    assert set(Visibility(LAYOUT, "operator", True).header(HEADER)) == {"name", "task"}
+    assert Visibility(LAYOUT, "instructor", False).header(HEADER) == HEADER
+    assert set(Visibility(LAYOUT, "instructor", True).header(HEADER)) == {"name", "hazards", "task"}
+    told = Visibility(LAYOUT, "operator", True).header(
         HEADER | {"scenario": {"title": "t", "description": "d", "hazard": []}}
     )
     assert told == {"name": "x", "task": {}, "title": "t", "description": "d"}

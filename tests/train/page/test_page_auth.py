@@ -7,8 +7,8 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request
 
 from ravenjax.errors import UserError
-from ravenjax.train.page.door import Door, query
-from ravenjax.train.page.options import PageOptions, loopback
+from ravenjax.train.page import PageOptions, loopback
+from ravenjax.train.page.auth import Auth, query
 
 TOKEN = "s3cret-token"
 
@@ -19,8 +19,8 @@ def request(path="/", **headers):
     )
 
 
-def door(token=None, host="127.0.0.1", port=8000):
-    made = Door(host, token)
+def auth(token=None, host="127.0.0.1", port=8000):
+    made = Auth(host, token)
     made.port = port
     return made
 
@@ -29,21 +29,21 @@ def door(token=None, host="127.0.0.1", port=8000):
     "host", ["127.0.0.1:8000", "localhost:8000", "LOCALHOST:8000", "[::1]:8000"]
 )
 def test_the_servers_own_names_come_in(host):
-    assert door().refusal(request(Host=host)) is None
+    assert auth().refusal(request(Host=host)) is None
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example:8000", "127.0.0.1:8001", "127.0.0.1", "127.0.0.1.evil.example:8000", ""]
 )
 def test_a_rebound_name_does_not(host):
-    assert "host" in (door().refusal(request(Host=host)) or "")
+    assert "host" in (auth().refusal(request(Host=host)) or "")
 
 
 def test_a_request_without_a_host_or_with_two_does_not():
-    assert door().refusal(request()) is not None
+    assert auth().refusal(request()) is not None
     headers = Headers({"Host": "127.0.0.1:8000"})
     headers["Host"] = "evil.example"
-    assert door().refusal(Request("/", headers)) is not None
+    assert auth().refusal(Request("/", headers)) is not None
 
 
 @pytest.mark.parametrize(
@@ -58,11 +58,11 @@ def test_a_request_without_a_host_or_with_two_does_not():
 )
 def test_a_websocket_comes_from_the_own_page(origin, welcome):
     asked = request("/session", Host="127.0.0.1:8000", Origin=origin, Upgrade="websocket")
-    assert (door().refusal(asked) is None) == welcome
+    assert (auth().refusal(asked) is None) == welcome
 
 
 def test_another_sites_link_to_a_file_is_refused_and_counted():
-    asked = door()
+    asked = auth()
     assert (
         asked.refusal(request("/debrief.html", Host="127.0.0.1:8000", Sec_Fetch_Site="cross-site"))
         is not None
@@ -71,7 +71,7 @@ def test_another_sites_link_to_a_file_is_refused_and_counted():
 
 
 def test_with_a_token_each_request_carries_it():
-    asked = door(TOKEN, "0.0.0.0")
+    asked = auth(TOKEN, "0.0.0.0")
     at = "192.0.2.7:8000"
     assert asked.refusal(request(Host=at)) is not None
     assert asked.refusal(request("/?token=wrong", Host=at)) is not None
@@ -95,7 +95,7 @@ def test_with_a_token_each_request_carries_it():
 
 
 def test_a_token_in_the_address_becomes_a_cookie_that_scripts_cannot_read():
-    asked = door(TOKEN, "0.0.0.0")
+    asked = auth(TOKEN, "0.0.0.0")
     cookie = asked.cookie(request(f"/?token={TOKEN}", Host="a:8000")) or ""
     assert (
         cookie.startswith(f"ravenjax_8000={TOKEN};")
@@ -103,7 +103,7 @@ def test_a_token_in_the_address_becomes_a_cookie_that_scripts_cannot_read():
         and "SameSite=Strict" in cookie
     )
     assert asked.cookie(request("/", Host="a:8000")) is None
-    assert door().cookie(request("/?token=x", Host="a:8000")) is None
+    assert auth().cookie(request("/?token=x", Host="a:8000")) is None
 
 
 def test_query_takes_the_last_of_each():

@@ -1,5 +1,4 @@
-"""Who may come in: the checks that every request and every websocket passes before anything is
-served.
+"""Who is served: the checks that every request and every websocket passes first.
 
 A browser sends a page of a stranger to a loopback port as readily as its own (DNS rebinding,
 cross-site websockets). So the host must be the server's own name, the origin of a websocket the
@@ -19,13 +18,14 @@ from websockets.http11 import Request
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
-class Door:
+class Auth:
     """The checks of one server."""
 
     def __init__(self, host: str, token: str | None) -> None:
         self._names = {*LOOPBACK, host}
         self._token = token
-        self.port = 0  # known once the server is bound
+        # Known once the server is bound.
+        self.port = 0
         self.refused = 0
 
     def refusal(self, request: Request) -> str | None:
@@ -35,17 +35,25 @@ class Door:
         return reason
 
     def _reason(self, request: Request) -> str | None:
-        host = _header(request.headers, "Host")
-        if host is None or not self._is_mine(host):
+        host, origin, upgrade, site, cookies = (
+            _header(request.headers, name)
+            for name in ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")
+        )
+        if host is None or not self._is_own_name(host):
             return f"host {host!r} is not this server's"
-        origin = _header(request.headers, "Origin")
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
-        if _header(request.headers, "Upgrade") is None and (
-            _header(request.headers, "Sec-Fetch-Site") == "cross-site"
-        ):
+        if upgrade is None and site == "cross-site":
             return "another site asks for it"
-        if self._token is not None and not any(self._fits(word) for word in self._words(request)):
+        if self._token is None:
+            return None
+        words = [query(request.path).get("token", "")]
+        try:
+            cookie = SimpleCookie(cookies or "").get(self._cookie_name)
+            words += [cookie.value] if cookie else []
+        except CookieError:
+            pass
+        if not any(same_secret(word, self._token) for word in words):
             return (
                 "the token is missing or wrong: open the address that was printed, with ?token=..."
             )
@@ -61,24 +69,20 @@ class Door:
 
     @property
     def _cookie_name(self) -> str:
-        return f"ravenjax_{self.port}"  # cookies are shared by all ports of a host
+        # All ports of a host share cookies.
+        return f"ravenjax_{self.port}"
 
-    def _is_mine(self, host: str) -> bool:
+    def _is_own_name(self, host: str) -> bool:
         if self._token is not None:
-            return True  # a stranger's name has no cookie; which names lead here is not known
+            # A stranger's name has no cookie, and nobody knows which names lead here.
+            return True
         name, _, port = host.lower().rpartition(":")
         return name in self._names and port == str(self.port)
 
-    def _words(self, request: Request) -> list[str]:
-        words = [query(request.path).get("token", "")]
-        try:
-            cookie = SimpleCookie(_header(request.headers, "Cookie") or "").get(self._cookie_name)
-        except CookieError:
-            cookie = None
-        return [*words, cookie.value] if cookie else words
 
-    def _fits(self, word: str) -> bool:
-        return hmac.compare_digest(word.encode(), (self._token or "").encode())
+def same_secret(word: str, secret: str | None) -> bool:
+    """Compares in constant time; False where there is no secret."""
+    return secret is not None and hmac.compare_digest(word.encode(), secret.encode())
 
 
 def query(path: str) -> dict[str, str]:
@@ -90,4 +94,5 @@ def _header(headers: Headers, name: str) -> str | None:
     try:
         return headers.get(name)
     except MultipleValuesError:
-        return ""  # no browser sends it twice
+        # No browser sends it twice.
+        return ""

@@ -14,13 +14,12 @@ SLOW_FOR_MS = 1000
 """As long, without a break, before it counts."""
 MOVING_MM_S = 2.0
 """Slower hands, as tip motion, have nothing to slow down."""
-_USUAL, _PRESENT = (
-    1.0 / 2000.0,
-    1.0 / 50.0,
-)  # 1/ms, of running means: over some targets, over a twitch
+# 1/ms, of running means: over some targets, over a twitch.
+_USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0
+_QUICK, _SLOW_AT_STRIKE = -1, -2
 
 
-class Pace:
+class SlowdownDetector:
     """Running means of the hands' speed as tip motion, mm/s, both hands together."""
 
     __slots__ = ("_before", "_limit", "_scale", "_since", "present", "slowed", "usual")
@@ -28,12 +27,11 @@ class Pace:
     def __init__(self, scale: float) -> None:
         self._scale = scale
         self._before: list[float] | None = None
-        self.usual = 0.0
-        self.present = 0.0
-        self._limit = 0.0  # mm/s, slow below it
-        self._since = (
-            -1
-        )  # tick since which they are slow; -1: they are not, -2: they were when the hazard struck
+        self.usual = self.present = 0.0
+        # mm/s; the hands are slow below it.
+        self._limit = 0.0
+        # The tick since which they are slow.
+        self._since = _QUICK
         self.slowed = -1
         """Tick in which a slow-down that lasts began; -1: there is none."""
 
@@ -42,15 +40,13 @@ class Pace:
         before, self._before = self._before, hands
         if before is None:
             return
-        square = 0.0
-        for now, then in zip(hands, before, strict=True):
-            square += (now - then) ** 2
-        speed = self._scale * math.sqrt(square)  # um/ms is mm/s
+        # um/ms is mm/s
+        speed = self._scale * math.dist(hands, before)
         self.usual += _USUAL * (speed - self.usual)
         self.present += _PRESENT * (speed - self.present)
         if self.present >= self._limit:
-            self._since, self.slowed = -1, -1
-        elif self._since == -1:
+            self._since, self.slowed = _QUICK, -1
+        elif self._since == _QUICK:
             self._since = tick
         elif self._since >= 0 and tick - self._since >= SLOW_FOR_MS:
             self.slowed = self._since
@@ -58,7 +54,8 @@ class Pace:
     def strike(self) -> None:
         """From now on slowing down is measured against the speed of now."""
         self._limit = SLOW_SHARE * self.usual if self.usual > MOVING_MM_S else 0.0
-        self._since, self.slowed = (-2 if self.present < self._limit else -1), -1
+        self._since = _SLOW_AT_STRIKE if self.present < self._limit else _QUICK
+        self.slowed = -1
 
     def jump(self) -> None:
         """The hands were put elsewhere."""

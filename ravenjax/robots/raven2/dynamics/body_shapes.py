@@ -1,0 +1,109 @@
+"""The MuJoCo model's bodies for those who draw them: which move, their shapes and their looks.
+
+mjviser and trimesh are imported where shapes are made: that takes a second, and pages keep shapes.
+"""
+
+# MuJoCo's compiled module carries no types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from ravenjax.robots.raven2.arms import ArmName
+
+if TYPE_CHECKING:
+    import trimesh
+
+NO_COLOUR = 0.5
+"""A geom without a colour has this one in MuJoCo, and its material's colour counts."""
+CREASE = math.radians(35.0)
+"""Faces that meet at a smaller angle are drawn as one smooth surface."""
+
+
+def fixed_bodies(model: mujoco.MjModel) -> dict[int, str]:
+    """Names of the bodies that have shapes and never move."""
+    return _with_shapes(model, np.flatnonzero(model.body_weldid == 0))
+
+
+def moving_bodies(model: mujoco.MjModel, arm: ArmName) -> dict[int, str]:
+    """Names of an arm's moving links that have shapes."""
+    bodies = _with_shapes(model, np.flatnonzero(model.body_weldid != 0))
+    return {body: name for body, name in bodies.items() if name.startswith(f"{arm}_")}
+
+
+def _with_shapes(model: mujoco.MjModel, bodies: np.ndarray) -> dict[int, str]:
+    return {int(body): model.body(body).name for body in bodies if _geoms(model, body)}
+
+
+def _geoms(model: mujoco.MjModel, body: int) -> list[int]:
+    """Geoms of a body without the unbounded floor."""
+    geoms = np.flatnonzero(model.geom_bodyid == body).tolist()
+    return [geom for geom in geoms if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE]
+
+
+def geoms_by_look(model: mujoco.MjModel, body: int) -> list[list[int]]:
+    """The body's geoms; those that look alike are together."""
+    looks: dict[tuple[float, ...], list[int]] = {}
+    for geom in _geoms(model, body):
+        look = (float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist())
+        looks.setdefault(look, []).append(geom)
+    return list(looks.values())
+
+
+def merged_mesh(model: mujoco.MjModel, geoms: list[int]) -> trimesh.Trimesh:
+    """One mesh of these geoms in their body's frame, m."""
+    from mjviser import conversions
+
+    return conversions.merge_geoms(model, geoms)
+
+
+def plain_mesh(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
+    """The body's shapes as one mesh without colour, in its frame, m."""
+    import trimesh
+
+    mesh = merged_mesh(model, _geoms(model, body))
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+
+
+def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
+    """The body's shapes in its frame, m, as binary glTF: one mesh for each look."""
+    import trimesh
+    from trimesh.visual import TextureVisuals
+    from trimesh.visual.material import PBRMaterial
+
+    scene = trimesh.Scene()
+    for geoms in geoms_by_look(model, body):
+        mesh = trimesh.graph.smooth_shade(merged_mesh(model, geoms), angle=CREASE)
+        material = model.mat(int(model.geom_matid[geoms[0]]))
+        srgb = colour(model, geoms[0])
+        # glTF has linear colours, and roughness in place of shininess.
+        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        is_metal = material.name in ("steel", "silver", "extrusion")
+        mesh.visual = TextureVisuals(
+            material=PBRMaterial(
+                baseColorFactor=[*linear.tolist(), 1.0],
+                metallicFactor=0.55 if is_metal else 0.0,
+                roughnessFactor=float(np.clip(0.95 - 0.75 * material.shininess[0], 0.2, 1.0)),
+                doubleSided=True,
+            )
+        )
+        scene.add_geometry(mesh, geom_name=str(geoms[0]))
+    data = scene.export(file_type="glb")
+    assert isinstance(data, bytes)
+    return data
+
+
+def colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """sRGB of a geom, 0 to 1; of a texture the colour of its first pixel."""
+    material = model.mat(int(model.geom_matid[geom]))
+    textures = [int(texture) for texture in material.texid if texture >= 0]
+    rgb = model.geom_rgba[geom][:3]
+    if textures:
+        start = int(model.tex_adr[textures[0]])
+        return model.tex_data[start : start + 3] / 255.0 * rgb
+    return material.rgba[:3] if np.allclose(rgb, NO_COLOUR) else rgb

@@ -1,0 +1,40 @@
+"""From where the scene is looked at: the endoscopes, and the cameras of the MuJoCo model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ravenjax.robots.raven2.dynamics import arm_model
+
+ENDOSCOPES = {
+    "endoscope": (0.0, -0.14, 0.105),
+    "endoscope_left": (-0.0027, -0.14, 0.105),
+    "endoscope_right": (0.0027, -0.14, 0.105),
+    "second": (0.17, -0.03, 0.05),
+}
+"""Places from the middle of the field, m. The eyes of a stereo endoscope are 5 to 6 mm apart."""
+FIELD = np.array([0.0, 0.0, 0.192])
+"""Middle of the field, a little above the tissue, m."""
+# Upward. Rigid endoscopes see 60 to 75 degrees across their round picture.
+_ENDOSCOPE_FOV = np.radians(44.0)
+_CAMERAS = {
+    "theatre": ((0.0, 0.0, 0.37), 1.25),
+    "front": ((0.0, 0.0, 0.37), 1.2),
+    "closeup": ((0.0, 0.0, 0.198), 1.0),
+}
+"""The point that each turns about, m, and how much farther away it is than in the model: a window
+is narrower than the model's picture."""
+VIEWS = (*ENDOSCOPES, *_CAMERAS)
+
+
+def view_pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """Position and the point looked at, m, and the field of view upward, rad."""
+    if name in ENDOSCOPES:
+        place, focus = FIELD + ENDOSCOPES[name], FIELD.copy()
+        # The axes of both eyes are parallel.
+        if name.endswith(("_left", "_right")):
+            focus[0] = place[0]
+        return place, focus, float(_ENDOSCOPE_FOV)
+    camera, (focus, share) = arm_model.scene().camera(name), _CAMERAS[name]
+    place = focus + share * (camera.pos - focus)
+    return place, np.array(focus), float(np.radians(camera.fovy[0]))
