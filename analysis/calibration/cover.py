@@ -16,7 +16,7 @@ import numpy as np
 
 from ravenjax.analyses.calibration import parameters, virtual_log
 from ravenjax.analyses.calibration.calibrate import NORMAL_90
-from ravenjax.campaign.inspection.reference import markdown_table
+from ravenjax.document.tables import markdown_table
 from ravenjax.robots.raven2.plant import robot
 
 

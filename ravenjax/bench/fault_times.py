@@ -114,7 +114,7 @@ def measure(
     least = least_runs or LEAST_RUNS.get(backend.name, _LEAST_RUNS)
 
     def computation(runs: int, start: int, way: int | None) -> Computation:
-        ready = plan.make(campaign(runs, start, way, ticks))
+        ready = plan.make_plan(campaign(runs, start, way, ticks))
         return Computation(ready, backend, Progress("", runs, runs, ticks, None))
 
     def rate(runs: int) -> float:
@@ -127,7 +127,7 @@ def measure(
     kernels = {way: computation(runs, starts[0], way) for way in (None, observe_ms)}
     for kernel in kernels.values():
         kernel.compile()
-    plans = {(start, way): plan.make(campaign(runs, start, way, ticks)) for start, way in ways}
+    plans = {(start, way): plan.make_plan(campaign(runs, start, way, ticks)) for start, way in ways}
     work = {(start, way): kernels[way].of(ready) for (start, way), ready in plans.items()}
     spent = {way: list[float]() for way in ways}
     for one in work.values():
@@ -153,5 +153,5 @@ def after_ms(ready: Plan) -> int:
 
 
 def _run(computation: Computation) -> None:
-    for _ in computation.blocks([range(computation.ready.runs)]):
+    for _ in computation.blocks([range(computation.plan.runs)]):
         pass

@@ -12,7 +12,7 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from ravenjax.campaign.executors.carriers.placement import numa_nodes
+from ravenjax.bench.placement import numa_nodes
 from ravenjax.errors import UserError
 
 CPUS = Path("/sys/devices/system/cpu")

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from ravenjax.bench import apart, clock, devices, machine, parts
+from ravenjax.bench import apart, clock, devices, machine, parts, placement
 from ravenjax.bench.apart import Answer
 from ravenjax.bench.campaigns import Campaigns
 from ravenjax.bench.effort import Allotment
@@ -23,7 +23,6 @@ from ravenjax.bench.software import SoftwareSpeed
 from ravenjax.bench.speed import PRINTING, Speed
 from ravenjax.bench.start import ShellStart
 from ravenjax.campaign import compile_cache
-from ravenjax.campaign.executors.carriers import placement
 
 LATE_S = 12.0
 """s that the last part may be late before it is ended."""

@@ -22,16 +22,10 @@ def check(
     file: str,
     *,
     overrides: Overrides = None,
-    out: Annotated[
-        Path | None, Parameter(help="result folder that is meant; default results/NAME")
-    ] = None,
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
-    limit: Annotated[
-        int | None, Parameter(help="as for run: only the first runs", validator=console.SOME)
-    ] = None,
-    as_json: Annotated[
-        bool, Parameter(name="--json", negative="", help="print the same as JSON, for programs")
-    ] = False,
+    out: Path | None = None,
+    engine: str = "auto",
+    limit: Annotated[int | None, Parameter(validator=console.SOME)] = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
     """Say what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
     Computes nothing.
@@ -42,6 +36,14 @@ def check(
     ----------
     file
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
+    out
+        result folder that is meant; default results/NAME
+    engine
+        auto, cuda, simd, wasm, xla or mjx
+    limit
+        as for run: only the first runs
+    as_json
+        print the same as JSON, for programs
     """
     from ravenjax.campaign import loading
     from ravenjax.campaign.inspection import preview

@@ -38,7 +38,6 @@ PARTS_FILE = "parts.jsonl"
 _READERS = (
     "api.py",
     "bench",
-    "campaign/executors/carriers",
     "campaign/inspection",
     "campaign/progress",
     "cli",
@@ -55,11 +54,7 @@ _READERS = (
     "studies",
     "train",
 )
-"""What decides no outcome, folder by folder: a change there must not forbid to resume.
-
-Executors' carriers only carry: what they carry is made in `executors/remote.py`; each part says
-which rows it holds.
-"""
+"""What decides no outcome, folder by folder: a change there must not forbid to resume."""
 _SHOWN = 60
 """Characters of a value in an error."""
 PACKAGES = (

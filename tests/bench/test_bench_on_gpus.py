@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import pytest
 
-from ravenjax.bench import apart, devices, fault_times, machine, peak, speed, start
+from ravenjax.bench import apart, devices, fault_times, machine, peak, placement, speed, start
 from ravenjax.bench.devices import DeviceWork
-from ravenjax.campaign.executors.carriers import placement
 
 SMALL = DeviceWork("cuda", 8192, 200, 4096)
 

@@ -24,7 +24,7 @@ def test_the_line_goes_through_runs_that_are_observed_to_their_end():
 )
 def test_the_length_after_the_fault_is_what_is_observed(start, observe, after):
     """The fault lasts 10 ms; what is observed ends with the run."""
-    ready = plan.make(fault_times.campaign(4, start, observe, 100))
+    ready = plan.make_plan(fault_times.campaign(4, start, observe, 100))
     assert ready.runs == 4 and fault_times.after_ms(ready) == after
     assert len(set(ready.faults["value"].ravel().tolist())) == 4
 

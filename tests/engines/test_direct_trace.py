@@ -24,7 +24,7 @@ NO_JAX = "without JAX"
 
 def arguments(campaign):
     """What is traced of a campaign's tick."""
-    made = plan.make(rj.load_campaign(campaign))
+    made = plan.make_plan(rj.load_campaign(campaign))
     return traced.printable(made.program), Block(*made.lanes([0], 1), None), made.columns
 
 

@@ -12,7 +12,6 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign.file.axis import DISTRIBUTIONS, PHASE
-from ravenjax.cli import main
 from ravenjax.notebook import axes, static_types, tables
 from ravenjax.notebook.table_classes import CLASSES, CampaignTable
 
@@ -41,11 +40,6 @@ WRONG = {
 
 def test_the_stub_is_up_to_date():
     assert STUB.read_text(encoding="utf-8") == static_types.text(), f"run `{static_types.COMMAND}`"
-
-
-def test_the_command_writes_it(tmp_path):
-    assert main(["reference", "--types", str(tmp_path / "x.pyi")]) == 0
-    assert (tmp_path / "x.pyi").read_text(encoding="utf-8") == static_types.text()
 
 
 def test_every_table_is_public_with_every_key_of_its_model():

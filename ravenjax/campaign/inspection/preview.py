@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import copies, loading, plan
+from ravenjax.campaign import copies, loading
 from ravenjax.campaign.faults import design, moments, run_id
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.file import location, semantics
@@ -25,6 +25,7 @@ from ravenjax.campaign.inspection.estimate import (
     Machine,
     estimate,
 )
+from ravenjax.campaign.plan import Plan, known_parameters, make_plan
 from ravenjax.errors import StoreError
 from ravenjax.numbers import paths
 from ravenjax.store import manifest
@@ -107,14 +108,14 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
     from ravenjax.numbers.setup import CAMPAIGN
 
     runs, due = design.count(config), design.due(config)
-    ready = plan.make(config) if runs <= MOST_EXPANDED else None
-    if ready is None:
+    plan = make_plan(config) if runs <= MOST_EXPANDED else None
+    if plan is None:
         _require_parameters(config)
-    rows = None if ready is None else ready.table
+    rows = None if plan is None else plan.table
     backend = selection.select(engine, CAMPAIGN)
     why = selection.fastest(CAMPAIGN)[1] if engine == "auto" else ""
     machine = Machine(backend.name, len(os.sched_getaffinity(0)), _width(backend.device))
-    golden_runs = None if ready is None else len(np.unique(ready.golden[:due]))
+    golden_runs = None if plan is None else len(np.unique(plan.golden[:due]))
     own_golden = config.campaign.noise or config.random_packets
     sites = {fault.site for group in config.group for fault in group.fault}
     work = CostFactors(
@@ -137,7 +138,7 @@ def preview(config: CampaignConfig, folder: Path, engine: str = "auto") -> Previ
         groups=tuple(_group(config, group, runs) for group, runs in _sizes(config)),
         faults=None if rows is None else tuple(_faults(config, rows)),
         phases=tuple(_phases(config)),
-        checks=tuple(_checks(config, ready)),
+        checks=tuple(_checks(config, plan)),
         fault_free=None if rows is None else int((_sites(config, rows) == "").all(axis=1).sum()),
         golden_runs=golden_runs,
         copies=0 if rows is None else _copies(config, rows),
@@ -160,8 +161,8 @@ def _require_parameters(config: CampaignConfig) -> None:
     bare = config.model_copy(
         update={"group": (Group(name="bare"),), "parameters": {}, "cross": {}, "stop": None}
     )
-    program = plan.make(bare).program
-    loading.check_parameters(config, plan.known_parameters(program.params, program.setup))
+    program = make_plan(bare).program
+    loading.check_parameters(config, known_parameters(program.params, program.setup))
 
 
 def _sizes(config: CampaignConfig) -> Iterator[tuple[Group, int]]:
@@ -184,18 +185,18 @@ def _phases(config: CampaignConfig) -> Iterator[PhaseRow]:
         )
 
 
-def _checks(config: CampaignConfig, ready: plan.Plan | None) -> Iterator[OwnCheckPreview]:
+def _checks(config: CampaignConfig, plan: Plan | None) -> Iterator[OwnCheckPreview]:
     """What each looks at and does, with its numbers; those that vary with least and largest. Of a
     campaign that is not expanded the numbers of the files are left out."""
     numbers: dict[str, str] = {}
-    if config.check and ready is not None:
-        params, setup = ready.program.params, ready.program.setup
+    if config.check and plan is not None:
+        params, setup = plan.program.params, plan.program.setup
         numbers = {
             path: f"{float(value):g}"
             for path, value in paths.leaves(params.checks, setup, "checks")
         }
-        for column in ready.table.filter(regex=r"^param:checks\."):
-            path, values = str(column).removeprefix("param:"), ready.table[column]
+        for column in plan.table.filter(regex=r"^param:checks\."):
+            path, values = str(column).removeprefix("param:"), plan.table[column]
             least, most = (
                 f"{value:g}" for value in (values.min(), values.max())
             )  # NaN: the file's

@@ -68,7 +68,7 @@ def test_what_nothing_reads_is_refused(campaign):
             "group": [{"name": "a"}],
         }
     )
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     refused = {row.path for row in UNREAD if row.where(config.campaign) and not row.component}
     components = {
         f"{row.path}.{row.component}"

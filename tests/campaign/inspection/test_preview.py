@@ -42,7 +42,7 @@ def run(capsys, monkeypatch):
 @pytest.mark.parametrize("name", ["quick.toml", "hazard_library.toml", "safecomp45.toml"])
 def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     config = loading.load(name)
-    view, ready = preview.preview(config, tmp_path / "out"), plan.make(config)
+    view, ready = preview.preview(config, tmp_path / "out"), plan.make_plan(config)
     rows = ready.table
     assert view.runs == view.due == len(rows)
     assert {row.name: row.runs for row in view.groups} == rows["group"].value_counts(
