@@ -198,7 +198,7 @@ def _relative_at(path: tuple[str, ...], value: Any, folder: Path) -> Any:
 
 def _file_keys() -> Iterator[tuple[str, ...]]:
     """Paths of keys that name files."""
-    from ravenjax.campaign.robots_drawn import KEY
+    from ravenjax.campaign.population import KEY
     from ravenjax.notebook.table_classes import CLASSES, tables
 
     yield ("parameters", KEY)

@@ -18,7 +18,7 @@ from ravenjax import robots
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import Group as GroupModel
 from ravenjax.campaign.loading import header, models_in, tables_of
-from ravenjax.campaign.robots_drawn import KEY as FROM
+from ravenjax.campaign.population import KEY as FROM
 from ravenjax.hazards import expansion
 from ravenjax.notebook.file_table import FileTable, rooted
 
