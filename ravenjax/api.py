@@ -57,8 +57,8 @@ def run(
     in `attrs`.
 
     out: result folder, resumed where it holds a part of this campaign; None keeps everything in
-    memory. executor: "local" (this process), "processes" or "ray"; workers: processes or tasks side
-    by side; the table is the same. Raises UserError and, for what is wrong with `out`, StoreError.
+    memory. executor: "local" (this process) or "ray"; workers: tasks side by side; the table is the
+    same. Raises UserError and, for what is wrong with `out`, StoreError.
     """
     running.require(out, on_progress)
     results = running.run(_config(campaign), out, engine, on_progress, executor, workers)

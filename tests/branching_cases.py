@@ -29,7 +29,7 @@ def plain():
             "group": [{"name": "g", "parameters": {"plant.cable_stiffness_scale": [1.0]}}],
         }
     )
-    return plan.make(config)
+    return plan.make_plan(config)
 
 
 def with_every_fault(ready):

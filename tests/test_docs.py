@@ -26,7 +26,9 @@ import pytest
 import snippets
 
 from ravenjax.analyses.search.file import json_schema as searches
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection import json_schema as campaigns
+from ravenjax.campaign.loading import tables_of
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.train.scenario import json_schema as scenarios
 
@@ -172,14 +174,22 @@ def test_examples_run(page, tmp_path):
 
 
 def test_the_reference_is_what_the_code_says():
-    from ravenjax.cli import docs_pages
+    script = snippets.ROOT / ".ci/reference_pages.py"
+    spec = importlib.util.spec_from_file_location("reference_pages", script)
+    assert spec is not None and spec.loader is not None
+    reference_pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference_pages)
+    files = reference_pages.files()
+    assert set(GENERATED.iterdir()) == {path for path in files if path.parent == GENERATED}
+    for path, text in files.items():
+        assert path.read_text(encoding="utf-8") == text, f"write it anew: {reference_pages.COMMAND}"
 
-    pages = docs_pages.pages()
-    assert {path.name for path in GENERATED.iterdir()} == set(pages)
-    for name, text in pages.items():
-        assert (GENERATED / name).read_text(encoding="utf-8") == text, (
-            f"write it anew: {docs_pages.COMMAND}"
-        )
+
+def test_every_key_of_a_campaign_has_a_meaning():
+    for path, model in tables_of(CampaignConfig):
+        for name, field in model.model_fields.items() if path else ():
+            if (*path, name) not in dict(tables_of(CampaignConfig)):
+                assert field.description, (*path, name)
 
 
 def test_rooms_of_a_walk_exist_and_are_counted():

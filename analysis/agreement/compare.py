@@ -90,7 +90,7 @@ def exact_campaign() -> dict:
 
 def exact() -> Iterator[str]:
     """Largest difference of any signal, in units of max(1, magnitude)."""
-    ready = plan.make(rj.load_campaign(exact_campaign()), precision=REFERENCE)
+    ready = plan.make_plan(rj.load_campaign(exact_campaign()), precision=REFERENCE)
     longer = plan.operator_motion(
         rj.load_campaign(exact_campaign(), [f"campaign.duration_s={2 * TICKS / 1e3}"])
     )
@@ -357,7 +357,7 @@ PRECISIONS: dict[str, Precision] = {"float32": CAMPAIGN, "mixed": ORIGINAL}
 
 def _run(config: CampaignConfig, precision: Precision):
     """Every signal of the fault-free run."""
-    ready = plan.make(config, precision)
+    ready = plan.make_plan(config, precision)
     kernel = ScanKernel(ready.program, LANE_MULTIPLE, keep_signals=True)
     return kernel.run_signals(Block(*ready.lanes([0], LANE_MULTIPLE), None), ready.columns)[1]
 
@@ -366,7 +366,7 @@ def _driven(config: CampaignConfig, signals) -> tuple[np.ndarray, np.ndarray]:
     """DACs [ticks, 7] of the control software driven alone, in the original's arithmetic and in
     float32.
     """
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     setup, arm = ready.program.setup, config.campaign.arms
     pair = [
         ControlSoftware("raven2", arm, setup.tools, runlevel=run_levels.PEDAL_UP, precision=p)

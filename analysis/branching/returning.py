@@ -44,7 +44,7 @@ def back_from(run: np.ndarray, golden: np.ndarray) -> int:
 
 
 def main(campaign: str, runs: int) -> None:
-    ready = plan.make(rj.load_campaign(campaign))
+    ready = plan.make_plan(rj.load_campaign(campaign))
     tracer = selection.select("simd", ready.program.setup.precision).tracer(ready.program, 1)
     rng, ticks = np.random.default_rng(0), ready.program.ticks
     rows = np.sort(rng.choice(np.flatnonzero(ready.acts < ticks), runs, replace=False))

@@ -17,7 +17,7 @@ import virtual_log
 
 from ravenjax.analyses.calibration import parameters
 from ravenjax.analyses.calibration.calibrate import NORMAL_90
-from ravenjax.campaign.inspection.reference import markdown_table
+from ravenjax.document.tables import markdown_table
 from ravenjax.robots.raven2.plant import robot
 
 

@@ -38,7 +38,7 @@ def steps(motion: str) -> np.ndarray:
             "group": [{"name": "free", "parameters": {"operator": {"scale": list(SCALES)}}}],
         }
     )
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     tracer = selection.select("auto", ready.program.setup.precision).tracer(
         ready.program, replay.LANES
     )

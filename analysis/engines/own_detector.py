@@ -89,7 +89,7 @@ def prepared(text: str, folder: Path) -> Prepared:
         watched = loading.from_dict(
             raw | {"detector": [{"name": "own", "file": str(file), "threshold": [1.0]}]}
         )
-        work.__dict__["plan"] = plan.make(watched)  # in place of the cached property
+        work.__dict__["plan"] = plan.make_plan(watched)  # in place of the cached property
     kernel = SimdEngine().compile(work.program, PATTERN_RUNS)
     kernel.prepare(work.golden_runs(kernel.lanes), work.motion)
     reference = kernel.run(work.golden_runs(kernel.size(1)), work.motion).reference[:, :, 0]

@@ -153,7 +153,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for name in options.campaigns:
         config = rj.load_campaign(name, options.set)
-        program = traced.printable(plan.make(config).program)
+        program = traced.printable(plan.make_plan(config).program)
         with lazy.at_once():
             numbers = jax.tree_util.tree_leaves_with_path(
                 program.loop.init(program.setup, program.params)

@@ -117,7 +117,7 @@ def _is_legal(raw: dict[str, Any], planned: bool = False) -> bool:
     try:
         config = loading.from_dict(raw)
         if planned:
-            plan.make(config)
+            plan.make_plan(config)
     except UserError:
         return False
     return True
@@ -347,7 +347,7 @@ def nudged(config: CampaignConfig, engine: str) -> Iterator[pd.DataFrame]:
 
     A run whose words change with them is decided by last bits, which no two engines need to share.
     """
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     program = ready.program
     for bits in NUDGES:
         varied = dict(ready.varied)

@@ -94,7 +94,7 @@ def runs() -> Iterator[tuple[Any, float]]:
         campaign = {"name": "normal", "duration_s": SECONDS, "arms": list(ARMS)}
         group = {"name": "fault_free", "parameters": {"operator.scale": list(SCALES)}}
         raw = {"campaign": campaign, "operator": {"motion": motion}, "group": [group]}
-        ready = plan.make(loading.from_dict(raw))
+        ready = plan.make_plan(loading.from_dict(raw))
         tracer = selection.select("simd", ready.program.setup.precision).tracer(
             ready.program, replay.LANES
         )

@@ -27,8 +27,8 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax.campaign import compile_cache, loading, plan, runner
-from ravenjax.campaign.executors import remote
-from ravenjax.campaign.executors.protocol import Work
+from ravenjax.campaign.executors import ray_cluster
+from ravenjax.campaign.executors.protocol import Pack, Work, finish_chunk
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines import selection
@@ -54,7 +54,7 @@ def campaign(runs: int) -> Plan:
     }
     group = {"name": "unchecked command", "design": "sobol", "runs": runs, "fault": [fault]}
     raw = {"campaign": {"name": "costs", "duration_s": TICKS / 1e3}, "group": [group]}
-    return plan.make(loading.from_dict(raw))
+    return plan.make_plan(loading.from_dict(raw))
 
 
 def least(
@@ -88,12 +88,14 @@ def main(folder: Path) -> dict[str, Any]:
     record = runner._manifest(ready, engine)
     pack = partial(parts.encode, shape=record.shape, config_hash=record.config_hash)
     work = Work(ready, engine, pack, lambda finished: None, Progress("", 0, 0, 1, None))
-    head = remote.head(work, [range(CHUNKS[-1])])
+    head = ray_cluster.make_head(work, [range(CHUNKS[-1])], 1)
     start = time.perf_counter()
-    bench = remote.Bench(head, work.progress, 1)
-    bench.compute(remote.share(ready, range(CHUNKS[0])))
+    worker = ray_cluster.Worker(head)
+    worker.compute(ready.row_fields(slice(CHUNKS[0])))
     ready_s = time.perf_counter() - start
-    rows = [chunk_costs(bench, ready, chunk, folder / str(chunk), record) for chunk in CHUNKS]
+    rows = [
+        chunk_costs(worker, pack, ready, chunk, folder / str(chunk), record) for chunk in CHUNKS
+    ]
     return {
         "machine": f"{platform.processor() or platform.machine()}, {engine.device}",
         "plan_s_per_million": plan_s * 1e6 / PLANNED,
@@ -128,25 +130,30 @@ def ray_task(tasks: int = 300) -> float:
 
 
 def chunk_costs(
-    bench: remote.Bench, ready: Plan, chunk: int, folder: Path, record: manifest.Manifest
+    worker: ray_cluster.Worker,
+    pack: Pack[Any],
+    ready: Plan,
+    chunk: int,
+    folder: Path,
+    record: manifest.Manifest,
 ) -> dict[str, Any]:
     """What one chunk of so many rows costs at each step."""
-    share = remote.share(ready, range(chunk))
+    share = ready.row_fields(slice(chunk))
     sent = pickle.dumps(share, protocol=5)
     repeats = REPEATS if chunk > 1024 else 5 * REPEATS
-    computed = bench.compute(share)
-    finished = bench.finish(*computed)
+    computed = worker.compute(share)
+    finished = finish_chunk(*computed, pack)
     back = pickle.dumps(finished, protocol=5)
     store = ResultFolder.open(folder, record)
     part = finished.packed.part
     return {
         "rows": chunk,
         "share_s": least(
-            lambda: pickle.dumps(remote.share(ready, range(chunk)), protocol=5), repeats=repeats
+            lambda: pickle.dumps(ready.row_fields(slice(chunk)), protocol=5), repeats=repeats
         ),
         "share_bytes": len(sent),
-        "compute_s_per_tick": least(lambda: bench.compute(share), repeats=2) / (chunk * TICKS),
-        "table_s": least(lambda: bench.finish(*computed), repeats=repeats),
+        "compute_s_per_tick": least(lambda: worker.compute(share), repeats=2) / (chunk * TICKS),
+        "table_s": least(lambda: finish_chunk(*computed, pack), repeats=repeats),
         "receive_s": least(lambda: pickle.loads(back), repeats=repeats),
         "part_bytes": part.size,
         "put_s": least(

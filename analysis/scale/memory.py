@@ -16,7 +16,7 @@ from pathlib import Path
 import coordinator
 
 from ravenjax.campaign import plan, runner
-from ravenjax.campaign.executors.carriers import choice
+from ravenjax.campaign.executors import choose_executor
 from ravenjax.store import parts
 
 MARKS = (0.0, 0.1, 0.5, 1.0)
@@ -31,7 +31,7 @@ def main() -> None:
     given = parser.parse_args()
     config = coordinator.campaign(given.runs, parts.rows_of_a_part(given.runs), given.duration)
     before = _resident(os.getpid())
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     planned = _resident(os.getpid()) - before
     del ready
     print(
@@ -48,7 +48,7 @@ def main() -> None:
             print(f"| {status.done} | {mine:.0f} | {theirs:.0f} | {rate} |", flush=True)
 
     with tempfile.TemporaryDirectory() as folder:
-        executor = choice.executor(None, given.workers)
+        executor = choose_executor(None, given.workers)
         runner.run_campaign(config, Path(folder), "simd", executor=executor, on_progress=told)
 
 

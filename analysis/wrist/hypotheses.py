@@ -23,7 +23,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ravenjax.analyses.calibration.position_loop import RAVEN2
-from ravenjax.campaign.inspection.reference import markdown_table
+from ravenjax.document.tables import markdown_table
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import published
 from ravenjax.studies.dsn16.recording import closed_loop

@@ -62,7 +62,7 @@ class Workload:
     @cached_property
     def plan(self) -> Plan:
         """Its campaign, planned."""
-        return plan.make(campaign(PATTERN_RUNS, self.ticks))
+        return plan.make_plan(campaign(PATTERN_RUNS, self.ticks))
 
     @property
     def program(self) -> TickProgram:

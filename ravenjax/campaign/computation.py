@@ -2,8 +2,8 @@
 compared with.
 
 Up to the first tick in which a fault may act a run is its golden run: where enough runs share one,
-they go on from its snapshots. Rows come out in order, a stretch at a time. The blocks of the next
-stretch are under way by then, so that no thread waits for the slowest; its golden runs are computed
+they go on from its snapshots. Rows come out in order, a window at a time. The blocks of the next
+window are under way by then, so that no thread waits for the slowest; its golden runs are computed
 while the last blocks of this one run.
 """
 
@@ -20,29 +20,33 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from ravenjax import interruption
-from ravenjax.campaign import outcomes, stretches
-from ravenjax.campaign.assembly import StretchTable, Tables
-from ravenjax.campaign.branching import Branching
-from ravenjax.campaign.golden_runs import Branches, Computed, GoldenRuns
+from ravenjax.campaign import outcomes
+from ravenjax.campaign.golden_runs import Branches, Computed, FastForwardPlan, GoldenRuns
+from ravenjax.campaign.memory_windows import (
+    Tables,
+    Window,
+    WindowLimits,
+    WindowTable,
+    cut_into_windows,
+)
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
-from ravenjax.campaign.stretches import Stretch, StretchLimits
 from ravenjax.engines.interface import Block, BranchingKernel, Engine
 from ravenjax.engines.trunk import snapshot_bytes
 from ravenjax.store import schema
 
 GOLDEN_BYTES = 2**29
-"""Memory that the golden runs of a stretch may take, their time series and snapshots; two stretches
+"""Memory that the golden runs of a window may take, their time series and snapshots; two windowes
 may be under way. As much again is copied at a time where each run has a golden run of its own."""
 GPU_TIMES = 2
 """Times that for a GPU, which needs many lanes at a time and copies those of a block."""
 AHEAD, ENOUGH_ROWS = 4, 2**18
-"""Blocks of a stretch for each that runs at a time, but one alone where so many rows are more:
-those of one stretch are stored while the next one runs."""
+"""Blocks of a window for each that runs at a time, but one alone where so many rows are more:
+those of one window are stored while the next one runs."""
 STANDS_STILL = 0.1
 """Share of its length for which a golden run may stand still without a word."""
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
-"""Rows of a stretch, and ticks of them all, that are enough to find some that act at about the
+"""Rows of a window, and ticks of them all, that are enough to find some that act at about the
 same time.
 """
 
@@ -52,7 +56,7 @@ Pair = tuple[Columns, Columns]
 
 
 class _UnderWay(NamedTuple):
-    """A stretch whose blocks are submitted."""
+    """A window whose blocks are submitted."""
 
     tables: Tables  # of all its rows, in order, once the blocks are done
     coming: list[Future[None]]
@@ -75,7 +79,7 @@ class Computation:
 
     def __init__(
         self,
-        ready: Plan,
+        plan: Plan,
         engine: Engine,
         progress: Progress,
         runs: int | None = None,
@@ -84,24 +88,24 @@ class Computation:
     ) -> None:
         """runs: how many are computed at a time, which sizes blocks; threads: blocks side by side,
         where the engine is not to decide. whole: every run is computed from its beginning."""
-        self.ready, self.progress, self.whole = ready, progress, whole
+        self.plan, self.progress, self.whole = plan, progress, whole
         self.threads = max(1, threads or engine.threads)
-        self.kernel = engine.compile(ready.program, runs or ready.runs)
+        self.kernel = engine.compile(plan.program, runs or plan.runs)
         self._on_gpu = engine.name == "cuda"
 
     def compile(self) -> None:
         """Trace and compile, before the clock of the runs starts."""
         self.progress.tell("compile")
         start = time.perf_counter()
-        rows = np.arange(min(self.ready.runs, self.kernel.lanes))
-        self.kernel.prepare(self._block(rows, None), self.ready.columns)
+        rows = np.arange(min(self.plan.runs, self.kernel.lanes))
+        self.kernel.prepare(self._block(rows, None), self.plan.columns)
         interruption.point()
         self.progress.began(time.perf_counter() - start)
 
-    def of(self, ready: Plan) -> Computation:
+    def of(self, plan: Plan) -> Computation:
         """The same kernel for other rows of the same program."""
         other = copy.copy(self)
-        other.ready = ready
+        other.plan = plan
         return other
 
     def blocks(self, ranges: Sequence[range]) -> Generator[Tables]:
@@ -110,25 +114,25 @@ class Computation:
 
         Close it to give up what is under way. Use it where `interruption.held_back`.
         """
-        self._branching = Branching(self.ready, 0 if self.whole else self.kernel.branches)
+        self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._halted: list[np.ndarray] = []
         under_way: deque[_UnderWay] = deque()
-        golden_runs = GoldenRuns(np.zeros(0, self.ready.golden.dtype), ())
+        golden_runs = GoldenRuns(np.zeros(0, self.plan.golden.dtype), ())
         with ThreadPoolExecutor(self.threads) as pool, ThreadPoolExecutor(self.threads) as storage:
             try:
-                for stretch in stretches.cut(
-                    ranges, self.ready.golden, self._limits(), self.ready.acts
+                for window in cut_into_windows(
+                    ranges, self.plan.golden, self._limits(), self.plan.acts
                 ):
-                    golden_runs = self._golden_runs(pool, stretch, golden_runs)
-                    tables = StretchTable(len(stretch.rows)), StretchTable(len(stretch.rows))
+                    golden_runs = self._golden_runs(pool, window, golden_runs)
+                    tables = WindowTable(len(window.rows)), WindowTable(len(window.rows))
                     coming = [
                         storage.submit(
                             _put,
                             tables,
                             places,
-                            pool.submit(self._faulty, stretch.rows[places], golden_runs),
+                            pool.submit(self._faulty, window.rows[places], golden_runs),
                         )
-                        for places in stretch.blocks
+                        for places in window.blocks
                     ]
                     under_way.append(_UnderWay(tables, coming))
                     if len(under_way) == 2:
@@ -141,21 +145,31 @@ class Computation:
                     threads.shutdown(wait=False, cancel_futures=True)
                 raise
 
+    def tables(self, ranges: Sequence[range]) -> Pair:
+        """The columns of all rows of `ranges` together, as of `blocks`."""
+        with interruption.held_back():
+            blocks = list(self.blocks(ranges))
+        rows, golden_runs = (
+            {name: np.concatenate([block[table][name] for block in blocks]) for name in columns}
+            for table, columns in enumerate(blocks[0])
+        )
+        return rows, golden_runs
+
     def _tell_of_stops(self) -> None:
         """A note where golden runs stand still for long: nothing that strikes there can do harm."""
         halted = np.concatenate(self._halted) if self._halted else np.zeros(0)
-        still = halted > STANDS_STILL * self.ready.program.ticks
+        still = halted > STANDS_STILL * self.plan.program.ticks
         if still.any():
             self.progress.note(
                 f"{still.sum()} of {len(still)} golden runs stand still for up to"
-                f" {int(halted.max()):,} of {self.ready.program.ticks:,} ms while the operator"
+                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms while the operator"
                 " holds the pedal down: the robot stops without a fault, and faults after that do"
                 " nothing. Column golden_halted_ms tells which; take a shorter"
                 " campaign.duration_s, another motion or a smaller operator.scale"
             )
 
-    def _limits(self) -> StretchLimits:
-        program, lanes = self.ready.program, self.kernel.lanes
+    def _limits(self) -> WindowLimits:
+        program, lanes = self.plan.program, self.kernel.lanes
         setup = program.setup
         a_series = (
             program.ticks
@@ -163,17 +177,17 @@ class Computation:
             * np.dtype(setup.precision.real).itemsize
         )
         a_golden = a_series + (
-            snapshot_bytes(program.ticks) if self._branching.branches.any() else 0
+            snapshot_bytes(program.ticks) if self._fast_forward.branches.any() else 0
         )
         blocks = max(self.threads, min(AHEAD * self.threads, ENOUGH_ROWS // lanes))
         if self.kernel.branches:
-            ticks = max(1.0, float((self.ready.ends - self.ready.acts).mean()))
+            ticks = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
             blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
         room, copies = (
             (GPU_TIMES * GOLDEN_BYTES, 1) if self._on_gpu else (GOLDEN_BYTES, self.threads)
         )
         alone = self._whole_vectors(room // a_series // copies)
-        return StretchLimits(lanes, blocks, self._whole_vectors(room // a_golden), alone)
+        return WindowLimits(lanes, blocks, self._whole_vectors(room // a_golden), alone)
 
     def _whole_vectors(self, lanes: int) -> int:
         """So many lanes, or a few less that fill the kernel's vectors; 1 at least."""
@@ -183,13 +197,13 @@ class Computation:
     # --- golden runs ---
 
     def _golden_runs(
-        self, pool: ThreadPoolExecutor, stretch: Stretch, earlier: GoldenRuns
+        self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns
     ) -> GoldenRuns:
-        """Those of a stretch; starts what is not there, with the parameters of the first row of
+        """Those of a window; starts what is not there, with the parameters of the first row of
         each.
         """
-        numbers, first = np.unique(self.ready.golden[stretch.rows], return_index=True)
-        rows = stretch.rows[first]
+        numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
+        rows = window.rows[first]
 
         def start(lacking: np.ndarray) -> list[Future[Computed]]:
             some = rows[np.isin(numbers, lacking)]
@@ -199,43 +213,43 @@ class Computation:
                 for i in range(0, len(some), lanes)
             ]
 
-        golden_runs = earlier.followed(stretch.golden_runs, start)
+        golden_runs = earlier.followed(window.golden_runs, start)
         for number, row in zip(numbers.tolist(), rows, strict=True):
-            if self._branching.branches[number] and number not in golden_runs.branches:
+            if self._fast_forward.branches[number] and number not in golden_runs.branches:
                 golden_runs.branches[number] = pool.submit(self._branches, row, golden_runs)
         return golden_runs
 
     def _fault_free(self, rows: np.ndarray) -> Computed:
         """The golden runs of these rows."""
-        self.progress.more_due(self.kernel.size(len(rows)) * self.ready.program.ticks)
+        self.progress.more_due(self.kernel.size(len(rows)) * self.plan.program.ticks)
         block = self._block(rows, None, harmless=True)
         if block.ends is not None:
             block = dataclasses.replace(
-                block, ends=self._branching.last_end[self.ready.golden[self._filled(rows)]]
+                block, ends=self._fast_forward.last_end[self.plan.golden[self._filled(rows)]]
             )
-        result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
+        result = self.kernel.run(block, self.plan.columns, self.progress.ticks)
         columns = {
             name: result.outcomes[name][: len(rows)] for name in outcomes.of_golden(result.outcomes)
         }
         if "halted_ms" in columns:
             self._halted.append(columns["halted_ms"])
-        return Computed(self.ready.golden[rows], result.reference[:, :, : len(rows)], columns)
+        return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
     def _branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
         """Of the golden run of a row."""
-        number = self.ready.golden[row]
-        last, ends = int(self._branching.last_act[number]), self._branching.early_ends(number)
+        number = self.plan.golden[row]
+        last, ends = int(self._fast_forward.last_act[number]), self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
         block = self._block(np.array([row]), golden_runs.get(), harmless=True)
-        trunk, columns = kernel.trunk(block, self.ready.columns, last, ends)
+        trunk, columns = kernel.trunk(block, self.plan.columns, last, ends)
         return Branches(trunk, ends, {name: columns[name] for name in outcomes.of_golden(columns)})
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
         """`outcomes.of_golden` of the golden run of each row, when the row ends; each moment is
         computed once.
         """
-        own, golden, ends = golden_runs.get(), self.ready.golden[rows], self.ready.ends[rows]
-        early = self._branching.early[rows]
+        own, golden, ends = golden_runs.get(), self.plan.golden[rows], self.plan.ends[rows]
+        early = self._fast_forward.early[rows]
         if len(own.numbers) == 1 and not early.any():
             return {
                 name: np.broadcast_to(values, len(rows)) for name, values in own.outcomes.items()
@@ -251,10 +265,10 @@ class Computation:
                 for name, values in branches.outcomes.items():
                     columns[name][mine] = values[moment]
         if early.any():
-            moments = golden[early] * (1 + self.ready.program.ticks) + ends[early]
+            moments = golden[early] * (1 + self.plan.program.ticks) + ends[early]
             _, first, of_moment = np.unique(moments, return_index=True, return_inverse=True)
             result = self.kernel.run(
-                self._block(rows[early][first], own, harmless=True), self.ready.columns
+                self._block(rows[early][first], own, harmless=True), self.plan.columns
             )
             for name, values in columns.items():
                 values[early] = result.outcomes[name][of_moment]
@@ -264,30 +278,30 @@ class Computation:
 
     def _faulty(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Pair:
         """The runs of these rows."""
-        self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.ready.program.ticks)
+        self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         own = golden_runs.get()
         coming = [golden_runs.branches.get(number) for number in own.numbers.tolist()]
-        here = np.isin(own.numbers, self.ready.golden[rows]).tolist()
+        here = np.isin(own.numbers, self.plan.golden[rows]).tolist()
         trunks = [
             future.result().trunk if future and near else None
             for future, near in zip(coming, here, strict=True)
         ]
         block = dataclasses.replace(self._block(rows, own), trunks=trunks)
-        result = self.kernel.run(block, self.ready.columns, self.progress.ticks)
+        result = self.kernel.run(block, self.plan.columns, self.progress.ticks)
         columns = {name: values[: len(rows)] for name, values in result.outcomes.items()}
-        if self.ready.program.ends:
-            columns[schema.OBSERVED] = self.ready.ends[rows]
+        if self.plan.program.ends:
+            columns[schema.OBSERVED] = self.plan.ends[rows]
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, own: Computed | None, harmless: bool = False) -> Block:
         """Of these rows, the last repeated to fill it, beside their golden runs or being them."""
-        ready, filled = self.ready, self._filled(rows)
+        plan, filled = self.plan, self._filled(rows)
         return Block(
-            *ready.lanes(rows, len(filled), harmless),
+            *plan.lanes(rows, len(filled), harmless),
             reference=None if own is None else own.reference,
-            golden=None if own is None else np.searchsorted(own.numbers, ready.golden[filled]),
-            acts=ready.acts[filled],
-            ends=ready.ends[filled] if ready.program.ends else None,
+            golden=None if own is None else np.searchsorted(own.numbers, plan.golden[filled]),
+            acts=plan.acts[filled],
+            ends=plan.ends[filled] if plan.program.ends else None,
         )
 
     def _filled(self, rows: np.ndarray) -> np.ndarray:

@@ -1,5 +1,9 @@
 """The golden runs that runs are compared with: each computed once, kept while the next runs may
 need it.
+
+Up to the first tick in which a fault may act a run is its golden run, to the bit. Where enough runs
+share a golden run it is followed once more, and they go on from its snapshots; where each has its
+own, nothing is saved.
 """
 
 from __future__ import annotations
@@ -8,9 +12,17 @@ import dataclasses
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from ravenjax.campaign.plan import Plan
+
+WORTH = 2
+"""Times that the ticks saved must exceed those of following a golden run: what its group shares
+is run again, too.
+"""
 
 Columns = dict[str, np.ndarray]
 
@@ -38,7 +50,7 @@ class Branches(NamedTuple):
     outcomes: Columns  # outcome -> [ends], as of a golden run that ends there
 
 
-def _joined(some: list[Computed]) -> Computed:
+def _join_computed(some: list[Computed]) -> Computed:
     """All of them, of which no two hold the same golden run. Takes them from the list one by
     one: series are large.
     """
@@ -91,7 +103,7 @@ class GoldenRuns:
                 if self._earlier is not None:
                     parts.append(self._earlier.get().picked(self.numbers))
                 self._coming, self._earlier = (), None
-                self._computed = _joined(parts)
+                self._computed = _join_computed(parts)
             return self._computed
 
     def followed(
@@ -104,3 +116,65 @@ class GoldenRuns:
         if here.all():
             return self
         return GoldenRuns(numbers, compute(numbers[~here]), self if here.any() else None)
+
+
+class FastForwardPlan:
+    """From when to when the runs of a plan run themselves, and which go on from their golden run;
+    arrays by the number of the golden run.
+    """
+
+    def __init__(self, plan: Plan, lanes: int) -> None:
+        """lanes: that go on from their golden run together; 0: none does."""
+        self._plan, self._lanes = plan, lanes
+        self._size = int(plan.golden.max(initial=-1)) + 1
+
+    @cached_property
+    def last_act(self) -> np.ndarray:
+        """The last tick in which faults of a run begin to act, int64 [golden runs]; 0: none ever
+        does.
+        """
+        acts = self._plan.acts
+        return self._largest(np.where(acts < self._plan.program.ticks, acts, 0))
+
+    @cached_property
+    def last_end(self) -> np.ndarray:
+        """The first tick that no run needs, int64 [golden runs]."""
+        return self._largest(self._plan.ends)
+
+    @cached_property
+    def branches(self) -> np.ndarray:
+        """Whether runs go on from it, bool [golden runs]."""
+        if not self._lanes:
+            return np.zeros(self._size, bool)
+        early_ends = np.where(self.early, self._plan.ends, 0)
+        ticks = np.bincount(self._plan.golden, self._plan.acts + early_ends, self._size)
+        saved = ticks / self._lanes
+        return saved > WORTH * np.maximum(self.last_act, self._largest(early_ends))
+
+    @cached_property
+    def early(self) -> np.ndarray:
+        """Which runs end before the last of their golden run, bool [runs]."""
+        if not self._plan.program.ends:
+            return np.zeros(self._plan.runs, bool)
+        return self._plan.ends < self.last_end[self._plan.golden]
+
+    def early_ends(self, number: int) -> np.ndarray:
+        """The ends before its last one, int64, ascending."""
+        first, last = np.searchsorted(self._sorted[0], [number, number + 1])
+        ends = np.unique(self._sorted[1][first:last])
+        return ends[ends < self.last_end[number]]
+
+    @cached_property
+    def _sorted(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of the runs' golden runs, ascending, and the runs' ends beside them."""
+        order = np.argsort(self._plan.golden, kind="stable")
+        return self._plan.golden[order], self._plan.ends[order].astype(np.int64)
+
+    def _largest(self, values: np.ndarray) -> np.ndarray:
+        """The largest of the runs' values, int64 [golden runs]."""
+        if self._size == 1:
+            # a short cut for campaigns of millions of runs
+            return values.max(keepdims=True).astype(np.int64)
+        largest = np.zeros(self._size, np.int64)
+        np.maximum.at(largest, self._plan.golden, values)
+        return largest

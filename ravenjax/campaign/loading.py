@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from ravenjax.campaign import copies, robots_drawn
+from ravenjax.campaign import lint, population
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, location, overriding, semantics
 from ravenjax.campaign.file.axis import Axis
@@ -51,7 +51,7 @@ def from_dict(
     """
     raw, replaced = overriding.all_applied(raw, overrides)
     where = location.Where(source, location.lines(text), replaced)
-    raw = robots_drawn.entered(raw, where, source)
+    raw = population.with_population(raw, where, source)
     try:
         if isinstance(raw, dict):  # anything else is refused below
             groups = raw.get("group")
@@ -107,9 +107,9 @@ def _text(name: object) -> str:
 
 
 def _wasted(config: CampaignConfig, template: bool) -> Iterator[location.Complaint]:
-    yield from copies.complaints(config)
+    yield from lint.complaints(config)
     if not template:
-        yield from copies.drawn_once(config)
+        yield from lint.drawn_once(config)
 
 
 def _too_many(config: CampaignConfig) -> Iterable[location.Complaint]:

@@ -51,6 +51,19 @@ class Plan:
         """Rows of the fault table."""
         return len(self.rows)
 
+    def row_fields(self, rows: slice | np.ndarray) -> dict[str, Any]:
+        """The fields that have one entry a run, of some rows alone."""
+        return {
+            "rows": self.rows.take(rows),
+            "faults": {name: values[rows] for name, values in self.faults.items()},
+            "varied": {path: values[rows] for path, values in self.varied.items()},
+            "golden": self.golden[rows],
+        }
+
+    def take(self, rows: slice | np.ndarray) -> Plan:
+        """The plan of some rows alone."""
+        return dataclasses.replace(self, **self.row_fields(rows))
+
     @cached_property
     def table(self) -> pd.DataFrame:
         """The fault table as a DataFrame."""
@@ -98,7 +111,7 @@ class Plan:
         )
 
 
-def make(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
+def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     """Plan a campaign. Raises UserError for what cannot be run."""
     rows = design.rows(config)
     varied = table.parameters(rows)

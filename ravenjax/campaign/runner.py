@@ -16,13 +16,13 @@ from typing import Any
 import pyarrow as pa
 
 from ravenjax import interruption
-from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign import compile_cache
 from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Work
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import run_id, table
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.campaign.progress.file import ProgressFile
 from ravenjax.engines import selection
@@ -54,22 +54,22 @@ def run_campaign(
     whatever happens, finished parts stay.
     """
     compile_cache.enable()
-    ready = plan.make(config)
+    plan = make_plan(config)
     interruption.point()
-    backend = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
+    backend = selection.select(engine, plan.program.setup.precision, compile_cache.objects())
     executor = executor or Local()
-    chunk = config.campaign.chunk or parts.rows_of_a_part(ready.runs, executor.workers)
-    first = range(min(config.campaign.limit or ready.runs, ready.runs))
+    chunk = config.campaign.chunk or parts.rows_of_a_part(plan.runs, executor.workers)
+    first = range(min(config.campaign.limit or plan.runs, plan.runs))
     if shard is not None:
         if rows is not None:
             raise UserError(f"rows and shard {shard} were both given, expected one of them")
         chunk = config.campaign.chunk or shard.chunk(len(first), chunk)
         rows = shard.rows(len(first), chunk)
-    elif rows is None and len(first) < ready.runs:
+    elif rows is None and len(first) < plan.runs:
         rows = [first]
-    record = _manifest(ready, backend).model_copy(
+    record = _manifest(plan, backend).model_copy(
         update={
-            "rows": None if rows is None else _pairs(rows, ready.runs),
+            "rows": None if rows is None else _pairs(rows, plan.runs),
             "shard": None if shard is None else str(shard),
             "command": tuple(command),
             "executor": executor.name,
@@ -78,27 +78,27 @@ def run_campaign(
     )
     if out is None:
         return _in_memory(
-            ready, backend, executor, list(parts.gaps((), record.wanted, chunk)), on_progress
+            plan, backend, executor, list(parts.gaps((), record.wanted, chunk)), on_progress
         )
     files.require_writable(out)
     with lock.held(out):
         folder = ResultFolder.open(out, record)
-        _into(folder, ready, backend, executor, list(folder.missing(chunk)), on_progress)
+        _into(folder, plan, backend, executor, list(folder.missing(chunk)), on_progress)
     return Results(record.shape, out)
 
 
 def _into(
     folder: ResultFolder,
-    ready: Plan,
+    plan: Plan,
     engine: Engine,
     executor: Executor,
     missing: Sequence[range],
     on_progress: OnProgress | None,
 ) -> None:
     """Compute what is missing into its folder."""
-    listener, shape = ProgressFile(folder.path, on_progress), shape_of(ready)
+    listener, shape = ProgressFile(folder.path, on_progress), shape_of(plan)
     due = folder.manifest.due
-    progress = _progress(ready, engine, due, missing, listener, folder.notes)
+    progress = _progress(plan, engine, due, missing, listener, folder.notes)
     progress.known(folder.manifest.failures)
 
     def deliver(done: FinishedChunk[parts.Encoded]) -> None:
@@ -108,7 +108,7 @@ def _into(
     pack = functools.partial(parts.encode, shape=shape, config_hash=folder.manifest.config_hash)
     try:
         if missing:
-            executor.run(Work(ready, engine, pack, deliver, progress), missing)
+            executor.run(Work(plan, engine, pack, deliver, progress), missing)
     except BaseException:
         with contextlib.suppress(StoreError):  # a disk that is full, or gone, has been told of
             folder.close(progress.compile_s, progress.run_s, progress.stored)
@@ -119,15 +119,15 @@ def _into(
 
 
 def _in_memory(
-    ready: Plan,
+    plan: Plan,
     engine: Engine,
     executor: Executor,
     chunks: Sequence[range],
     on_progress: OnProgress | None,
 ) -> Results:
     """Compute chunks into tables."""
-    shape, tables = shape_of(ready), dict[int, pa.Table]()
-    progress = _progress(ready, engine, sum(map(len, chunks)), chunks, on_progress, ())
+    shape, tables = shape_of(plan), dict[int, pa.Table]()
+    progress = _progress(plan, engine, sum(map(len, chunks)), chunks, on_progress, ())
 
     def deliver(done: FinishedChunk[pa.Table]) -> None:
         tables[done.rows.start] = done.packed
@@ -135,7 +135,7 @@ def _in_memory(
 
     if chunks:
         executor.run(
-            Work(ready, engine, functools.partial(schema.conform, shape=shape), deliver, progress),
+            Work(plan, engine, functools.partial(schema.conform, shape=shape), deliver, progress),
             chunks,
         )
     progress.tell("done")
@@ -143,7 +143,7 @@ def _in_memory(
 
 
 def _progress(
-    ready: Plan,
+    plan: Plan,
     engine: Engine,
     due: int,
     missing: Sequence[range],
@@ -151,7 +151,7 @@ def _progress(
     notes: tuple[str, ...],
 ) -> Progress:
     words, rows = f"{engine.name} on {engine.device}", sum(map(len, missing))
-    return Progress(words, due, rows, ready.program.ticks, told, notes=notes)
+    return Progress(words, due, rows, plan.program.ticks, told, notes=notes)
 
 
 def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
@@ -165,8 +165,8 @@ def _pairs(rows: Sequence[range], runs: int) -> tuple[tuple[int, int], ...]:
     return manifest.joined(tuple((some.start, some.stop - 1) for some in rows if some)) or ()
 
 
-def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
-    config, setup = ready.config, ready.program.setup
+def _manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
+    config, setup = plan.config, plan.program.setup
     # How rows are stored, and how many of them are computed, decides no outcome.
     undecided = {"chunk", "limit"} | (
         {"observe_ms"} if config.campaign.observe_ms is None else set()
@@ -176,12 +176,12 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
         campaign=config.campaign.name,
         config=content,
         config_hash=manifest.campaign_hash(
-            content, ready.operator, run_id.digest(ready.rows.numbers("run_id"))
+            content, plan.operator, run_id.digest(plan.rows.numbers("run_id"))
         ),
         seed=config.campaign.seed,
-        runs=ready.runs,
-        duration_ms=ready.program.ticks,
-        shape=shape_of(ready),
+        runs=plan.runs,
+        duration_ms=plan.program.ticks,
+        shape=shape_of(plan),
         cues=tuple(
             manifest.CueRecord(
                 threshold_mm=c.threshold_m * 1e3,
@@ -197,7 +197,7 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
             )
             for name, use, thresholds in config.detectors
         ),
-        operator=ready.operator,
+        operator=plan.operator,
         verdict_cue=config.outcomes.cue,
         verdict_jump=f"jump_{config.outcomes.jump}",
         limit_mm=config.outcomes.limit_mm,
@@ -207,23 +207,23 @@ def _manifest(ready: Plan, engine: Engine) -> manifest.Manifest:
     )
 
 
-def shape_of(ready: Plan) -> schema.Shape:
+def shape_of(plan: Plan) -> schema.Shape:
     """Which repeated columns a plan's result table has."""
-    setup = ready.program.setup
+    setup = plan.program.setup
     return schema.Shape(
-        robot=ready.config.campaign.robot,
+        robot=plan.config.campaign.robot,
         arms=setup.arms,
         joints=setup.joints,
         slots=setup.injection.slots,
         cues=setup.cues,
-        checks=tuple(ready.config.robot.checks),
-        parameters=tuple(table.parameters(ready.rows)),
+        checks=tuple(plan.config.robot.checks),
+        parameters=tuple(table.parameters(plan.rows)),
         reacts=setup.reacts,
         hand_yields=setup.hand_yields,
-        cables=ready.config.watches_cables,
-        contact=ready.config.touches,
+        cables=plan.config.watches_cables,
+        contact=plan.config.touches,
         detectors=tuple(use.thresholds for use in setup.detectors),
-        observes=ready.program.ends,
-        own_checks=ready.config.own_checks,
-        stops=ready.config.stops,
+        observes=plan.program.ends,
+        own_checks=plan.config.own_checks,
+        stops=plan.config.stops,
     )

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Literal
 
 from ravenjax.cli import console
 
@@ -23,24 +21,14 @@ EVERYTHING = "friction,offsets,motors,cables,delays"
 def calibrate(
     log: Path,
     *,
-    out: Annotated[Path, Parameter(help="file for campaigns; its pictures beside it")] = Path(
-        "my_robot.toml"
-    ),
-    arm: Annotated[Literal["gold", "green"], Parameter(help="whose joints the log has")] = "gold",
-    tool: Annotated[str | None, Parameter(help="its tool; default the software's own")] = None,
-    software: Annotated[
-        Literal["raven2", "fork2015"],
-        Parameter(help="decides how the first jaw is strung: raven2 opposes it"),
-    ] = "raven2",
-    gains: Annotated[
-        Literal["raven2", "fork2015"] | None,
-        Parameter(help="PID of the log's robot; default that of its software"),
-    ] = None,
-    period_ms: Annotated[
-        float | None, Parameter(help="time between samples, instead of the log's own")
-    ] = None,
-    ask: Annotated[str, Parameter(help="what the log is asked for, a comma between")] = EVERYTHING,
-    draws: Annotated[int, Parameter(help="robots that are written")] = 200,
+    out: Path = Path("my_robot.toml"),
+    arm: Literal["gold", "green"] = "gold",
+    tool: str | None = None,
+    software: Literal["raven2", "fork2015"] = "raven2",
+    gains: Literal["raven2", "fork2015"] | None = None,
+    period_ms: float | None = None,
+    ask: str = EVERYTHING,
+    draws: int = 200,
 ) -> None:
     """Find your robot's parameters in a log of its joints, and write robots that a campaign can
     draw from.
@@ -53,10 +41,27 @@ def calibrate(
     Parameters
     ----------
     log
-        Desired and measured joints: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's ravenstate or CRTK's
-        measured_js and setpoint_js; or a table, .csv or .parquet, with columns as jpos_d_shoulder and jpos_shoulder
-        (rad, insertion m), or mpos_d_, or mpos_ with dac_.
-    """  # noqa: E501
+        Desired and measured joints: a bag of ROS 1 or ROS 2 or an MCAP file with raven2's
+        ravenstate or CRTK's measured_js and setpoint_js; or a table, .csv or .parquet, with
+        columns as jpos_d_shoulder and jpos_shoulder (rad, insertion m), or mpos_d_, or mpos_
+        with dac_.
+    out
+        file for campaigns; its pictures beside it
+    arm
+        whose joints the log has
+    tool
+        its tool; default the software's own
+    software
+        decides how the first jaw is strung: raven2 opposes it
+    gains
+        PID of the log's robot; default that of its software
+    period_ms
+        time between samples, instead of the log's own
+    ask
+        what the log is asked for, a comma between
+    draws
+        robots that are written
+    """
     from ravenjax.analyses.calibration import (
         drawing,
         parameters,

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing, Overrides
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
+    from ravenjax.vocabulary.sites import Channel, Site
 
 
 def campaigns(*, as_json: AsJson = False) -> None:
@@ -64,9 +64,10 @@ def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
     Parameters
     ----------
     word
-        Show this alone: a layer (L7), a site (usb_out), an effect (drift), a hazard (C09), or one of layers, sites,
-        effects, triggers, phases (of an operation), classes (of outcomes), hazards.
-    """  # noqa: E501
+        Show this alone: a layer (L7), a site (usb_out), an effect (drift), a hazard (C09), or
+        one of layers, sites, effects, triggers, phases (of an operation), classes (of
+        outcomes), hazards.
+    """
     console.emit(list(_faults(word)), as_json)
 
 
@@ -148,23 +149,32 @@ def _sites(title: str, names: Sequence[str]) -> Listing:
 
 
 def _site(name: str) -> Iterator[Listing]:
-    from ravenjax.campaign.inspection import site_sheet
     from ravenjax.hazards import library, listing
     from ravenjax.robots.raven2 import ROBOT
+    from ravenjax.vocabulary.effects import EFFECTS
 
     site = ROBOT.sites[name]
-    arms = "on each arm: with both, write arm" if site.per_arm else "of no arm"
     about = [
         ("layer", f"{site.layer}: {library.layers()[site.layer]}"),
         ("where", site.where),
-        ("arm", arms),
+        ("arm", "on each arm: with both, write arm" if site.per_arm else "of no arm"),
     ]
     yield Listing("site", f"Site {name}", ("what", "is"), about)
     yield Listing(
-        "channels", "Channels", site_sheet.CHANNEL_COLUMNS, site_sheet.channels(ROBOT, site)
+        "channels",
+        "Channels",
+        ("channel", "number", "unit", "without a fault"),
+        [(one.name, one.kind, one.unit, _normal_range(site, one)) for one in site.channels],
     )
     yield Listing(
-        "effects", "Effects that it takes", site_sheet.EFFECT_COLUMNS, site_sheet.effects(site)
+        "effects",
+        "Effects that it takes",
+        ("effect", "meaning", "value"),
+        [
+            (effect.name, effect.meaning, _effect_values(site, effect.name))
+            for effect in EFFECTS.values()
+            if effect.network is None or name == "network"
+        ],
     )
     yield Listing(
         "hazards", "Hazards that strike it", listing.COLUMNS, listing.table(listing.of_site(name))
@@ -172,7 +182,6 @@ def _site(name: str) -> Iterator[Listing]:
 
 
 def _effect(name: str) -> Iterator[Listing]:
-    from ravenjax.campaign.inspection import site_sheet
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS
 
@@ -182,18 +191,72 @@ def _effect(name: str) -> Iterator[Listing]:
         for site in ROBOT.sites.values()
         if name not in NETWORK_EFFECTS or site.name == "network"
     ]
-    yield Listing(
-        "values",
-        "Its value",
-        ("site", "may be"),
-        [(site.name, site_sheet.values(site, name)) for site in sites],
+    rows = [(site.name, _effect_values(site, name)) for site in sites]
+    yield Listing("values", "Its value", ("site", "may be"), rows)
+
+
+def _effect_values(site: Site, effect: str) -> str:
+    """What the value of an effect may be at the channels of a site, in words."""
+    from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
+
+    if effect in WITHOUT_VALUE:
+        return "takes none"
+    aimed = (
+        [site.channel(NETWORK_EFFECTS[effect][0])] if effect in NETWORK_EFFECTS else site.channels
     )
+    spans: dict[str, list[str]] = {}
+    for channel in aimed:
+        spans.setdefault(_value_range(site, channel, effect), []).append(channel.name)
+    if len(spans) == 1:
+        return next(iter(spans))
+    return "; ".join(f"{', '.join(names)}: {span}" for span, names in spans.items())
+
+
+def _value_range(site: Site, channel: Channel, effect: str) -> str:
+    from ravenjax.vocabulary.effects import EFFECTS
+    from ravenjax.vocabulary.legal import legal
+
+    rule = legal(channel, effect)
+    low, high = rule.low, rule.high
+    if effect == "bit_flip":
+        return f"bit {low:.0f}..{high:.0f}"
+    if effect == "delay":
+        return f"{low:.0f}..{high:.0f} packets, whole"
+    if effect == "scale":
+        return "any factor"
+    if channel.field and EFFECTS[effect].value == "number":
+        low, high = channel.field.low, channel.field.high
+    unit = "" if channel.unit == "1" else f" {channel.unit}"
+    if math.isinf(low):
+        return f"any number{unit and f', in{unit}'}"
+    beyond = ""
+    if channel.kind == "int16":
+        beyond = ", beyond with wraps = true" + (" or campaign.dac_words" if site.beyond else "")
+    return f"{low:.10g}..{high:.10g}{unit}{', whole' if rule.whole else ''}{beyond}"
+
+
+def _normal_range(site: Site, channel: Channel) -> str:
+    """The range of a channel in fault-free runs, of each arm where they differ."""
+    from ravenjax.errors import UserError
+    from ravenjax.hazards import ranges
+    from ravenjax.robots.raven2 import ROBOT
+
+    spans = {}
+    for arm in ROBOT.arms if site.per_arm else ROBOT.arms[:1]:
+        try:
+            normal = ranges.normal(site.name, channel.name, arm)
+        except UserError:
+            continue
+        spans[arm] = f"{normal.low:.4g}..{normal.high:.4g}"
+    if len(set(spans.values())) == 1:
+        return next(iter(spans.values()))
+    return ", ".join(f"{arm} {span}" for arm, span in spans.items())
 
 
 def parameters(
     file: Path | None = None,
     *,
-    path: Annotated[str, Parameter(help="only paths that hold this text, as plant or kp")] = "",
+    path: str = "",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -206,8 +269,11 @@ def parameters(
     Parameters
     ----------
     file
-        Campaign file; its software, arms and tools decide what there is. Without one: one arm, software raven2.
-    """  # noqa: E501
+        Campaign file; its software, arms and tools decide what there is. Without one: one arm,
+        software raven2.
+    path
+        only paths that hold this text, as plant or kp
+    """
     from ravenjax.campaign import loading
     from ravenjax.campaign.file import bounds
     from ravenjax.errors import UserError, suggestion
@@ -240,7 +306,7 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
     from ravenjax.numbers import paths
     from ravenjax.robots.raven2.arms import JOINTS
 
-    program = plan.make(config.model_copy(update={"parameters": {}})).program
+    program = plan.make_plan(config.model_copy(update={"parameters": {}})).program
     values: dict[str, list[str]] = {}
     for full, value in paths.leaves(program.params, program.setup):
         head, _, last = full.rpartition(".")

@@ -17,30 +17,15 @@ if TYPE_CHECKING:
 def counterfactual(
     file: Path,
     *,
-    out: Annotated[
-        Path | None, Parameter(help="folder; default results/NAME_counterfactual")
-    ] = None,
-    false_alarms_per_hour: Annotated[
-        float, Parameter(help="of all chosen checks together, at most")
-    ] = 4.0,
-    lead_ms: Annotated[
-        int, Parameter(help="an alarm counts so long before harm begins, or longer")
-    ] = 10,
-    hours: Annotated[float, Parameter(help="hours of fault-free motion to compute")] = 2.0,
-    most: Annotated[int, Parameter(help="checks to choose, at most")] = 8,
-    group: Annotated[
-        list[str] | None,
-        Parameter(help="cover faults of these groups alone", consume_multiple=True, negative=""),
-    ] = None,
-    seed: Annotated[int, Parameter(help="of the halves of the faults")] = 0,
-    confirm: Annotated[
-        bool,
-        Parameter(
-            negative="",
-            help="also run the chosen checks as detectors, with another seed of the faults",
-        ),
-    ] = False,
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
+    out: Path | None = None,
+    false_alarms_per_hour: float = 4.0,
+    lead_ms: int = 10,
+    hours: float = 2.0,
+    most: int = 8,
+    group: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    seed: int = 0,
+    confirm: Annotated[bool, Parameter(negative="")] = False,
+    engine: str = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -55,6 +40,24 @@ def counterfactual(
     ----------
     file
         Campaign file, the name of a bundled one, or a result folder.
+    out
+        folder; default results/NAME_counterfactual
+    false_alarms_per_hour
+        of all chosen checks together, at most
+    lead_ms
+        an alarm counts so long before harm begins, or longer
+    hours
+        hours of fault-free motion to compute
+    most
+        checks to choose, at most
+    group
+        cover faults of these groups alone
+    seed
+        of the halves of the faults
+    confirm
+        also run the chosen checks as detectors, with another seed of the faults
+    engine
+        auto, cuda, simd, wasm, xla or mjx
     """
     from ravenjax.analyses.monitors.counterfactual import confirmation, finding, output, words
     from ravenjax.analyses.monitors.counterfactual.question import Question

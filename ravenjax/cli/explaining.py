@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson
@@ -19,20 +17,11 @@ if TYPE_CHECKING:
 def explain(
     folder: Path,
     *run_ids: str,
-    worst: Annotated[
-        int | None, Parameter(help="explain the N worst runs instead of named ones")
-    ] = None,
-    by: Annotated[
-        str,
-        Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response"),
-    ] = "unintended",
-    group: Annotated[
-        str | None, Parameter(help="explain every run with a fault of this group, together")
-    ] = None,
-    out: Annotated[
-        Path | None, Parameter(help="folder of what is written; default FOLDER/explained")
-    ] = None,
-    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
+    worst: int | None = None,
+    by: str = "unintended",
+    group: str | None = None,
+    out: Path | None = None,
+    engine: str = "auto",
     as_json: AsJson = False,
 ) -> None:
     """Say how a fault became a failure: which signal differs from the golden run when, and where it
@@ -46,7 +35,18 @@ def explain(
     folder
         What `ravenjax run` wrote.
     run_ids
-        Of each row its run_id, or enough of its beginning to tell it from others, or its index.
+        Of each row its run_id, or enough of its beginning to tell it from others, or its
+        index.
+    worst
+        explain the N worst runs instead of named ones
+    by
+        what makes a run worst: unintended, loss, report, tissue, cue or response
+    group
+        explain every run with a fault of this group, together
+    out
+        folder of what is written; default FOLDER/explained
+    engine
+        auto is the engine that the campaign ran on
     """
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError

@@ -15,21 +15,8 @@ from ravenjax.errors import UserError
 
 def explore(
     *sources: str,
-    out: Annotated[
-        Path | None,
-        Parameter(
-            name=("--out", "-o"), help="the page; default NAME.explore.html, or DIR/explore.html"
-        ),
-    ] = None,
-    gallery: Annotated[
-        Path | None,
-        Parameter(
-            help=(
-                "a folder: pages of several campaigns, of all bundled ones unless named, and an"
-                " index"
-            )
-        ),
-    ] = None,
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None,
+    gallery: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a page that computes a campaign's faults in any browser: a map, runs in 3D, the
@@ -41,8 +28,13 @@ def explore(
     Parameters
     ----------
     sources
-        Campaign file, the name of a bundled one (see `ravenjax campaigns`), or what `ravenjax run` wrote.
-    """  # noqa: E501
+        Campaign file, the name of a bundled one (see `ravenjax campaigns`), or what `ravenjax
+        run` wrote.
+    out
+        the page; default NAME.explore.html, or DIR/explore.html
+    gallery
+        a folder: pages of several campaigns, of all bundled ones unless named, and an index
+    """
     if gallery is not None:
         _gallery(gallery, sources, out, as_json)
         return

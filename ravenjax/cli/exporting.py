@@ -14,25 +14,12 @@ from ravenjax.cli.console import AsJson
 def export(
     folder: Path,
     *,
-    arms: Annotated[
-        list[str] | None, Parameter(consume_multiple=True, negative="", help="gold, green or both")
-    ] = None,
-    tools: Annotated[
-        list[str] | None, Parameter(consume_multiple=True, negative="", help="one an arm")
-    ] = None,
-    policy: Annotated[
-        str, Parameter(help="no_regulation, soft_regulation or hard_regulation")
-    ] = "soft_regulation",
-    level: Annotated[
-        str | None, Parameter(help="overdrive level: beginner, moderate, advanced")
-    ] = None,
-    parameter_set: Annotated[
-        str, Parameter(help="mechanics of the virtual robot")
-    ] = "power_consistent",
-    cpu: Annotated[
-        Literal["portable", "native"],
-        Parameter(help="portable: any CPU of this kind; native: this one; the same bits"),
-    ] = "portable",
+    arms: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    tools: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    policy: str = "soft_regulation",
+    level: str | None = None,
+    parameter_set: str = "power_consistent",
+    cpu: Literal["portable", "native"] = "portable",
     as_json: AsJson = False,
 ) -> int:
     """Write the control software and the virtual robot as a C library: header, object, shared
@@ -46,6 +33,18 @@ def export(
     ----------
     folder
         Where to write; files of an earlier export there are replaced.
+    arms
+        gold, green or both
+    tools
+        one an arm
+    policy
+        no_regulation, soft_regulation or hard_regulation
+    level
+        overdrive level: beginner, moderate, advanced
+    parameter_set
+        mechanics of the virtual robot
+    cpu
+        portable: any CPU of this kind; native: this one; the same bits
     """
     from ravenjax.analyses.export import c_folder
     from ravenjax.errors import UserError

@@ -25,48 +25,16 @@ Engine = Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")]
 def calibrate(
     file: Path,
     *,
-    out: Annotated[
-        Path | None, Parameter(help="folder; default results/monitors/NAME of the campaign")
-    ] = None,
-    signals: Annotated[
-        list[str] | None,
-        Parameter(
-            consume_multiple=True,
-            negative="",
-            help=(
-                "names that `ravenjax monitor signals` lists, * for any letters; default"
-                " tip_error_bound "
-                "boards_cmd_rate*"
-            ),
-        ),
-    ] = None,
-    segments: Annotated[
-        str,
-        Parameter(
-            help="bands in stretches by a number of the view: tick=1000,5000 or surgeon_mode=1"
-        ),
-    ] = "",
-    false_alarms_per_hour: Annotated[float, Parameter(help="that are not exceeded")] = 1.0,
-    confidence: Annotated[float, Parameter(help="with which they are not")] = 0.95,
-    hours: Annotated[
-        float | None,
-        Parameter(
-            help="of operation in all; default what rate and confidence need, with room to spare"
-        ),
-    ] = None,
-    length_s: Annotated[float, Parameter(help="of an operation, s")] = 300.0,
-    robots: Annotated[
-        int, Parameter(help="operations of each operator, each with a robot that is drawn")
-    ] = 16,
-    motions: Annotated[
-        list[str] | None,
-        Parameter(
-            consume_multiple=True,
-            negative="",
-            help="generated motions of operators; default all that vary",
-        ),
-    ] = None,
-    seed: Annotated[int, Parameter(help="of operators and robots")] = 0,
+    out: Path | None = None,
+    signals: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    segments: str = "",
+    false_alarms_per_hour: float = 1.0,
+    confidence: float = 0.95,
+    hours: float | None = None,
+    length_s: float = 300.0,
+    robots: int = 16,
+    motions: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    seed: int = 0,
     engine: Engine = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -83,6 +51,27 @@ def calibrate(
     ----------
     file
         Campaign file, or the name of a bundled one: its robot; groups and faults are left out.
+    out
+        folder; default results/monitors/NAME of the campaign
+    signals
+        names that `ravenjax monitor signals` lists, * for any letters; default tip_error_bound
+        boards_cmd_rate*
+    segments
+        bands in stretches by a number of the view: tick=1000,5000 or surgeon_mode=1
+    false_alarms_per_hour
+        that are not exceeded
+    confidence
+        with which they are not
+    hours
+        of operation in all; default what rate and confidence need, with room to spare
+    length_s
+        of an operation, s
+    robots
+        operations of each operator, each with a robot that is drawn
+    motions
+        generated motions of operators; default all that vary
+    seed
+        of operators and robots
     """
     from ravenjax.analyses.monitors import calibrate as calibration
     from ravenjax.campaign import loading
@@ -109,11 +98,9 @@ def calibrate(
 def operate(
     folder: Path,
     *,
-    out: Annotated[Path, Parameter(help="folder for the operations")],
-    hours: Annotated[float, Parameter(help="of operation in all")],
-    robots: Annotated[
-        int | None, Parameter(help="operations of each operator; default the calibration's")
-    ] = None,
+    out: Path,
+    hours: float,
+    robots: int | None = None,
     engine: Engine = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -125,6 +112,12 @@ def operate(
     ----------
     folder
         What `ravenjax monitor calibrate` wrote.
+    out
+        folder for the operations
+    hours
+        of operation in all
+    robots
+        operations of each operator; default the calibration's
     """
     from ravenjax.analyses.monitors.fresh import fresh
 
@@ -141,8 +134,8 @@ def operate(
 def check(
     folder: Path,
     *sources: Path,
-    level: Annotated[float, Parameter(help="chance to call a shift where nothing changed")] = 0.05,
-    seed: Annotated[int, Parameter(help="that breaks ties between scores")] = 0,
+    level: float = 0.05,
+    seed: int = 0,
     as_json: AsJson = False,
 ) -> int:
     """Test whether fresh fault-free operations are like those of the calibration. Ends with code 1
@@ -155,9 +148,13 @@ def check(
     folder
         What `ravenjax monitor calibrate` wrote.
     sources
-        Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a detector, or logs: CSV with the
-        columns of test_vector.csv.
-    """  # noqa: E501
+        Folders of `ravenjax monitor operate`, or of `ravenjax run` with monitor.py as a
+        detector, or logs: CSV with the columns of test_vector.csv.
+    level
+        chance to call a shift where nothing changed
+    seed
+        that breaks ties between scores
+    """
     from ravenjax.analyses.monitors import checking
 
     result = checking.check(folder, sources, level, seed)
@@ -196,13 +193,17 @@ def check(
 
 @monitor.command
 def signals(
-    file: Annotated[
-        Path | None, Parameter(help="campaign whose robot it is; default the Raven-II's")
-    ] = None,
+    file: Path | None = None,
     *,
     as_json: AsJson = False,
 ) -> None:
-    """List what a monitor can look at."""
+    """List what a monitor can look at.
+
+    Parameters
+    ----------
+    file
+        campaign whose robot it is; default the Raven-II's
+    """
     from ravenjax import robots
     from ravenjax.analyses.monitors.scores import catalogue
     from ravenjax.campaign import loading

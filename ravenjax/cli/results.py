@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 def report(
     folder: Path,
     *,
-    figures: Annotated[
-        Path | None, Parameter(help="also draw the main figures into this folder, SVG and PDF")
-    ] = None,
+    figures: Path | None = None,
 ) -> None:
     """Write report.html into a result folder.
 
@@ -29,6 +27,8 @@ def report(
     ----------
     folder
         What `ravenjax run` wrote.
+    figures
+        also draw the main figures into this folder, SVG and PDF
     """
     write_report(folder)
     if figures is not None:
@@ -41,9 +41,9 @@ def report(
 def verify(
     folder: Path,
     *,
-    sample: Annotated[int, Parameter(help="runs that are made again, 0 for none")] = 64,
-    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
-    seed: Annotated[int, Parameter(help="of the sample")] = 0,
+    sample: int = 64,
+    engine: str = "auto",
+    seed: int = 0,
     as_json: AsJson = False,
 ) -> int:
     """Check a result folder: checksums, rows, values, and a random sample of its runs made again.
@@ -55,6 +55,12 @@ def verify(
     ----------
     folder
         What `ravenjax run` wrote.
+    sample
+        runs that are made again, 0 for none
+    engine
+        auto is the engine that the campaign ran on
+    seed
+        of the sample
     """
     from ravenjax.campaign.inspection import verification
     from ravenjax.cli import terminal
@@ -127,7 +133,7 @@ def merge(
     out: Path,
     shards: Annotated[list[Path], Parameter(consume_multiple=True)],
     *,
-    partial: Annotated[bool, Parameter(help="merge though rows are missing")] = False,
+    partial: bool = False,
 ) -> None:
     """Join the shards of a campaign into one result folder.
 
@@ -140,6 +146,8 @@ def merge(
         Folder to merge into.
     shards
         Result folders of the same campaign, as `ravenjax run --shard` wrote them.
+    partial
+        merge though rows are missing
     """
     from ravenjax.store.access import merging, query
 
@@ -169,7 +177,7 @@ def compare(
     first: Path,
     second: Path,
     *,
-    most: Annotated[int, Parameter(help="runs that are listed as most changed")] = 10,
+    most: int = 10,
     as_json: AsJson = False,
 ) -> None:
     """Compare two results that share faults, run by run: configuration, outcomes, rates, the runs
@@ -183,8 +191,11 @@ def compare(
     first
         What `ravenjax run` wrote.
     second
-        The same of another campaign with the same faults, or of the same campaign with another setting or code.
-    """  # noqa: E501
+        The same of another campaign with the same faults, or of the same campaign with another
+        setting or code.
+    most
+        runs that are listed as most changed
+    """
     from ravenjax.report import comparison
 
     result = comparison.compare(first, second, most)

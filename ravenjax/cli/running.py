@@ -27,32 +27,16 @@ ENDED = "ended by a signal; finished parts are kept, and the same command goes o
 def run(
     file: Path,
     *,
-    out: Annotated[
-        Path | None, Parameter(help="result folder; default results/NAME of the campaign")
-    ] = None,
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
+    out: Path | None = None,
+    engine: str = "auto",
     overrides: Overrides = None,
-    chunk: Annotated[
-        int | None, Parameter(help="runs per part of the result", validator=console.SOME)
-    ] = None,
-    limit: Annotated[
-        int | None, Parameter(help="compute only the first runs", validator=console.SOME)
-    ] = None,
-    executor: Annotated[
-        str | None,
-        Parameter(help="local (this process), processes (of this machine) or ray (a cluster)"),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        Parameter(help="processes or tasks side by side; default one a GPU, or one for some cores"),
-    ] = None,
-    ray_address: Annotated[
-        str | None, Parameter(help="of a running Ray cluster; default one on this machine")
-    ] = None,
-    shard: Annotated[
-        str | None, Parameter(help="i/N: only the i-th of N shares, for batch schedulers")
-    ] = None,
-    report: Annotated[bool, Parameter(help="write report.html at the end")] = True,
+    chunk: Annotated[int | None, Parameter(validator=console.SOME)] = None,
+    limit: Annotated[int | None, Parameter(validator=console.SOME)] = None,
+    executor: str | None = None,
+    workers: int | None = None,
+    ray_address: str | None = None,
+    shard: str | None = None,
+    report: bool = True,
     as_json: AsJson = False,
 ) -> None:
     """Run a campaign, or finish it where OUT holds a part of it.
@@ -65,10 +49,27 @@ def run(
     ----------
     file
         Campaign file, or the name of a bundled one (see `ravenjax campaigns`).
+    out
+        result folder; default results/NAME of the campaign
+    engine
+        auto, cuda, simd, wasm, xla or mjx
+    chunk
+        runs per part of the result
+    limit
+        compute only the first runs
+    executor
+        local (this process) or ray (a cluster)
+    workers
+        Ray tasks side by side; default one a GPU, or one for some cores
+    ray_address
+        of a running Ray cluster; default one on this machine
+    shard
+        i/N: only the i-th of N shares, for batch schedulers
+    report
+        write report.html at the end
     """
     from ravenjax.campaign import loading
-    from ravenjax.campaign.executors import shards
-    from ravenjax.campaign.executors.carriers import choice
+    from ravenjax.campaign.executors import choose_executor, shards
     from ravenjax.cli import terminal
 
     sizes = {"chunk": chunk, "limit": limit}
@@ -77,7 +78,7 @@ def run(
         *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None),
     ]
     share = shards.parse(shard) if shard is not None else None
-    who = choice.executor(executor, workers, ray_address)
+    who = choose_executor(executor, workers, ray_address)
     config = loading.load(file, changes)
     folder = out or Path("results") / config.campaign.name / (
         share.folder if share is not None else ""
@@ -138,18 +139,8 @@ def fault_free(
     folder: Path,
     hours: float,
     *,
-    engine: Annotated[
-        str,
-        Parameter(
-            help=(
-                "auto, cuda, simd, wasm, xla or mjx; auto is a CPU engine: motions run one at a"
-                " time"
-            )
-        ),
-    ] = "auto",
-    report: Annotated[
-        bool, Parameter(help="write the result's report.html anew at the end")
-    ] = True,
+    engine: str = "auto",
+    report: bool = True,
     as_json: AsJson = False,
 ) -> None:
     """Compute fault-free motion of a campaign's robot, so that its report can state false cues and
@@ -164,7 +155,12 @@ def fault_free(
     folder
         What `ravenjax run` wrote.
     hours
-        Hours of fault-free motion in pedal-down to have in all; the report says how many it needs.
+        Hours of fault-free motion in pedal-down to have in all; the report says how many it
+        needs.
+    engine
+        auto, cuda, simd, wasm, xla or mjx; auto is a CPU engine: motions run one at a time
+    report
+        write the result's report.html anew at the end
     """
     from ravenjax.campaign.inspection import fault_free as more_motion
     from ravenjax.cli import terminal
@@ -234,10 +230,8 @@ def _ended_by_signals() -> Iterator[None]:
 def search(
     file: Path,
     *,
-    out: Annotated[
-        Path | None, Parameter(help="folder; default results/NAME of the search")
-    ] = None,
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
+    out: Path | None = None,
+    engine: str = "auto",
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -250,6 +244,10 @@ def search(
     ----------
     file
         Search file, or the name of a bundled one (see `ravenjax campaigns`).
+    out
+        folder; default results/NAME of the search
+    engine
+        auto, cuda, simd, wasm, xla or mjx
     """
     from ravenjax.analyses.search import output, runner
     from ravenjax.analyses.search.file import loading

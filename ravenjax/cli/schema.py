@@ -1,4 +1,4 @@
-"""`schema`: the files that people write, as JSON Schema for their editors."""
+"""`reference` and `schema`: the files that people write, described for them and their editors."""
 
 from __future__ import annotations
 
@@ -9,12 +9,21 @@ from cyclopts import Parameter
 
 from ravenjax.cli import console
 
+Kind = Literal["campaign", "search", "scenario"]
+Out = Annotated[Path | None, Parameter(help="write it to this file; default: print it")]
 
-def schema(
-    kind: Literal["campaign", "search", "scenario"] = "campaign",
-    *,
-    out: Annotated[Path | None, Parameter(help="write it to this file; default: print it")] = None,
-) -> None:
+
+def reference(*, out: Out = None) -> None:
+    """Print the reference of campaign files: every key with its type, unit, range, default and
+    meaning (Markdown).
+    """
+    from ravenjax.bundled import resources
+
+    file = resources.find("campaigns", "REFERENCE.md")
+    _print_or_write(file.read_text(encoding="utf-8"), out)
+
+
+def schema(kind: Kind = "campaign", *, out: Out = None) -> None:
     """Print the JSON Schema of campaign, search or scenario files: an editor completes and checks
     keys by it.
 
@@ -28,28 +37,28 @@ def schema(
     """
     import json
 
-    text = json.dumps(_schema(kind), indent=1, ensure_ascii=False) + "\n"
+    from ravenjax.robots.raven2 import ROBOT
+
+    if kind == "search":
+        from ravenjax.analyses.search.file import json_schema
+
+        content = json_schema.schema(ROBOT)
+    elif kind == "scenario":
+        from ravenjax.train.scenario import json_schema
+
+        content = json_schema.schema()
+    else:
+        from ravenjax.campaign.inspection import json_schema
+
+        content = json_schema.schema(ROBOT)
+    _print_or_write(json.dumps(content, indent=1, ensure_ascii=False) + "\n", out)
+
+
+def _print_or_write(text: str, out: Path | None) -> None:
     if out is None:
         print(text, end="", file=console.out.file)
         return
     from ravenjax.store import files
 
     files.write_aside(out, lambda target: target.write_text(text, encoding="utf-8"))
-    console.out.print(f"wrote {out}", highlight=False, soft_wrap=True)
-
-
-def _schema(kind: str) -> dict[str, object]:
-    from ravenjax import robots
-
-    robot = robots.find(robots.DEFAULT)
-    if kind == "search":
-        from ravenjax.analyses.search.file import json_schema
-
-        return json_schema.schema(robot)
-    if kind == "scenario":
-        from ravenjax.train.scenario import json_schema
-
-        return json_schema.schema()
-    from ravenjax.campaign.inspection import json_schema
-
-    return json_schema.schema(robot)
+    console.say(f"wrote {out}")

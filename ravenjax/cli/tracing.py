@@ -6,9 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
 from ravenjax.cli.console import AsJson
@@ -21,17 +19,10 @@ if TYPE_CHECKING:
 def trace(
     folder: Path,
     *run_ids: str,
-    worst: Annotated[
-        int | None, Parameter(help="trace the N worst runs instead of named ones")
-    ] = None,
-    by: Annotated[
-        str,
-        Parameter(help="what makes a run worst: unintended, loss, report, tissue, cue or response"),
-    ] = "unintended",
-    out: Annotated[
-        Path | None, Parameter(help="folder of the traces; default FOLDER/traces")
-    ] = None,
-    engine: Annotated[str, Parameter(help="auto is the engine that the campaign ran on")] = "auto",
+    worst: int | None = None,
+    by: str = "unintended",
+    out: Path | None = None,
+    engine: str = "auto",
     as_json: AsJson = False,
 ) -> None:
     """Run rows of a result again and write their whole time series: MCAP, CSV and a plot, with a
@@ -42,7 +33,16 @@ def trace(
     folder
         What `ravenjax run` wrote.
     run_ids
-        Of each row its run_id, or enough of its beginning to tell it from others, or its index.
+        Of each row its run_id, or enough of its beginning to tell it from others, or its
+        index.
+    worst
+        trace the N worst runs instead of named ones
+    by
+        what makes a run worst: unintended, loss, report, tissue, cue or response
+    out
+        folder of the traces; default FOLDER/traces
+    engine
+        auto is the engine that the campaign ran on
     """
     from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 
 _TAG = re.compile(r"<(/?)(thead|tbody|tfoot|table|th)\b([^<>]*)>")
 _WIDE = re.compile(r"""\b(colspan|rowspan)=["']?(\d+)""")
@@ -27,3 +28,12 @@ def with_scopes(html: str) -> str:
         return f'<th scope="{kind}{group}"{attributes}>'
 
     return _TAG.sub(heading, html)
+
+
+def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    cells = [columns, tuple("---" for _ in columns), *rows]
+    return "\n".join(
+        "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in row) + " |"
+        for row in cells
+    )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from ravenjax import robots
-from ravenjax.campaign import loading, robots_drawn, writing
+from ravenjax.campaign import loading, population, writing
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.campaign.file.section import models_in, toml_value
@@ -208,7 +208,7 @@ def _with_files(tables: dict[str, Any], changed: Callable[[str], str]) -> dict[s
         for path, table in loading.tables_of(model)
         for key, field in table.model_fields.items()
         if field.annotation is Path or Path in get_args(field.annotation)
-    } | {("parameters", robots_drawn.KEY)}
+    } | {("parameters", population.KEY)}
 
     def entered(place: tuple[str, ...], value: Any) -> Any:
         if isinstance(value, dict):

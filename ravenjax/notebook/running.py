@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ravenjax.campaign.executors.carriers import choice
+from ravenjax.campaign.executors import choose_executor
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.campaign.stop import adaptive
@@ -24,7 +24,7 @@ def run(
 ) -> Results:
     """Run it into `out`, a path, or in memory where it is None. Raises UserError and StoreError."""
     require(out, on_progress)
-    folder, carrier = None if out is None else Path(out), choice.executor(executor, workers)
+    folder, carrier = None if out is None else Path(out), choose_executor(executor, workers)
     return adaptive.run(
         config, folder, engine_name(engine), on_progress=on_progress, executor=carrier
     )

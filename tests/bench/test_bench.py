@@ -124,7 +124,7 @@ def test_steps_of_peers_are_counted(measure, steps):
 
 @pytest.mark.parametrize("start", [0, 6000])
 def test_faults_strike_when_they_are_said_to(start):
-    ready = plan.make(loading.from_dict(campaigns.fault_campaign(4, start, 200)))
+    ready = plan.make_plan(loading.from_dict(campaigns.fault_campaign(4, start, 200)))
     assert set(ready.acts.tolist()) == {start}
     assert len(set(ready.faults["value"].ravel().tolist())) == 4
 

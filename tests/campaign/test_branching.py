@@ -24,8 +24,8 @@ from hypothesis import strategies as st
 
 import ravenjax as rj
 from ravenjax.campaign import plan
-from ravenjax.campaign.branching import Branching
 from ravenjax.campaign.faults.table import FOREVER_TICKS
+from ravenjax.campaign.golden_runs import FastForwardPlan
 from ravenjax.campaign.inspection.replay import Replayer
 from ravenjax.campaign.inspection.verification import verify
 from ravenjax.campaign.runner import run_campaign
@@ -44,7 +44,9 @@ def every_fault():
 def test_runs_of_any_fault_are_whole_runs_to_the_bit(every_fault, seed):
     ready = drawn(every_fault, seed)
     assert (
-        Branching(ready, 1).branches.any() and (ready.acts > 0).any() and (ready.acts < TICKS).any()
+        FastForwardPlan(ready, 1).branches.any()
+        and (ready.acts > 0).any()
+        and (ready.acts < TICKS).any()
     )
     whole = tables(ready, SimdEngine(), whole=True)
     require_same(tables(ready, SimdEngine()), whole)
@@ -114,7 +116,7 @@ def test_each_run_tells_when_it_ended(tmp_path):
 
 def test_what_is_not_observed_changes_no_identity():
     whole = {**OPERATION, "campaign": {"name": "operation", "duration_s": 0.5}}
-    ids = [plan.make(rj.load_campaign(one)).table["run_id"] for one in (whole, OPERATION)]
+    ids = [plan.make_plan(rj.load_campaign(one)).table["run_id"] for one in (whole, OPERATION)]
     assert (ids[0] != ids[1]).all(), "other outcomes, other ids"
     record = rj.run(rj.load_campaign(whole), engine="simd")
     assert "observed_ms" not in record

@@ -115,7 +115,7 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
     raw = tables(0.06, cables="break") | {"parameters": {"plant.cable_strength": 20.0}}
     raw["group"] = [{"name": "a", "fault": [{**FAULT, "start_ms": 20, "duration_ms": 30}]}]
-    check_engines(plan.make(loading.from_dict(raw)), 3)
+    check_engines(plan.make_plan(loading.from_dict(raw)), 3)
 
 
 @pytest.mark.parametrize(
@@ -149,10 +149,13 @@ def test_what_the_authors_law_cannot_tell_is_refused(changes, words):
 
 def test_ids_of_runs_tell_whether_cables_part():
     ids = [
-        plan.make(loading.from_dict(tables(**how))).table["run_id"]
+        plan.make_plan(loading.from_dict(tables(**how))).table["run_id"]
         for how in ({}, {"cables": "unbreakable"})
     ]
     assert (ids[0] == ids[1]).all()
     assert (
-        not plan.make(loading.from_dict(tables(cables="break"))).table["run_id"].isin(ids[0]).any()
+        not plan.make_plan(loading.from_dict(tables(cables="break")))
+        .table["run_id"]
+        .isin(ids[0])
+        .any()
     )

@@ -44,4 +44,4 @@ def test_what_a_fault_presses_is_counted_where_contact_is_on_and_nowhere_else() 
 @pytest.mark.parametrize("arms", [("gold",)])
 def test_engines_have_the_same_bits(arms, monkeypatch, tmp_path) -> None:
     real_or_pretended(monkeypatch, tmp_path)
-    check_engines(plan.make(config(True, arms)), 3)
+    check_engines(plan.make_plan(config(True, arms)), 3)

@@ -1,4 +1,4 @@
-"""Golden runs from stretch to stretch: computed once, dropped once no run needs them, joined in
+"""Golden runs from window to window: computed once, dropped once no run needs them, joined in
 order.
 """
 
@@ -33,7 +33,7 @@ class Engine:
         return futures
 
 
-def test_a_stretch_computes_what_the_one_before_does_not_have():
+def test_a_window_computes_what_the_one_before_does_not_have():
     engine = Engine()
     golden_runs = GoldenRuns(np.zeros(0, int), ())
     for numbers in ([0, 1, 2, 5], [1, 3, 4, 5], [3, 4], [0, 6]):

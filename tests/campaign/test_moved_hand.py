@@ -49,7 +49,7 @@ def tables(hand: dict | None = None, **more) -> dict:
 
 def signals_of(raw: dict, engine=None):
     """Signals of the run with the drift, arrays [ticks], and its plan."""
-    ready = plan.make(rj.load_campaign(raw))
+    ready = plan.make_plan(rj.load_campaign(raw))
     varied, harmless = ready.lanes([1], 1, harmless=True)
     _, faults = ready.lanes([1], 1)
     blocks = Block(varied, harmless, None), Block(varied, faults, None)
@@ -113,7 +113,7 @@ def test_a_hand_that_no_force_reaches_leaves_every_outcome_as_it_was(table):
 
 
 def test_without_a_hand_none_is_in_the_tick():
-    program = plan.make(rj.load_campaign(tables())).program
+    program = plan.make_plan(rj.load_campaign(tables())).program
     assert not program.setup.hand_yields and program.params.hand is None
     assert "hand_mm" not in rj.run(tables(), engine="simd").columns
 
@@ -128,7 +128,7 @@ def test_the_golden_run_has_a_hand_too_and_no_cue_moves_it(table):
 
 def test_a_hand_has_ids_of_its_own():
     ids = [
-        plan.make(rj.load_campaign(raw)).table["run_id"][1]
+        plan.make_plan(rj.load_campaign(raw)).table["run_id"][1]
         for raw in (tables(), tables({}), tables({"grip": 1.0}))
     ]
     assert len(set(ids)) == 3
@@ -190,7 +190,7 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
     raw = tables({"newtons_per_unit": STRONG}, campaign={"name": "x", "duration_s": 0.3})
     raw["group"][1]["fault"] = [{**DRIFT, "start_ms": 210, "duration_ms": 80, "value": 400}]
-    check_engines(plan.make(loading.from_dict(raw)), 2)
+    check_engines(plan.make_plan(loading.from_dict(raw)), 2)
 
 
 def test_grip_and_force_may_be_varied():
@@ -211,11 +211,11 @@ def test_grip_and_force_may_be_varied():
 )
 def test_what_is_wrong_with_a_hand_is_refused(changes, words):
     with pytest.raises(UserError) as error:
-        plan.make(loading.from_dict(tables() | changes))
+        plan.make_plan(loading.from_dict(tables() | changes))
     assert words in str(error.value)
 
 
 def test_a_training_session_has_no_hand_but_the_trainees():
     """There the person's own hand is on the device: a modelled one would move the input twice."""
     config = scenario.campaign(scenario.load("first_steps.toml"), 0)
-    assert config.hand is None and not plan.make(config).program.setup.hand_yields
+    assert config.hand is None and not plan.make_plan(config).program.setup.hand_yields

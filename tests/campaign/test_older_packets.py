@@ -40,7 +40,7 @@ def tables(*groups: dict, **campaign) -> dict:
 
 
 def planned(*groups: dict, **campaign) -> plan.Plan:
-    return plan.make(loading.from_dict(tables(*groups, **campaign)))
+    return plan.make_plan(loading.from_dict(tables(*groups, **campaign)))
 
 
 FAULTS = (
@@ -78,7 +78,7 @@ class Packets:
 @pytest.fixture(scope="module")
 def packets_of():
     """Packets by group, distribution and place in the group."""
-    ready = plan.make(
+    ready = plan.make_plan(
         loading.from_dict(tables(*FAULTS) | {"cross": {"network.packets": [MEASURED, BURSTS]}})
     )
     tracer = SimdEngine().tracer(ready.program, 1)

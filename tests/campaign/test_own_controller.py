@@ -171,10 +171,12 @@ def test_what_is_wrong_is_told_by_one_error(tmp_path, case):
 )
 def test_sections_that_do_not_fit_are_refused(tmp_path, section, said):
     with pytest.raises(UserError, match=said):
-        plan.make(rj.load_campaign(tables(tmp_path) | {"controller": section}))
+        plan.make_plan(rj.load_campaign(tables(tmp_path) | {"controller": section}))
 
 
 @pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
-    check_engines(plan.make(loading.from_dict(tables(tmp_path, motor_control=PID, dac=DAC))), 3)
+    check_engines(
+        plan.make_plan(loading.from_dict(tables(tmp_path, motor_control=PID, dac=DAC))), 3
+    )

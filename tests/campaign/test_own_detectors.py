@@ -85,7 +85,9 @@ def tables(folder: Path, text: str, *detectors: dict, **campaign) -> dict:
 
 
 def limits() -> list[int]:
-    ready = plan.make(rj.load_campaign({"campaign": {"name": "x"}, "group": [{"name": "free"}]}))
+    ready = plan.make_plan(
+        rj.load_campaign({"campaign": {"name": "x"}, "group": [{"name": "free"}]})
+    )
     return [int(limit) for limit in ready.program.params.control.overdrive.dac_max][:6]
 
 
@@ -142,7 +144,7 @@ def test_its_parameters_are_listed_beside_a_file_without_any(tmp_path):
         "command at which the score is 1",
     )
     assert limits == "1..65535 DAC counts"
-    program = plan.make(rj.load_campaign(raw)).program
+    program = plan.make_plan(rj.load_campaign(raw)).program
     own = paths.assign(program.params, program.setup, path, 3000.0).detectors.own
     assert own.mine.counts == 3000.0 and own.error is None
 
@@ -157,7 +159,7 @@ def test_its_parameters_are_listed_beside_a_file_without_any(tmp_path):
 def test_a_parameter_out_of_its_range_or_unknown_is_refused(tmp_path, path, value, said):
     raw = tables(tmp_path, BOARDS) | {"parameters": {path: value}}
     with pytest.raises(UserError, match=said):
-        plan.make(rj.load_campaign(raw))
+        plan.make_plan(rj.load_campaign(raw))
 
 
 @pytest.mark.parametrize(
@@ -254,7 +256,7 @@ def test_the_frame_of_one_is_a_hundredth_of_the_tick_at_most(tmp_path):
     counts = []
     for detectors in ([], raw["detector"]):
         work = Workload(1000)
-        work.__dict__["plan"] = plan.make(
+        work.__dict__["plan"] = plan.make_plan(
             rj.load_campaign(raw | {"detector": detectors})
         )  # the cached property
         counts.append(tick_operations.count(work).per_lane)
@@ -266,13 +268,13 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
     raw = tables(tmp_path, BOARDS, duration_s=0.75)
     raw["detector"][0] |= {"acts": "stop", "threshold": [1.0]}
-    check_engines(plan.make(loading.from_dict(raw)), 3)
+    check_engines(plan.make_plan(loading.from_dict(raw)), 3)
 
 
 def test_one_that_stops_changes_run_ids_and_one_that_watches_does_not(tmp_path):
     raw = tables(tmp_path, BOARDS)
     ids = [
-        plan.make(rj.load_campaign(one)).table["run_id"].tolist()
+        plan.make_plan(rj.load_campaign(one)).table["run_id"].tolist()
         for one in _watching_and_stopping(raw)
     ]
     assert ids[0] == ids[1] and not set(ids[1]) & set(ids[2])

@@ -37,7 +37,7 @@ def tables(**campaign) -> dict:
 
 
 def planned(**campaign) -> plan.Plan:
-    return plan.make(rj.load_campaign(tables(**campaign)))
+    return plan.make_plan(rj.load_campaign(tables(**campaign)))
 
 
 def traced(ready: plan.Plan, row: int, engine=None):
@@ -116,7 +116,7 @@ def test_where_every_packet_lasts_one_cycle_the_bits_are_those_without_a_clock()
 
 def test_pairs_have_the_same_packets_but_for_their_distribution():
     raw = tables() | {"cross": {"network.packets": [0, 1, 2]}}
-    ready = plan.make(rj.load_campaign(raw))
+    ready = plan.make_plan(rj.load_campaign(raw))
     assert ready.program.setup.packets[:3] == packets.SHARES
     assert len(ready.table) == 9 and len(set(ready.varied[PACKET_KEY].tolist())) == 3
     shares = {}
@@ -144,7 +144,7 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
     raw = tables(packets="bursts", duration_s=0.06)
     raw["group"][1]["fault"] = [{**FAULT, "start_ms": 20, "duration_ms": 30}]
-    check_engines(plan.make(loading.from_dict(raw)), 3)
+    check_engines(plan.make_plan(loading.from_dict(raw)), 3)
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_a_fault_that_drops_packets_goes_with_them():
     raw["group"][1]["fault"] = [
         {"site": "network", "effect": "drop", "start_ms": 250, "duration_ms": 20}
     ]
-    received = traced(plan.make(loading.from_dict(raw)), 1).packet.received
+    received = traced(plan.make_plan(loading.from_dict(raw)), 1).packet.received
     assert received[250:270].sum() == 0 < received[:250].sum()
 
 
@@ -210,7 +210,7 @@ def test_a_packet_that_never_comes_is_no_trigger():
 def test_repeats_differ_where_packets_are_drawn():
     raw = tables(packets="measured")
     raw["group"][1]["repeats"] = 2
-    assert len(plan.make(loading.from_dict(raw)).table) == 5
+    assert len(plan.make_plan(loading.from_dict(raw)).table) == 5
     with pytest.raises(UserError, match="the 2 repeats would be identical"):
         loading.from_dict(raw | {"campaign": {**raw["campaign"], "packets": "every_cycle"}})
 

@@ -45,19 +45,19 @@ def test_runs_share_a_golden_run_exactly_where_all_parameters_agree(rows):
 
 
 def test_a_plan_travels_between_processes():
-    ready = plan.make(rj.load_campaign(CAMPAIGN))
+    ready = plan.make_plan(rj.load_campaign(CAMPAIGN))
     again = pickle.loads(pickle.dumps(ready))
     assert again.program.loop is ready.program.loop
     assert again.program.setup == ready.program.setup and again.table.equals(ready.table)
 
 
 def test_without_parameters_all_share_one():
-    assert plan.make(rj.load_campaign(CAMPAIGN)).golden.tolist() == [0, 0, 0]
+    assert plan.make_plan(rj.load_campaign(CAMPAIGN)).golden.tolist() == [0, 0, 0]
 
 
 def test_with_noise_every_run_draws_its_own_and_has_a_golden_run_that_draws_the_same():
     noisy = {**CAMPAIGN, "campaign": {**CAMPAIGN["campaign"], "noise": True}}
-    ready = plan.make(rj.load_campaign(noisy))
+    ready = plan.make_plan(rj.load_campaign(noisy))
     keys = ready.varied[NOISE_KEY]
     assert keys.dtype == np.uint32 and len(set(keys.tolist())) == 3
     assert ready.golden.tolist() == [0, 1, 2]
@@ -66,8 +66,8 @@ def test_with_noise_every_run_draws_its_own_and_has_a_golden_run_that_draws_the_
 
 def test_a_generated_motion_may_begin_elsewhere():
     raw = {"campaign": {"name": "x"}, "group": [{"name": "g"}]}
-    home = plan.make(loading.from_dict(raw)).motion
-    drawn_back = plan.make(
+    home = plan.make_plan(loading.from_dict(raw)).motion
+    drawn_back = plan.make_plan(
         loading.from_dict(raw, overrides=["operator.start.insertion_m=0.3"])
     ).motion
     assert home.start_jpos[0][2] != 0.3
@@ -168,17 +168,21 @@ PER_JOINT = (
 )
 def test_what_a_list_for_a_vector_may_mean_is_asked(table, path, values, parts):
     with pytest.raises(UserError) as error:
-        plan.make(rj.load_campaign({**CAMPAIGN, table: {path: values}}))
+        plan.make_plan(rj.load_campaign({**CAMPAIGN, table: {path: values}}))
     for part in parts:
         assert part in str(error.value), str(error.value)
 
 
 @pytest.mark.parametrize("values", [{"list": KP}, KP[:5], {"choice": KP}])
 def test_levels_of_a_vector_that_can_be_nothing_else(values):
-    ready = plan.make(rj.load_campaign({**CAMPAIGN, "parameters": {"nominal.gold.kp": values}}))
+    ready = plan.make_plan(
+        rj.load_campaign({**CAMPAIGN, "parameters": {"nominal.gold.kp": values}})
+    )
     assert set(np.unique(ready.varied["nominal.gold.kp"])) <= set(np.float32(KP))
 
 
 def test_a_list_of_one_number_is_a_list():
-    ready = plan.make(rj.load_campaign({**CAMPAIGN, "parameters": {"nominal.gold.kp.elbow": KP}}))
+    ready = plan.make_plan(
+        rj.load_campaign({**CAMPAIGN, "parameters": {"nominal.gold.kp.elbow": KP}})
+    )
     assert ready.runs == 3 * len(KP)

@@ -44,7 +44,7 @@ def tables(groups=None, **campaign) -> dict:
 
 
 def planned(groups=None, **campaign) -> plan.Plan:
-    return plan.make(rj.load_campaign(tables(groups, **campaign)))
+    return plan.make_plan(rj.load_campaign(tables(groups, **campaign)))
 
 
 def traced(ready: plan.Plan, row: int):
@@ -92,9 +92,9 @@ def test_the_draw_follows_the_campaign_s_seed_and_the_file_s_own_parameters_come
     assert np.array_equal(one, same) and not np.array_equal(one, other)
     raw = tables()
     raw["parameters"] = {PREFIX + "joint_offset.elbow": 0.05}
-    assert set(plan.make(rj.load_campaign(raw)).varied[PREFIX + "joint_offset.elbow"].tolist()) == {
-        np.float32(0.05)
-    }
+    assert set(
+        plan.make_plan(rj.load_campaign(raw)).varied[PREFIX + "joint_offset.elbow"].tolist()
+    ) == {np.float32(0.05)}
 
 
 def test_both_arms_have_errors_of_their_own() -> None:
@@ -108,7 +108,7 @@ def test_both_arms_have_errors_of_their_own() -> None:
 def test_a_crossed_scale_gives_every_fault_the_same_robot_at_each_size() -> None:
     raw = tables()
     raw["cross"] = {"plant.kinematic_errors.scale": [0.0, 0.5, 1.0]}
-    ready = plan.make(rj.load_campaign(raw))
+    ready = plan.make_plan(rj.load_campaign(raw))
     elbow = ready.varied[PREFIX + "joint_offset.elbow"].reshape(-1)
     pair = ready.table["pair"].to_numpy()
     assert all(len(set(elbow[pair == one].tolist())) == 1 for one in set(pair.tolist()))
@@ -128,7 +128,7 @@ def test_without_the_key_run_ids_are_as_before() -> None:
     named = planned(group, kinematic_errors="none").table["run_id"]
     raw = tables(group)
     del raw["campaign"]["kinematic_errors"]
-    assert named.tolist() == plan.make(rj.load_campaign(raw)).table["run_id"].tolist()
+    assert named.tolist() == plan.make_plan(rj.load_campaign(raw)).table["run_id"].tolist()
 
 
 @pytest.mark.slow

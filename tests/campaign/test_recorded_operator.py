@@ -99,7 +99,7 @@ def test_limits_are_those_of_the_campaign(hands):
         UserError,
         match=r"insertion of gold would be at 40\d.* soft limits 300.0 to 402.0 mm less 2 mm",
     ):
-        plan.make(config)
+        plan.make_plan(config)
     fork = loading.from_dict(tables(hands), overrides=["campaign.software=fork2015"])
     assert operator_bounds(fork).upper[3] == pytest.approx(limits.FORK_ROLL_LIMIT)
 
@@ -108,12 +108,12 @@ def test_a_scale_that_is_varied_is_said_and_checked(hands):
     config = loading.from_dict(
         tables(hands), overrides=["parameters.operator.scale=[0.05, 0.1, 0.2]"]
     )
-    summary = plan.make(config).operator
+    summary = plan.make_plan(config).operator
     assert summary.scales == (0.05, 0.2)
     assert "the tip moves 0.5 to 2 times as far" in dict(words.rows(summary))["scale"]
     far = loading.from_dict(tables(hands), overrides=["parameters.operator.scale=1"])
     with pytest.raises(UserError, match="varied to 1 moves the tip 10 times as far as recorded"):
-        plan.make(far)
+        plan.make_plan(far)
 
 
 @pytest.mark.slow
@@ -122,7 +122,7 @@ def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     rj.run(rj.load_campaign(raw), tmp_path / "out", engine="simd")
     record = manifest.read(tmp_path / "out")
     summary = record.operator
-    assert summary is not None and summary == plan.make(rj.load_campaign(raw)).operator
+    assert summary is not None and summary == plan.make_plan(rj.load_campaign(raw)).operator
     assert (summary.clock, summary.rows, summary.cutoff_hz) == ("column t_ms", 300, 5.0)
     assert summary.window_s == (0.0, 1.25) and summary.rate_hz == pytest.approx(100.0)
     assert summary.arms[0].removed_rms_mm < 0.05
@@ -141,7 +141,7 @@ def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path)
     elsewhere.parent.mkdir()
     elsewhere.write_bytes(hands.read_bytes())
     changed.write_text(hands.read_text().replace("-77.9", "-77.8"))
-    plans = [plan.make(rj.load_campaign(tables(file))) for file in (hands, elsewhere, changed)]
+    plans = [plan.make_plan(rj.load_campaign(tables(file))) for file in (hands, elsewhere, changed)]
     engine = selection.select("xla", plans[0].program.setup.precision)
     records = [runner._manifest(one, engine) for one in plans]
     assert records[0].config["operator"]["file"] != records[1].config["operator"]["file"]
@@ -154,7 +154,9 @@ def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path)
 
 def test_a_generated_operator_has_no_summary():
     assert (
-        plan.make(loading.from_dict({"campaign": {"name": "x"}, "group": [{"name": "g"}]})).operator
+        plan.make_plan(
+            loading.from_dict({"campaign": {"name": "x"}, "group": [{"name": "g"}]})
+        ).operator
         is None
     )
 

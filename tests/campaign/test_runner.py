@@ -162,7 +162,7 @@ def test_nothing_piles_up_behind_a_slow_disk(blocks, monkeypatch, tmp_path):
     monkeypatch.setattr(computation, "SORTED_ROWS", 1)
     threads = len(os.sched_getaffinity(0))
     a_golden, written = 1, 2 * min(local.WRITERS, threads)
-    under_way = 2 * computation.AHEAD * threads  # the blocks of two stretches
+    under_way = 2 * computation.AHEAD * threads  # the blocks of two windows
     runs = 16 * 2 * (a_golden + under_way + written)
     put, stuck = runner.ResultFolder.put, []
 

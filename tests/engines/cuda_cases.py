@@ -230,7 +230,7 @@ def meant(loop: TimeLoop, inputs, given, table):
 
 def cut(ticks: int) -> plan.Plan:
     """A plan of every fault site, cut to its first ticks."""
-    ready = plan.make(loading.load(resources.find("campaigns", "quick.toml")))
+    ready = plan.make_plan(loading.load(resources.find("campaigns", "quick.toml")))
     columns = tuple(column[:ticks] for column in ready.columns)
     return replace(ready, program=replace(ready.program, ticks=ticks), columns=columns)
 

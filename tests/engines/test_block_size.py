@@ -41,7 +41,7 @@ ENGINES = [
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(rj.load_campaign(CAMPAIGN))
+    return plan.make_plan(rj.load_campaign(CAMPAIGN))
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ CAMPAIGN = {
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(rj.load_campaign(CAMPAIGN))
+    return plan.make_plan(rj.load_campaign(CAMPAIGN))
 
 
 @pytest.fixture(params=["simd", "cuda", "xla"])

@@ -35,7 +35,7 @@ def ready(**changes):
             {"name": "dac", "fault": [FAULT], "parameters": {"plant.mass_scale": [1.0, 1.1]}}
         ],
     }
-    made = plan.make(rj.load_campaign(table | changes))
+    made = plan.make_plan(rj.load_campaign(table | changes))
     return dataclasses.replace(made, program=traced.printable(made.program))
 
 

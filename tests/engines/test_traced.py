@@ -42,7 +42,7 @@ def ready(duration_s=0.1, **changes):
         "parameters": {"plant.mass_scale": 1.1},
         "group": [{"name": "dac", "fault": [FAULT]}],
     }
-    return plan.make(rj.load_campaign(table | changes))
+    return plan.make_plan(rj.load_campaign(table | changes))
 
 
 def forms(made, rows=1) -> Forms:

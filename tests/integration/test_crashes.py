@@ -51,8 +51,8 @@ ignore some.
 """
 
 
-def started(file: Path, out: Path, *more: object) -> subprocess.Popen[str]:
-    hearing = [sys.executable, "-c", HEARING, *command(file, out, *more)[1:]]
+def started(file: Path, out: Path) -> subprocess.Popen[str]:
+    hearing = [sys.executable, "-c", HEARING, *command(file, out)[1:]]
     return subprocess.Popen(hearing, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -66,10 +66,10 @@ def stored(out: Path) -> list[Path]:
     return sorted(out.glob("parts/part-*.parquet"))
 
 
-def finish(file: Path, out: Path, *more: object) -> str:
+def finish(file: Path, out: Path) -> str:
     """What the same command prints that computes the rest."""
     done = subprocess.run(
-        command(file, out, *more),
+        command(file, out),
         capture_output=True,
         text=True,
         check=False,
@@ -138,10 +138,9 @@ def test_a_second_process_is_refused_and_the_first_not_disturbed(small, tmp_path
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT], ids=lambda one: one.name
 )
-@pytest.mark.parametrize("more", [(), ("--workers", 2)], ids=["local", "processes"])
-def test_a_signal_ends_it_cleanly(small, tmp_path, number, more):
+def test_a_signal_ends_it_cleanly(small, tmp_path, number):
     file, whole = small
-    process = started(file, tmp_path, *more)
+    process = started(file, tmp_path)
     until(lambda: len(stored(tmp_path)) > 2, process)
     process.send_signal(number)
     out, err = process.communicate(timeout=waiting.DEADLINE_S)
@@ -173,11 +172,10 @@ def tiny_disk(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--workers", 2)], ids=["local", "processes"])
-def test_a_full_disk_keeps_what_was_written(small, tiny_disk, more):
+def test_a_full_disk_keeps_what_was_written(small, tiny_disk):
     (file, whole), (disk, enlarge) = small, tiny_disk
     out = disk / "out"
-    process = started(file, out, *more)
+    process = started(file, out)
     printed, err = process.communicate(timeout=waiting.DEADLINE_S)
     told = err.replace("\n", " ")
     assert process.returncode == USER_ERROR and "Traceback" not in err, printed + err
@@ -186,7 +184,7 @@ def test_a_full_disk_keeps_what_was_written(small, tiny_disk, more):
     kept = {path: path.read_bytes() for path in stored(out)}
     assert 2 < len(kept) < SMALL["runs"] // SMALL["chunk"]
     enlarge()
-    finish(file, out, *more)
+    finish(file, out)
     assert {path: path.read_bytes() for path in kept} == kept
     assert tiny.digest(out) == whole and not (out / "set-aside").exists()
 
@@ -229,23 +227,6 @@ def test_a_folder_that_goes_away_ends_it_cleanly(small, tmp_path):
     away.rename(out)
     finish(file, out)
     assert tiny.digest(out) == whole
-
-
-@pytest.mark.slow
-def test_workers_do_not_outlive_a_coordinator_that_is_killed(small, tmp_path):
-    file, whole = small
-    process = started(file, tmp_path, "--workers", 2)
-    until(lambda: len(stored(tmp_path)) > 2, process)
-    workers = workers_of(process.pid)
-    assert len(workers) == 2
-    process.kill()
-    process.communicate()
-    waiting.until(
-        lambda: not any((Path("/proc") / str(pid)).exists() for pid in workers),
-        "a worker still runs",
-    )
-    finish(file, tmp_path, "--workers", 2)
-    assert tiny.digest(tmp_path) == whole
 
 
 WITHOUT_LOCKS = (
@@ -301,17 +282,6 @@ def test_shards_that_are_killed_in_a_folder_without_locks_lose_nothing(small, tm
         assert shard.returncode == 0, printed + err
     merging.merge(tmp_path / "joined", folders)
     assert tiny.digest(tmp_path / "joined") == whole
-
-
-def workers_of(coordinator: int) -> list[int]:
-    listed = subprocess.run(
-        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(coordinator)],
-        capture_output=True,
-        text=True,
-    )
-    return [
-        int(line.split()[0]) for line in listed.stdout.splitlines() if "carriers.worker" in line
-    ]
 
 
 @pytest.mark.slow

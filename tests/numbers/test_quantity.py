@@ -89,7 +89,7 @@ def leaves(**campaign):
             "group": [{"name": "g"}],
         }
     )
-    program = plan.make(config).program
+    program = plan.make_plan(config).program
     return [(path, float(value)) for path, value in paths.leaves(program.params, program.setup)]
 
 

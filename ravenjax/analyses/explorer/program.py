@@ -132,7 +132,7 @@ def question_plan(config: CampaignConfig) -> Plan:
     """The campaign's plan, its program open to every question of a page. Raises UserError for
     what a page cannot do.
     """
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     if ready.keys:
         raise UserError(
             f"{', '.join(ready.keys)} is drawn anew in each run, which a page does not do: leave"

@@ -151,7 +151,7 @@ class OperationRunner:
         require(config, design)
         compile_cache.enable()
         self.config, self.design = campaign(config, design), design
-        self._first = plan.make(of_operator(self.config, design, 0))
+        self._first = plan.make_plan(of_operator(self.config, design, 0))
         self._engine: Engine = selection.select(
             engine, self._first.program.setup.precision, compile_cache.objects()
         )
@@ -186,7 +186,7 @@ class OperationRunner:
         return max(self._engine.threads, min(MOST_AT_A_TIME, -(-lanes // self.design.robots)))
 
     def _operator(self, number: int, on_ticks: Callable[[int], None] | None) -> OperatorScores:
-        ready = plan.make(of_operator(self.config, self.design, number))
+        ready = plan.make_plan(of_operator(self.config, self.design, number))
         assert ready.runs == self.design.robots, (
             f"{ready.runs} operations of {self.design.robots} robots"
         )

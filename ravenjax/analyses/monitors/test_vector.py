@@ -75,7 +75,7 @@ def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
     with TemporaryDirectory() as folder:
         file = Path(folder) / "monitor.py"
         file.write_text(monitor_file.text(monitor, records=True), encoding="utf-8")
-        ready = plan.make(_campaign(config, monitor, seed, file))
+        ready = plan.make_plan(_campaign(config, monitor, seed, file))
         program = part.watched(ready.program)
         tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(
             program, LANES

@@ -22,9 +22,9 @@ from ravenjax import interruption
 from ravenjax.analyses.search.file.outcome import Outcome
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.journal import Journal
-from ravenjax.campaign import assembly, compile_cache, plan, runner
+from ravenjax.campaign import compile_cache, memory_windows, plan, runner
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.executors.chunk import finished
+from ravenjax.campaign.executors.protocol import finish_chunk
 from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.plan import Plan
@@ -55,7 +55,7 @@ class Evaluator:
         compile_cache.enable()
         self.template, self.wanted = template, tuple(wanted)
         self._margins = margins
-        self._plan = plan.make(
+        self._plan = plan.make_plan(
             template.config
         )  # one run a case: what picks code is the same for every point
         self.shape = runner.shape_of(self._plan)
@@ -146,8 +146,10 @@ class Evaluator:
         ]
         computation = self._computation_of(ready)
         with interruption.held_back(), contextlib.closing(computation.blocks(chunks)) as blocks:
-            for part in assembly.parts(chunks, blocks):
-                done = finished(ready, part, lambda columns: schema.conform(columns, self.shape))
+            for part in memory_windows.assemble_parts(chunks, blocks):
+                done = finish_chunk(
+                    ready, part, lambda columns: schema.conform(columns, self.shape)
+                )
                 tables.append(done.packed)
                 if self._journal is not None:
                     self._journal.add(done.packed)
@@ -205,7 +207,7 @@ class Evaluator:
             self._computation.compile()
         share = -(-ready.runs // self._computation.threads)
         lanes = min(self._kernel.lanes, self._kernel.size(min(share, self._kernel.lanes)))
-        self._computation.ready, self._computation.kernel = ready, _Narrow(self._kernel, lanes)
+        self._computation.plan, self._computation.kernel = ready, _Narrow(self._kernel, lanes)
         return self._computation
 
 

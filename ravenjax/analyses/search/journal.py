@@ -17,7 +17,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ravenjax.campaign.executors.background import BackgroundQueue
+from ravenjax.campaign.executors.protocol import BackgroundQueue
 from ravenjax.errors import StoreError
 from ravenjax.store import files, folder, manifest, parts
 

@@ -1,1 +1,41 @@
-"""Who computes a campaign's chunks: this process, others of this machine, a cluster."""
+"""Who computes the chunks of a campaign: this process, or a Ray cluster."""
+
+from __future__ import annotations
+
+from ravenjax.campaign.executors.protocol import Executor
+from ravenjax.errors import UserError, suggestion
+
+EXECUTORS = ("local", "ray")
+
+
+def choose_executor(
+    name: str | None = None, workers: int | None = None, ray_address: str | None = None
+) -> Executor:
+    """The executor of that name; without one `ray` where workers or an address are given, else
+    `local`. Raises UserError.
+    """
+    if name is None:
+        name = "local" if workers is None and ray_address is None else "ray"
+    if name not in EXECUTORS:
+        raise UserError(
+            f"--executor {name!r} is unknown: expected"
+            f" {', '.join(EXECUTORS)}{suggestion(name, EXECUTORS)}"
+        )
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers {workers}: expected 1 or more")
+    if name == "ray":
+        from ravenjax.campaign.executors.ray_cluster import Ray
+
+        return Ray(workers, ray_address)
+    if ray_address is not None:
+        raise UserError(
+            f"--ray-address {ray_address} belongs to --executor ray, got --executor {name}"
+        )
+    if workers is not None and workers > 1:
+        raise UserError(
+            f"--workers {workers} with --executor local, which is one process: its engine uses"
+            " every core and GPU. Leave --workers out, or take --executor ray"
+        )
+    from ravenjax.campaign.executors.local import Local
+
+    return Local()

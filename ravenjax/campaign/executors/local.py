@@ -1,10 +1,4 @@
-"""Executor `local`: this process. Threads inside the engine compute, others pack and deliver behind
-them.
-
-Blocks are cut from whatever rows are missing, as large as the engine likes them, across the borders
-of chunks. What is under way between plan and disk is bounded: memory grows with the number of runs
-by the plan alone.
-"""
+"""Executor `local`: this process, whose engine uses every core or every GPU."""
 
 from __future__ import annotations
 
@@ -14,11 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from ravenjax import interruption
-from ravenjax.campaign import assembly
+from ravenjax.campaign import memory_windows
 from ravenjax.campaign.computation import Computation
-from ravenjax.campaign.executors.background import BackgroundQueue
-from ravenjax.campaign.executors.chunk import finished
-from ravenjax.campaign.executors.protocol import Work
+from ravenjax.campaign.executors.protocol import BackgroundQueue, Work, finish_chunk
 
 WRITERS = 12
 """Chunks that are packed and delivered side by side, at most."""
@@ -31,7 +23,7 @@ class Local:
 
     def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
         """See `protocol.Executor`."""
-        computation = Computation(work.ready, work.engine, work.progress)
+        computation = Computation(work.plan, work.engine, work.progress)
         computation.compile()
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
         with (
@@ -39,6 +31,8 @@ class Local:
             BackgroundQueue(writers) as queue,
             contextlib.closing(computation.blocks(chunks)) as blocks,
         ):
-            for part in assembly.parts(chunks, blocks):
-                queue.call(lambda part: work.deliver(finished(work.ready, part, work.pack)), part)
+            for part in memory_windows.assemble_parts(chunks, blocks):
+                queue.call(
+                    lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part
+                )
             queue.finish()

@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ravenjax.campaign.stretches import SHARED
+from ravenjax.campaign.memory_windows import SHARED
 
 NS_ARM, NS_FURTHER_ARM = 78.0, 64.0
 """ns of a core for a tick: of one arm with one fault site, and of the second arm."""
@@ -60,7 +60,7 @@ BYTES_RUN, BYTES_SLOT = 60.0, 35.0
 BYTES_SERIES = 24
 """Bytes of a golden run's time series, an arm and a tick."""
 MOST_SERIES_MIB = 1536.0
-"""MiB of time series that are held at a time: of two stretches, and a copy where no two runs share
+"""MiB of time series that are held at a time: of two windows, and a copy where no two runs share
 one; twice that with a GPU. See `computation`."""
 
 BASIS = (

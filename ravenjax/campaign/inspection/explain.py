@@ -7,19 +7,18 @@ campaign's computation like any others. Ten thousand runs of 3 s take seconds on
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from ravenjax import interruption
-from ravenjax.campaign import compile_cache, outcomes, plan
+from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection import replay
-from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.errors import UserError, suggestion
@@ -65,7 +64,7 @@ class Explainer:
         require_engine(engine)
         compile_cache.enable()
         self.config = config
-        self.plan = plan.make(config)
+        self.plan = make_plan(config)
         program = part.explained(self.plan.program)
         self._plan = dataclasses.replace(self.plan, program=program)
         self._engine = selection.select(engine, program.setup.precision, compile_cache.objects())
@@ -113,15 +112,15 @@ class Explainer:
                 f"{len(rows)} runs are too many to explain together, expected {MOST} at most: "
                 "take a group of them with --group, or the worst with --worst"
             )
-        some = _taken(self._plan, np.asarray(rows))
+        some = self._plan.take(np.asarray(rows))
+        golden_runs = np.unique(some.golden, return_inverse=True)[1]
+        some = dataclasses.replace(some, golden=golden_runs.reshape(-1).astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
         work = Computation(some, self._engine, progress, self._together(some))
         work.compile()
-        with interruption.held_back():
-            tables = list(work.blocks([range(some.runs)]))
+        own, golden = work.tables([range(some.runs)])
         progress.rows(some.runs, 0)
         progress.tell("done")
-        own, golden = (_joined([table[place] for table in tables]) for place in (0, 1))
         observed = {
             name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
         }
@@ -150,18 +149,3 @@ def require_engine(engine: str) -> None:
             f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)}, which"
             f" compare every number of the tick bit by bit{suggestion(engine, ENGINES)}"
         )
-
-
-def _taken(ready: Plan, rows: np.ndarray) -> Plan:
-    """Some rows of a plan as a plan."""
-    return dataclasses.replace(
-        ready,
-        rows=ready.rows.take(rows),
-        faults={name: values[rows] for name, values in ready.faults.items()},
-        varied={name: values[rows] for name, values in ready.varied.items()},
-        golden=np.unique(ready.golden[rows], return_inverse=True)[1].reshape(-1).astype(np.int32),
-    )
-
-
-def _joined(tables: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Any]:
-    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}

@@ -18,7 +18,7 @@ from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import LEAST_MS, LONGEST_MS, PATHS
-from ravenjax.campaign.robots_drawn import KEY
+from ravenjax.campaign.population import KEY
 from ravenjax.hazards import expansion
 from ravenjax.outcomes import events
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import compile_cache, outcomes, plan
+from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.plan import make_plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
@@ -44,7 +45,7 @@ class Replayer:
         """Raises UserError for a campaign or an engine that cannot be run."""
         compile_cache.enable()
         self.config = config
-        self._plan = plan.make(config)
+        self._plan = make_plan(config)
         self._ids = self._plan.rows.numbers("run_id")
         program = self._plan.program
         backend = selection.select(engine, program.setup.precision, compile_cache.objects())

@@ -18,12 +18,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ravenjax import interruption
-from ravenjax.campaign import compile_cache, outcomes, plan
+from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import validated
-from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress.counts import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
@@ -103,10 +102,9 @@ def verify(
     checks = [parts, checking.rows(record), *checking.values(folder, record, whole)]
     compile_cache.enable()
     try:
-        ready = plan.make(validated(record.config))
-    except (
-        ValueError
-    ) as error:  # UserError, and pydantic's: a config that this version does not read
+        plan = make_plan(validated(record.config))
+    except ValueError as error:
+        # UserError, and pydantic's: a config that this version does not read
         return Verification(
             [
                 *checks,
@@ -114,27 +112,26 @@ def verify(
             ],
             None,
         )
-    checks.append(_campaign(folder, record, ready, whole))
+    checks.append(_campaign(folder, record, plan, whole))
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
-    rerun = _again(folder, record, ready, _drawn(whole, sample, seed), engine, on_progress)
-    return Verification([*checks, _check(rerun, ready)], rerun)
+    rerun = _again(folder, record, plan, _drawn(whole, sample, seed), engine, on_progress)
+    return Verification([*checks, _check(rerun, plan)], rerun)
 
 
-def _campaign(folder: Path, record: Manifest, ready: Plan, whole: Sequence[Part]) -> FolderCheck:
+def _campaign(folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]) -> FolderCheck:
     """That the campaign of the manifest, expanded again, has the hash and the run ids that the
     folder has.
     """
-    ids = ready.rows.numbers("run_id")
+    ids = plan.rows.numbers("run_id")
     complaints = []
-    if ready.runs != record.runs:
+    if plan.runs != record.runs:
         complaints.append(
-            f"the campaign expands to {ready.runs} runs, the manifest says {record.runs}"
+            f"the campaign expands to {plan.runs} runs, the manifest says {record.runs}"
         )
-    elif record.config_hash not in (
-        manifest.campaign_hash(record.config, operator, run_id.digest(ids))
-        for operator in (record.operator, None)
-    ):  # None: as versions wrote it to which a recording was its path
+    elif record.config_hash != manifest.campaign_hash(
+        record.config, record.operator, run_id.digest(ids)
+    ):
         complaints.append(
             f"{manifest.FILE}: config_hash is not that of its config and of the runs that it"
             " expands to"
@@ -171,22 +168,22 @@ def _drawn(whole: Sequence[Part], sample: int, seed: int) -> np.ndarray:
 def _again(
     folder: Path,
     record: Manifest,
-    ready: Plan,
+    plan: Plan,
     rows: np.ndarray,
     engine: str,
     on_progress: OnProgress | None,
 ) -> Rerun:
     if engine == "auto" and record.engine != "cuda":
         engine = record.engine
-    backend = selection.select(engine, ready.program.setup.precision, compile_cache.objects())
-    computed = compute(ready, backend, rows, on_progress)
+    backend = selection.select(engine, plan.program.setup.precision, compile_cache.objects())
+    computed = compute(plan, backend, rows, on_progress)
     new = schema.conform(computed, record.shape)
     old = stored(folder, record, rows)
     columns = [_column(name, old.column(name), new.column(name)) for name in old.column_names]
     equal = {one.name: one.equal for one in columns}
     return Rerun(
         f"{backend.name} on {backend.device}",
-        _other(record, ready, backend),
+        _other(record, plan, backend),
         rows,
         equal["verdict"],
         columns,
@@ -194,26 +191,18 @@ def _again(
 
 
 def compute(
-    ready: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None
+    plan: Plan, engine: Engine, rows: np.ndarray, on_progress: OnProgress | None = None
 ) -> dict[str, Any]:
     """Columns of the result table of these rows (int [n], ascending) of a plan, computed
     together and each whole.
     """
     words = f"{engine.name} on {engine.device}"
-    progress = Progress(words, len(rows), len(rows), ready.program.ticks, on_progress)
-    computation = Computation(ready, engine, progress, whole=True)
+    progress = Progress(words, len(rows), len(rows), plan.program.ticks, on_progress)
+    computation = Computation(plan, engine, progress, whole=True)
     computation.compile()
-    with interruption.held_back():
-        blocks = list(computation.blocks([range(row, row + 1) for row in rows.tolist()]))
+    columns, golden_runs = computation.tables([range(row, row + 1) for row in rows.tolist()])
     progress.tell("done")
-    columns, golden_runs = (
-        {
-            name: np.concatenate([block[table][name] for block in blocks])
-            for name in blocks[0][table]
-        }
-        for table in (0, 1)
-    )
-    return outcomes.columns(ready.config, ready.rows.take(rows), columns, golden_runs)
+    return outcomes.columns(plan.config, plan.rows.take(rows), columns, golden_runs)
 
 
 def stored(folder: Path, record: Manifest, rows: np.ndarray) -> pa.Table:
@@ -226,9 +215,9 @@ def stored(folder: Path, record: Manifest, rows: np.ndarray) -> pa.Table:
     return pa.concat_tables(tables).unify_dictionaries()
 
 
-def _other(record: Manifest, ready: Plan, engine: Engine) -> list[str]:
+def _other(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
     """What is not as it was when the folder was computed, in words."""
-    device = f"{engine.device} ({'+'.join(ready.program.setup.arms)})"
+    device = f"{engine.device} ({'+'.join(plan.program.setup.arms)})"
     return [
         words
         for words, differs in (
@@ -253,9 +242,9 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
     return ColumnAgreement(name, int(same.sum()), float(apart.max()) if len(apart) else 0.0)
 
 
-def _check(rerun: Rerun, ready: Plan) -> FolderCheck:
+def _check(rerun: Rerun, plan: Plan) -> FolderCheck:
     """What of a rerun is wrong: any difference where nothing else differs, of the inputs always."""
-    inputs = set(ready.rows)
+    inputs = set(plan.rows)
     unequal = [one for one in rerun.differing if not rerun.other or one.name in inputs]
     complaints = [
         f"{one.name}: differs in {len(rerun.rows) - one.equal} of {len(rerun.rows)} rows"

@@ -56,7 +56,7 @@ def run(
     if shard is not None:
         raise UserError(
             f"--shard {shard}: a campaign with [stop] decides by all its rows how far it goes, and"
-            " a shard has a part of them. Take --executor ray or processes, or remove [stop]"
+            " a shard has a part of them. Take --executor ray, or remove [stop]"
         )
     rule, draws = strata.rule(config), strata.draws(config)
     marks = Marks(draws[-1].range(draws[-1].number).stop, rule.rates, config.rules)

@@ -53,7 +53,7 @@ class VariantRuns:
 def read(name: str, folder: Path) -> VariantRuns:
     """The runs of a finished folder."""
     config = validated(manifest.read(folder).config)
-    return of(name, config, read_all(folder), packet_ticks.of(plan.make(config)))
+    return of(name, config, read_all(folder), packet_ticks.of(plan.make_plan(config)))
 
 
 def of(name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTicks) -> VariantRuns:

@@ -37,7 +37,7 @@ def measure(
     StoreError as `manifest.read`.
     """
     compile_cache.enable()
-    ready = plan.make(validated(manifest.read(path).config))
+    ready = plan.make_plan(validated(manifest.read(path).config))
     kernel = SimdKernel(traced.printable(ready.program), 1, compile_cache.objects(), signals=True)
 
     def one(row: int) -> T:

@@ -74,7 +74,7 @@ class Recorder:
         """
         config = validated(manifest.read(path).config)
         table = results.read_all(path).set_index("index", drop=False)
-        ready = plan.make(config)
+        ready = plan.make_plan(config)
         code = self._code(ready)
         rows = table["index"].tolist() if chosen is None else list(chosen(table))
         blocks = [rows[i : i + code.width] for i in range(0, len(rows), code.width)]

@@ -68,7 +68,7 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
     so that run ids, and with them the random numbers of faults, are the same whatever a scenario
     takes for harm.
     """
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     slots = ready.program.setup.injection.slots
     if packets:
         _require_strikable(ready)

@@ -143,7 +143,7 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
         "group": [{"name": "dac", "design": "sobol", "runs": 32, "fault": [group]}]
     }
     config = campaigns.from_dict(raw)
-    table = plan.make(config).table
+    table = plan.make_plan(config).table
     single = raw | {"group": [{"name": "dac", "fault": [group]}]}
     template = Template(campaigns.from_dict(single, template=True))
     assert template.labels == (
@@ -154,7 +154,7 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
     )
     rng = np.random.default_rng([5, zlib.crc32(b"dac")])
     unit = sampling._unit("sobol", 32, 4, rng)
-    rows = plan.make(
+    rows = plan.make_plan(
         template.campaign(np.zeros(32, int), template.values(np.zeros(32, int), unit))
     ).table
     assert rows["run_id"].tolist() == table["run_id"].tolist()

@@ -37,7 +37,7 @@ TEMPLATE = Template(
         }
     ).campaign
 )
-SHAPE = runner.shape_of(plan.make(TEMPLATE.config))
+SHAPE = runner.shape_of(plan.make_plan(TEMPLATE.config))
 CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
 
 

@@ -74,7 +74,7 @@ def test_a_table_travels(rows):
 
 
 def test_a_plan_has_both_forms(config):
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     assert ready.table.equals(ready.rows.frame()) and ready.runs == len(ready.table)
 
 

@@ -34,7 +34,9 @@ def campaign(start, group=None, fault=None, **sections):
 
 def starts(*args, **kwargs):
     return (
-        plan.make(rj.load_campaign(campaign(*args, **kwargs))).table["fault0_start_ms"].to_numpy()
+        plan.make_plan(rj.load_campaign(campaign(*args, **kwargs)))
+        .table["fault0_start_ms"]
+        .to_numpy()
     )
 
 

@@ -29,7 +29,7 @@ BASE = {
 def leaves(**campaign):
     """Every parameter of a campaign with these keys: full path -> number."""
     config = loading.from_dict({**BASE, "campaign": {**BASE["campaign"], **campaign}})
-    program = plan.make(config).program
+    program = plan.make_plan(config).program
     known = dict(paths.leaves(program.params, program.setup))
     return {path: float(value) for path, value in known.items()}
 

@@ -67,7 +67,7 @@ def test_what_nothing_reads_is_refused(campaign):
             "group": [{"name": "a"}],
         }
     )
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     components = {"control.overdrive.dac_max.grasp2"}
     refused = {
         path

@@ -145,7 +145,7 @@ def offline(signals, golden, arms):
 
 def traces(config, rows):
     """(signals, golden run's signals) of each row: whole traces by the ordinary tick."""
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     program = config.robot.part("campaign").explained(ready.program)
     tracer = selection.select("simd", program.setup.precision).tracer(
         dataclasses.replace(program, module=run.__name__), 1
@@ -185,7 +185,7 @@ def require_equal_to_traces(config, rows, engine="simd"):
 
 def spread(config, runs):
     """Rows over all sites, as many of each as there are, `runs` in all."""
-    table = plan.make(config).table
+    table = plan.make_plan(config).table
     by_site = [
         group.index.to_numpy()
         for site, group in table.groupby("fault0_site", observed=True)
@@ -271,7 +271,7 @@ def test_runs_with_golden_runs_of_their_own_are_explained_alike_in_small_blocks(
     large = explainer.explain(rows).ticks
     monkeypatch.setattr(explain, "FEW", 2)
     monkeypatch.setattr(explain, "BLOCK_BYTES", 2**20)
-    assert explainer._together(explain._taken(explainer._plan, rows)) < 57
+    assert explainer._together(explainer._plan.take(rows)) < 57
     assert explainer.explain(rows).ticks.equals(large)
 
 

@@ -56,7 +56,7 @@ def result(tmp_path_factory):
     """A result folder of which nothing is computed yet: its record says all that is needed."""
     path = tmp_path_factory.mktemp("result") / "small"
     path.mkdir()
-    ready = plan.make(rj.load_campaign(CAMPAIGN))
+    ready = plan.make_plan(rj.load_campaign(CAMPAIGN))
     manifest.write(
         path, runner._manifest(ready, selection.select("simd", ready.program.setup.precision))
     )

@@ -39,17 +39,21 @@ def run(capsys, monkeypatch):
     return run
 
 
+def view_of(config, folder, engine="auto"):
+    return preview.preview(config, folder, engine)[0]
+
+
 @pytest.mark.parametrize("name", ["quick.toml", "hazard_library.toml", "safecomp45.toml"])
 def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
     config = loading.load(name)
-    view, ready = preview.preview(config, tmp_path / "out"), plan.make(config)
+    (view, sample), ready = preview.preview(config, tmp_path / "out"), plan.make_plan(config)
     rows = ready.table
-    assert view.runs == view.due == len(rows)
-    assert {row.name: row.runs for row in view.groups} == rows["group"].value_counts(
+    assert view["runs"] == view["runs_asked_for"] == len(rows)
+    assert {row["name"]: row["runs"] for row in view["groups"]} == rows["group"].value_counts(
         sort=False
     ).to_dict()
     slots = range(config.slots)
-    struck = {(row.site, row.effect): row.runs for row in view.faults}
+    struck = {(row["site"], row["effect"]): row["runs"] for row in view["faults"]}
     for (site, effect), runs in struck.items():
         hit = [
             (rows[f"fault{s}_site"] == site) & (rows[f"fault{s}_effect"] == effect) for s in slots
@@ -57,24 +61,21 @@ def test_the_numbers_are_those_of_the_fault_table(name, idle, tmp_path):
         assert runs == sum(any(one) for one in zip(*hit, strict=True))
     sites = {site for s in slots for site in rows[f"fault{s}_site"].unique()} - {""}
     assert {site for site, _ in struck} == sites
-    assert view.fault_free == sum(
+    assert view["fault_free_runs"] == sum(
         all(row == "") for row in rows[[f"fault{s}_site" for s in slots]].to_numpy()
     )
-    assert view.golden_runs == len(set(ready.golden.tolist()))
-    assert (
-        view.sample["index"].tolist() == sorted(set(view.sample["index"]))
-        and len(view.sample) == preview.SAMPLE
-    )
-    assert view.sample["run_id"].tolist() == [
-        f"{int(rows['run_id'].iloc[i]):016x}" for i in view.sample["index"]
-    ]
+    assert view["golden_runs"] == len(set(ready.golden.tolist()))
+    indices = sample["index"].tolist()
+    assert indices == sorted(set(indices)) and len(sample) == preview.SAMPLE
+    assert sample["run_id"].tolist() == [f"{int(rows['run_id'].iloc[i]):016x}" for i in indices]
     assert not (tmp_path / "out").exists(), "nothing is written"
 
 
 def test_a_limit_asks_for_less_of_the_same(idle, tmp_path):
-    view = preview.preview(loading.load("quick.toml", ["campaign.limit=64"]), tmp_path)
-    assert (view.runs, view.due) == (2571, 64)
-    assert view.cost.run_s < preview.preview(loading.load("quick.toml"), tmp_path).cost.run_s
+    view = view_of(loading.load("quick.toml", ["campaign.limit=64"]), tmp_path)
+    whole = view_of(loading.load("quick.toml"), tmp_path)
+    assert (view["runs"], view["runs_asked_for"]) == (2571, 64)
+    assert view["expected"]["run_s"] < whole["expected"]["run_s"]
 
 
 def test_runs_that_repeat_another_are_counted(idle, tmp_path):
@@ -92,30 +93,17 @@ def test_runs_that_repeat_another_are_counted(idle, tmp_path):
             {"name": "b", "fault": [{**fault, "value": [2, 3]}]},
         ],
     }
-    assert preview.preview(loading.from_dict(raw), tmp_path).copies == 1
+    assert view_of(loading.from_dict(raw), tmp_path)["copies"] == 1
     noisy = {**raw, "campaign": {**raw["campaign"], "noise": True}}
-    assert preview.preview(loading.from_dict(noisy), tmp_path).copies == 0
+    assert view_of(loading.from_dict(noisy), tmp_path)["copies"] == 0
 
 
-def test_a_campaign_without_faults_and_parameters_has_a_preview(idle, tmp_path):
-    raw = {"campaign": {"name": "free"}, "group": [{"name": "free"}]}
-    view = preview.preview(loading.from_dict(raw), tmp_path)
-    assert (view.runs, view.fault_free, view.copies) == (1, 1, 0)
-
-
-def test_what_a_run_would_refuse_is_refused(idle, tmp_path, monkeypatch):
+@pytest.mark.parametrize("most", [preview.MOST_EXPANDED, 10])
+def test_what_a_run_would_refuse_is_refused(idle, tmp_path, monkeypatch, most):
+    monkeypatch.setattr(preview, "MOST_EXPANDED", most)
     config = loading.load("quick.toml", ["parameters.plant.friction_scal=2"])
-    with pytest.raises(
-        UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"
-    ):
+    with pytest.raises(UserError, match=r"plant.friction_scal: unknown parameter. Did you mean"):
         preview.preview(config, tmp_path)
-    monkeypatch.setattr(preview, "MOST_EXPANDED", 10)
-    with pytest.raises(
-        UserError, match=r"parameters.plant.friction_scal: unknown parameter. Did you mean"
-    ):
-        preview.preview(config, tmp_path)
-    with pytest.raises(UserError, match="engine 'fast' is unknown"):
-        preview.preview(loading.load("quick.toml"), tmp_path, "fast")
 
 
 def test_a_large_campaign_is_counted_and_not_expanded(idle, tmp_path, monkeypatch):
@@ -123,15 +111,10 @@ def test_a_large_campaign_is_counted_and_not_expanded(idle, tmp_path, monkeypatc
     monkeypatch.setattr(
         design, "expand", lambda config: pytest.fail("expanded") if len(config.group) > 1 else BARE
     )
-    view = preview.preview(loading.load("hazard_library.toml"), tmp_path)
-    assert view.runs == 1810 and sum(row.runs for row in view.groups) == 1810
-    assert (view.faults, view.fault_free, view.golden_runs, len(view.sample)) == (
-        None,
-        None,
-        None,
-        0,
-    )
-    assert view.cost.run_s > 0
+    view, sample = preview.preview(loading.load("hazard_library.toml"), tmp_path)
+    assert view["runs"] == 1810 and sum(row["runs"] for row in view["groups"]) == 1810
+    assert view["faults"] is view["fault_free_runs"] is view["golden_runs"] is None
+    assert len(sample) == 0 and view["expected"]["run_s"] > 0
 
 
 BARE = design.expand(loading.from_dict({"campaign": {"name": "bare"}, "group": [{"name": "bare"}]}))
@@ -142,15 +125,14 @@ def test_a_folder_that_holds_a_part_says_how_fast_it_was(tmp_path):
     config = tiny.config()
     few = config.model_copy(update={"campaign": config.campaign.model_copy(update={"limit": 100})})
     runner.run_campaign(few, tmp_path, "simd")
-    view = preview.preview(config, tmp_path, "simd")
-    assert view.state.startswith("100 of 300 runs of campaign tiny")
-    assert (
-        view.basis.endswith("200 of 300 runs left")
-        and "measured at the folder's last start" in view.basis
-    )
-    assert preview.preview(few, tmp_path, "simd").cost.run_s == 0.0
-    other = preview.preview(loading.load("quick.toml"), tmp_path, "simd")
-    assert other.basis == preview.BASIS, "another campaign says nothing of this one"
+    view = view_of(config, tmp_path, "simd")
+    assert view["folder"]["holds"].startswith("100 of 300 runs of campaign tiny")
+    basis = view["expected"]["basis"]
+    assert basis.endswith("200 of 300 runs left")
+    assert "measured at the folder's last start" in basis
+    assert view_of(few, tmp_path, "simd")["expected"]["run_s"] == 0.0
+    other = view_of(loading.load("quick.toml"), tmp_path, "simd")
+    assert other["expected"]["basis"] == preview.BASIS, "another campaign says nothing of this one"
 
 
 def test_the_command_prints_it(run, idle, tmp_path):

@@ -8,7 +8,6 @@ import pytest
 import tiny_campaign
 
 import ravenjax as rj
-from ravenjax.campaign import plan
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry import arrays
@@ -60,7 +59,7 @@ def replayer():
 @pytest.mark.slow
 def test_runs_come_again_as_they_were_and_are_planned_once(replayer, monkeypatch):
     table = rj.run(CONFIG, engine="simd")
-    monkeypatch.setattr(plan, "make", None)
+    monkeypatch.setattr(replay, "make_plan", None)
     for index in (0, 7, 19):
         again = replayer.replay(table["run_id"][index]).row
         for name in table.columns:

@@ -26,7 +26,7 @@ FAULT = {
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(
+    return plan.make_plan(
         rj.load_campaign(
             {
                 "campaign": {"name": "forms", "duration_s": 0.1},

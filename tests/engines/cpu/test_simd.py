@@ -70,7 +70,7 @@ def campaign(runs, duration_s=0.6, **changes):
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(campaign(20))
+    return plan.make_plan(campaign(20))
 
 
 @pytest.fixture(scope="module")

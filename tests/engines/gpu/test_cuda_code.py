@@ -11,7 +11,7 @@ from branching_cases import observed, require_same, tables
 from cuda_as_cpp import Device, pretend
 from cuda_cases import check_engines, cut, meant, small_loop
 
-from ravenjax.campaign import branching
+from ravenjax.campaign import golden_runs
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import code as cuda_code
 from ravenjax.engines.gpu import course as cuda_course
@@ -99,7 +99,7 @@ def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
     monkeypatch.setattr(cuda_code, "EVERY", 10)
     monkeypatch.setattr(cuda_course, "EVERY", 10)
     monkeypatch.setattr(cuda_code, "CHUNK", 32)
-    monkeypatch.setattr(branching, "WORTH", 0)
+    monkeypatch.setattr(golden_runs, "WORTH", 0)
     monkeypatch.setattr(cuda_course.BlockCourse, "scattered", observe is not None)
     for module in (cuda, cuda_code):
         monkeypatch.setattr(module, "form_for", lambda _: Form(32))
@@ -107,7 +107,7 @@ def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
     if observe is not None:
         ready = observed(ready, observe)
     engine = cuda.CudaEngine()
-    assert branching.Branching(ready, 32).branches.all()
+    assert golden_runs.FastForwardPlan(ready, 32).branches.all()
     courses, between = [], cuda.between
     monkeypatch.setattr(
         cuda, "between", lambda *args: courses.append(between(*args)) or courses[-1]

@@ -66,7 +66,7 @@ TARGETS = {"simd": unfused, "wasm": WasmTarget}
 
 def test_runs_are_those_of_simd_without_fusion(config):
     """A handful, each up to its own end, beside its golden run."""
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     program, rows = dataclasses.replace(ready.program, ends=False), np.arange(1, 9)
     results = {}
     for name, target in TARGETS.items():
@@ -89,7 +89,7 @@ def test_runs_are_those_of_simd_without_fusion(config):
 
 @pytest.mark.slow
 def test_traces_are_those_of_simd_without_fusion(config):
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     program = dataclasses.replace(ready.program, ends=False)
     (varied, faults), (_, harmless) = (ready.lanes([4], 1, harmless=free) for free in (False, True))
     signals = {}

@@ -63,7 +63,7 @@ def campaign(ticks, friction=1.0):
 
 def planned(ticks, **options):
     """The plan of `campaign` and its motion from PEDAL_ROWS on."""
-    ready = plan.make(rj.load_campaign(campaign(ticks)), **options)
+    ready = plan.make_plan(rj.load_campaign(campaign(ticks)), **options)
     longer = hands.operator_motion(rj.load_campaign(campaign(ticks + PEDAL_ROWS)))
     return ready, tuple(np.ascontiguousarray(column[PEDAL_ROWS:]) for column in longer.table().T)
 
@@ -142,7 +142,7 @@ def traces():
 def test_mjx_and_xla_give_the_same_verdicts():
     """A sample of the campaign that analysis/agreement runs in full; at least 99.5 % equal."""
     config = rj.load_campaign(EVERY_LAYER)
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     rows = np.arange(0, ready.runs, 9)[:LANES]
     frames = []
     for name in ("xla", "mjx"):
@@ -230,7 +230,7 @@ def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
     be a count off.
     """
     content = {**campaign(TICKS, friction=[0.5, 1.0, 2.0]), "group": [{"name": "free"}]}
-    ready = plan.make(rj.load_campaign(content), REFERENCE)
+    ready = plan.make_plan(rj.load_campaign(content), REFERENCE)
     results = []
     for length in (None, TICKS):
         if length is not None:

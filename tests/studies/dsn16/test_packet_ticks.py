@@ -21,7 +21,7 @@ def planned(**campaign) -> plan.Plan:
         "operator": {"motion": "reach"},
         "group": [{"name": "a", "repeats": 3}] if "packets" in campaign else [{"name": "a"}],
     }
-    return plan.make(loading.from_dict(raw))
+    return plan.make_plan(loading.from_dict(raw))
 
 
 def received(ready: plan.Plan, row: int) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +68,7 @@ def test_several_distributions_are_refused():
         "group": [{"name": "a"}],
     }
     with pytest.raises(ValueError, match="one distribution"):
-        packet_ticks.of(plan.make(loading.from_dict(raw)))
+        packet_ticks.of(plan.make_plan(loading.from_dict(raw)))
 
 
 @pytest.mark.parametrize("campaign", ["dsn16_a.toml", "dsn16_b.toml"])
@@ -77,7 +77,7 @@ def test_runs_are_long_enough_for_their_last_fault(campaign):
     first baseline left.
     """
     for overrides in ((), *(over for over, _ in timing.LENGTHS.values())):
-        ready = plan.make(loading.load(campaign, list(overrides)))
+        ready = plan.make_plan(loading.load(campaign, list(overrides)))
         table = ready.table[ready.table["fault0_site"] != ""]
         last = int((table["fault0_start_ms"] + table["fault0_duration_ms"]).max())
         ticks = packet_ticks.of(ready).ticks
@@ -104,14 +104,14 @@ def test_the_hand_keeps_its_speed():
     it is at 1 s.
     """
     config = loading.load("dsn16_b.toml")
-    ready = plan.make(config)
+    ready = plan.make_plan(config)
     ticks = packet_ticks.of(ready)
     rows = ticks.motion_row(np.arange(ready.runs), np.full(ready.runs, 1000))
     assert rows.mean() == pytest.approx(
         999 * packets.mean(packets.SHARES[packets.MEASURED]), rel=2e-3
     )
     slow = packet_ticks.of(
-        plan.make(loading.load("dsn16_b.toml", ["campaign.packets=every_cycle"]))
+        plan.make_plan(loading.load("dsn16_b.toml", ["campaign.packets=every_cycle"]))
     )
     assert slow.motion_row(np.array([5]), np.array([1000])).tolist() == [999]
     assert trajectory.lever(config, rows).low > 0

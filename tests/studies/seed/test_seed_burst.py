@@ -38,7 +38,7 @@ def own(ready, path):
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(loading.load(burst.CAMPAIGN))
+    return plan.make_plan(loading.load(burst.CAMPAIGN))
 
 
 def test_the_catalogue_finds_it():

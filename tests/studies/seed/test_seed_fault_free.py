@@ -35,7 +35,7 @@ def own(ready, path):
 
 @pytest.fixture(scope="module")
 def ready():
-    return plan.make(loading.load(scales.CAMPAIGN))
+    return plan.make_plan(loading.load(scales.CAMPAIGN))
 
 
 def test_the_catalogue_finds_it():

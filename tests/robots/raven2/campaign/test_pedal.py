@@ -42,7 +42,7 @@ def windows_of(campaign=None, motion="clutched", **sections):
     }
     raw["group"][0]["run"] = [{"fault": [window]} for window in WINDOWS]
     config = rj.load_campaign(raw)
-    ready, table = plan.make(config), rj.run(config, engine="simd")
+    ready, table = plan.make_plan(config), rj.run(config, engine="simd")
     return ready, table["applied0_first_ms"].to_numpy(), table["applied0_last_ms"].to_numpy()
 
 
@@ -114,4 +114,4 @@ def test_a_fault_that_may_move_the_pedal_leaves_its_end_unknown():
             "campaign": {"name": "moved", "duration_s": 2.0, "observe_ms": 3},
             "group": [{"name": "g", "fault": [{**HARMLESS, **window}, other]}],
         }
-        assert (plan.make(rj.load_campaign(raw)).ends[0] == 2000) == unknown
+        assert (plan.make_plan(rj.load_campaign(raw)).ends[0] == 2000) == unknown

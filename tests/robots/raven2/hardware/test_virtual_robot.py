@@ -23,7 +23,7 @@ def test_it_moves_as_the_robot_of_a_campaign():
     """
     campaign = {"name": "alone", "duration_s": 1.5, "arms": ["gold", "green"]}
     config = rj.load_campaign({"campaign": campaign, "group": [{"name": "no fault"}]})
-    trace, start = rj.simulate(config, 0), plan.make(config).program.params.start
+    trace, start = rj.simulate(config, 0), plan.make_plan(config).program.params.start
     robot = rj.VirtualRobot(jpos=np.array(start), runlevel=int(trace.plc_runlevel[0]))
     encoders, levels, tips = [], [], []
     for dac, pins in zip(trace.dac_cnt.values, trace.pins_out.values, strict=True):

@@ -19,7 +19,7 @@ KEY = "from"
 TABLES = ("campaign", "parameters")
 
 
-def entered(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
+def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
     """`raw` with the file's tables entered; a path is taken from the folder of `source`.
     UserError.
     """

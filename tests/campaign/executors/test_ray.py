@@ -15,7 +15,11 @@ ray = pytest.importorskip("ray")
 from ray.cluster_utils import Cluster  # noqa: E402
 
 from ravenjax.campaign import runner  # noqa: E402
-from ravenjax.campaign.executors.carriers import cluster as executor  # noqa: E402
+from ravenjax.campaign.executors import ray_cluster  # noqa: E402
+from ravenjax.campaign.executors.protocol import Work  # noqa: E402
+from ravenjax.campaign.plan import make_plan  # noqa: E402
+from ravenjax.campaign.progress.counts import Progress  # noqa: E402
+from ravenjax.engines import selection  # noqa: E402
 from ravenjax.errors import UserError  # noqa: E402
 from ravenjax.store import manifest, parts  # noqa: E402
 
@@ -46,7 +50,7 @@ def test_two_nodes_of_which_one_is_killed_make_the_same_folder(cluster, tmp_path
             made.remove_node(nodes[0], allow_graceful=False)
 
     there = tmp_path / "there"
-    ran = executor.Ray(2, made.address)
+    ran = ray_cluster.Ray(2, made.address)
     runner.run_campaign(tiny.config(**SIZE), there, "simd", executor=ran, on_progress=kill_one)
     assert killed and told[-1].workers == 2 and told[-1].done == SIZE["runs"]
     assert tiny.digest(there) == tiny.digest(tmp_path / "here")
@@ -76,26 +80,50 @@ def test_workers_that_are_killed_three_times_make_the_same_folder(cluster, tmp_p
             with contextlib.suppress(ProcessLookupError):
                 os.kill(there[0], signal.SIGKILL)
 
-    ran = executor.Ray(2, made.address)
+    ran = ray_cluster.Ray(2, made.address)
     runner.run_campaign(
         tiny.config(**SIZE), tmp_path / "there", "simd", executor=ran, on_progress=kill
     )
     assert len(killed) == 3 and tiny.digest(tmp_path / "there") == tiny.digest(tmp_path / "here")
 
 
+@pytest.mark.parametrize("way", ["is killed", "raises"])
+def test_a_chunk_that_always_fails_is_named_and_the_others_are_delivered(cluster, way):
+    def pack(columns):
+        if columns["index"][0] == 20:
+            if way == "is killed":
+                os.kill(os.getpid(), signal.SIGKILL)
+            raise MemoryError("no memory left")
+        return len(columns["index"])
+
+    made, _ = cluster
+    plan = make_plan(tiny.config(runs=60))
+    engine = selection.select("simd", plan.program.setup.precision)
+    delivered = []
+    progress = Progress("", 60, 60, plan.program.ticks, None)
+    work = Work(plan, engine, pack, delivered.append, progress)
+    why = {"is killed": "WorkerCrashedError", "raises": "MemoryError: no memory left"}[way]
+    with pytest.raises(UserError, match=rf"(?s)1 chunk\(s\) failed; .*rows 20 to 29: {why}"):
+        ray_cluster.Ray(2, made.address).run(work, [range(r, r + 10) for r in range(0, 60, 10)])
+    assert sorted(done.rows.start for done in delivered) == [0, 10, 30, 40, 50]
+
+
 def test_an_address_where_nobody_answers():
     with pytest.raises(UserError, match=r"--ray-address 127\.0\.0\.1:1: no Ray cluster answers"):
-        runner.run_campaign(tiny.config(), None, "simd", executor=executor.Ray(1, "127.0.0.1:1"))
+        runner.run_campaign(tiny.config(), None, "simd", executor=ray_cluster.Ray(1, "127.0.0.1:1"))
 
 
 def test_a_task_has_the_coordinators_environment(monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", "--xla_flag")
     monkeypatch.delenv("JAX_PLATFORMS", raising=False)
-    assert executor.environment("simd") == {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": "--xla_flag"} | {
+    assert ray_cluster.task_environment("simd") == {
+        "JAX_PLATFORMS": "cpu",
+        "XLA_FLAGS": "--xla_flag",
+    } | {
         name: value
-        for name, value in executor.environment("xla").items()
+        for name, value in ray_cluster.task_environment("xla").items()
         if name == "RAVENJAX_CACHE"
     }
-    assert "JAX_PLATFORMS" not in executor.environment("xla")
+    assert "JAX_PLATFORMS" not in ray_cluster.task_environment("xla")
     monkeypatch.setenv("JAX_PLATFORMS", "cuda")
-    assert executor.environment("simd")["JAX_PLATFORMS"] == "cuda"
+    assert ray_cluster.task_environment("simd")["JAX_PLATFORMS"] == "cuda"

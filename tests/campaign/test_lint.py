@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ravenjax.campaign import copies, loading
+from ravenjax.campaign import lint, loading
 from ravenjax.campaign.faults import design
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2 import ROBOT
@@ -283,7 +283,7 @@ def test_a_template_of_a_search_draws_by_itself() -> None:
     ],
 )
 def test_paths_that_share_a_number(one: str, other: str, both: bool) -> None:
-    assert copies.overlap(ROBOT, one, other) is copies.overlap(ROBOT, other, one) is both
+    assert lint.overlap(ROBOT, one, other) is lint.overlap(ROBOT, other, one) is both
 
 
 def test_notices_are_no_errors() -> None:
@@ -292,7 +292,7 @@ def test_notices_are_no_errors() -> None:
     )
     assert [
         (key[-1], message.partition(";")[0].partition(",")[0])
-        for key, message in copies.notices(config)
+        for key, message in lint.notices(config)
     ] == [
         ("plant.encoder_noise", "nothing reads it while campaign.noise is off"),
         ("start_ms", "got uniform = [250"),

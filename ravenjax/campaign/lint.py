@@ -100,10 +100,6 @@ def _once(axis: Axis, why: str) -> str:
     )
 
 
-# --- groups ---------------------------------------------------------------------------------------
-# --------------------
-
-
 def _group(config: CampaignConfig, group: Group, key: Key) -> Iterator[Complaint]:
     gridded = group.design in ("grid", "list")
     for f, fault in enumerate(group.fault):
@@ -254,10 +250,6 @@ def _once_for_each(effect: str, why: str, name: str) -> str:
     )
 
 
-# --- parameters -----------------------------------------------------------------------------------
-# --------------------
-
-
 def _parameters(config: CampaignConfig) -> Iterator[Complaint]:
     if any(group.design != "zip" for group in config.group):
         for path, axis in config.parameters.items():
@@ -332,10 +324,6 @@ def overlap(robot: Robot, one: str, other: str) -> bool:
     return a.kind == b.kind and all(
         not x or not y or x == y for x, y in zip(a[1:], b[1:], strict=True)
     )
-
-
-# --- observers ------------------------------------------------------------------------------------
-# --------------------
 
 
 def _observers(config: CampaignConfig) -> Iterator[Complaint]:

@@ -1,3 +1,0 @@
-"""Carrying rows to processes and clusters and their results back; nothing here decides an
-outcome.
-"""

@@ -1,0 +1,291 @@
+"""Executor `ray`: tasks on the nodes of a Ray cluster, an extra (`pip install 'ravenjax[ray]'`).
+
+A worker gets the campaign's `Head` once and then, for each chunk, its rows of the plan, some 100 B
+a run: it plans nothing. Parts come back to the coordinator as bytes, through Ray's object store: a
+cluster then needs no shared file system, and a task that Ray runs twice leaves no trace. It costs
+the coordinator's network some 200 B a run, both ways together.
+
+Ray itself runs a task again whose worker or node died. A chunk that fails even so is named once all
+others are delivered; starting the same command again tries it alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import signal
+import socket
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ravenjax import interruption
+from ravenjax.campaign import compile_cache, memory_windows
+from ravenjax.campaign.computation import Computation
+from ravenjax.campaign.executors.protocol import (
+    BackgroundQueue,
+    FinishedChunk,
+    Pack,
+    Work,
+    finish_chunk,
+)
+from ravenjax.campaign.memory_windows import PartRows
+from ravenjax.campaign.plan import Plan
+from ravenjax.campaign.progress.counts import Progress
+from ravenjax.engines import selection
+from ravenjax.errors import UserError, listed
+from ravenjax.store import manifest
+
+RETRIES = 3
+"""How often Ray itself runs a task again whose worker or node died."""
+CORES = 4
+"""Cores of a task, where nobody says how many tasks there should be; fewer where no node has as
+many.
+"""
+WRITERS = 4
+"""Parts that are written side by side, at most."""
+ANSWER_S = 10.0
+"""How long a cluster may take to answer."""
+_PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
+"""Environment of the coordinator that decides how a task computes, set before anything is
+imported there.
+"""
+
+_workers: dict[str, Worker] = {}
+"""In a Ray worker: what it made ready for earlier chunks of the same campaign."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Head:
+    """What every chunk of a campaign has in common."""
+
+    plan: Plan  # without rows
+    engine: str
+    pack: Pack[Any]
+    largest_chunk: int  # rows
+    cores: int  # of a task
+    computed_by: Mapping[str, Any]  # code, device and versions of the coordinator
+
+
+def make_head(work: Work[Any], chunks: Sequence[range], cores: int) -> Head:
+    """The head of these chunks."""
+    return Head(
+        plan=work.plan.take(slice(0)),
+        engine=work.engine.name,
+        pack=work.pack,
+        largest_chunk=max(map(len, chunks)),
+        cores=cores,
+        computed_by=_computed_by(work.plan, work.engine.device),
+    )
+
+
+def _computed_by(plan: Plan, device: str) -> dict[str, Any]:
+    """What must agree between processes that compute the same rows."""
+    code = manifest.code_hash(plan.config.robot)[:16]
+    # an engine names several devices as '2 x A, B'; their kinds must agree, not their number
+    kinds = frozenset(word.partition(" x ")[2] or word for word in device.split(", "))
+    return {"code": code, "device": kinds} | dict(manifest.package_versions())
+
+
+class Worker:
+    """Where a process computes chunk after chunk: compiled once, for its first chunk."""
+
+    def __init__(self, head: Head) -> None:
+        """Raises UserError where this process would not compute what the coordinator would."""
+        compile_cache.enable()
+        precision = head.plan.program.setup.precision
+        self._head, self.progress = head, Progress("", 0, 0, 1, None)
+        self._engine = selection.select(head.engine, precision, compile_cache.objects())
+        _require_same(_computed_by(head.plan, self._engine.device), head.computed_by)
+        self._computation: Computation | None = None
+
+    def compute(self, rows: Mapping[str, Any]) -> tuple[Plan, PartRows]:
+        """The plan of these rows alone, see `Plan.row_fields`, and their outcomes."""
+        head, plan = self._head, dataclasses.replace(self._head.plan, **rows)
+        if self._computation is None:
+            self._computation = Computation(
+                plan, self._engine, self.progress, head.largest_chunk, head.cores
+            )
+            self._computation.compile()
+        ranges = [range(plan.runs)]
+        blocks = self._computation.of(plan).blocks(ranges)
+        return plan, next(memory_windows.assemble_parts(ranges, blocks))
+
+
+def _require_same(here: Mapping[str, Any], there: Mapping[str, Any]) -> None:
+    different = [
+        f"{name}: {_text(here.get(name))} here, {_text(there.get(name))} at the coordinator"
+        for name in sorted(here.keys() | there.keys())
+        if here.get(name) != there.get(name)
+        and not (name == "device" and here[name] <= there[name])
+    ]
+    if different:
+        raise UserError(
+            f"the worker on {socket.gethostname()} would not compute the same:"
+            f" {'; '.join(different)}. Install the same versions there, and use one kind of device"
+            " for one campaign."
+        )
+
+
+def _text(value: Any) -> str:
+    return ", ".join(sorted(value)) if isinstance(value, frozenset) else str(value)
+
+
+def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk[Any]]:
+    """The task: (s of compiling, the finished chunk)."""
+    if key not in _workers:
+        # those of another campaign
+        _workers.clear()
+        _workers[key] = Worker(head)
+    worker = _workers[key]
+    finished = finish_chunk(*worker.compute(rows), head.pack)
+    return worker.progress.compile_s, finished
+
+
+class Ray:
+    """See `protocol.Executor`."""
+
+    name = "ray"
+
+    def __init__(self, workers: int | None = None, address: str | None = None) -> None:
+        """address: of a running cluster, None for one on this machine alone. Raises UserError
+        without the package.
+        """
+        self.workers, self._address = workers, address
+        _import_ray()
+
+    def run(self, work: Work[Any], chunks: Sequence[range]) -> None:
+        """See `protocol.Executor`."""
+        ray = _import_ray()
+        joins = not ray.is_initialized()
+        if joins:
+            _join(ray, self._address)
+        try:
+            self._run(ray, work, chunks)
+        finally:
+            if joins:
+                ray.shutdown()
+
+    def _run(self, ray: Any, work: Work[Any], chunks: Sequence[range]) -> None:
+        gpu, progress = work.engine.name == "cuda", work.progress
+        cores, tasks = _cores_and_tasks(ray.cluster_resources(), ray.nodes(), self.workers, gpu)
+        progress.workers = tasks
+        progress.tell("compile")
+        head = ray.put(make_head(work, chunks, cores))
+        compute = ray.remote(
+            num_cpus=cores,
+            num_gpus=int(gpu),
+            max_retries=RETRIES,
+            runtime_env={"env_vars": task_environment(work.engine.name)},
+        )(_compute)
+        key = f"{os.getpid()}-{id(work)}-{os.urandom(4).hex()}"
+        waiting, under_way = list(reversed(chunks)), dict[Any, range]()
+        lost: dict[range, str] = {}
+        delivered = 0
+
+        def deliver(finished: FinishedChunk[Any]) -> None:
+            work.deliver(finished)
+            progress.ticks(len(finished.rows) * work.plan.program.ticks)
+
+        with interruption.held_back(), BackgroundQueue(WRITERS) as queue:
+            try:
+                while waiting or under_way:
+                    interruption.point()
+                    while waiting and len(under_way) < 2 * tasks:
+                        rows = waiting.pop()
+                        share = ray.put(work.plan.row_fields(slice(rows.start, rows.stop)))
+                        under_way[compute.remote(key, head, share)] = rows
+                    done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
+                    for task in done:
+                        rows = under_way.pop(task)
+                        try:
+                            compile_s, finished = ray.get(task)
+                        except ray.exceptions.RayError as error:
+                            cause = getattr(error, "cause", None) or error
+                            if isinstance(cause, UserError):
+                                raise cause from None
+                            why = f"{type(cause).__name__}: {cause}".strip().splitlines()[0][:300]
+                            lost[rows] = why
+                            progress.lost({why: len(rows)})
+                            progress.note(f"rows {rows.start} to {rows.stop - 1}: {why}")
+                        else:
+                            progress.began(compile_s)
+                            queue.call(deliver, finished)
+                            delivered += 1
+                    if len(lost) > tasks and not delivered:
+                        # it is not the chunk: no task works
+                        raise _refusal(lost, delivered)
+                queue.finish()
+            except BaseException:
+                for task in under_way:
+                    ray.cancel(task, force=True)
+                raise
+        if lost:
+            raise _refusal(lost, delivered)
+
+
+def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
+    lines = [
+        f"rows {rows.start} to {rows.stop - 1}: {why}"
+        for rows, why in sorted(lost.items(), key=lambda item: item[0].start)
+    ]
+    rest = "every other chunk is finished and kept" if delivered else "no chunk was finished"
+    return UserError(
+        f"{len(lost)} chunk(s) failed; {rest}:\n{listed(lines)}\nStart the same command again to"
+        " try these alone; with --executor local the error itself comes to light."
+    )
+
+
+def _join(ray: Any, address: str | None) -> None:
+    """Join the cluster of that address, or begin one here. Raises UserError where nobody
+    answers.
+    """
+    terminated = signal.getsignal(signal.SIGTERM)
+    try:
+        if address is not None and (match := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
+            # Ray itself would ask for minutes
+            socket.create_connection((match[1], int(match[2])), ANSWER_S).close()
+        ray.init(
+            address=address, include_dashboard=False, log_to_driver=False, logging_level="error"
+        )
+    except OSError as error:  # a ConnectionError, which Ray raises, is one
+        raise UserError(
+            f"--ray-address {address}: no Ray cluster answers there ({error})"
+        ) from error
+    if threading.current_thread() is threading.main_thread():
+        # Ray has put its own handler in its place
+        signal.signal(signal.SIGTERM, terminated)
+
+
+def task_environment(engine: str) -> dict[str, str]:
+    """Environment of a task of this engine: the coordinator's, and no GPU for JAX where it would
+    only take memory.
+    """
+    variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
+    return {"JAX_PLATFORMS": "cpu"} | variables if engine == "simd" else variables
+
+
+def _cores_and_tasks(
+    resources: dict[str, float], nodes: Sequence[dict[str, Any]], workers: int | None, gpu: bool
+) -> tuple[int, int]:
+    """(cores of a task, tasks side by side)."""
+    total = int(resources.get("CPU", 1))
+    if gpu:
+        tasks = workers or max(1, int(resources.get("GPU", 0)))
+        return max(1, total // tasks), tasks
+    largest = max(
+        (int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]), default=1
+    )
+    cores = max(1, min(largest, CORES if workers is None else total // workers))
+    return cores, workers or max(1, total // cores)
+
+
+def _import_ray() -> Any:
+    try:
+        import ray
+    except ImportError as error:
+        raise UserError(
+            "--executor ray needs the package ray: pip install 'ravenjax[ray]'"
+        ) from error
+    return ray

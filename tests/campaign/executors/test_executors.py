@@ -1,0 +1,133 @@
+"""Which executor, which shard has which rows, and what a process must have in common with the
+coordinator.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import sys
+
+import pytest
+import tiny_campaign as tiny
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ravenjax.campaign import runner
+from ravenjax.campaign.executors import choose_executor, ray_cluster, shards
+from ravenjax.campaign.executors.local import Local
+from ravenjax.campaign.executors.protocol import Work, finish_chunk
+from ravenjax.campaign.executors.shards import Shard
+from ravenjax.campaign.plan import make_plan
+from ravenjax.campaign.progress.counts import Progress
+from ravenjax.engines import selection
+from ravenjax.errors import UserError
+from ravenjax.store import parts
+
+CHUNKS = [range(start, start + 10) for start in range(0, 60, 10)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name", "workers"),
+    [((), "local", 1), (("local", 1), "local", 1), ((None, 3), "ray", 3), (("ray",), "ray", None)],
+)
+def test_the_executor_that_is_meant(arguments, name, workers):
+    if name == "ray":
+        pytest.importorskip("ray")
+    executor = choose_executor(*arguments)
+    assert (executor.name, executor.workers) == (name, workers)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("locl",), "--executor 'locl' is unknown: .*Did you mean 'local'"),
+        (("ray", 0), "--workers 0: expected 1 or more"),
+        (("local", 4), "--workers 4 with --executor local.*--executor ray"),
+        (("local", 1, "a:1"), "--ray-address a:1 belongs to --executor ray"),
+    ],
+)
+def test_an_executor_that_cannot_be_meant(arguments, message):
+    with pytest.raises(UserError, match=message):
+        choose_executor(*arguments)
+
+
+def test_ray_is_an_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(UserError, match=r"pip install 'ravenjax\[ray\]'"):
+        choose_executor("ray")
+
+
+@given(st.integers(1, 12), st.integers(1, 5000), st.integers(1, 700))
+def test_shards_hold_every_row_once_and_about_as_many_each(of, runs, chunk):
+    held = [Shard(number, of).rows(runs, chunk) for number in range(1, of + 1)]
+    rows = sorted(row for some in held for rows in some for row in rows)
+    assert rows == list(range(runs))
+    counts = [sum(map(len, some)) for some in held]
+    assert max(counts) - min(counts) <= chunk
+
+
+@given(st.integers(1, 64), st.integers(1, 10**8))
+def test_the_chunk_shares_a_large_campaign_out_evenly(of, runs):
+    chunk = Shard(1, of).chunk(runs, 65_536)
+    assert 1 <= chunk <= 65_536 and chunk == Shard(of, of).chunk(runs, 65_536)
+    if runs >= shards.CHUNKS * of * shards.FEWEST_ROWS:
+        assert -(-runs // chunk) >= (shards.CHUNKS - 1) * of
+
+
+@pytest.mark.parametrize("text", ["", "3", "0/3", "4/3", "1/0", "a/b", "-1/3", "1/3/5"])
+def test_no_shard(text):
+    with pytest.raises(UserError, match="expected i/N with 1 <= i <= N"):
+        shards.parse(text)
+
+
+def test_a_shard():
+    assert shards.parse(" 2/7 ") == Shard(2, 7) and str(Shard(2, 7)) == "2/7"
+    assert Shard(2, 7).folder == "shard-2-of-7"
+
+
+@pytest.fixture(scope="module")
+def work():
+    plan = make_plan(tiny.config(runs=60))
+    engine = selection.select("simd", plan.program.setup.precision)
+    pack = functools.partial(parts.encode, shape=runner.shape_of(plan), config_hash="tiny")
+    return Work(plan, engine, pack, lambda _: None, Progress("", 60, 60, plan.program.ticks, None))
+
+
+def test_a_chunk_elsewhere_is_the_chunk_here(work):
+    """Rows of a chunk alone, through the same kernel."""
+    here = {}
+    Local().run(
+        dataclasses.replace(work, deliver=lambda done: here.update({done.rows: done})), CHUNKS
+    )
+    head = ray_cluster.make_head(work, CHUNKS, 1)
+    assert head.plan.runs == 0
+    worker = ray_cluster.Worker(head)
+    for rows in (CHUNKS[0], CHUNKS[-1], CHUNKS[3]):
+        fields = work.plan.row_fields(slice(rows.start, rows.stop))
+        there = finish_chunk(*worker.compute(fields), work.pack)
+        assert there.rows == rows and there.failures == here[rows].failures
+        assert there.packed.content == here[rows].packed.content
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("code", "ffff", "code: .* here, ffff at the coordinator"),
+        ("numpy", "1.0", r"numpy: .* here, 1\.0 at the coordinator"),
+        ("device", frozenset({"another"}), "device: .* here, another at the coordinator"),
+    ],
+)
+def test_a_worker_that_would_compute_something_else_refuses(work, name, value, message):
+    head = ray_cluster.make_head(work, CHUNKS, 1)
+    head = dataclasses.replace(head, computed_by={**head.computed_by, name: value})
+    with pytest.raises(UserError, match=f"would not compute the same: .*{message}"):
+        ray_cluster.Worker(head)
+
+
+def test_an_error_of_delivering_ends_the_work(work):
+    def refuse(_):
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        Local().run(dataclasses.replace(work, deliver=refuse), CHUNKS)
