@@ -20,27 +20,21 @@ def drawn(seed=0):
             "rising": random.uniform(10, 20, N),
             "hollow": random.uniform(-1, 1, N),
             "idle": random.normal(size=N),
-            "tool": random.choice(["knife", "grasper", "hook"], N),
-            "flag": random.random(N) < 0.3,
+            "flag": np.where(random.random(N) < 0.3, 1.0, 0.0),
         }
     )
-    chance = (
-        0.1
-        + 0.02 * (inputs["rising"] - 10)
-        + 0.2 * inputs["hollow"] ** 2
-        + 0.15 * (inputs["tool"] == "hook")
-    )
+    chance = 0.15 + 0.02 * (inputs["rising"] - 10) + 0.2 * inputs["hollow"] ** 2
     return random.random(N) < chance, inputs
 
 
 def test_finds_what_matters_whatever_its_shape():
     hit, inputs = drawn()
     found = {one.name: one for one in dependences(hit, inputs)}
-    assert {name for name, one in found.items() if one.depends} == {"rising", "hollow", "tool"}
-    assert list(found)[:3] == sorted(
-        list(found)[:3], key=lambda name: found[name].p
+    assert {name for name, one in found.items() if one.depends} == {"rising", "hollow"}
+    assert list(found)[:2] == sorted(
+        list(found)[:2], key=lambda name: found[name].p
     )  # the clearest first
-    assert all(one.p <= one.adjusted <= 5 * one.p for one in found.values())
+    assert all(one.p <= one.adjusted <= 4 * one.p for one in found.values())
 
 
 @pytest.mark.slow
@@ -59,9 +53,8 @@ def test_effect_is_the_rate_in_the_outer_thirds():
     low, high = rising.levels[0].rate, rising.levels[-1].rate
     assert rising.difference.value == pytest.approx(high.value - low.value)
     assert rising.difference.low < 0.02 * 20 / 3 < rising.difference.high
-    hollow, tool = (one for name in ("hollow", "tool") for one in dependences(hit, inputs[[name]]))
+    (hollow,) = dependences(hit, inputs[["hollow"]])
     assert hollow.levels[1].rate.value < min(hollow.levels[0].rate.low, hollow.levels[2].rate.low)
-    assert tool.levels[-1].name == "hook" and tool.difference.value > 0.1
 
 
 @pytest.mark.slow
@@ -77,11 +70,13 @@ def test_false_finds_are_as_rare_as_promised(monkeypatch):
     assert wrong / 100 < 0.05 + 3.5 * np.sqrt(0.05 * 0.95 / 100)
 
 
-def test_few_cases_are_tested_exactly():
+def test_few_cases_are_tested_by_drawn_tables():
     hit = np.repeat([True, False, True, False], [3, 1, 1, 25])
-    (one,) = dependences(hit, {"side": np.repeat(["left", "right"], [4, 26])})
-    assert one.p == pytest.approx(fisher_exact([[3, 1], [1, 25]]).pvalue, abs=0.005)
-    assert one == dependences(hit, {"side": np.repeat(["left", "right"], [4, 26])})[0]
+    side = np.repeat([0.0, 1.0], [4, 26])
+    (one,) = dependences(hit, {"side": side})
+    # that of thirds is twice Fisher's at most; the lesser of the two tests counts
+    assert one.p <= 2 * fisher_exact([[3, 1], [1, 25]]).pvalue + 0.01
+    assert one == dependences(hit, {"side": side})[0]
 
 
 def test_tied_values_stay_together():
@@ -114,8 +109,3 @@ def test_runs_without_a_value_are_left_out_of_that_input():
     assert one.n == 60 == sum(level.rate.n for level in one.levels)
     (none,) = dependences(hit, {"x": np.full(100, np.nan)})
     assert none.n == 0 and none.levels == () and np.isnan(none.p)
-
-
-def test_lengths_must_match():
-    with pytest.raises(ValueError, match="'x' has 3 values, the outcome 2"):
-        dependences([True, False], {"x": [1, 2, 3]})

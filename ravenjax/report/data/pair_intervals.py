@@ -54,7 +54,7 @@ def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) 
     if among.count < len(after):
         return _resampled(after - before, among)
     resamples = _resamples(len(after))
-    band = paired.mean_difference(after, before, resamples=resamples, kind="percentile")
+    band = paired.mean_difference(after, before, resamples=resamples)
     return Estimate(float(band.value), float(band.low), float(band.high))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import BootstrapBand, Kind, bootstrap
+from ravenjax.stats.bootstrap.resample import BootstrapBand, bootstrap
 
 _ELEMENTS = 2_000_000  # of a batch of weights, 16 MB
 
@@ -24,7 +24,6 @@ def cluster_bootstrap(
     *,
     resamples: int = 1000,
     seed: int = 0,
-    kind: Kind = "percentile",
 ) -> BootstrapBand:
     """Band of any statistic of n rows that belong to clusters; `cluster` [n] is each row's label
     (no NaN).
@@ -44,41 +43,7 @@ def cluster_bootstrap(
         return statistic(weights[:, code].astype(float))
 
     batch = max(1, _ELEMENTS // max(1, len(code)))
-    return bootstrap(
-        clusters, weighted, confidence, resamples=resamples, seed=seed, kind=kind, batch=batch
-    )
-
-
-def cluster_ratio(
-    above: ArrayLike,
-    below: ArrayLike | float,
-    cluster: ArrayLike,
-    confidence: float = 0.95,
-    *,
-    resamples: int = 1000,
-    seed: int = 0,
-    kind: Kind = "percentile",
-) -> BootstrapBand:
-    """Band of sum(above) / sum(below) over rows [n] in clusters: below 1 gives a mean or a rate,
-    below bool [n] a rate among some, weights [n] a weighted one.
-
-    Works on each cluster's sums alone, so a million rows cost no more than their clusters. Where
-    every cluster has the same ratio, so have all resamples: a rate of 0 gets the band 0 to 0 and
-    needs `intervals` with one row a cluster. ValueError with fewer than 2 clusters.
-    """
-    code, clusters = codes(cluster)
-    parts = [np.broadcast_to(np.asarray(part, float), code.shape) for part in (above, below)]
-    sums = np.stack([np.bincount(code, part, minlength=clusters) for part in parts])
-
-    def ratio(index: np.ndarray) -> np.ndarray:
-        total = sums[:, index].sum(axis=-1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return total[0] / total[1]
-
-    batch = max(1, _ELEMENTS // clusters)
-    return bootstrap(
-        clusters, ratio, confidence, resamples=resamples, seed=seed, kind=kind, batch=batch
-    )
+    return bootstrap(clusters, weighted, confidence, resamples=resamples, seed=seed, batch=batch)
 
 
 def codes(cluster: ArrayLike) -> tuple[np.ndarray, int]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.clusters import codes
-from ravenjax.stats.bootstrap.resample import BootstrapBand
+from ravenjax.stats.bootstrap.resample import BootstrapBand, quantiles
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds
 
 FEWEST = 5
@@ -103,7 +103,10 @@ def ratio(
         if among.count < FEWEST:
             return BootstrapBand(value, np.nan, np.nan, among.count, 0)
         numerator, denominator = sums @ among.weights(resamples, seed).T
-        return _band(value, numerator / denominator, among.count, confidence)
+        samples = numerator / denominator
+    low, high = quantiles(np.where(np.isfinite(samples), samples, np.nan), confidence)
+    undefined = int((~np.isfinite(samples)).sum())
+    return BootstrapBand(float(value), float(low), float(high), among.count, undefined)
 
 
 def rate(
@@ -160,14 +163,6 @@ def statistic(
         for q in (alpha / 2, 1 - alpha / 2)
     )
     return Estimate(whole, low, high)
-
-
-def _band(value: float, samples: np.ndarray, count: int, confidence: float) -> BootstrapBand:
-    undefined = int((~np.isfinite(samples)).sum())
-    alpha = alpha_of(confidence)
-    finite = samples[np.isfinite(samples)]
-    low, high = np.quantile(finite, [alpha / 2, 1 - alpha / 2]) if len(finite) else (np.nan, np.nan)
-    return BootstrapBand(float(value), float(low), float(high), count, undefined)
 
 
 def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import BootstrapBand
+from ravenjax.stats.bootstrap.resample import BootstrapBand, quantiles
 from ravenjax.stats.comparison import paired
 from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 
@@ -201,13 +201,10 @@ def bootstrap_difference(
         differences[i] = _statistic([first[k] for k in one], statistic) - _statistic(
             [second[k] for k in two], statistic
         )
-    finite = differences[np.isfinite(differences)]
-    alpha = alpha_of(confidence)
-    low, high = (
-        np.quantile(finite, [alpha / 2, 1 - alpha / 2]) if len(finite) else (math.nan, math.nan)
-    )
+    differences[~np.isfinite(differences)] = math.nan
+    low, high = quantiles(differences, confidence)
     units = counts[0] if is_paired else sum(counts)
-    return BootstrapBand(value, float(low), float(high), units, resamples - len(finite))
+    return BootstrapBand(value, float(low), float(high), units, int(np.isnan(differences).sum()))
 
 
 def means(clusters: Clusters) -> np.ndarray:

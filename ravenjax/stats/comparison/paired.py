@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import BootstrapBand, Kind, bootstrap
+from ravenjax.stats.bootstrap.resample import BootstrapBand, bootstrap
 from ravenjax.stats.intervals import Estimate, alpha_of
 
 
@@ -76,7 +76,6 @@ def mean_difference(
     *,
     resamples: int = 5000,
     seed: int = 0,
-    kind: Kind = "BCa",
 ) -> BootstrapBand:
     """Mean of first - second, two numbers [n] of the same runs in any unit, with its bootstrap
     band; Band.units is n.
@@ -97,7 +96,6 @@ def mean_difference(
         confidence,
         resamples=resamples,
         seed=seed,
-        kind=kind,
         batch=batch,
     )
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.comparison.independent import rate_difference
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, rates
+from ravenjax.stats.intervals import Estimate, Rate, rates
 from ravenjax.stats.multiplicity import holm
 
 _FEW = 5  # expected count below which the chi-squared law no longer holds (Cochran 1954)
@@ -19,27 +18,23 @@ _DRAWS = 9999  # tables drawn then
 
 
 class InputLevel(NamedTuple):
-    """Runs of one level of an input: its name, the input's least and greatest value there (a
-    category: itself).
-    """
+    """Runs of one level of an input: its name, the input's least and greatest value there."""
 
     name: str
-    least: Any
-    greatest: Any
+    least: float
+    greatest: float
     rate: Rate
 
 
 class Dependence(NamedTuple):
     """Whether a rate depends on one input.
 
-    levels: "numeric" has the lowest, (middle) and highest third of the input, "categorical" its
-    values by rising rate. difference: rate in the last level minus rate in the first. p: of
-    independence, NaN where the input or the outcome never varies; adjusted: by Holm over all inputs
-    asked about; depends: adjusted p below 1 - confidence.
+    levels: the lowest, (middle) and highest third of the input. difference: rate in the last level
+    minus rate in the first. p: of independence, NaN where the input or the outcome never varies;
+    adjusted: by Holm over all inputs asked about; depends: adjusted p below 1 - confidence.
     """
 
     name: str
-    kind: Literal["numeric", "categorical"]
     n: int  # runs in which the input has a value
     p: float
     adjusted: float
@@ -49,27 +44,25 @@ class Dependence(NamedTuple):
 
 
 def dependences(
-    hit: ArrayLike,
-    inputs: Mapping[str, ArrayLike] | pd.DataFrame,
-    confidence: float = 0.95,
-    seed: int = 0,
+    hit: ArrayLike, inputs: Mapping[str, ArrayLike], confidence: float = 0.95, seed: int = 0
 ) -> list[Dependence]:
-    """Whether the rate of `hit` (bool [n]) depends on each named input [n], the clearest first.
+    """Whether the rate of `hit` (bool [n]) depends on each numeric input [n], the clearest first.
 
-    Numeric input: Mann-Whitney's test, which sees a rate that rises or falls, and the chi-squared
-    test over thirds, which sees one that is worst at both ends or in the middle; p is twice the
-    lesser (Bonferroni). Strings, categories and bools: the chi-squared test over the values; where
-    a value expects fewer than 5 hits or misses, by tables drawn with `seed`. Runs are taken as
-    independent, and a run without a value (NaN) is left out of that input. For a categorical input
-    the difference is between extremes chosen after the fact: it describes, p tests. ValueError
-    where lengths differ.
+    Mann-Whitney's test sees a rate that rises or falls, the chi-squared test over thirds one that
+    is worst at both ends or in the middle; p is twice the lesser (Bonferroni). Where a third
+    expects fewer than 5 hits or misses, the latter is by tables drawn with `seed`. Runs are taken
+    as independent, and a run without a value (NaN) is left out of that input.
     """
-    alpha_of(confidence)
     outcome = np.asarray(hit).astype(bool)
     measured = [
-        _measured(str(name), outcome, pd.Series(column), confidence, seed)
-        for name, column in inputs.items()
+        _measured(name, outcome, np.asarray(values, float), confidence, seed)
+        for name, values in inputs.items()
     ]
+    return judge(measured, confidence)
+
+
+def judge(measured: Sequence[Dependence], confidence: float) -> list[Dependence]:
+    """The same with p adjusted for all of them, the clearest first."""
     findings = holm({one.name: one.p for one in measured}, confidence)
     results = [
         one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
@@ -79,36 +72,24 @@ def dependences(
 
 
 def _measured(
-    name: str, hit: np.ndarray, column: pd.Series, confidence: float, seed: int
+    name: str, hit: np.ndarray, values: np.ndarray, confidence: float, seed: int
 ) -> Dependence:
-    if len(column) != len(hit):
-        raise ValueError(f"input {name!r} has {len(column)} values, the outcome {len(hit)}")
-    present = column.notna().to_numpy()
-    hit = hit[present]
-    column = pd.Series(column[present])
-    numeric = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
-    values = column.to_numpy(float) if numeric else column.astype(str).to_numpy()
-    code, names = thirds(values) if numeric else pd.factorize(values, sort=True)
+    present = ~np.isnan(values)
+    hit, values = hit[present], values[present]
+    code, names = thirds(values)
     n = np.bincount(code, minlength=len(names))
     rate_of = rates(np.bincount(code, hit, minlength=len(names)).astype(int), n, confidence)
     levels = [
-        (
-            InputLevel(str(label), values[code == i].min(), values[code == i].max(), rate)
-            if numeric
-            else InputLevel(str(label), label, label, rate)
-        )
+        InputLevel(label, values[code == i].min(), values[code == i].max(), rate)
         for i, (label, rate) in enumerate(zip(names, rate_of, strict=True))
         if rate.n
     ]
-    if not numeric:
-        levels.sort(key=lambda level: level.rate.value)
-    p = _p(hit, code[:, None] == np.flatnonzero(n), values if numeric else None, seed)
+    p = _p(hit, code[:, None] == np.flatnonzero(n), values, seed)
     difference = Estimate(np.nan, np.nan, np.nan)
     if len(levels) > 1:
         first, last = levels[0].rate, levels[-1].rate
         difference = rate_difference(last.k, last.n, first.k, first.n, confidence)
-    kind = "numeric" if numeric else "categorical"
-    return Dependence(name, kind, len(hit), p, p, False, tuple(levels), difference)
+    return Dependence(name, len(hit), p, p, False, tuple(levels), difference)
 
 
 def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -126,10 +107,8 @@ def thirds(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
     return np.where(low, 0, np.where(high, 2, 1)), ["lowest third", "middle third", "highest third"]
 
 
-def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray | None, seed: int) -> float:
-    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the numeric
-    values [n], if any.
-    """
+def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray, seed: int) -> float:
+    """p of independence of hit [n] from its level (one-hot [n, levels]) and from the values [n]."""
     from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
     from scipy.stats.contingency import expected_freq
 
@@ -144,7 +123,5 @@ def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray | None, seed: int
         warnings.simplefilter("ignore", RuntimeWarning)
         association: Any = chi2_contingency(table, correction=False, method=method)
     levels = float(association.pvalue)
-    if values is None:
-        return levels
     trend: Any = mannwhitneyu(values[hit], values[~hit])
     return min(1.0, 2 * min(levels, float(trend.pvalue)))

@@ -14,11 +14,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ravenjax.stats.bootstrap.resample import quantiles
 from ravenjax.stats.bootstrap.units import FEWEST, Units
 from ravenjax.stats.comparison.independent import rate_difference
-from ravenjax.stats.inputs.association import Dependence, InputLevel, thirds
-from ravenjax.stats.intervals import Estimate, Rate, alpha_of, share, wilson
-from ravenjax.stats.multiplicity import holm
+from ravenjax.stats.inputs.association import Dependence, InputLevel, judge, thirds
+from ravenjax.stats.intervals import Estimate, Rate, share, wilson
 
 _DRAWS = 9999
 _MANY = 50  # units from which on the normal law stands for draws
@@ -40,18 +40,12 @@ def dependences(
     rows of each unit, or among units where each has one value. Below FEWEST units there are
     neither. A row without a value (NaN) is left out of that input.
     """
-    alpha_of(confidence)
     outcome = np.asarray(hit).astype(bool)
     measured = [
         _measured(name, outcome, np.asarray(x, float), among, confidence, seed)
         for name, x in inputs.items()
     ]
-    findings = holm({one.name: one.p for one in measured}, confidence)
-    results = [
-        one._replace(adjusted=findings[one.name].adjusted, depends=findings[one.name].rejected)
-        for one in measured
-    ]
-    return sorted(results, key=lambda one: (np.isnan(one.p), one.p, -abs(one.difference.value)))
+    return judge(measured, confidence)
 
 
 def _measured(
@@ -90,7 +84,7 @@ def _measured(
             confidence,
         )
     p = _p(hit, values, among, seed)
-    return Dependence(name, "numeric", len(hit), p, p, False, levels, difference)
+    return Dependence(name, len(hit), p, p, False, levels, difference)
 
 
 def _rate(k: np.ndarray, n: np.ndarray, samples: np.ndarray, confidence: float) -> Rate:
@@ -101,7 +95,7 @@ def _rate(k: np.ndarray, n: np.ndarray, samples: np.ndarray, confidence: float) 
     if count < FEWEST:
         return whole
     if 0 < whole.k < whole.n:
-        low, high = _quantiles(samples, confidence)
+        low, high = quantiles(samples, confidence).tolist()
     else:
         low, high = wilson(count if whole.k else 0, count, confidence)[-2:]
     return whole._replace(low=low, high=high)
@@ -122,13 +116,7 @@ def _difference(
     if all(k in (0, n) for k, n, _ in sums):
         (k, _, m), (k0, _, m0) = sums
         return rate_difference(m if k else 0, m, m0 if k0 else 0, m0, confidence)
-    return Estimate(value, *_quantiles(samples, confidence))
-
-
-def _quantiles(samples: np.ndarray, confidence: float) -> tuple[float, float]:
-    alpha = alpha_of(confidence)
-    low, high = np.nanquantile(samples, [alpha / 2, 1 - alpha / 2])
-    return float(low), float(high)
+    return Estimate(value, *quantiles(samples, confidence).tolist())
 
 
 def _p(hit: np.ndarray, values: np.ndarray, among: Units, seed: int) -> float:
