@@ -16,10 +16,9 @@ from typing import Any
 from pydantic import BaseModel
 
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.axis import DISTRIBUTIONS, FORMS, LIST, Axis
+from ravenjax.campaign.file.axis import DISTRIBUTIONS, FORMS, LIST, PHASE_FORMS, Axis
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_END, Fault
-from ravenjax.campaign.file.onset import MEANINGS
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.campaign.loading import header, tables_of
 from ravenjax.document.tables import markdown_table
@@ -181,7 +180,7 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
             " `ravenjax check` tells how many there are."
         )
         yield markdown_table(
-            ("`start_ms`", "meaning"), ((f"`{form}`", what) for form, what in MEANINGS.items())
+            ("`start_ms`", "meaning"), ((f"`{form}`", what) for form, what in PHASE_FORMS.items())
         )
         yield markdown_table(
             ("phase", "when"), ((f"`{name}`", when) for name, when in robot.phases.items())

@@ -23,7 +23,7 @@ from typing import Annotated
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, to_int32, where
-from ravenjax.parts.arrays import load
+from ravenjax.parts.reading import load
 
 __all__ = [
     "Annotated",

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 import collections
 import functools
-from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.numbers import tree
-from ravenjax.parts import files, part
+from ravenjax.parts import part
 from ravenjax.vocabulary.parts import OwnSource
 
 
@@ -37,16 +36,10 @@ def _named_kind(names: tuple[str, ...]) -> type[Any]:
 def _kind(sources: tuple[OwnSource, ...]) -> type[Any]:
     # Records of a file are classes that no other process has: there they come from its text, as
     # numbers do from here.
-    def reduced(own: Any) -> tuple[Any, ...]:
-        return _restored, (sources, files.contents(sources), tree.leaves(own))
-
     kind = collections.namedtuple("Own", [source.name for source in sources])
-    kind.__reduce__ = reduced  # type: ignore[method-assign]
+    kind.__reduce__ = lambda own: (_restored, (sources, tree.leaves(own)))  # type: ignore[method-assign]
     return kind
 
 
-def _restored(
-    sources: tuple[OwnSource, ...], contents: Mapping[str, bytes], numbers: list[Any]
-) -> Any:
-    files.keep(contents)
+def _restored(sources: tuple[OwnSource, ...], numbers: list[Any]) -> Any:
     return tree.filled(of(sources), numbers)

@@ -29,7 +29,7 @@ from ravenjax.numbers import quantity, tree
 from ravenjax.numbers.lazy import lax
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec
-from ravenjax.parts import files, imports
+from ravenjax.parts.reading import Reader
 from ravenjax.vocabulary.parts import OwnSource
 
 _KINDS = {"f": "float", "i": "int", "u": "int", "b": "bool"}
@@ -65,11 +65,10 @@ def read(name: str, path: Path, what: str = "detector") -> OwnSource:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8"
         raise UserError(f"{path}: file of {what} {name!r} cannot be read ({reason})") from None
-    with files.beside(path) as hashes:
-        source = OwnSource(name, str(path), text)
-        _module(source)
-    whole = dataclasses.replace(source, files=tuple(sorted(hashes.items())))
-    _MODULES[whole] = _MODULES.pop(source)
+    source = OwnSource(name, str(path), text)
+    module, taken = _run(source, None)
+    whole = dataclasses.replace(source, files=tuple(sorted(taken.items())))
+    _MODULES[whole] = module
     loaded(whole)
     return whole
 
@@ -80,17 +79,17 @@ def unchanged(source: OwnSource) -> bool:
     """
     path = Path(source.path)
     try:
-        same = path.read_text(encoding="utf-8") == source.text
-        contents = ((path.parent / name).read_bytes() for name, _ in source.files)
-        hashes = [hashlib.sha256(content).hexdigest() for content in contents]
+        return path.read_text(encoding="utf-8") == source.text and all(
+            (path.parent / name).read_bytes() == content for name, content in source.files
+        )
     except (OSError, UnicodeDecodeError):
         return False
-    return same and hashes == [sha256 for _, sha256 in source.files]
 
 
 def digest(source: OwnSource) -> str:
     """sha256 of the code, and of the files beside it that it loads or imports."""
-    return hashlib.sha256(repr((source.text, source.files)).encode()).hexdigest()
+    files = tuple((name, hashlib.sha256(content).hexdigest()) for name, content in source.files)
+    return hashlib.sha256(repr((source.text, files)).encode()).hexdigest()
 
 
 @functools.lru_cache(maxsize=256)
@@ -295,27 +294,22 @@ _MODULES: dict[OwnSource, types.ModuleType] = {}
 def _module(source: OwnSource) -> types.ModuleType:
     """The module of a source, run once in a process."""
     if source not in _MODULES:
-        module = types.ModuleType(
-            f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}"
-        )
-        module.__file__ = source.path
-        # so that a traceback shows the line also where the file has changed, or is on another
-        # machine
-        linecache.cache[source.path] = (
-            len(source.text),
-            None,
-            source.text.splitlines(keepends=True),
-            source.path,
-        )
-        path = Path(source.path)
-        first = files.reading()  # else it is known which files it takes
-        with (
-            contextlib.nullcontext() if first else files.beside(path, source.files),
-            _Blame(source, "the file"),
-        ):
-            imports.run(compile(source.text, source.path, "exec"), module, path)
-        _MODULES[source] = module
+        _MODULES[source], _ = _run(source, dict(source.files))
     return _MODULES[source]
+
+
+def _run(
+    source: OwnSource, known: Mapping[str, bytes] | None
+) -> tuple[types.ModuleType, dict[str, bytes]]:
+    """The module of a source, and what it takes from its folder; known: as of `Reader`."""
+    # so that a traceback shows the line also where the file has changed, or is on another machine
+    lines = source.text.splitlines(keepends=True)
+    linecache.cache[source.path] = (len(source.text), None, lines, source.path)
+    path = Path(source.path)
+    name = f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}"
+    reader = Reader(name, path.parent, known)
+    with _Blame(source, "the file"):
+        return reader.read(source.text, path), reader.taken
 
 
 class _Blame:

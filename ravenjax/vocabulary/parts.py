@@ -12,6 +12,5 @@ class OwnSource:
     name: str  # of the part in its campaign
     path: str  # of the file, for errors
     text: str  # what stands in it
-    files: tuple[
-        tuple[str, str], ...
-    ] = ()  # (name, sha256) of each file beside it that it loads or imports
+    # (name, content) of each file beside it that it loads or imports
+    files: tuple[tuple[str, bytes], ...] = dataclasses.field(default=(), repr=False)

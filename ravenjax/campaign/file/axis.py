@@ -7,12 +7,13 @@ number of a vector.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, WithJsonSchema, model_serializer
 
-from ravenjax.errors import suggestion
+from ravenjax.errors import shown, suggestion
 
 Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal", "phase"]
 
@@ -35,8 +36,22 @@ FORMS = {**DISTRIBUTIONS, LIST: "[value, value, ..], the same as a plain list"}
 """What a table may be in place of a value."""
 
 
+_LISTS = ("choice", "together", LIST)
+_MILLISECONDS = "a whole number of milliseconds"
+
 PHASE = "phase"
 """A distribution of times: one of the milliseconds of a phase of the operation."""
+SHARE = "share"
+
+PHASE_FORMS = {
+    f'{{ {PHASE} = "fast" }}': "drawn: each millisecond of the phase is as likely",
+    f'{{ {PHASE} = "fast", {SHARE} = 0.5 }}': (
+        "the millisecond in the middle of the phase's; 0 is its first one, 1 its last"
+    ),
+    f'{{ {PHASE} = "fast", {SHARE} = [0, 0.5, 1] }}': "a list of such",
+    f'[500, {{ {PHASE} = "slow", {SHARE} = 0.1 }}]': "a list of both; so is `{ choice = [..] }`",
+}
+"""What `start_ms` may be beside a time, with the phase `fast`."""
 
 
 class Moment(NamedTuple):
@@ -136,43 +151,41 @@ def fixed(value: Any) -> Axis:
     return Axis(kind="fixed", values=(value,))
 
 
-def _parse(raw: Any, types: tuple[type, ...], expected: str) -> Axis:
+def _axis(raw: Any, value: Callable[[Any], Any], expected: str, drawn: bool = True) -> Axis:
+    """value: what one value of the key becomes, ValueError where it is none; drawn: whether
+    distributions of numbers fit.
+    """
     if isinstance(raw, Axis):
         return raw
-    if isinstance(raw, dict):
+    kind, values = LIST, raw
+    if isinstance(raw, Mapping):
         kind = next(iter(raw), None)
         if len(raw) != 1 or kind not in FORMS:
             got = ", ".join(map(str, raw)) or "none"
             expected_keys = f"a table has exactly one of the keys {', '.join(FORMS)}"
             raise ValueError(f"{expected_keys}, got {got}{suggestion(kind, FORMS)}")
-        if kind == LIST:
-            return _list(raw[kind], types, expected)
-        return _distribution(kind, raw[kind], types, expected)
-    if isinstance(raw, list | tuple):
-        if not raw:
-            raise ValueError(f"the list is empty; give at least one {expected}")
-        return Axis(kind="list", values=tuple(_value(v, types, expected) for v in raw))
-    return fixed(_value(raw, types, expected))
+        values = raw[kind]
+        if kind not in _LISTS:
+            if not drawn:
+                raise ValueError(
+                    f"{kind} draws numbers and this key takes {expected}; write {{choice = [..]}}"
+                )
+            return _distribution(kind, values)
+        if not isinstance(values, list | tuple) or not values:
+            raise ValueError(f"{kind} takes a list with at least one {expected}, got {values!r}")
+    elif not isinstance(raw, list | tuple):
+        return fixed(value(raw))
+    elif not raw:
+        raise ValueError(f"the list is empty; give at least one {expected}")
+    return Axis(
+        kind=kind, values=tuple(map(value, values)), explicit=kind == LIST and values is not raw
+    )
 
 
-def _list(raw: Any, types: tuple[type, ...], expected: str) -> Axis:
-    if not isinstance(raw, list | tuple) or not raw:
-        raise ValueError(f"list takes a list with at least one {expected}, got {raw!r}")
-    return Axis(kind="list", values=tuple(_value(v, types, expected) for v in raw), explicit=True)
-
-
-def _distribution(kind: Any, raw: Any, types: tuple[type, ...], expected: str) -> Axis:
-    if kind in ("choice", "together"):
-        if not isinstance(raw, list | tuple) or not raw:
-            raise ValueError(f"{kind} takes a list with at least one {expected}, got {raw!r}")
-        return Axis(kind=kind, values=tuple(_value(v, types, expected) for v in raw))
-    if str in types and float not in types and int not in types:
-        raise ValueError(
-            f"{kind} draws numbers and this key takes {expected}; write {{choice = [..]}}"
-        )
+def _distribution(kind: Any, raw: Any) -> Axis:
     if not isinstance(raw, list | tuple) or len(raw) != 2:
         raise ValueError(f"{kind} takes {DISTRIBUTIONS[kind]}, got {raw!r}")
-    first, second = (_value(v, (int, float), "a number") for v in raw)
+    first, second = map(_as_number, raw)
     if kind == "normal" and second < 0:
         raise ValueError(
             "normal = [mean, standard deviation]: the deviation must not be negative, got"
@@ -187,21 +200,82 @@ def _distribution(kind: Any, raw: Any, types: tuple[type, ...], expected: str) -
     return Axis(kind=kind, values=(first, second))
 
 
-def _value(raw: Any, types: tuple[type, ...], expected: str) -> Any:
-    if isinstance(raw, bool) and (int in types or float in types):
+def _as_number(raw: Any) -> int | float:
+    if isinstance(raw, bool):
         return int(raw)
     if isinstance(raw, float) and not math.isfinite(raw):
-        raise ValueError(f"got {raw}, expected {expected} that is finite")
-    if isinstance(raw, float) and int in types and float not in types and raw.is_integer():
-        return int(raw)
-    if float in types and isinstance(raw, int):
+        raise ValueError(f"got {raw}, expected a number that is finite")
+    if isinstance(raw, int | float):
         return raw
-    if not isinstance(raw, types):
-        raise ValueError(f"got {raw!r}, expected {expected}, a list of them or a distribution")
-    return raw
+    raise ValueError(f"got {raw!r}, expected a number, a list of them or a distribution")
 
 
-_LISTS = ("choice", "together", LIST)
+def _as_milliseconds(raw: Any) -> int:
+    if isinstance(raw, float) and raw.is_integer():
+        return int(raw)
+    if isinstance(raw, int) and not isinstance(raw, bool):
+        return raw
+    raise ValueError(f"got {raw!r}, expected {_MILLISECONDS}, a list of them or a distribution")
+
+
+def _as_word(raw: Any) -> str:
+    if isinstance(raw, str):
+        return raw
+    raise ValueError(f"got {raw!r}, expected a name, a list of them or a distribution")
+
+
+def _as_onset(raw: Any) -> int | Moment:
+    if not _is_place(raw):
+        return _as_milliseconds(raw)
+    phase, share = _phase(raw), raw.get(SHARE)
+    if share is None:
+        raise ValueError(
+            f"got {{{PHASE} = {shown(phase)}}} in a list, which takes single values: add {SHARE} ="
+            " 0.5 (0 is the first millisecond of the phase, 1 its last)"
+        )
+    if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 <= share <= 1.0:
+        raise ValueError(
+            f"{SHARE}: got {shown(share)}, expected a number from 0 to 1, or a list of them"
+        )
+    return Moment(phase, float(share))
+
+
+def _onset(raw: Any) -> Axis:
+    """When a fault begins: a time, or a place in a phase of the operation. Which milliseconds
+    belong to a phase follows from the operator's motion, see `ravenjax.campaign.faults.moments`.
+    """
+    shares = raw.get(SHARE) if _is_place(raw) else ()
+    if shares is None:
+        return Axis(kind=PHASE, values=(_phase(raw),))
+    if _is_place(raw) and isinstance(shares, list | tuple):
+        if not shares:
+            raise ValueError(f"{SHARE}: the list is empty; give at least one number from 0 to 1")
+        return Axis(kind=LIST, values=tuple(_as_onset({**raw, SHARE: one}) for one in shares))
+    return fixed(_as_onset(raw)) if _is_place(raw) else _axis(raw, _as_onset, _MILLISECONDS)
+
+
+def _is_place(raw: Any) -> bool:
+    """Whether it is a place in a phase."""
+    return isinstance(raw, Mapping) and bool(raw.keys() & {PHASE, SHARE})
+
+
+def _phase(raw: Mapping[str, Any]) -> str:
+    for key in raw:
+        if key not in (PHASE, SHARE):
+            hint = suggestion(key, (PHASE, SHARE)) if key not in FORMS else ""
+            raise ValueError(
+                f"a table of a phase has the keys {PHASE} and {SHARE}, got {key}{hint}"
+            )
+    if PHASE not in raw:
+        raise ValueError(
+            f'{PHASE}: missing beside {SHARE}; write which, such as {{{PHASE} = "fast", {SHARE} ='
+            " 0.5}"
+        )
+    if not isinstance(raw[PHASE], str):
+        raise ValueError(f"{PHASE}: got {shown(raw[PHASE])}, expected the name of a phase")
+    return raw[PHASE]
+
+
 _FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in FORMS.items())
 
 
@@ -226,31 +300,48 @@ def _table(kind: str, values: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _number(raw: Any) -> Axis:
-    return _parse(raw, (int, float), "a number")
+def _onset_schema() -> dict[str, Any]:
+    """What a file may write."""
+    share = {
+        "description": "0: the phase's first millisecond, 1: its last",
+        "type": "number",
+        "minimum": 0,
+        "maximum": 1,
+    }
+    shares = {"anyOf": [share, {"type": "array", "items": share, "minItems": 1}]}
+
+    def table(of_share: dict[str, Any], required: list[str]) -> dict[str, Any]:
+        keys = {
+            PHASE: {"description": "a phase of the operation", "type": "string"},
+            SHARE: of_share,
+        }
+        return {
+            "type": "object",
+            "properties": keys,
+            "required": required,
+            "additionalProperties": False,
+        }
+
+    value = {"anyOf": [{"type": "integer"}, table(share, [PHASE, SHARE])]}
+    whole = forms_schema(f"{_MILLISECONDS}, a place in a phase", value)
+    return {**whole, "anyOf": [*whole["anyOf"], table(shares, [PHASE])]}
 
 
-def milliseconds(raw: Any, *types: type) -> Axis:
-    """The axis of whole numbers, or of values of `types`. Raises ValueError."""
-    if isinstance(raw, bool) or (isinstance(raw, list) and any(isinstance(x, bool) for x in raw)):
-        raise ValueError(f"got {raw!r}, expected a whole number of milliseconds")
-    return _parse(raw, (int, *types), "a whole number of milliseconds")
+def _form(
+    value: Callable[[Any], Any], expected: str, schema: dict[str, Any], drawn: bool = True
+) -> Any:
+    """The annotation of a key that takes an axis of such values."""
+    return Annotated[
+        Axis,
+        BeforeValidator(lambda raw: _axis(raw, value, expected, drawn)),
+        WithJsonSchema(forms_schema(expected, schema, drawn)),
+    ]
 
 
-def _word(raw: Any) -> Axis:
-    return _parse(raw, (str,), "a name")
-
-
-def _schema(expected: str, value: dict[str, Any], drawn: bool = True) -> WithJsonSchema:
-    return WithJsonSchema(forms_schema(expected, value, drawn))
-
-
-Number = Annotated[
-    Axis, BeforeValidator(_number), _schema("a number", {"type": ["number", "boolean"]})
-]
-Milliseconds = Annotated[
-    Axis,
-    BeforeValidator(milliseconds),
-    _schema("a whole number of milliseconds", {"type": "integer"}),
-]
-Word = Annotated[Axis, BeforeValidator(_word), _schema("a name", {"type": "string"}, drawn=False)]
+if TYPE_CHECKING:
+    Number = Milliseconds = Word = Onset = Axis
+else:
+    Number = _form(_as_number, "a number", {"type": ["number", "boolean"]})
+    Milliseconds = _form(_as_milliseconds, _MILLISECONDS, {"type": "integer"})
+    Word = _form(_as_word, "a name", {"type": "string"}, drawn=False)
+    Onset = Annotated[Axis, BeforeValidator(_onset), WithJsonSchema(_onset_schema())]

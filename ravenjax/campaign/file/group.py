@@ -24,11 +24,11 @@ from ravenjax.campaign.file.axis import (
     Milliseconds,
     Moment,
     Number,
+    Onset,
     Word,
     fixed,
 )
 from ravenjax.campaign.file.bounds import extent
-from ravenjax.campaign.file.onset import Onset
 from ravenjax.campaign.file.section import Section
 from ravenjax.errors import shown
 
