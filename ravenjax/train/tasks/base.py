@@ -41,12 +41,14 @@ class Task:
         """Number of the present goal; -1: none."""
         self.progress = 0.0
         """0 to 1."""
-        self._travels = {arm: Travel(arm) for arm in field.begin}
+        self._travels: dict[ArmName, Travel] = {arm: Travel(arm) for arm in field.begin}
         self._published = -1
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
         """One tick of the session: events "target", "object" and "task_done"."""
-        tips: dict[ArmName, Point] = {arm: t.step(frame) for arm, t in self._travels.items()}
+        tips: Mapping[ArmName, Point] = {
+            arm: travel.step(frame) for arm, travel in self._travels.items()
+        }
         events: list[Event] = []
         if not self.done:
             self._step(frame, tips, tick, events)
