@@ -21,17 +21,10 @@ if TYPE_CHECKING:
 def motion(
     file: Path,
     *,
-    campaign: Annotated[
-        str | None, Parameter(help="campaign file whose robot, limits and duration it is for")
-    ] = None,
-    arms: Annotated[
-        list[str] | None,
-        Parameter(consume_multiple=True, negative="", help="default those that the file holds"),
-    ] = None,
+    campaign: str | None = None,
+    arms: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
     overrides: Overrides = None,
-    out: Annotated[Path, Parameter(help="folder of the picture, SVG and PNG")] = Path(
-        "results/motions"
-    ),
+    out: Path = Path("results/motions"),
 ) -> None:
     """Show what a recorded operator's file holds and what a campaign makes of it: a table, and a
     picture of both.
@@ -45,6 +38,12 @@ def motion(
     ----------
     file
         Recorded tip positions: .parquet, .csv, .mcap, .bag or .db3; or a console's packets: .parquet, .pcap or .pcapng.
+    campaign
+        campaign file whose robot, limits and duration it is for
+    arms
+        default those that the file holds
+    out
+        folder of the picture, SVG and PNG
     """  # noqa: E501
     from ravenjax.errors import UserError
     from ravenjax.robots.raven2.campaign import hands
@@ -56,20 +55,15 @@ def motion(
     try:
         one = replay.replay(file, config.campaign.arms, options, ticks, scale, bounds)
     except UserError:
-        raw = recording.load(
-            file, config.campaign.arms, options
-        )  # that it cannot be read, it says again
-        _draw(
-            file,
-            out,
-            replay.courses(raw, reach.reach(raw.poses, bounds).inside, None),
-            "cannot be replayed as it is",
-        )
+        # That it cannot be read, it says again.
+        raw = recording.load(file, config.campaign.arms, options)
+        courses = replay.courses(raw, reach.reach(raw.poses, bounds).inside, None)
+        _draw(file, out, courses, "cannot be replayed as it is")
         raise
     _table(one.summary, console.out)
     begin, end = one.summary.window_s
-    part = f"{begin:.3f} to {end:.3f} s are replayed"
-    _draw(file, out, replay.courses(one.recording, one.reach.inside, one), part)
+    courses = replay.courses(one.recording, one.reach.inside, one)
+    _draw(file, out, courses, f"{begin:.3f} to {end:.3f} s are replayed")
 
 
 def show_operator(config: CampaignConfig, to: Console) -> None:

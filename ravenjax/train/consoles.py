@@ -33,11 +33,12 @@ class Scripted:
             self._operator = scripts.Recorded(read_commands(script))
 
     def poll(self) -> list[dict[str, Any]]:
+        """What it says before this tick."""
         session = self._session
-        out = self._operator.messages(session.ticks, session.frame)
+        commands = self._operator.messages(session.ticks, session.frame)
         if session.ticks == UNATTENDED_MS and session.started is None:
-            out = [*out, {"type": "instructor", "do": "start"}]
-        return out
+            commands.append({"type": "instructor", "do": "start"})
+        return commands
 
     def tell(self, frame: Frame) -> None:
         """It sees the frame when it is asked."""
@@ -48,27 +49,25 @@ class Refusals:
 
     def __init__(self, gate: Gate) -> None:
         self._gate, self._counts = gate, dict(gate.counts)
-        self._polls, self._told = 0, ""
+        self._polls, self._published = 0, ""
 
     def poll(self) -> list[dict[str, Any]]:
         """Once a ms: a command "unheard" where it has changed whether packets are taken."""
         self._polls += 1
         if self._polls % STALE_MS:
             return []
-        more = {cause: count - self._counts[cause] for cause, count in self._gate.counts.items()}
-        self._counts = dict(self._gate.counts)
-        accepted = more.pop(TAKEN)
-        cause = max(more, key=more.__getitem__)
-        why = self._told
-        if more["stranger"] >= SOME_PACKETS:
-            why = pedal.packets("stranger")
-        elif accepted:
+        counts, before = dict(self._gate.counts), self._counts
+        more = {cause: count - before[cause] for cause, count in counts.items()}
+        self._counts = counts
+        accepted, why = more.pop(TAKEN), self._published
+        cause = "stranger" if more["stranger"] >= SOME_PACKETS else max(more, key=more.__getitem__)
+        if cause != "stranger" and accepted:
             why = ""
         elif more[cause] >= SOME_PACKETS:
             why = pedal.packets(cause)
-        if why == self._told:
+        if why == self._published:
             return []
-        self._told = why
+        self._published = why
         return [{"type": "unheard", "why": why}]
 
 

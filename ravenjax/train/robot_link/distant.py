@@ -13,6 +13,7 @@ false reports nothing can be said: `false_report_mm` is NaN.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -72,19 +73,23 @@ class DistantRobot:
         self.row = self._frame.row[: blueprint.layout.simulated]
         self.now = 0
         self._out = np.zeros(self._stepper.code.outputs, np.float32)
-        self._rest = _resting(blueprint)
-        self._reported = _Reported(*tree.filled(self._rest, self._stepper.entering))
+        self._rest = tree.leaves(_resting(blueprint))
+        self._reported = _Reported(*tree.filled(_resting(blueprint), self._stepper.entering))
         self._sequence = 0
-        self._places = [blueprint.layout.places[name] for name in (*_names(self.arms), "halted_ms")]
+        places = blueprint.layout.places
+        names = [f"{arm}/{name}" for arm in self.arms for name in _SEEN]
+        # Where the numbers that the half tick fills go in the row; the packet comes after them.
+        self._shown = np.r_[*(places[name] for name in (*names, "halted_ms"))]
         self._outcomes: dict[str, Any] = {}
         self._at_rest()
 
     def step(self) -> None:
         """One tick: the model moves, the packet goes out, the newest report comes in."""
         self._stepper.step(self.now, self._out.ctypes.data)
-        at = self._show()
+        count = len(self._shown)
+        self.row[self._shown] = self._out[:count]
         self._sequence += 1
-        report = self.remote.exchange(self._datagram(self._out[at:].tolist()))
+        report = self.remote.exchange(self._datagram(self._out[count:].tolist()))
         for answer in self.remote.answers():
             if isinstance(answer.get("checks"), dict):
                 self._take_checks(answer["checks"])
@@ -141,19 +146,14 @@ class DistantRobot:
 
     def _at_rest(self) -> None:
         """Until the robot reports, it counts as standing where it begins."""
-        _write(self._reported, self._rest)
-        self._stopped: dict[str, bool] = dict.fromkeys(
-            ("soft_estop", "estop"), True
-        )  # checks, in the last report: entering counts
+        self._enter(self._rest)
+        # Whether the robot was stopped in the last report, by check: entering counts.
+        self._stopped = {"soft_estop": True, "estop": True}
 
-    def _show(self) -> int:
-        """Fill the row with what the half tick told; where the packet begins in it."""
-        at = 0
-        for place in self._places:
-            size = place.stop - place.start
-            self.row[place] = self._out[at : at + size]
-            at += size
-        return at
+    def _enter(self, numbers: Sequence[Any]) -> None:
+        """Let these numbers be what the robot reported last."""
+        for place, number in zip(tree.leaves(self._reported), numbers, strict=True):
+            place[0] = number
 
     def _datagram(self, numbers: list[float]) -> bytes:
         """The 124 bytes of this tick's packet: pedal, then increments, quaternion and grasp of
@@ -173,10 +173,10 @@ class DistantRobot:
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
-        jpos, mvel = (
-            tuple(Vec(frame[f"{arm}/{name}"].tolist()) for arm in arms) for name in ("jpos", "mvel")
-        )
-        _write(self._reported, _Reported(jpos, mvel, report.runlevel, stopped))
+        numbers = [
+            x for name in ("jpos", "mvel") for arm in arms for x in frame[f"{arm}/{name}"].tolist()
+        ]
+        self._enter([*numbers, report.runlevel, stopped])
         frame["live"] = observers.live(report.runlevel, stopped)
         for check, trips in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
             if trips and not self._stopped[check]:
@@ -191,17 +191,12 @@ class DistantRobot:
         first.
         """
         for name, numbers in told.items():
-            good = (
-                isinstance(numbers, list)
-                and len(numbers) == 2
-                and all(type(one) is int for one in numbers)
-            )
-            if name not in _CHECKS or not good:
+            is_pair = isinstance(numbers, list) and [type(n) for n in numbers] == [int, int]
+            if name not in _CHECKS or not is_pair:
                 continue  # of another version, or no robot of ours
-            count, ago = numbers
             key = f"check_{name}_count"
-            self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MOST_TRIPS))
-            self._outcomes.setdefault(f"check_{name}_first_ms", max(self.now - ago, 0))
+            self._outcomes[key] = max(self._outcomes.get(key, 0), min(numbers[0], _MOST_TRIPS))
+            self._outcomes.setdefault(f"check_{name}_first_ms", max(self.now - numbers[1], 0))
         counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
         self._frame["trips"] = sum(counts)
 
@@ -213,15 +208,6 @@ class DistantRobot:
         self._frame["live"] = False
         for arm in self.arms:
             self._frame[f"{arm}/force"] = 0.0
-
-
-def _write(places: _Reported, numbers: _Reported) -> None:
-    for place, number in zip(tree.leaves(places), tree.leaves(numbers), strict=True):
-        place[0] = number
-
-
-def _names(arms: tuple[str, ...]) -> list[str]:
-    return [f"{arm}/{name}" for arm in arms for name in _SEEN]
 
 
 def _resting(blueprint: Blueprint) -> _Reported:

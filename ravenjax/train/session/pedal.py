@@ -86,9 +86,9 @@ class PedalReasons:
     """The reason of each console, as it was told last."""
 
     def __init__(self) -> None:
-        self._told = dict.fromkeys(NETWORK, "")
-        self._coming = dict.fromkeys(NETWORK, "")  # reason that has yet to hold
-        self._held = dict.fromkeys(NETWORK, 0)  # ms for which it has
+        self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
+        # Reason that has yet to hold, and for how many ms it has.
+        self._coming: dict[str, tuple[str, int]] = {console: ("", 0) for console in NETWORK}
         self._lines: list[str] = []
 
     def look(self, why: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -98,26 +98,21 @@ class PedalReasons:
         A reason that is gone is told with an empty "why".
         """
         events = []
-        for console in NETWORK:
-            reason = why[console]
-            if reason == self._told[console]:
-                self._coming[console], self._held[console] = reason, 0
-                continue
-            if reason != self._coming[console]:
-                self._coming[console], self._held[console] = reason, 0
-            self._held[console] += 1
-            if self._held[console] < HOLDS_MS:
-                continue
-            self._told[console] = reason
-            line = f"{console}: {reason}" if reason else ""
-            events.append({"console": console, "why": line})
-            self._lines += [line] if line else []
+        for console, reason in why.items():
+            before, held = self._coming[console]
+            held = held + 1 if reason == before else 1
+            if reason == self._published[console]:
+                held = 0
+            elif held == HOLDS_MS:
+                self._published[console] = reason
+                events.append(self.once(console, reason))
+            self._coming[console] = reason, held
         return events
 
     def once(self, console: str, why: str) -> dict[str, Any]:
         """What is told of something that has happened and does not last."""
-        line = f"{console}: {why}"
-        self._lines.append(line)
+        line = f"{console}: {why}" if why else ""
+        self._lines += [line] if line else []
         return {"console": console, "why": line}
 
     def news(self) -> list[str]:

@@ -10,17 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.train.protocol.world import Point, to_world
+from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
-from ravenjax.train.tasks.base import FreeTask, Task, Wish
+from ravenjax.train.tasks.base import Field, Task
 from ravenjax.train.tasks.levels import LevelsTask
 from ravenjax.train.tasks.path import PathTask
 from ravenjax.train.tasks.pegs import PegTask
 from ravenjax.train.tasks.reach import ReachTask
 
-__all__ = ["Task", "Wish", "make"]
+__all__ = ["Task", "make"]
 
 
 def make(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
@@ -29,14 +29,15 @@ def make(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> Task:
     arms = settings.arms or scenario.arms
     begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}
     x, y = (sum(begin[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
+    field = Field(tuple(arms), begin, (x, y), seed)
     match settings:
         case Reach():
-            return ReachTask(settings, arms, begin, (x, y), seed)
+            return ReachTask(settings, field)
         case PegTransfer():
-            return PegTask(settings, arms, begin, (x, y), seed)
+            return PegTask(settings, field)
         case Path():
-            return PathTask(settings, arms, begin, (x, y))
+            return PathTask(settings, field)
         case Levels():
-            return LevelsTask(settings, scenario.arms, begin, (x, y), seed)
+            return LevelsTask(settings, field)
         case _:
-            return FreeTask(begin)
+            return Task("free", field)

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import abc
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.jaws import closing_point
 from ravenjax.train.protocol.world import Point, surface, to_world
+from ravenjax.train.robot import ArmName
 
 Event = dict[str, Any]
+
+
+class Field(NamedTuple):
+    """Where a task lies, and what draws its goals."""
+
+    arms: tuple[ArmName, ...]  # whose task it is, in turn
+    begin: Mapping[ArmName, Point]  # where the tips begin, m, world
+    middle: tuple[float, float]  # of the tips, m
+    seed: int
 
 
 class Wish(NamedTuple):
@@ -23,34 +31,32 @@ class Wish(NamedTuple):
     closed: bool = False
 
 
-class Task(abc.ABC):
-    """A task under way; `step` once a tick."""
+class Task:
+    """A task under way; `step` once a tick. As it is nothing is asked, and it is never done."""
 
-    def __init__(self, kind: str, begin: Mapping[ArmName, Point]) -> None:
-        self.kind = kind
+    def __init__(self, kind: str, field: Field) -> None:
+        self.kind, self._field = kind, field
         self.done = False
         self.target = -1
         """Number of the present goal; -1: none."""
         self.progress = 0.0
         """0 to 1."""
-        self._begin = dict(begin)
-        self._travels: dict[ArmName, Travel] = {arm: Travel(arm) for arm in begin}
-        self._told = -1
+        self._travels: dict[ArmName, Travel] = {arm: Travel(arm) for arm in field.begin}
+        self._published = -1
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
         """One tick of the session: events "target", "object" and "task_done"."""
-        tips: dict[ArmName, Point] = {
+        tips: Mapping[ArmName, Point] = {
             arm: travel.step(frame) for arm, travel in self._travels.items()
         }
         events: list[Event] = []
         if not self.done:
             self._step(frame, tips, tick, events)
-        if self.target != self._told:
-            self._told = self.target
+        if self.target != self._published:
+            self._published = self.target
             events.append({"tick": tick, "kind": "target", "target": self.target})
         return events
 
-    @abc.abstractmethod
     def _step(
         self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
     ) -> None:
@@ -86,9 +92,7 @@ class Task(abc.ABC):
             "done": self.done,
             "score": round(100.0 * self._score(), 1),
             "path_mm": {arm: round(travel.path_mm, 3) for arm, travel in self._travels.items()},
-            "deepest_mm": {
-                arm: _finite(travel.deepest_mm) for arm, travel in self._travels.items()
-            },
+            "deepest_mm": {arm: travel.deepest for arm, travel in self._travels.items()},
         }
 
     def _score(self) -> float:
@@ -100,47 +104,35 @@ class Task(abc.ABC):
         events.append({"tick": tick, "kind": "task_done"})
 
 
-class FreeTask(Task):
-    """Nothing is asked: look around, feel the robot. No goal, never done."""
-
-    def __init__(self, begin: Mapping[ArmName, Point]) -> None:
-        super().__init__("free", begin)
-
-    def _step(
-        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
-    ) -> None:
-        """Nothing to do."""
-
-
 class Travel:
     """The way of one tip: of the point where the jaws close."""
 
-    __slots__ = ("_last", "_places", "arm", "deepest_mm", "path_mm")
-
     def __init__(self, arm: ArmName) -> None:
-        self.arm: ArmName = arm
+        self._arm: ArmName = arm
         self.path_mm = 0.0
-        self.deepest_mm = -math.inf
-        self._places: tuple[int, int] | None = (
-            None  # of the jaws' axis and of the joints in a frame
-        )
+        self._deepest_mm = -math.inf
+        self._places: tuple[int, int] | None = None  # of the jaws' axis and the joints in a frame
         self._last: Point | None = None
+
+    @property
+    def deepest(self) -> float | None:
+        """How far it was below the tissue's surface, mm; None where it was never above or below."""
+        return round(self._deepest_mm, 3) if math.isfinite(self._deepest_mm) else None
 
     def step(self, frame: Frame) -> Point:
         """The tip in the world, m."""
         if self._places is None:
             places = frame.layout.places
-            self._places = places[f"{self.arm}/tip"].start, places[f"{self.arm}/link_jpos"].start
+            self._places = places[f"{self._arm}/tip"].start, places[f"{self._arm}/link_jpos"].start
         axis, joints = self._places
         numbers = frame.numbers
-        tip = to_world(
-            self.arm,
-            closing_point(self.arm, numbers[axis : axis + 3], numbers[joints : joints + 7]),
-        )
+        closing = closing_point(self._arm, numbers[axis : axis + 3], numbers[joints : joints + 7])
+        tip = x, y, z = to_world(self._arm, closing)
         if self._last is not None:
             self.path_mm += 1e3 * math.dist(tip, self._last)
         self._last = tip
-        self.deepest_mm = max(self.deepest_mm, _depth_mm(tip))
+        if abs(x) <= scene.TISSUE_HALF[0] and abs(y) <= scene.TISSUE_HALF[1]:
+            self._deepest_mm = max(self._deepest_mm, 1e3 * (surface(x, y) - z))
         return tip
 
     def lift(self) -> None:
@@ -148,18 +140,11 @@ class Travel:
         self._last = None
 
 
-def _depth_mm(tip: Point) -> float:
-    """How far a tip is below the tissue's surface; -inf beside it."""
-    x, y, z = tip
-    beside = abs(x) > scene.TISSUE_HALF[0] or abs(y) > scene.TISSUE_HALF[1]
-    return -math.inf if beside else 1e3 * (surface(x, y) - z)
-
-
-def _finite(depth_mm: float) -> float | None:
-    """None where the tip was never above the tissue."""
-    return round(depth_mm, 3) if math.isfinite(depth_mm) else None
-
-
 def rounded(point: Point) -> list[float]:
     """A point for the page, to a micrometre."""
     return [round(x, 6) for x in point]
+
+
+def mean_ms(times: Sequence[int]) -> float | None:
+    """None where there are none."""
+    return round(sum(times) / len(times), 1) if times else None

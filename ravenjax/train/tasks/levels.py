@@ -9,62 +9,51 @@ Innov. 14, 2007); which times are proficient, a scenario says.
 
 from __future__ import annotations
 
-import functools
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.world import Point
+from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Levels
-from ravenjax.train.tasks.base import Event, Task, Wish
+from ravenjax.train.tasks.base import Event, Field, Task, Wish
 from ravenjax.train.tasks.reach import ReachTask
 
 
 class LevelsTask(Task):
     """One level after another. Targets are numbered through all levels."""
 
-    def __init__(
-        self,
-        settings: Levels,
-        arms: Sequence[ArmName],
-        begin: Mapping[ArmName, Point],
-        middle: tuple[float, float],
-        seed: int,
-    ) -> None:
-        super().__init__("levels", begin)
+    def __init__(self, settings: Levels, field: Field) -> None:
+        super().__init__("levels", field)
         self.settings = settings
-        self._make = [
-            functools.partial(ReachTask, level, level.arms or arms, begin, middle, seed + k)
+        self._fields = [
+            field._replace(arms=tuple(level.arms or field.arms), seed=field.seed + k)
             for k, level in enumerate(settings.level)
         ]
         self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
         self._level = 0
         self._in_a_row = 0
-        self._rounds_ms: list[list[int]] = [
-            [] for _ in settings.level
-        ]  # how long each round of a level took
+        self._rounds_ms: list[list[int]] = [[] for _ in settings.level]  # of each level
         self._begun: int | None = None  # tick at which the round's first target was reached
-        self._reach = self._make[0]()
-        self._told_level = False
+        self._reach = self._round(0)
         self.target = 0
 
     def _step(
         self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
     ) -> None:
-        if not self._told_level:
-            self._told_level = True
+        if self._published < 0:
             events.append(self._event(tick))
-        self._reach._step(
-            frame, tips, tick, []
-        )  # the tips are known; what it tells is the round's alone
+        self._reach._step(frame, tips, tick, [])  # what it tells is the round's alone
         if self._begun is None and self._reach.target != 0:
             self._begun = tick
         if self._reach.done:
             self._judge(tick, events)
         if not self.done:
             self.target = self._first[self._level] + self._reach.target
+
+    def _round(self, level: int) -> ReachTask:
+        return ReachTask(self.settings.level[level], self._fields[level])
 
     def _judge(self, tick: int, events: list[Event]) -> None:
         """The round is over: once more, the next level, or the end."""
@@ -82,7 +71,7 @@ class LevelsTask(Task):
         if self._level == len(self.settings.level):
             self._finish(tick, events)
             return
-        self._reach = self._make[self._level]()
+        self._reach = self._round(self._level)
         events.append(self._event(tick, took, within))
 
     def _event(self, tick: int, took_ms: int | None = None, within: bool = False) -> Event:
@@ -111,8 +100,8 @@ class LevelsTask(Task):
     def geometry(self) -> dict[str, Any]:
         targets = [
             one | {"number": first + one["number"]}
-            for first, make in zip(self._first, self._make, strict=True)
-            for one in make().geometry()["targets"]
+            for level, first in enumerate(self._first)
+            for one in self._round(level).geometry()["targets"]
         ]
         return super().geometry() | {"targets": targets}
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Path
-from ravenjax.train.tasks.base import Event, Task, Wish, rounded
+from ravenjax.train.tasks.base import Event, Field, Task, Wish, rounded
 
 POINTS = 200
 """Of the line. Half a millimetre apart on the largest."""
@@ -24,16 +24,10 @@ COLOUR = "#3f7fbf"
 class PathTask(Task):
     """One arm goes along the line; with two, each has its own, side by side in turn of laps."""
 
-    def __init__(
-        self,
-        settings: Path,
-        arms: Sequence[ArmName],
-        begin: Mapping[ArmName, Point],
-        middle: tuple[float, float],
-    ) -> None:
-        super().__init__("path", begin)
-        self.settings, self._arms = settings, tuple(arms)
-        self.points = [_point(settings, middle, k / POINTS) for k in range(POINTS)]
+    def __init__(self, settings: Path, field: Field) -> None:
+        super().__init__("path", field)
+        self.settings, self._arms = settings, field.arms
+        self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
         self.target = 0
         self._tolerance_m = settings.tolerance_mm / 1e3
         self._at = 0  # points passed so far; the next is this one, modulo POINTS
@@ -51,11 +45,9 @@ class PathTask(Task):
         self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
     ) -> None:
         tip = tips[self._arm]
-        near, ahead = math.inf, 0
-        for k in range(AHEAD):
-            distance = math.dist(tip, self.points[(self._at + k) % POINTS])
-            if distance < near:
-                near, ahead = distance, k
+        near, ahead = min(
+            (math.dist(tip, self.points[(self._at + k) % POINTS]), k) for k in range(AHEAD)
+        )
         if not self._on:
             self._on = near <= self._tolerance_m
             return
@@ -93,14 +85,15 @@ class PathTask(Task):
         return super().geometry() | {"path": path, "turns": turns}
 
     def result(self) -> dict[str, Any]:
-        return super().result() | {
-            "laps": round(self._at / POINTS, 3),
-            "rms_off_mm": (
-                round(math.sqrt(self._square_mm2 / self._ticks), 3) if self._ticks else None
-            ),
-            "worst_off_mm": round(self._worst_mm, 3) if self._ticks else None,
-            "within_share": round(self._within / self._ticks, 4) if self._ticks else None,
+        ticks = self._ticks or math.nan
+        measures = {
+            "rms_off_mm": round(math.sqrt(self._square_mm2 / ticks), 3),
+            "worst_off_mm": round(self._worst_mm, 3),
+            "within_share": round(self._within / ticks, 4),
         }
+        if not self._ticks:
+            measures = dict.fromkeys(measures)
+        return super().result() | {"laps": round(self._at / POINTS, 3)} | measures
 
     def _score(self) -> float:
         return self.progress * (self._within / self._ticks) if self._ticks else 0.0

@@ -9,16 +9,16 @@ those of the true links, so a hazard that opens them drops the object too.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import PegTransfer
-from ravenjax.train.tasks.base import Event, Task, Wish, rounded
+from ravenjax.train.tasks.base import Event, Field, Task, Wish, mean_ms, rounded
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
 """Jaw openings below which jaws hold and above which they let go; 1.57 at home, 0.67 with the 900
@@ -32,18 +32,11 @@ COLOURS = {"peg": "#8a8f98", "object": "#c8553d"}
 class PegTask(Task):
     """One object, transferred again and again; with two arms they take turns."""
 
-    def __init__(
-        self,
-        settings: PegTransfer,
-        arms: Sequence[ArmName],
-        begin: Mapping[ArmName, Point],
-        middle: tuple[float, float],
-        seed: int,
-    ) -> None:
-        super().__init__("peg_transfer", begin)
-        self.settings, self._arms = settings, tuple(arms)
-        self.pegs = _pegs(settings, middle)
-        rng = np.random.default_rng([seed, settings.seed, 2])
+    def __init__(self, settings: PegTransfer, field: Field) -> None:
+        super().__init__("peg_transfer", field)
+        self.settings, self._arms = settings, field.arms
+        self.pegs = _pegs(settings, field.middle)
+        rng = np.random.default_rng([field.seed, settings.seed, 2])
         ways = [int(rng.integers(len(self.pegs)))]
         for _ in range(settings.transfers):
             ways.append(int(rng.choice([peg for peg in range(len(self.pegs)) if peg != ways[-1]])))
@@ -54,9 +47,7 @@ class PegTask(Task):
         self.placed, self.dropped = 0, 0
         self.target = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
-        self._jaws: dict[ArmName, tuple[str, bool]] = {
-            arm: (f"{arm}/link_jpos", False) for arm in self._arms
-        }
+        self._closed: dict[ArmName, bool] = dict.fromkeys(self._arms, False)
         self._times: list[int] = []
         self._since = 0
 
@@ -67,12 +58,11 @@ class PegTask(Task):
     def _step(
         self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
     ) -> None:
-        for arm, (channel, closed) in self._jaws.items():
-            row = frame[channel]
-            opening = float(row[5]) + float(row[6])
+        for arm, closed in self._closed.items():
+            opening = float(frame[f"{arm}/link_jpos"][5:7].sum(dtype=float))
             closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
             if closes or opens:
-                self._jaws[arm] = channel, closes
+                self._closed[arm] = closes
             if arm == self.held:
                 self.object = tips[arm]
                 if opens:
@@ -84,7 +74,7 @@ class PegTask(Task):
             ):
                 self.held = arm
                 self.target = self.ways[self.placed + 1]
-                events.append(self._told_object(tick))
+                events.append(self._object_event(tick))
 
     def _let_go(self, tick: int, events: list[Event]) -> None:
         x, y, z = self.object
@@ -99,23 +89,20 @@ class PegTask(Task):
         else:
             self.object = (x, y, min(z, surface(x, y) + OBJECT_RADIUS_M))
             self.dropped += 1
-        events.append(self._told_object(tick))
+        events.append(self._object_event(tick))
         if self.placed == self.settings.transfers:
             self._finish(tick, events)
 
-    def _told_object(self, tick: int) -> Event:
+    def _object_event(self, tick: int) -> Event:
         return {"tick": tick, "kind": "object", "held": self.held or "", "at": rounded(self.object)}
 
     def restart(self) -> None:
         """What was held lies on its peg again: the robot that held it is elsewhere."""
         super().restart()
         if self.held is not None:
-            self.held, self.object, self.target = (
-                None,
-                self.pegs[self.ways[self.placed]],
-                len(self.pegs),
-            )
-        self._jaws = {arm: (channel, False) for arm, (channel, _) in self._jaws.items()}
+            self.held, self.object = None, self.pegs[self.ways[self.placed]]
+            self.target = len(self.pegs)
+        self._closed = dict.fromkeys(self._arms, False)
 
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
         if self.done or arm != self._arm:
@@ -154,9 +141,7 @@ class PegTask(Task):
             "placed": self.placed,
             "dropped": self.dropped,
             "transfers": self.settings.transfers,
-            "time_per_transfer_ms": (
-                round(sum(self._times) / len(self._times), 1) if self._times else None
-            ),
+            "time_per_transfer_ms": mean_ms(self._times),
         }
 
     def _score(self) -> float:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Reach
-from ravenjax.train.tasks.base import Event, Task, Wish, rounded
+from ravenjax.train.tasks.base import Event, Field, Task, Wish, mean_ms, rounded
 
 LEAST_WAY_M = 0.005
 """From one target to the next: less would be reached by holding still."""
@@ -22,22 +22,15 @@ COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 class ReachTask(Task):
     """Targets anywhere in a box over the tissue; with two arms they alternate."""
 
-    def __init__(
-        self,
-        settings: Reach,
-        arms: Sequence[ArmName],
-        begin: Mapping[ArmName, Point],
-        middle: tuple[float, float],
-        seed: int,
-    ) -> None:
-        super().__init__("reach", begin)
+    def __init__(self, settings: Reach, field: Field) -> None:
+        super().__init__("reach", field)
         self.settings = settings
-        rng = np.random.default_rng([seed, settings.seed, 1])
+        rng = np.random.default_rng([field.seed, settings.seed, 1])
         self.targets: list[tuple[ArmName, Point]] = []
-        before = dict(begin)
+        before = dict(field.begin)
         for k in range(settings.targets):
-            arm = arms[k % len(arms)]
-            point = _drawn(settings, middle, rng, before[arm])
+            arm = field.arms[k % len(field.arms)]
+            point = _draw(settings, field.middle, rng, before[arm])
             before[arm] = point
             self.targets.append((arm, point))
         self.target = 0
@@ -46,7 +39,7 @@ class ReachTask(Task):
         self._since = 0  # tick at which the present target was given
         self._times: list[int] = []
         self._straight_mm = 0.0
-        self._from = dict(begin)
+        self._from = dict(field.begin)
 
     def _step(
         self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
@@ -94,14 +87,12 @@ class ReachTask(Task):
         return super().result() | {
             "reached": len(self._times),
             "targets": len(self.targets),
-            "time_per_target_ms": (
-                round(sum(self._times) / len(self._times), 1) if self._times else None
-            ),
+            "time_per_target_ms": mean_ms(self._times),
             "straight_mm": round(self._straight_mm, 3),
         }
 
 
-def _drawn(
+def _draw(
     settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
 ) -> Point:
     """A point of the box that is no repetition of the one before; the farthest of some where the

@@ -19,6 +19,7 @@ from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
 pytestmark = pytest.mark.slow
 
 TICKS = 800
+BUTTON = {"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1, "start_ms": 0}
 
 
 class Wire:
@@ -58,15 +59,7 @@ def driven():
             "group": [
                 {
                     "name": "estop",
-                    "fault": [
-                        {
-                            "site": "buttons",
-                            "channel": "estop",
-                            "effect": "overwrite",
-                            "value": 1,
-                            "start_ms": 0,
-                        }
-                    ],
+                    "fault": [BUTTON],
                 }
             ],
         }
@@ -123,15 +116,6 @@ def test_what_cannot_be_seen_from_here_is_not_made_up(driven):
         assert not loss[~was_live].any() and (loss <= error + 1e-4).all()
         assert np.isnan(there[:, places[f"{arm}/false_report_mm"]]).all()
     assert there[-1, places["halted_ms"]] == pytest.approx(here[-1, places["halted_ms"]], abs=2)
-
-
-def test_orders_go_to_the_robots_process(driven):
-    *_, far = driven
-    far.arm(0)
-    far.press(1)
-    far.disarm()
-    assert [order["order"] for order in far.remote.orders] == ["arm", "estop", "disarm"]
-    assert far.remote.orders[0]["number"] == 0
 
 
 def test_a_robot_that_is_silent_counts_as_stopped_and_does_not_pull(driven):

@@ -181,12 +181,11 @@ def test_takes_nothing_that_the_robot_would_drop(numbers, first):
 # --- any mixture ---
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_hundred_thousand_packets_move_nothing_wrongly(seed):
+def test_fifty_thousand_packets_move_nothing_wrongly():
     """Good packets among malformed, replayed, reordered, oversized and flooding ones; the rules
     live through all.
     """
-    books, gate = Books(seed), Gate(BOTH)
+    books, gate = Books(1), Gate(BOTH)
     um, count, good, now_ms = [0] * 6, 0, 0, 0.0
     while count < 50_000:
         now_ms += 1.0
@@ -207,18 +206,6 @@ def test_a_hundred_thousand_packets_move_nothing_wrongly(seed):
     assert gate.received == count
     assert all(gate.counts[cause] for cause in BOOKED), gate.counts
     assert good * 0.8 < gate.counts[TAKEN] <= good
-
-
-@given(
-    st.lists(
-        st.tuples(st.binary(max_size=260), st.integers(0, 2), st.floats(-1e6, 1e6)), max_size=20
-    )
-)
-def test_any_bytes_move_nothing(datagrams):
-    gate = Gate(BOTH)
-    for content, source, now_ms in datagrams:
-        assert gate.admit(content, ("127.0.0.1", source), now_ms) is None
-    assert gate.received == len(datagrams)
 
 
 @given(st.binary(min_size=124, max_size=130), st.integers(0, 1))

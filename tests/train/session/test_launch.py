@@ -26,28 +26,19 @@ from ravenjax.train import launch, page, processes, scenario
 from ravenjax.train.launch import SessionOptions
 from ravenjax.train.recording import reader
 
+FAULT = {"site": "usb_out", "channel": "shoulder", "effect": "overwrite", "value": 6000}
+HAZARD = {
+    "when": [1.5, 1.5],
+    "within_s": 1.0,
+    "right_response": ["release"],
+    "fault": [FAULT | {"start_ms": 0, "duration_ms": 40}],
+}
 CHOSEN = scenario.from_dict(
     {
         "name": "tiny",
         "duration_s": 4,
         "task": {"kind": "reach", "targets": 50},
-        "hazard": [
-            {
-                "when": [1.5, 1.5],
-                "within_s": 1.0,
-                "right_response": ["release"],
-                "fault": [
-                    {
-                        "site": "usb_out",
-                        "channel": "shoulder",
-                        "effect": "overwrite",
-                        "value": 6000,
-                        "start_ms": 0,
-                        "duration_ms": 40,
-                    }
-                ],
-            }
-        ],
+        "hazard": [HAZARD],
     }
 )
 
@@ -198,15 +189,16 @@ def test_a_page_that_ends_at_its_start_is_told_of_at_once(tmp_path, monkeypatch)
         ("host", ("host", (36000, 36002))),
         ("h:1", ("h", (1, 36002))),
         ("127.0.0.1:1:2", ("127.0.0.1", (1, 2))),
+        ("raven:36000:ros1", ("raven", (36000, "ros1"))),
     ],
 )
 def test_addresses_of_robots(text, meant):
     assert launch.address(text) == meant
 
 
-@pytest.mark.parametrize("text", ["", ":1", "h:x", "h:1:2:3", "h:70000"])
+@pytest.mark.parametrize("text", ["", ":1", "h:x", "h:1:2:3", "h:70000", "h:1:ros3", "h:ros1"])
 def test_addresses_that_are_none(text):
-    with pytest.raises(UserError, match="expected HOST"):
+    with pytest.raises(UserError, match=r"expected HOST.*ros1 or ros2"):
         launch.address(text)
 
 
@@ -237,34 +229,28 @@ def test_a_session_that_never_began_leaves_nothing(tmp_path):
     assert [one.name for one in folder.iterdir()] == ["session.json"]
 
 
-@pytest.mark.slow
-def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
-    ran = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "ravenjax.cli",
-            "train",
-            "first_steps",
-            "--out",
-            tmp_path / "x",
-            "--port",
-            "0",
-        ],
+def started(folder, *options, port=0):
+    """`ravenjax train first_steps` as a process; its output line by line."""
+    command = ["train", "first_steps", "--out", folder, "--port", port, *options]
+    return subprocess.Popen(
+        [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
+        start_new_session=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
-    said = ""
+
+
+@pytest.mark.slow
+def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
+    ran, said = started(tmp_path / "x"), ""
     for line in ran.stdout:
         said += line
         if "robot: ready" in line:
             ran.terminate()
-    assert (
-        ran.wait(60) == 128 + signal.SIGTERM
-        and "of a session that had begun the recording is kept" in said
-    )
+    assert ran.wait(60) == 128 + signal.SIGTERM
+    assert "of a session that had begun the recording is kept" in said
     assert "Traceback" not in said and not (tmp_path / "x" / launch.CLAIM).exists()
 
 
@@ -273,19 +259,9 @@ def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
 def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        command = ["train", "first_steps", "--out", tmp_path / "x", "--port", port]
-        ran = subprocess.Popen(
-            [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-        said = ""
-        late = threading.Timer(
-            waiting.DEADLINE_S, ran.kill
-        )  # an interruption that is lost ends nothing
+        ran, said = started(tmp_path / "x", port=port), ""
+        # An interruption that is lost ends nothing.
+        late = threading.Timer(waiting.DEADLINE_S, ran.kill)
         late.start()
         for line in ran.stdout:
             said += line
@@ -293,12 +269,8 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
                 time.sleep(0.3)
                 os.killpg(ran.pid, signal.SIGINT)  # as a terminal does: every process of the group
         late.cancel()
-        ended = (
-            0,
-            130,
-            -signal.SIGINT,
-        )  # by the signal: Python does so where it came while a dataclass was being made
-        assert ran.wait(60) in ended and "Traceback" not in said
+        # By the signal: Python ends so where it came while a dataclass was being made.
+        assert ran.wait(60) in (0, 130, -signal.SIGINT) and "Traceback" not in said
     if when != "the session is being prepared":
         assert f"port {port} is taken: the page is at port" in said
     if when == "realtime:":
@@ -309,24 +281,7 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
 @pytest.mark.slow
 def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
     """The second takes the first's port and tokens; strangers get neither it nor the list."""
-    command = [
-        "train",
-        "first_steps",
-        "--out",
-        tmp_path / "one",
-        "--port",
-        0,
-        "--instructor-token",
-        "chair",
-    ]
-    ran = subprocess.Popen(
-        [sys.executable, "-m", "ravenjax.cli", *map(str, command)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
+    ran = started(tmp_path / "one", "--instructor-token", "chair")
     said, ports = "", []
     try:
         for line in ran.stdout:
@@ -338,18 +293,12 @@ def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
             if "the page stays" in line and len(ports) == 1:
                 with pytest.raises(urllib.error.HTTPError, match="403"):
                     urllib.request.urlopen(f"http://127.0.0.1:{ports[0]}/sessions")
-                asked = urllib.request.urlopen(
-                    f"http://127.0.0.1:{ports[0]}/sessions?instructor_token=chair"
-                )
-                text = asked.read().decode()
-                assert (
-                    "first_steps" in text
-                    and "/sessions/one/debrief.html?instructor_token=chair" in text
-                )
-                debrief = (
-                    f"http://127.0.0.1:{ports[0]}/sessions/one/debrief.html?instructor_token=chair"
-                )
-                assert b"ravenjax training session" in urllib.request.urlopen(debrief).read()
+                base, key = f"http://127.0.0.1:{ports[0]}", "?instructor_token=chair"
+                text = urllib.request.urlopen(f"{base}/sessions{key}").read().decode()
+                debrief = f"/sessions/one/debrief.html{key}"
+                assert "first_steps" in text and debrief in text
+                page_of_it = urllib.request.urlopen(base + debrief).read()
+                assert b"ravenjax training session" in page_of_it
                 say(ports[0], {"type": "instructor", "do": "next", "participant": "P9", "seed": 4})
             if line.startswith("realtime: ") and len(ports) == 2:
                 assert say(ports[1], {"type": "instructor", "do": "end"})["participant"] == "P9"
@@ -358,16 +307,8 @@ def test_the_instructor_starts_the_next_session_from_the_browser(tmp_path):
         assert ran.wait(60) == 0 and ports[0] == ports[1], said
     finally:
         ran.kill()
-    assert (
-        len(
-            [
-                one
-                for one in tmp_path.iterdir()
-                if (one / "debrief.html").exists() and "P9" in one.name
-            ]
-        )
-        == 1
-    )
+    finished = [one.name for one in tmp_path.iterdir() if (one / "debrief.html").exists()]
+    assert sum("P9" in name for name in finished) == 1
 
 
 def say(port, command):

@@ -12,68 +12,35 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.inspection import replay
 from ravenjax.errors import UserError
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.robots.raven2.console.motion import columns
 from ravenjax.robots.raven2.console.operator import lookup, packet
-from ravenjax.robots.raven2.loop.run import series_length
 from ravenjax.train.judge import Judge
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
 
 TICKS, START = 900, 600
+BURST = {"site": "usb_out", "arm": "gold", "channel": "shoulder", "effect": "overwrite"}
 FAULTS = {
-    "pedal": {
-        "site": "packet_header",
-        "channel": "surgeon_mode",
-        "effect": "overwrite",
-        "value": 0,
-    },
-    "encoder": {
-        "site": "encoder",
-        "arm": "gold",
-        "channel": "shoulder",
-        "effect": "drift",
-        "value": 30,
-    },
-    "stop": {"site": "runlevel", "channel": "rl_desired", "effect": "overwrite", "value": 0},
+    "pedal": {"site": "packet_header", "channel": "surgeon_mode", "effect": "overwrite"},
+    "encoder": {"site": "encoder", "arm": "gold", "channel": "shoulder", "effect": "drift"},
+    "stop": {"site": "runlevel", "channel": "rl_desired", "effect": "overwrite"},
 }
+VALUES = {"pedal": 0, "encoder": 30, "stop": 0}
+BUTTON = {"site": "buttons", "channel": "estop", "effect": "overwrite", "value": 1, "start_ms": 0}
 
 
 def config(**fault):
-    struck = {
-        "site": "usb_out",
-        "arm": "gold",
-        "channel": "shoulder",
-        "effect": "overwrite",
-        "value": 9000,
+    struck = BURST | {"value": 9000, "start_ms": START, "duration_ms": 24} | fault
+    others = {
+        name: {**one, "value": VALUES[name], "start_ms": START} for name, one in FAULTS.items()
     }
+    faults = {"burst": struck, **({} if fault else others), "estop": BUTTON}
+    groups = [{"name": name, "fault": [one]} for name, one in faults.items()]
     return loading.from_dict(
         {
             "campaign": {"name": "live", "duration_s": TICKS / 1000, "arms": ["gold", "green"]},
             "operator": {"motion": "suture", "scale": 0.1},
-            "group": [
-                {
-                    "name": "burst",
-                    "fault": [struck | {"start_ms": START, "duration_ms": 24} | fault],
-                },
-                *(
-                    {"name": name, "fault": [{**one, "start_ms": START}]}
-                    for name, one in FAULTS.items()
-                    if not fault
-                ),
-                {
-                    "name": "estop",
-                    "fault": [
-                        {
-                            "site": "buttons",
-                            "channel": "estop",
-                            "effect": "overwrite",
-                            "value": 1,
-                            "start_ms": 0,
-                        }
-                    ],
-                },
-            ],
+            "group": groups,
         }
     )
 
@@ -172,7 +139,9 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
     again = replay.replay(config(), row, engine="simd").row
     robot, frame = robot_of(made), Frame(made.layout)
     harm = {"excursion_mm": LIMIT_MM}  # as the campaign has it
-    judge = Judge(*made_scenario(hazard=[{"fault": [{**FAULTS["stop"]}]}], harm=harm), cue_on=True)
+    judge = Judge(
+        *made_scenario(hazard=[{"fault": [{**FAULTS["stop"], "value": 0}]}], harm=harm), cue_on=True
+    )
     frame["pedal"] = frame["console_alive"] = 1
     for now in range(TICKS):
         if now == START:
@@ -312,9 +281,3 @@ def test_packets_that_do_not_arrive_are_missed_by_the_robot(made, outside):
 def test_a_robot_with_a_console_elsewhere_refuses_faults_of_that_console():
     with pytest.raises(UserError, match="site 'network', channel 'delay'"):
         PacketRobot(config(site="network", arm=None, channel="delay", effect="overwrite", value=3))
-
-
-def test_names_of_a_frame_are_the_numbers_of_a_row(made):
-    assert len(made.layout.names()) == made.layout.size == Frame(made.layout).row.size
-    assert made.code.outputs == made.layout.simulated + series_length(made.setup)
-    assert made.plan.motion.table().shape[1] == len(columns(made.setup.arms))

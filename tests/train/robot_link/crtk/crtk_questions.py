@@ -224,26 +224,6 @@ class Questions:
             "back": [a - b for a, b in zip(self.joints(), start, strict=True)],
         }
 
-    def velocity(self):
-        """measured_cv beside what measured_cp covers in its time, while the tip moves steadily."""
-        start, quat = self.place()
-        self.ready()
-        marks, speeds, began = [], [], time.time()
-        while time.time() - began < 1.6:
-            t = time.time() - began
-            self.peer.send(
-                ARM + "/servo_cp", position=[start[0], start[1] + 0.005 * t, start[2]], quat=quat
-            )
-            if t > 0.5:
-                cp, cv = self.get("measured_cp"), self.get("measured_cv")
-                marks.append((self.peer.stamp(cp), cp.pose.position.y))
-                speeds.append((self.peer.stamp(cv), cv.twist.linear.y))
-            time.sleep(0.01)
-        path = (marks[-1][1] - marks[0][1]) / (marks[-1][0] - marks[0][0])
-        way = sum(0.5 * (a[1] + b[1]) * (b[0] - a[0]) for a, b in itertools.pairwise(speeds))
-        self.stream("servo_cp", {"position": start, "quat": quat}, 0.8)
-        return {"by_position": path, "by_velocity": way / (speeds[-1][0] - speeds[0][0])}
-
     def move(self):
         """move_jp: busy on the way, there at the end."""
         start = self.joints()
@@ -260,24 +240,6 @@ class Questions:
         time.sleep(0.3)
         off = [a - b for a, b in zip(self.joints(), goal, strict=True)]
         return {"busy": busy, "done": done, "seconds": seconds, "off": off, "state": self.state()}
-
-    def refusals(self):
-        """What no robot should follow: not finite, too far, beyond a limit, too few numbers."""
-        before, (place, quat) = self.joints(), self.place()
-        self.ready()
-        self.stream("servo_cp", {"position": place, "quat": quat}, 0.3)
-        before = self.joints()
-        far = [place[0] + 0.5, place[1], place[2]]
-        for message in (
-            {"position": [float("nan")] * 3, "quat": quat},
-            {"position": far, "quat": quat},
-            {"position": place, "quat": [0.0] * 4},
-        ):
-            self.peer.send(ARM + "/servo_cp", **message)
-        for position in ([9.0] + before[1:], before[:3], [float("inf")] + before[1:]):
-            self.peer.send(ARM + "/servo_jp", position=position)
-        time.sleep(0.2)
-        return {"moved": max(abs(a - b) for a, b in zip(self.joints(), before, strict=True))}
 
     def clutch(self):
         """Feet on the pedals: who steps off is paused, and the clutch lets go without a word."""
@@ -375,7 +337,7 @@ class Questions:
     def all(self):
         answers = {word: self.asked(word) for word in ("reading", "precondition")}
         assert self.command("enable", "ENABLED"), self.state()
-        moves = ("frame", "turn", "scale", "velocity", "move", "refusals")
+        moves = ("frame", "turn", "scale", "move")
         answers |= {word: self.asked(word, moves=True) for word in moves}
         return answers | {
             word: self.asked(word) for word in ("clutch", "disabling", "estop", "silence")

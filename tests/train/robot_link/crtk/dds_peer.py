@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from types import new_class
 
 import crtk_questions
 from cyclonedds.core import Policy, Qos
@@ -18,121 +19,54 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-
-@dataclass
-@final
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: types.int32
-    nanosec: types.uint32
+NUMBERS = types.sequence[types.float64]
 
 
-@dataclass
-@final
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
+def message(kind, **fields):
+    """The DDS type of a message, such as "std_msgs/Header", with these fields."""
+    package, name = kind.split("/")
+    typename = f"{package}::msg::dds_::{name}_"
+    bare = new_class(
+        name,
+        (IdlStruct,),
+        {"typename": typename},
+        lambda body: body.update(__annotations__=fields),
+    )
+    return dataclass(final(bare))
 
 
-@dataclass
-@final
-class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
-    header: Header
-    name: types.sequence[str]
-    position: types.sequence[types.float64]
-    velocity: types.sequence[types.float64]
-    effort: types.sequence[types.float64]
+def xyz(kind, more=""):
+    return message(kind, **dict.fromkeys("xyz" + more, types.float64))
 
 
-@dataclass
-@final
-class Joy(IdlStruct, typename="sensor_msgs::msg::dds_::Joy_"):
-    header: Header
-    axes: types.sequence[types.float32]
-    buttons: types.sequence[types.int32]
-
-
-@dataclass
-@final
-class Point(IdlStruct, typename="geometry_msgs::msg::dds_::Point_"):
-    x: types.float64
-    y: types.float64
-    z: types.float64
-
-
-@dataclass
-@final
-class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
-    x: types.float64
-    y: types.float64
-    z: types.float64
-    w: types.float64
-
-
-@dataclass
-@final
-class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
-    position: Point
-    orientation: Quaternion
-
-
-@dataclass
-@final
-class PoseStamped(IdlStruct, typename="geometry_msgs::msg::dds_::PoseStamped_"):
-    header: Header
-    pose: Pose
-
-
-@dataclass
-@final
-class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
-    x: types.float64
-    y: types.float64
-    z: types.float64
-
-
-@dataclass
-@final
-class Twist(IdlStruct, typename="geometry_msgs::msg::dds_::Twist_"):
-    linear: Vector3
-    angular: Vector3
-
-
-@dataclass
-@final
-class TwistStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TwistStamped_"):
-    header: Header
-    twist: Twist
-
-
-@dataclass
-@final
-class Wrench(IdlStruct, typename="geometry_msgs::msg::dds_::Wrench_"):
-    force: Vector3
-    torque: Vector3
-
-
-@dataclass
-@final
-class WrenchStamped(IdlStruct, typename="geometry_msgs::msg::dds_::WrenchStamped_"):
-    header: Header
-    wrench: Wrench
-
-
-@dataclass
-@final
-class OperatingState(IdlStruct, typename="crtk_msgs::msg::dds_::OperatingState_"):
-    header: Header
-    state: str
-    is_homed: bool
-    is_busy: bool
-
-
-@dataclass
-@final
-class StringStamped(IdlStruct, typename="crtk_msgs::msg::dds_::StringStamped_"):
-    header: Header
-    string: str
-
+Time = message("builtin_interfaces/Time", sec=types.int32, nanosec=types.uint32)
+Header = message("std_msgs/Header", stamp=Time, frame_id=str)
+JointState = message(
+    "sensor_msgs/JointState",
+    header=Header,
+    name=types.sequence[str],
+    position=NUMBERS,
+    velocity=NUMBERS,
+    effort=NUMBERS,
+)
+Joy = message(
+    "sensor_msgs/Joy",
+    header=Header,
+    axes=types.sequence[types.float32],
+    buttons=types.sequence[types.int32],
+)
+Point, Vector3 = xyz("geometry_msgs/Point"), xyz("geometry_msgs/Vector3")
+Quaternion = xyz("geometry_msgs/Quaternion", "w")
+Pose = message("geometry_msgs/Pose", position=Point, orientation=Quaternion)
+PoseStamped = message("geometry_msgs/PoseStamped", header=Header, pose=Pose)
+Twist = message("geometry_msgs/Twist", linear=Vector3, angular=Vector3)
+TwistStamped = message("geometry_msgs/TwistStamped", header=Header, twist=Twist)
+Wrench = message("geometry_msgs/Wrench", force=Vector3, torque=Vector3)
+WrenchStamped = message("geometry_msgs/WrenchStamped", header=Header, wrench=Wrench)
+OperatingState = message(
+    "crtk_msgs/OperatingState", header=Header, state=str, is_homed=bool, is_busy=bool
+)
+StringStamped = message("crtk_msgs/StringStamped", header=Header, string=str)
 
 KINDS = {
     "measured_js": JointState,

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ravenjax import UserError
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.geometry.arrays import forward_kinematics
-from ravenjax.train import launch, scenario
+from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.robot import tip_pose
 from ravenjax.train.robot_link.crtk import messages, motion
@@ -456,14 +455,6 @@ def test_a_busy_machine_has_not_taken_the_robot_elsewhere():
         assert ELSEWHERE not in interpreter.counts
     interpreter.observe(row._replace(last_command=99, number=531), True, ms + 240)
     assert interpreter.counts[ELSEWHERE] == 1
-
-
-def test_a_robot_over_ros_has_an_address_of_its_own():
-    assert launch.address("raven:36000:ros1") == ("raven", (36000, "ros1"))
-    assert launch.address("raven") == ("raven", (36000, 36002))
-    for bad in ("raven:36000:ros3", "raven:ros1", "raven:1:ros1:2", ":1:ros1"):
-        with pytest.raises(UserError, match="ros1 or ros2"):
-            launch.address(bad)
 
 
 def test_the_user_is_told_why_the_pedal_of_crtk_does_not_count():
