@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ravenjax.campaign.faults import design
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import PHASES, Frame, FrameLayout
 from ravenjax.train.protocol.jaws import along, closing_point
-from ravenjax.train.protocol.world import frame0, transposed, turned
+from ravenjax.train.protocol.world import frame0
 
 HOME = (-0.07794699817895889, -0.02526555210351944, 0.013225629925727844)
 AXES = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
@@ -40,7 +42,7 @@ def running(arms=("gold",)):
 def from_world(arm, point):
     """A point of the world in the arm's frame 0, m."""
     origin, rows = frame0(arm)
-    return turned(transposed(rows), tuple(x - o for x, o in zip(point, origin, strict=True)))
+    return (np.subtract(point, origin) @ np.array(rows)).tolist()
 
 
 def put(frame, arm, point):

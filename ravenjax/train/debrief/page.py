@@ -60,7 +60,7 @@ def render(folder: Path) -> str:
     numbers = words.summary(hazards)
     summary = header.get("summary") or {}
     begin, rest = words.headline(hazards, numbers, state["table"] or recording is not None)
-    has_contact = course is not None and header.get("contact_units_per_n") is not None
+    has_contact = header.get("contact_units_per_n") is not None
     return html.page(
         "debrief.html.j2",
         header=header,
@@ -79,7 +79,7 @@ def render(folder: Path) -> str:
         task=_task(summary, course),
         rounds=(summary.get("task") or {}).get("rounds_s_of_level"),
         dexterity=summary.get(learning.MEASURES),
-        contact=dexterity.contact(course) if has_contact else (),
+        contact=dexterity.contact(course) if course is not None and has_contact else (),
         curves=figures.learning(learning.attempts(folder.absolute())),
         caveats=words.caveats(header, state),
         events=[

@@ -1,12 +1,13 @@
-"""The operating scene in plain numbers, for what runs every millisecond: arms' frames, axes of
-consoles, the tissue.
-
-The same as `geometry.scene` and `geometry.mapping` of the Raven-II, without JAX's scalars.
+"""The operating scene of `geometry.scene` and `geometry.mapping` in plain numbers, for what runs
+every millisecond: arms' frames, axes of consoles, the tissue.
 """
 
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
+
+import numpy as np
 
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import scene
@@ -21,7 +22,8 @@ Rows = tuple[Point, Point, Point]
 def frame0(arm: ArmName) -> tuple[Point, Rows]:
     """Origin (m) and rotation rows of the arm's frame 0 in the world."""
     origin, rotation = scene.frame0(arm)
-    return _point(origin), (_point(rotation[0]), _point(rotation[1]), _point(rotation[2]))
+    rows = _rows([origin, *rotation])
+    return rows[0], rows[1:]
 
 
 def to_world(arm: ArmName, position: Point) -> Point:
@@ -34,13 +36,8 @@ def to_world(arm: ArmName, position: Point) -> Point:
 @cache
 def itp_from_view(arm: ArmName) -> Rows:
     """Rotation rows from the axes of the operator's view to those of the arm's ITP packets."""
-    rows = [frame0(arm)[1], tuple(_point(row) for row in ITP_AXES[arm])]
-    columns = []
-    for axis in VIEW:
-        for turn in rows:
-            axis = turned(transposed(turn), axis)  # type: ignore[arg-type]
-        columns.append(axis)
-    return transposed((columns[0], columns[1], columns[2]))
+    rotation, axes = np.array(frame0(arm)[1]), np.array(_rows(ITP_AXES[arm]))
+    return _rows(axes.T @ rotation.T @ np.array(VIEW).T)
 
 
 def view_from_world(way: Point) -> Point:
@@ -64,12 +61,5 @@ def turned(rows: Rows, v: Point) -> Point:
     )
 
 
-def transposed(rows: Rows) -> Rows:
-    """The inverse of a rotation."""
-    a, b, c = rows
-    return (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
-
-
-def _point(v: object) -> Point:
-    x, y, z = (float(number) for number in v)  # type: ignore[union-attr]
-    return x, y, z
+def _rows(matrix: Any) -> Any:
+    return tuple(tuple(float(number) for number in row) for row in matrix)

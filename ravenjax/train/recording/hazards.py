@@ -64,7 +64,7 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
     struck, and its outcome is empty.
     """
     scenario = header.get("scenario")
-    table = scenario if isinstance(scenario, dict) else {"name": scenario or ""}
+    table: dict[str, Any] = scenario if isinstance(scenario, dict) else {"name": scenario or ""}
     listed = {hazard.get("number"): hazard for hazard in header.get("hazards") or []}
     same = {name: header.get(name, "") for name in ("participant", "group", "seed", "blinded")}
     same |= {"session": header.get("name", ""), "scenario": table.get("name", "")}

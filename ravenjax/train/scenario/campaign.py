@@ -23,11 +23,11 @@ from pydantic import ValidationError
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file import bounds, semantics
-from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.train.scenario import hazard
 from ravenjax.train.scenario.config import INSTRUCTOR, Entry, Levels, Scenario
@@ -36,8 +36,14 @@ from ravenjax.train.scenario.hazard import FAULT, Armable
 BUTTONS = "buttons/estop"
 """Group of the last row: the operator's E-stop button."""
 
+Key = tuple[str | int, ...]
 _Row = dict[Any, Any]
 """A row of a fault table, by columns."""
+_SLOT_COLUMNS = (
+    *("site", "channel", "effect", "trigger", "arm", "value"),
+    *("start_ms", "duration_ms", "every_ms", "period_ms"),
+)
+"""Columns of each of the faults of a row."""
 
 _CLUTCHED = {"nominal.resync": 1.0}
 """People clutch: each lift of the pedal would leave the model some tenths of a millimetre beside
@@ -56,30 +62,19 @@ _UNBOUNDED_S = 3600.0
 
 def campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     """The campaign of a session. Raises ValueError for what `complaints` tells of."""
-    groups, _ = _groups(scenario, seed)
+    groups, numbers = _groups(scenario, seed)
     rows = design.rows(_config(scenario, seed, groups, _UNBOUNDED_S)).records() if groups else []
-    faults_of: dict[str, list[dict[str, Any]]] = {}
-    for h, entry in enumerate(scenario.hazard):
-        prefix = f"{scenario.entry_name(h)}/"
-        for group in (group["name"] for group in groups if group["name"].startswith(prefix)):
-            mine = [row for row in rows if row["group"] == group]
-            order = _rng(seed, group).permutation(len(mine))
-            for k in range(entry.times):
-                row = mine[order[k % len(mine)]]
-                faults_of[group if entry.times == 1 else f"{group}#{k + 1}"] = _faults(row)
-    fixed: list[dict[str, Any]] = [
-        {"name": name, "fault": faults} for name, faults in faults_of.items()
-    ]
-    button = {
-        "site": "buttons",
-        "channel": "estop",
-        "effect": "overwrite",
-        "value": 1,
-        "start_ms": 0,
-    }
-    return _config(
-        scenario, seed, [*fixed, {"name": BUTTONS, "fault": [button]}], scenario.duration_s
-    )
+    fixed: list[dict[str, Any]] = []
+    for group, number in zip(groups, numbers, strict=True):
+        name, times = group["name"], scenario.hazard[number].times
+        mine = [row for row in rows if row["group"] == name]
+        order = _rng(seed, name).permutation(len(mine))
+        for k in range(times):
+            faults = _faults(mine[order[k % len(mine)]])
+            fixed.append({"name": name if times == 1 else f"{name}#{k + 1}", "fault": faults})
+    button = {"site": "buttons", "channel": "estop", "effect": "overwrite"}
+    fixed.append({"name": BUTTONS, "fault": [button | {"value": 1, "start_ms": 0}]})
+    return _config(scenario, seed, fixed, scenario.duration_s)
 
 
 def armable(scenario: Scenario, table: FaultTable) -> tuple[Armable, ...]:
@@ -99,26 +94,20 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
     names = [scenario.entry_name(h) for h in range(len(scenario.hazard))]
     for h, name in enumerate(names):
         if names.index(name) != h:
-            yield (
-                ("hazard", h, "name"),
-                f"got {name!r} twice, expected a name of its own for each hazard",
-            )
-    task = scenario.task
-    parts = enumerate(task.level) if isinstance(task, Levels) else [(None, task)]
-    for k, one in parts:
-        for arm in one.arms:
-            if arm not in scenario.arms:
-                key = ("task", "arms") if k is None else ("task", "level", k, "arms")
-                yield (
-                    key,
-                    f"arm {arm!r} is not in this session: expected some of {list(scenario.arms)}",
-                )
+            message = f"got {name!r} twice, expected a name of its own for each hazard"
+            yield ("hazard", h, "name"), message
+    task, arms = scenario.task, list(scenario.arms)
+    tasks: list[tuple[Key, tuple[ArmName, ...]]] = [(("task", "arms"), task.arms)]
+    if isinstance(task, Levels):
+        tasks = [(("task", "level", k, "arms"), level.arms) for k, level in enumerate(task.level)]
+    for key, named in tasks:
+        for arm in named:
+            if arm not in arms:
+                yield key, f"arm {arm!r} is not in this session: expected some of {arms}"
     for h, entry in enumerate(scenario.hazard):
-        if entry.arm is not None and entry.arm not in scenario.arms:
-            yield (
-                ("hazard", h, "arm"),
-                f"got {entry.arm!r}, expected one of the session's arms {list(scenario.arms)}",
-            )
+        if entry.arm is not None and entry.arm not in arms:
+            message = f"got {entry.arm!r}, expected one of the session's arms {arms}"
+            yield ("hazard", h, "arm"), message
             return
         if entry.when != INSTRUCTOR and entry.when[0] * 1000.0 >= scenario.ticks:
             last = f"{scenario.duration_s:g} s"
@@ -137,35 +126,25 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
         yield _of_file(scenario, key, written), _of_scenario(key, message)
 
 
-def _of_scenario(key: tuple[str | int, ...], message: str) -> str:
+def _of_scenario(key: Key, message: str) -> str:
     """A campaign's message with the scenario's keys in place of the campaign's."""
-    match key:
-        case ("parameters", str(path), *_):
-            kind = bounds.plain(ROBOT, path)
-            own = (
-                keys
-                for name, keys in _OWN_KEYS.items()
-                if kind == name or kind.startswith(f"{name}.")
-            )
-            return next((f"cannot be set: write {keys}" for keys in own), message)
-        case _:
-            return message
+    if key[0] == "parameters" and len(key) > 1:
+        kind = f"{bounds.plain(ROBOT, str(key[1]))}."
+        for name, keys in _OWN_KEYS.items():
+            if kind.startswith(f"{name}."):
+                return f"cannot be set: write {keys}"
+    return message
 
 
-def _of_file(
-    scenario: Scenario, key: tuple[str | int, ...], written: list[int]
-) -> tuple[str | int, ...]:
+def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
     """The scenario's key of a campaign's."""
     match key:
         case ("group", int(number), *rest) if number < len(written):
-            own = bool(
-                scenario.hazard[written[number]].fault
-            )  # else the fault is the library's, and not in the file
-            return (
-                "hazard",
-                written[number],
-                *(rest if own or rest[:1] != ["fault"] else rest[2:]),
-            )
+            entry = written[number]
+            # A fault of the library does not stand in the file.
+            if rest[:1] == ["fault"] and not scenario.hazard[entry].fault:
+                rest = rest[2:]
+            return ("hazard", entry, *rest)
         case ("campaign", "tools" | "policy" | "level", *_):
             return ("robot", *key[1:])
         case ("campaign", *rest):
@@ -179,30 +158,27 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
     that each is of.
     """
     result: list[dict[str, Any]] = []
-    written: list[int] = []
+    numbers: list[int] = []
     for h, entry in enumerate(scenario.hazard):
         name = scenario.entry_name(h)
         try:
-            groups = (
-                _of_library(entry, name, scenario, seed)
-                if entry.hazards
-                else [_of_faults(entry, name, scenario)]
-            )
+            if entry.hazards:
+                groups = _of_library(entry, name, scenario, seed)
+            else:
+                groups = [_of_faults(entry, name, scenario)]
         except expansion.WrongGroup as error:
             raise expansion.WrongGroup((h, *error.key), error.message) from None
         result += groups
-        written += [h] * len(groups)
-    return result, written
+        numbers += [h] * len(groups)
+    return result, numbers
 
 
 def _of_library(entry: Entry, name: str, scenario: Scenario, seed: int) -> list[dict[str, Any]]:
     value = {} if entry.value is None else {"value": entry.value.model_dump()}
     groups = []
     for row in expansion.named(list(entry.hazards)):
-        arm = (
-            entry.arm
-            or scenario.arms[_rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))]
-        )
+        drawn = _rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))
+        arm = entry.arm or scenario.arms[drawn]
         groups += expansion.expand({"name": name, "hazards": [row.id], "arm": arm, **value})
     return groups
 
@@ -219,63 +195,64 @@ def _of_faults(entry: Entry, name: str, scenario: Scenario) -> dict[str, Any]:
 def _config(
     scenario: Scenario, seed: int, groups: list[dict[str, Any]], duration_s: float
 ) -> CampaignConfig:
-    robot = scenario.robot.model_dump(exclude={"start"}, exclude_none=True)
-    cue = scenario.cue.model_dump(exclude={"on", "blinded"})
-    campaign = {
-        "name": scenario.name,
-        "seed": seed,
-        "duration_s": duration_s,
-        "arms": scenario.arms,
-        "software": scenario.software,
-        "contact": scenario.contact.on,
-        **robot,
+    robot, start = scenario.robot, scenario.robot.start
+    # one value of each parameter, the same for every hazard of the session
+    parameters = {
+        path: float(axis.at(axis.places(_rng(seed, f"parameter {path}").random(1)))[0])
+        for path, axis in scenario.parameters.items()
     }
     return validated(
         {
-            "campaign": campaign,
+            "campaign": {
+                "name": scenario.name,
+                "seed": seed,
+                "duration_s": duration_s,
+                "arms": scenario.arms,
+                "software": scenario.software,
+                "contact": scenario.contact.on,
+                **robot.model_dump(exclude={"start"}, exclude_none=True),
+            },
             "operator": {
                 "motion": "still",
                 "scale": scenario.scale,
-                "start": scenario.robot.start.model_dump(exclude_none=True),
+                "start": start.model_dump(exclude_none=True),
             },
-            "haptics": cue,
-            "parameters": (
-                _CLUTCHED
-                | {path: _drawn(axis, seed, path) for path, axis in scenario.parameters.items()}
-            ),
+            "haptics": scenario.cue.model_dump(exclude={"on", "blinded"}),
+            "parameters": _CLUTCHED | parameters,
             "group": groups,
         }
     )
 
 
-def _drawn(axis: Axis, seed: int, path: str) -> float:
-    """One value of a parameter, the same for every hazard of the session."""
-    unit = _rng(seed, f"parameter {path}").random(1)
-    return float(axis.at(axis.places(unit))[0])
+def _slots(row: _Row) -> list[_Row]:
+    """The faults of a row of a fault table, their columns without the number of the slot."""
+    slots = [
+        {name: row.get(f"fault{number}_{name}") for name in _SLOT_COLUMNS} for number in range(8)
+    ]
+    return [slot for slot in slots if slot["site"]]
 
 
 def _faults(row: _Row) -> list[dict[str, Any]]:
     """The row's faults as a campaign file has them, the earliest starting at 0."""
-    slots = [s for s in range(8) if row.get(f"fault{s}_site", "")]
-    first = min((int(row[f"fault{s}_start_ms"]) for s in slots), default=0)
+    slots = _slots(row)
+    first = min((int(slot["start_ms"]) for slot in slots), default=0)
     faults = []
-    for s in slots:
-        site, value = SITES[row[f"fault{s}_site"]], float(row[f"fault{s}_value"])
-        channel, duration = row[f"fault{s}_channel"], int(row[f"fault{s}_duration_ms"])
-        trigger = row[f"fault{s}_trigger"]
+    for slot in slots:
+        site, value, duration = SITES[slot["site"]], float(slot["value"]), int(slot["duration_ms"])
         fault: dict[str, Any] = {
             "site": site.name,
-            "channel": channel,
-            "effect": row[f"fault{s}_effect"],
-            "trigger": "time" if trigger == "pedal" else trigger,
-            "start_ms": int(row[f"fault{s}_start_ms"]) - first,
+            "channel": slot["channel"],
+            "effect": slot["effect"],
+            "trigger": "time" if slot["trigger"] == "pedal" else slot["trigger"],
+            "start_ms": int(slot["start_ms"]) - first,
             "duration_ms": "end" if duration < 0 else duration,
-            "every_ms": int(row[f"fault{s}_every_ms"]),
-            "period_ms": int(row[f"fault{s}_period_ms"]),
-            "wraps": True,  # the values were looked at when the fault table was made
+            "every_ms": int(slot["every_ms"]),
+            "period_ms": int(slot["period_ms"]),
+            # The values were looked at when the fault table was made.
+            "wraps": True,
         }
         if site.per_arm:
-            fault["arm"] = row[f"fault{s}_arm"]
+            fault["arm"] = slot["arm"]
         if not math.isnan(value):
             fault["value"] = int(value) if value.is_integer() else value
         faults.append(fault)
@@ -285,32 +262,29 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
 def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
     group = str(row["group"])
     name, identity, case = hazard.named(group)
-    entry, library_hazard = entries[name], hazard.of_library(identity)
-    title = entry.title or (library_hazard.title if library_hazard is not None else name)
-    slots = [s for s in range(8) if row.get(f"fault{s}_site", "")]
-    ends = [_end_ms(row, s) for s in slots]
-    duration = None if None in ends else max(end for end in ends if end is not None)
+    entry, of_library = entries[name], hazard.of_library(identity)
+    title = entry.title or (of_library.title if of_library is not None else name)
+    if case and not entry.title:
+        title += f" ({case.replace('_', ' ')})"
+    slots = _slots(row)
+    is_endless = any(int(slot["duration_ms"]) < 0 or int(slot["every_ms"]) > 0 for slot in slots)
+    ends = [int(slot["start_ms"]) + int(slot["duration_ms"]) for slot in slots]
+    duration = None if is_endless else max(ends)
+    when = None if entry.when == INSTRUCTOR else entry.when
     return Armable(
         number=number,
         hazard=identity,
-        title=f"{title} ({case.replace('_', ' ')})" if case and not entry.title else title,
+        title=title,
         group=group,
         run_id=f"{int(row['run_id']):016x}",
         row=number,
-        arm=next((str(row[f"fault{s}_arm"]) for s in slots if row[f"fault{s}_arm"]), ""),
-        right_response=hazard.responses(entry, library_hazard),
+        arm=next((str(slot["arm"]) for slot in slots if slot["arm"]), ""),
+        right_response=hazard.responses(entry, of_library),
         within_s=entry.within_s,
         duration_ms=duration,
         lasts_ms=hazard.lasts_ms(entry, duration),
-        when_ms=(
-            None if entry.when == INSTRUCTOR else (entry.when[0] * 1000.0, entry.when[1] * 1000.0)
-        ),
+        when_ms=None if when is None else (when[0] * 1000.0, when[1] * 1000.0),
     )
-
-
-def _end_ms(row: _Row, slot: int) -> int | None:
-    duration, every = int(row[f"fault{slot}_duration_ms"]), int(row[f"fault{slot}_every_ms"])
-    return None if duration < 0 or every > 0 else int(row[f"fault{slot}_start_ms"]) + duration
 
 
 def _rng(seed: int, name: str) -> np.random.Generator:

@@ -1,14 +1,16 @@
 """The scenario file: its keys and tables, with units and ranges. `loading` reads it, `campaign`
 makes runs of it.
 
-name = "dac_burst"                 # and title, description, arms, software, duration_s, seed, scale
-[speeds]                           # of tips at full deflection of keys, mouse or gamepad [cue]
-# the haptic cue [contact]                          # forces of tissue, vessel and the other
-instrument [task]                             # what is to be done: reach, peg_transfer, path,
-levels, free [[hazard]]                         # what may go wrong, when, and what is the right
-response hazards = ["B27"]                  # ids and layers of the hazard library, or "all"; or
-[[hazard.fault]] when = [20, 30]                    # s; or one time, or "instructor" right_response
-= ["release"] [harm] [parameters] [robot]
+    name = "dac_burst"          # and title, description, arms, software, duration_s, seed, scale
+    [speeds]                    # of tips at full deflection of keys, mouse or gamepad
+    [cue]                       # the haptic cue
+    [contact]                   # forces of tissue, vessel and the other instrument
+    [task]                      # what is to be done: reach, peg_transfer, path, levels, free
+    [[hazard]]                  # what may go wrong, when, and what is the right response
+    hazards = ["B27"]           # ids, layers of the library, or "all"; or [[hazard.fault]]
+    when = [20, 30]             # s; or one time, or "instructor"
+    right_response = ["release"]
+    [harm] [parameters] [robot]
 """
 
 from __future__ import annotations
@@ -213,13 +215,11 @@ TASKS: dict[str, type[Section]] = {
 
 
 def _when(raw: Any) -> Any:
-    numbers = raw if isinstance(raw, list | tuple) else (raw, raw)
-    good = len(numbers) == 2 and all(
-        isinstance(x, int | float) and not isinstance(x, bool) for x in numbers
-    )
     if raw == INSTRUCTOR:
         return raw
-    if not good or not 0.0 <= numbers[0] <= numbers[1] <= 3600.0:
+    numbers = raw if isinstance(raw, list | tuple) else (raw, raw)
+    are_numbers = all(type(x) in (int, float) for x in numbers)
+    if len(numbers) != 2 or not are_numbers or not 0.0 <= numbers[0] <= numbers[1] <= 3600.0:
         raise ValueError(
             f"got {shown(raw)}, expected a time in s, [earliest, latest] or {INSTRUCTOR!r}"
         )
@@ -283,11 +283,9 @@ class Entry(Section):
     def _start_now(cls, raw: Any) -> Any:
         """A fault strikes when the hazard does, so it needs no start_ms of its own."""
         if isinstance(raw, dict) and isinstance(raw.get("fault"), list):
-            faults = [
-                {"start_ms": 0, **fault} if isinstance(fault, dict) else fault
-                for fault in raw["fault"]
-            ]
-            return {**raw, "fault": faults}
+            zero = {"start_ms": 0}
+            faults = [zero | fault if isinstance(fault, dict) else fault for fault in raw["fault"]]
+            return raw | {"fault": faults}
         return raw
 
     @model_validator(mode="after")
@@ -305,11 +303,8 @@ class Entry(Section):
             raise ValueError(
                 "arm and value belong to hazards of the library; write them into [[hazard.fault]]"
             )
-        if (
-            self.right_response is not None
-            and "continue" in self.right_response
-            and len(self.right_response) > 1
-        ):
+        right = self.right_response or ()
+        if "continue" in right and len(right) > 1:
             raise ValueError('right_response: "continue" stands alone')
         return self
 

@@ -75,21 +75,16 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(error: Any) -> str:
-    kind = error["type"]
-    if kind in ("union_tag_invalid", "union_tag_not_found"):
-        got = (
-            f"got {shown(error['input'].get('kind'))}"
-            if kind == "union_tag_invalid"
-            else "kind is missing"
-        )
-        return f"{got}, expected kind = one of {', '.join(TASKS)}" + (
-            suggestion(error["input"].get("kind"), TASKS) if kind == "union_tag_invalid" else ""
-        )
-    near = (
-        suggestion(error["input"], error["ctx"]["expected"].split("'")[1::2])
-        if kind == "literal_error"
-        else ""
-    )
+    kind, got = error["type"], error["input"]
+    if kind == "union_tag_not_found":
+        return f"kind is missing, expected kind = one of {', '.join(TASKS)}"
+    if kind == "union_tag_invalid":
+        task = got.get("kind")
+        expected = f"expected kind = one of {', '.join(TASKS)}{suggestion(task, TASKS)}"
+        return f"got {shown(task)}, {expected}"
+    near = ""
+    if kind == "literal_error":
+        near = suggestion(got, error["ctx"]["expected"].split("'")[1::2])
     return location.message(error, _model(error["loc"][:-1])) + near
 
 
