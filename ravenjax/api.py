@@ -25,7 +25,7 @@ from ravenjax.notebook.campaign import Campaign
 from ravenjax.notebook.results import CampaignResults, column_meanings
 from ravenjax.report import downloads, wording
 from ravenjax.store import manifest
-from ravenjax.store.logs import run_dataset
+from ravenjax.store.logs import time_series
 
 if TYPE_CHECKING:
     import xarray
@@ -102,7 +102,7 @@ def simulate(
         "engine": again.engine,
         "version": manifest.package_versions()["ravenjax"],
     }
-    return run_dataset.dataset(
+    return time_series.dataset(
         again.series,
         attributes,
         [cue.threshold_m * 1e3 for cue in config.haptics.cues()],

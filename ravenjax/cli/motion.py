@@ -108,9 +108,9 @@ def _config(
 
 def _table(summary: MotionSummary, to: Console) -> None:
     from ravenjax.cli import terminal
-    from ravenjax.store.motion.view import words
+    from ravenjax.store.motion.summary import table_rows
 
-    to.print(terminal.table("Recorded operator", ("what", "how it is"), words.rows(summary)))
+    to.print(terminal.table("Recorded operator", ("what", "how it is"), table_rows(summary)))
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:

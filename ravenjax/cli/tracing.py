@@ -87,7 +87,7 @@ def _write(
     """MCAP, CSV and plot of one run."""
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
-    from ravenjax.store.logs.trace import csv_file
+    from ravenjax.store.logs import time_series
     from ravenjax.store.logs.trace import log as trace_log
 
     row, series, rules = again.row.to_dict(), again.series, record.rules
@@ -95,7 +95,7 @@ def _write(
     trace_log.write(
         log, series, _metadata(record, again), bases=again.bases, events=events, robot=record.robot
     )
-    csv_file.write(table, series, record.robot)
+    time_series.write_csv(table, series, record.robot)
     named = {
         "fault": "first_active_ms",
         "cue": f"cue{rules.cue}_first_ms",

@@ -1,18 +1,21 @@
 """The result table: one row per run, input columns beside outcome columns.
 
-Each column has a name, the smallest type that holds it, a unit and a meaning; results/README.md is
-the same in prose. Column names that repeat (fault slots, cues, checks, arms, varied parameters)
-follow from a `Shape`.
+Each column has a name, the smallest type that holds it, a unit and a meaning, which stand in
+columns.csv; results/README.md is the same in prose. Column names that repeat (fault slots, cues,
+checks, arms, varied parameters) follow from a `Shape`.
 """
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import difflib
 import functools
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -23,7 +26,6 @@ from ravenjax.errors import StoreError
 from ravenjax.store import words
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
-from ravenjax.vocabulary.robot import Robot
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,217 +76,68 @@ class Shape:
 def columns(shape: Shape) -> tuple[Column, ...]:
     """Every column of a campaign's table, in order."""
     robot = robots.find(shape.robot).with_checks(shape.own_checks)
-    return (
-        *_identity(),
-        *(column for slot in range(shape.slots) for column in _fault(slot)),
-        *(
-            Column(f"param:{path}", "float64", "as the parameter", "varied parameter")
-            for path in shape.parameters
-        ),
-        *(column for slot in range(shape.slots) for column in _applied(slot)),
-        *_observed(shape),
-        *_course(robot),
-        *_built_in(shape),
-        *(column for check in shape.checks for column in _check(robot.check(check))),
-        *(column for cue in range(shape.cues) for column in _cue(cue)),
-        *_reaction(shape),
-        *(
-            column
-            for d, thresholds in enumerate(shape.detectors)
-            for column in _detector(d, thresholds)
-        ),
-        *_motion(),
-        *_cables(shape),
-        *_contact(shape),
-        *_golden(shape),
-        *(
-            Column(
-                f"peak_dac_{arm}_{joint}",
-                "int32",
-                "DAC counts",
-                "largest |current_cmd| sent to the motor",
-            )
-            for arm in shape.arms
-            for joint in shape.joints
-        ),
-        Column(
-            "failed",
-            "category",
-            "",
-            'why the outcome is not valid, as "model tip not finite"; "": it is valid',
-        ),
-        Column(
-            "failed_first_ms", "int32", "ms", "when that number was first not finite, -1 if never"
-        ),
-        Column(
-            "hazard",
-            "category",
-            "",
-            '"unintended motion", "loss of motion", "false report" or "none", the gravest',
-        ),
-        Column("verdict", "category", "", '"<response>/<hazard>/<cue|no cue>", or "" where failed'),
-    )
+    levels = ", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels))
+    rows = list(_part("run"))
+    for slot in range(shape.slots):
+        rows += _part("fault", slot=slot)
+    for path in shape.parameters:
+        rows += _part("parameter", path=path)
+    for slot in range(shape.slots):
+        rows += _part("applied", slot=slot)
+    if shape.observes:
+        rows += _part("observed")
+    rows += _part("course", levels=levels)
+    if checks.apart(shape.own_checks, shape.stops):
+        rows += _part("built_in")
+    for name in shape.checks:
+        check = robot.check(name)
+        rows += _part("check", check=check.name, unit=check.unit, what=check.meaning)
+    for cue in range(shape.cues):
+        rows += _part("cue", cue=cue)
+    for part, there in (("reaction", shape.reacts), ("hand", shape.hand_yields)):
+        rows += _part(part) if there else ()
+    for detector, thresholds in enumerate(shape.detectors):
+        rows += _part("detector", detector=detector)
+        for threshold in range(thresholds):
+            rows += _part("threshold", detector=detector, threshold=threshold)
+    rows += _part("motion")
+    if shape.cables:
+        rows += _part("cables")
+    if shape.contact:
+        rows += _part("contact")
+        rows += _part("two_instruments") if len(shape.arms) > 1 else ()
+    rows += [
+        dataclasses.replace(one, name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}")
+        for one in rows
+        if kept_of_golden(one.name)
+    ]
+    for arm in shape.arms:
+        for joint in shape.joints:
+            rows += _part("motor", arm=arm, joint=joint)
+    return (*rows, *_part("result"))
 
 
-def _identity() -> Iterator[Column]:
-    yield Column(
-        "run_id", "string", "", "16 hex digits, hash of everything that decides the run's outcome"
-    )
-    yield Column("index", "int32", "", "row of the campaign's fault table, from 0")
-    yield Column(
-        "pair",
-        "int32",
-        "",
-        "index of the first run that differs in crossed parameters alone, or its own",
-    )
-    yield Column("group", "category", "", "name of the campaign's design block")
-    yield Column("seed", "int64", "", "seed of the run's random numbers")
-    yield Column("operator", "category", "", "operator motion")
+@functools.cache
+def _table() -> dict[str, list[Column]]:
+    """The columns of columns.csv by the part of the table that they are of."""
+    parts: dict[str, list[Column]] = {}
+    with open(Path(__file__).with_name("columns.csv"), encoding="utf-8", newline="") as file:
+        for part, *column in itertools.islice(csv.reader(file), 1, None):
+            parts.setdefault(part, []).append(Column(*column))
+    return parts
 
 
-def _fault(slot: int) -> Iterator[Column]:
-    name = f"fault{slot}_"
-    yield Column(f"{name}site", "category", "", 'fault site, "" where the slot is empty')
-    yield Column(f"{name}arm", "category", "", 'arm, "" where the site belongs to no arm')
-    yield Column(f"{name}channel", "category", "", "joint, axis or field of the site")
-    yield Column(f"{name}effect", "category", "", "what the fault does to the value")
-    yield Column(
-        f"{name}value", "float64", "as the site", "magnitude, NaN where the effect has none"
-    )
-    yield Column(f"{name}trigger", "category", "", "what the onset counts from")
-    yield Column(f"{name}start_ms", "int32", "ms", "onset, counted as the trigger says")
-    yield Column(f"{name}duration_ms", "int32", "ms", "length of the fault window")
-    yield Column(f"{name}every_ms", "int32", "ms", "period of the window, 0 if it comes once")
-    yield Column(f"{name}period_ms", "int32", "ms", "period of effect periodic, 0 for others")
-
-
-def _applied(slot: int) -> Iterator[Column]:
-    name = f"applied{slot}_"
-    yield Column(
-        f"{name}first_ms",
-        "int32",
-        "ms",
-        "when this slot's fault first changed its channel, -1 if never",
-    )
-    yield Column(f"{name}last_ms", "int32", "ms", "when it last did, -1 if never")
-    yield Column(f"{name}ticks", "int32", "ticks", "how many ticks it did")
+def _part(part: str, **words: object) -> Iterator[Column]:
+    """The columns of a part of the table, with words in place of their names in braces."""
+    for one in _table()[part]:
+        name, unit, meaning = (text.format(**words) for text in (one.name, one.unit, one.meaning))
+        yield Column(name, one.dtype, unit, meaning)
 
 
 OBSERVED = "observed_ms"
 """Column of when a run ended."""
-
-
-def _observed(shape: Shape) -> Iterator[Column]:
-    if shape.observes:
-        meaning = (
-            "when the run ended, observe_ms after its last fault; outcomes, the golden run's too,"
-            " are until then"
-        )
-        yield Column(OBSERVED, "int32", "ms", meaning)
-
-
-def _course(robot: Robot) -> Iterator[Column]:
-    yield Column("activated", "bool", "", "the fault changed at least one bit of a signal")
-    yield Column("first_active_ms", "int32", "ms", "when it first did, -1 if never")
-    yield Column("active_ticks", "int32", "ticks", "how many ticks it did")
-    levels = ", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels))
-    yield Column(
-        "end_runlevel", "int8", "", f"run level at the end: {levels}; -1: a number that is none"
-    )
-    yield Column("pedal_down_ms", "int32", "ms", "time in pedal-down without software E-stop")
-    yield Column("diverged", "bool", "", "the robot's course differs from that of the golden run")
-    yield Column(
-        "response",
-        "category",
-        "",
-        'what checks did beyond the golden run: "stopped", "flagged", "limited" (nobody was told)'
-        ' or "silent"',
-    )
-    yield Column(
-        "response_cause", "category", "", 'check of that kind that did so first, "" if none'
-    )
-    yield Column("response_ms", "int32", "ms", "when it did, -1 if none")
-    yield Column(
-        "told_ms",
-        "int32",
-        "ms",
-        "when a check first told a person or stopped the robot, -1 if never",
-    )
-
-
-def _built_in(shape: Shape) -> Iterator[Column]:
-    if checks.apart(shape.own_checks, shape.stops):
-        yield Column(
-            checks.BUILT_IN,
-            "category",
-            "",
-            "response of the built-in checks alone, until a check or detector of one's own stopped"
-            " or limited",
-        )
-        yield Column(
-            "built_in_told_ms",
-            "int32",
-            "ms",
-            "when one of those first told a person or stopped the robot, -1 if never",
-        )
-
-
-def _check(check: Check) -> Iterator[Column]:
-    name, unit, what, *_ = check
-    yield Column(f"check_{name}_first_ms", "int32", "ms", f"{what}: first trip, -1 if none")
-    yield Column(f"check_{name}_count", "int32", "ticks", f"{what}: ticks tripped")
-    yield Column(
-        f"check_{name}_margin",
-        "float32",
-        unit,
-        f"{what}: least distance to the limit, negative beyond, inf if never measured",
-    )
-
-
-def _cue(cue: int) -> Iterator[Column]:
-    yield Column(
-        f"cue{cue}_first_ms", "int32", "ms", "haptic cue: first non-zero force, -1 if none"
-    )
-    yield Column(f"cue{cue}_peak_force", "float32", "device units", "haptic cue: largest force")
-    yield Column(f"cue{cue}_ms", "int32", "ms", "haptic cue: total time with force")
-    yield Column(f"cue{cue}_count", "int32", "", "haptic cue: separate pulses")
-
-
-def _reaction(shape: Shape) -> Iterator[Column]:
-    if shape.reacts:
-        yield Column(
-            "reaction_ms",
-            "int32",
-            "ms",
-            "when the operator began to react to the first cue, -1 if never",
-        )
-    if shape.hand_yields:
-        yield Column(
-            "hand_mm",
-            "float32",
-            "mm",
-            "how far the cue's force moved a hand at most, before scaling",
-        )
-
-
-def _detector(detector: int, thresholds: int) -> Iterator[Column]:
-    name = f"detector{detector}"
-    yield Column(f"{name}_score", "float32", "of the detector", "detector: score of the run")
-    for threshold in range(thresholds):
-        yield Column(
-            f"{name}_threshold{threshold}_first_ms",
-            "int32",
-            "ms",
-            "detector: first alarm at this threshold, -1 if none",
-        )
-        yield Column(
-            f"{name}_threshold{threshold}_alarms",
-            "int32",
-            "",
-            "detector: separate alarms at this threshold",
-        )
-
-
+OVERLOAD = "cable_overload"
+"""Column of the first cable that was overloaded."""
 MAY_BE_INFINITE = ("_margin", "_score")
 """Ends of names of columns that are infinite where nothing was ever measured."""
 
@@ -301,160 +154,6 @@ def kept_of_golden(name: str) -> bool:
     `golden_<name>`.
     """
     return _OF_GOLDEN.fullmatch(name) is not None
-
-
-def _golden(shape: Shape) -> Iterator[Column]:
-    robot = robots.find(shape.robot).with_checks(shape.own_checks)
-    own = [
-        *_course(robot),
-        *(column for check in shape.checks for column in _check(robot.check(check))),
-        *(column for cue in range(shape.cues) for column in _cue(cue)),
-        *_reaction(shape),
-        *(
-            column
-            for d, thresholds in enumerate(shape.detectors)
-            for column in _detector(d, thresholds)
-        ),
-        *_motion(),
-        *_cables(shape),
-        *_contact(shape),
-    ]
-    for column in own:
-        if kept_of_golden(column.name):
-            yield dataclasses.replace(
-                column, name=GOLDEN + column.name, meaning=f"golden run: {column.meaning}"
-            )
-
-
-def _motion() -> Iterator[Column]:
-    yield Column(
-        "peak_model_deviation_mm",
-        "float32",
-        "mm",
-        "largest distance of the tip from the nominal model's",
-    )
-    yield Column(
-        "peak_live_deviation_mm", "float32", "mm", "the same in pedal-down without software E-stop"
-    )
-    yield Column("rms_model_deviation_mm", "float32", "mm", "root mean square of that distance")
-    yield Column(
-        "peak_golden_deviation_mm",
-        "float32",
-        "mm",
-        "largest distance of the tip from the golden run's",
-    )
-    yield Column("rms_golden_deviation_mm", "float32", "mm", "root mean square of that distance")
-    yield Column(
-        "unintended_mm",
-        "float32",
-        "mm",
-        "largest live distance of the tip from golden run, nominal model and where standing would"
-        " have left it",
-    )
-    yield Column(
-        "unintended_first_ms", "int32", "ms", "when that first exceeded the limit, -1 if never"
-    )
-    yield Column(
-        "unintended_off_mm",
-        "float32",
-        "mm",
-        "while not live: largest distance of the tip from the golden run and from where standing"
-        " would have left it",
-    )
-    yield Column(
-        "loss_mm",
-        "float32",
-        "mm",
-        "largest live distance from golden run and model by motion that it missed",
-    )
-    yield Column("loss_first_ms", "int32", "ms", "when that first exceeded the limit, -1 if never")
-    yield Column(
-        "halted_ms",
-        "int32",
-        "ms",
-        "time in which the operator held the pedal down and the robot was not live",
-    )
-    yield Column(
-        "false_report_mm",
-        "float32",
-        "mm",
-        "largest live distance of the reported tip from the true one, beyond the golden run's",
-    )
-    yield Column(
-        "false_report_first_ms", "int32", "ms", "when that first exceeded the limit, -1 if never"
-    )
-    yield Column(
-        "idle_ms",
-        "int32",
-        "ms",
-        "time in which the golden run's tip moved, > 1 um/ms, and this one less than 1/4",
-    )
-    yield Column("largest_step_mm", "float32", "mm", "largest motion of the tip within 1 ms")
-    yield Column("tip_path_mm", "float32", "mm", "way of the tip")
-    yield Column(
-        "jump_code",
-        "bool",
-        "",
-        "step of the measured tip over jump_step_mm on 2 packets in a row, golden run's not"
-        " (published code)",
-    )
-    yield Column("jump_code_first_ms", "int32", "ms", "when first, -1 if never")
-    yield Column(
-        "jump_text",
-        "bool",
-        "",
-        "motion of the true tip over large_jump_mm within 2 ms (published text)",
-    )
-    yield Column("jump_text_first_ms", "int32", "ms", "when first, -1 if never")
-    yield Column(
-        "jump_tip",
-        "bool",
-        "",
-        "step of the true tip over jump_step_mm in 2 ticks in a row, golden run's not",
-    )
-    yield Column("jump_tip_first_ms", "int32", "ms", "when first, -1 if never")
-    yield Column(
-        "tissue_depth_mm", "float32", "mm", "deepest penetration of the phantom tissue, 0 if none"
-    )
-    yield Column(
-        "tip_distance_mm", "float32", "mm", "smallest distance of the two tips, NaN with one arm"
-    )
-
-
-OVERLOAD = "cable_overload"
-"""Column of the first cable that was overloaded."""
-
-
-def _cables(shape: Shape) -> Iterator[Column]:
-    if shape.cables:
-        yield Column("cable_load", "float32", "1", "largest tension of a cable, by its strength")
-        yield Column(
-            "cable_overload_first_ms", "int32", "ms", "when that was first above 1, -1 if never"
-        )
-        yield Column(OVERLOAD, "category", "", 'that cable, "<arm> <joint>", "" if none')
-
-
-def _contact(shape: Shape) -> Iterator[Column]:
-    if shape.contact:
-        yield Column(
-            "contact_peak_n", "float32", "N", "largest force of tissue and vessel on an instrument"
-        )
-        yield Column(
-            "contact_impulse_n_s",
-            "float32",
-            "N s",
-            "that force over the run, summed over instruments",
-        )
-        yield Column(
-            "contact_vessel_peak_n", "float32", "N", "largest force of the vessel on an instrument"
-        )
-    if shape.contact and len(shape.arms) > 1:
-        yield Column(
-            "contact_instruments_peak_n",
-            "float32",
-            "N",
-            "largest force between the two instruments",
-        )
 
 
 # --- Arrow ----------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.campaign.hands import operator_bounds, operator_motion
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.store import manifest
-from ravenjax.store.motion.view import words
+from ravenjax.store.motion.summary import table_rows
 
 HOME_MM = np.array([-77.946997893, -25.265555299, 13.225627957])  # gold's tip at home, frame 0
 
@@ -110,7 +110,7 @@ def test_a_scale_that_is_varied_is_said_and_checked(hands):
     )
     summary = plan.make_plan(config).operator
     assert summary.scales == (0.05, 0.2)
-    assert "the tip moves 0.5 to 2 times as far" in dict(words.rows(summary))["scale"]
+    assert "the tip moves 0.5 to 2 times as far" in dict(table_rows(summary))["scale"]
     far = loading.from_dict(tables(hands), overrides=["parameters.operator.scale=1"])
     with pytest.raises(UserError, match="varied to 1 moves the tip 10 times as far as recorded"):
         plan.make_plan(far)
@@ -126,7 +126,7 @@ def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     assert (summary.clock, summary.rows, summary.cutoff_hz) == ("column t_ms", 300, 5.0)
     assert summary.window_s == (0.0, 1.25) and summary.rate_hz == pytest.approx(100.0)
     assert summary.arms[0].removed_rms_mm < 0.05
-    rows = dict(words.rows(summary))
+    rows = dict(table_rows(summary))
     assert (
         "column t_ms: 100 rows a second (every 10 ms), 2.990 s in all; interpolated by time"
         in rows["time"]

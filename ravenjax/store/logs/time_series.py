@@ -1,5 +1,5 @@
 """Every time series of one run: name, axes, unit and meaning, in the order in which they are
-stored.
+stored; and all of a run as a CSV file or an xarray.Dataset.
 
 The series of a run are a dict of arrays [T] or [T, ...], one row a millisecond: `runlevel`, and
 `gold/jpos` for what each arm has. Trace files, CSV files and datasets take units and meanings from
@@ -9,13 +9,19 @@ here.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ravenjax import robots
 from ravenjax.errors import StoreError
+from ravenjax.store.files import write_aside
 from ravenjax.vocabulary.robot import Robot
+
+if TYPE_CHECKING:
+    import xarray
 
 _PLACES = ("x", "y", "z")
 
@@ -175,3 +181,98 @@ def scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[s
 
 def _step(names: tuple[str, ...], place: int, size: int) -> str:
     return names[place] if len(names) == size else str(place)
+
+
+def write_csv(path: Path, series: Mapping[str, np.ndarray], robot: Robot = robots.USUAL) -> None:
+    """Write the series of one run: time_s, then each number as `gold/jpos/elbow [rad]`; empty where
+    there is none.
+
+    Numbers are in single precision, seven digits, as a campaign computes them.
+    Raises StoreError where the series do not have the same number of ticks or the disk refuses.
+    """
+    import pyarrow as pa
+    from pyarrow import csv
+
+    arrays = {name: np.asarray(values) for name, values in series.items()}
+    ticks = check(arrays, str(path))
+    columns: dict[str, pa.Array] = {"time_s": pa.array(np.arange(ticks) / 1000)}
+    for name, values in arrays.items():
+        flat = np.ascontiguousarray(values.reshape(ticks, -1).T)
+        for (scalar, unit), numbers in zip(
+            scalars(robot, name, values.shape[1:]), flat, strict=True
+        ):
+            label = f"{scalar} [{unit}]" if unit not in ("", "1") else scalar
+            columns[label] = pa.array(_short(numbers), from_pandas=True)
+    table = pa.table(columns)
+    write_aside(
+        path, lambda target: csv.write_csv(table, target, csv.WriteOptions(quoting_style="none"))
+    )
+
+
+def _short(numbers: np.ndarray) -> np.ndarray:
+    if numbers.dtype.kind == "f":
+        return numbers.astype(np.float32)
+    return numbers.astype(np.int8) if numbers.dtype == bool else numbers
+
+
+def dataset(
+    series: Mapping[str, np.ndarray],
+    attributes: Mapping[str, str | float | int],
+    thresholds_mm: Sequence[float] = (),
+    robot: Robot = robots.USUAL,
+) -> xarray.Dataset:
+    """The series of a run, those of this module, as one variable a quantity.
+
+    Dimensions: time (s), arm, joint, axis (of frame 0), jaw_axis, cue and fault (numbers from 0);
+    each has a coordinate, and cue_threshold_mm goes along cue. attrs of a variable: units,
+    long_name, and insertion_units where those of the insertion differ. attributes: attrs of the
+    whole. Raises StoreError where the series do not have the same number of ticks.
+    """
+    import xarray
+
+    ticks = check(series, "simulate")
+    arms = [arm for arm in robot.arms if any(name.startswith(f"{arm}/") for name in series)]
+    variables: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {}
+    for one in OF_RUN.values():
+        if one.name in series:
+            variables[one.name] = (("time", *one.axes), series[one.name], _attributes(one))
+    if windows := [series[name] for name in sorted(filter(_WINDOW.fullmatch, series), key=_slot)]:
+        variables["fault_active"] = (
+            ("time", "fault"),
+            np.stack(windows, axis=1),
+            _attributes(OF_RUN["fault_active"]),
+        )
+    for one in OF_ARM.values():
+        if arms and all(f"{arm}/{one.name}" in series for arm in arms):
+            values = np.stack([series[f"{arm}/{one.name}"] for arm in arms], axis=1)
+            variables[one.name] = (("time", "arm", *one.axes), values, _attributes(one))
+    sizes = {
+        dim: size
+        for dims, values, _ in variables.values()
+        for dim, size in zip(dims, values.shape, strict=True)
+    }
+    coordinates: dict[str, object] = {
+        "time": ("time", np.arange(ticks) / 1000, {"units": "s"}),
+        "arm": arms,
+    }
+    names = axes(robot)
+    coordinates |= {
+        dim: list(names.get(dim, range(size)))
+        for dim, size in sizes.items()
+        if dim not in ("time", "arm")
+    }
+    if thresholds_mm and "cue" in sizes:
+        coordinates["cue_threshold_mm"] = ("cue", list(thresholds_mm), {"units": "mm"})
+    return xarray.Dataset(variables, coordinates, attributes)
+
+
+_WINDOW = re.compile(r"fault\d+_active")
+
+
+def _slot(name: str) -> int:
+    return int(name.removeprefix("fault").removesuffix("_active"))
+
+
+def _attributes(one: TimeSeries) -> dict[str, str]:
+    insertion = {"insertion_units": one.linear_unit} if one.linear_unit else {}
+    return {"units": one.unit, "long_name": one.meaning, **insertion}

@@ -15,17 +15,25 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import TICK_S, Motion
-from ravenjax.store.motion import resampling, spikes, survey, timeline
+from ravenjax.store import files
+from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import ArmReach, Bounds, Poses, reach, reason
 from ravenjax.store.motion.recording import HandRecording, load, refused, require_readable
-from ravenjax.store.motion.summary import MotionSummary
-from ravenjax.store.motion.timeline import Timeline
-from ravenjax.store.motion.view import words
-from ravenjax.store.motion.view.course import TipCourse
+from ravenjax.store.motion.summary import (
+    MOST,
+    ArmSummary,
+    MotionSummary,
+    TipCourse,
+    line,
+    stretches,
+)
+from ravenjax.store.motion.timeline import MOTION_S, RUN_UP_S, Timeline
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
 """A tip that stays within, and turns and opens within, does not move."""
+UNFOLLOWED_MM = 0.1
+"""Motion under a lifted pedal that is worth a note."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,7 +122,7 @@ def _replay(
         surgeon_mode=pedal,
         start_jpos=tuple(tuple(reachable.jpos[begin, i].tolist()) for i in range(len(arms))),
     )
-    summary = survey.summary(recording, reachable.inside, begin, end, course, pedal, scale)
+    summary = _summary(recording, reachable.inside, begin, end, course, pedal, scale)
     return OperatorReplay(recording, motion, summary, course, begin, bounds, reachable)
 
 
@@ -234,7 +242,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
         f"{path}: gap of {until - at:.3f} s after row {row} (t = {at:.3f} s); expected at most"
         f" {limit:g} s between samples. {len(gaps)} such gaps, the longest {longest:.3f} s after"
         f" row {worst[0]}. Replay a part without: operator.window_s within"
-        f" {words.stretches(_longest_first(recording, recording.covered), 4)}; or bridge them:"
+        f" {stretches(_longest_first(recording, recording.covered), 4)}; or bridge them:"
         f" operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
     )
 
@@ -261,7 +269,7 @@ def _require_inside(
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
         f" joint limits: {reason(recording.poses, bad, bounds)}. That is so for {_percent(share)}"
-        f" {where}. Reachable stretches, longest first: {words.stretches(usable, 4)}; write one, or"
+        f" {where}. Reachable stretches, longest first: {stretches(usable, 4)}; write one, or"
         " a part of one, as operator.window_s"
     )
 
@@ -343,3 +351,119 @@ def _itp(
     turn *= np.where(turn[:, 3:] < 0.0, -1.0, 1.0)
     hand = (position - position[0]) @ axes / scale * 1e6
     return hand, np.concatenate([turn[:, :3] @ axes, turn[:, 3:]], axis=1)
+
+
+# --- what became of the recording
+
+
+def _summary(
+    recording: HandRecording,
+    inside: np.ndarray,
+    begin: int,
+    end: int,
+    course: Timeline,
+    pedal: np.ndarray,
+    scale: float,
+) -> MotionSummary:
+    """What became of a recording whose rows `begin` to `end` are replayed along `course`."""
+    track, options, poses = recording.track, recording.options, recording.poses
+    times = recording.time_s[poses.arms[0]]
+    steps = np.diff(times) * 1e3
+    gap = max(recording.gaps, key=lambda one: one[2] - one[1], default=None)
+    lost = ~(np.all(inside, axis=1) & recording.covered)
+    outside = resampling.seconds(resampling.stretches(lost))
+    lines = []
+    for i, arm in enumerate(poses.arms):
+        lines.append(line(arm, "recorded", recording.time_s[arm], track.arms[arm].position))
+        lines.append(
+            line(
+                arm,
+                "replayed",
+                np.arange(begin, end) * TICK_S,
+                poses.position[begin:end, i],
+            )
+        )
+    return MotionSummary(
+        file=str(track.path),
+        sha256=files.sha256(track.path),
+        rows=len(times),
+        clock=track.clock,
+        read=track.read,
+        ignored=track.ignored,
+        notes=(*track.notes, *_unfollowed(recording, begin, course, pedal)),
+        duration_s=float(times[-1] - times[0]),
+        rate_hz=float(1e3 / steps.mean()),
+        steps_ms=(float(steps.min()), float(np.median(steps)), float(steps.max())),
+        gaps=len(recording.gaps),
+        gap_s=None if gap is None else gap[2] - gap[1],
+        gap_row=None if gap is None else gap[0],
+        gap_begin_s=None if gap is None else gap[1],
+        max_gap_s=options.max_gap_s,
+        spikes=tuple(spike.words for spike in recording.spikes),
+        spike_treatment=options.spikes,
+        cutoff_hz=options.cutoff_hz,
+        outside=tuple(sorted(outside, key=lambda span: span[0] - span[1])[:MOST]),
+        outside_share=float(lost.mean()),
+        window_s=(begin * TICK_S, (end - 1) * TICK_S),
+        window_stated=options.window_s is not None,
+        slow_down=options.slow_down,
+        campaign_s=len(course.row) * TICK_S,
+        rest_s=MOTION_S,
+        run_up_s=RUN_UP_S,
+        at_end=options.at_end,
+        end_s=course.end_s,
+        turns=course.turns,
+        pedal="down" if recording.pedal is None else "recorded",
+        pedal_down=float(np.mean(pedal)),
+        scale=scale,
+        arms=tuple(
+            _arm_summary(recording, inside, i, begin, end, course) for i in range(len(poses.arms))
+        ),
+        lines=tuple(lines),
+    )
+
+
+def _unfollowed(
+    recording: HandRecording, begin: int, course: Timeline, pedal: np.ndarray
+) -> list[str]:
+    """What the console does not send: motion while the recorded pedal is up."""
+    notes = []
+    for i, arm in enumerate(recording.poses.arms):
+        path = resampling.at_rows(recording.poses.position[:, i], begin + course.row)
+        dropped = np.cumsum(np.diff(path, axis=0) * (pedal[1:, None] == 0.0), axis=0)
+        farthest = float(np.linalg.norm(dropped, axis=1).max(initial=0.0)) * 1e3
+        if farthest > UNFOLLOWED_MM:
+            notes.append(
+                f"the recorded tip of {arm} moves while the pedal is up: the console sends no"
+                f" motion then, and the tip goes on from where it is, up to {farthest:.3g} mm off"
+                " the recorded path"
+            )
+    return notes
+
+
+def _arm_summary(
+    recording: HandRecording, inside: np.ndarray, i: int, begin: int, end: int, course: Timeline
+) -> ArmSummary:
+    samples = recording.track.arms[recording.poses.arms[i]]
+    path = resampling.at_rows(recording.poses.position[:, i], begin + course.row)
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    distance = np.linalg.norm(path, axis=1) * 1e3
+    removed = (
+        np.linalg.norm((recording.unfiltered - recording.poses.position)[begin:end, i], axis=1)
+        * 1e3
+    )
+    filtered = recording.options.cutoff_hz is not None
+    x, y, z = (np.ptp(path, axis=0) * 1e3).tolist()
+    return ArmSummary(
+        arm=recording.poses.arms[i],
+        orientation="home" if samples.quat is None else "recorded",
+        jaws="home" if samples.opening_mrad is None else "recorded",
+        inside=float(inside[recording.covered, i].mean()) if recording.covered.any() else 0.0,
+        extent_mm=(x, y, z),
+        path_mm=float(steps.sum()) * 1e3,
+        fastest_mm_s=float(steps.max(initial=0.0)) * 1e3 / TICK_S,
+        distance_mm=(float(distance.min()), float(distance.max())),
+        removed_rms_mm=float(np.sqrt(np.mean(removed**2))) if filtered else None,
+        removed_largest_mm=float(removed.max()) if filtered else None,
+        removed_largest_s=(begin + int(np.argmax(removed))) * TICK_S if filtered else None,
+    )

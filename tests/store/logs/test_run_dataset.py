@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ravenjax.robots.raven2.arms import JOINTS
-from ravenjax.store.logs import run_dataset, time_series
+from ravenjax.store.logs import time_series
 
 T = 40
 
@@ -28,7 +28,7 @@ def series(arms=("gold", "green")):
 @pytest.mark.parametrize("arms", [("gold",), ("green",), ("gold", "green")])
 def test_every_series_is_where_its_names_say(arms):
     given = series(arms)
-    found = run_dataset.dataset(given, {"run_id": "ab"}, (3.0, 2.0))
+    found = time_series.dataset(given, {"run_id": "ab"}, (3.0, 2.0))
     assert set(found.data_vars) == set(time_series.OF_RUN) | set(time_series.OF_ARM)
     assert found["arm"].values.tolist() == list(arms) and found["joint"].values.tolist() == list(
         JOINTS
@@ -54,7 +54,7 @@ def test_every_series_is_where_its_names_say(arms):
 def test_it_is_a_file_of_other_tools(tmp_path):
     import xarray
 
-    found = run_dataset.dataset(series(), {"run_id": "ab", "index": 3})
+    found = time_series.dataset(series(), {"run_id": "ab", "index": 3})
     found.to_netcdf(tmp_path / "run.nc")
     with xarray.open_dataset(tmp_path / "run.nc") as again:
         np.testing.assert_array_equal(

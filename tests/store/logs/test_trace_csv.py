@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.store.logs.trace import csv_file
+from ravenjax.store.logs import time_series
 
 T = 50
 
@@ -27,7 +27,7 @@ def series():
 
 def test_what_was_written_is_read(series, tmp_path):
     path = tmp_path / "run.csv"
-    csv_file.write(path, series)
+    time_series.write_csv(path, series)
     table = pd.read_csv(path)
     assert table["time_s"].tolist() == [tick / 1000 for tick in range(T)]
     assert list(table)[1:6] == [

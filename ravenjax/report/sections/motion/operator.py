@@ -13,8 +13,7 @@ from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.store.motion.options import MAX_GAP_S
 from ravenjax.store.motion.resampling import TICK_S
-from ravenjax.store.motion.summary import MotionSummary, TipLine
-from ravenjax.store.motion.view import words
+from ravenjax.store.motion.summary import MotionSummary, TipLine, changes, table_rows
 
 HEIGHT = 150  # px, of one coordinate
 
@@ -42,13 +41,13 @@ def section(summary: MotionSummary | None) -> OperatorSection | None:
     """The section of a campaign whose operator was recorded; None for a generated one."""
     if summary is None:
         return None
-    rows = words.rows(summary)
+    rows = table_rows(summary)
     return OperatorSection(
         summary=summary,
         file=Path(summary.file).name,
         rows=rows,
         cells=[{"what": what, "how it is": how} for what, how in rows],
-        changes=words.changes(summary),
+        changes=changes(summary),
         command=_command(summary),
         drawings=[_drawing(summary, one.arm) for one in summary.arms],
     )

@@ -17,7 +17,7 @@ from ravenjax.document.figure_style import SOFT, STYLE
 from ravenjax.report.run.plot import ARM_COLOURS
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.store.motion.resampling import TICK_S
-from ravenjax.store.motion.view.course import TipCourse
+from ravenjax.store.motion.summary import TipCourse
 
 OUTSIDE, GAP, JUMP = "#d9571b", "#8a8f96", "#8b2a6b"
 ROWS = ("x, mm", "y, mm", "z, mm", "tip speed, mm/s")
