@@ -28,12 +28,12 @@ if TYPE_CHECKING:
         check_monitor,
         counterfactual,
         explain,
-        load_campaign,
         open_results,
         run,
         simulate,
     )
     from ravenjax.campaign.file.config import CampaignConfig
+    from ravenjax.campaign.loading import load_campaign
     from ravenjax.errors import StoreError, UserError
     from ravenjax.notebook.axes import choice, loguniform, normal, phase, together, uniform
     from ravenjax.notebook.campaign import Campaign
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
-    "load_campaign": "ravenjax.api",
+    "load_campaign": "ravenjax.campaign.loading",
     "run": "ravenjax.api",
     "simulate": "ravenjax.api",
     "explain": "ravenjax.api",

@@ -56,13 +56,6 @@ def is_free(future: Future) -> bool:
         ).result()
 
 
-def test_python_alone_leaves_the_lock_taken(raised_with_the_lock_held):
-    future: Future[int] = Future()
-    with pytest.raises(Asked):
-        future.result()
-    assert not is_free(future), "else nothing has to be held back"
-
-
 @pytest.mark.parametrize(
     "wait", [interruption.result, lambda future: next(interruption.completed([future]))]
 )

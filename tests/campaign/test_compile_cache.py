@@ -60,12 +60,6 @@ def test_what_was_used_longest_ago_goes_first(tmp_path):
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3 * (1000 + 32)
 
 
-def test_what_is_larger_than_all_room_is_not_kept(tmp_path):
-    kept = Objects(tmp_path, 100)
-    kept["large"] = bytes(1000)
-    assert "large" not in kept and not list(tmp_path.iterdir())
-
-
 def test_threads_may_write_and_read_the_same_at_once(tmp_path):
     kept = Objects(tmp_path, 40_000)  # less than all of them need
 

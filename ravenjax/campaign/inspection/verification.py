@@ -177,12 +177,6 @@ def _again(
         engine = record.engine
     backend = selection.select(engine, plan.program.setup.precision, compile_cache.objects())
     computed = compute(plan, backend, rows, on_progress)
-    if not record.shape.golden_checks:
-        computed = {
-            name: values
-            for name, values in computed.items()
-            if not name.startswith("golden_check_")
-        }
     new = schema.conform(computed, record.shape)
     old = stored(folder, record, rows)
     columns = [_column(name, old.column(name), new.column(name)) for name in old.column_names]

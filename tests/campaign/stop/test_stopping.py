@@ -5,12 +5,10 @@ mistakes named.
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.analyses.search.file import loading as searches
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.stop import decisions, strata
@@ -95,12 +93,6 @@ def test_the_beginning_of_a_grid_is_a_sample_of_it():
     )
 
 
-def test_a_sequence_is_begun_as_it_was_drawn():
-    plain = config().model_copy(update={"stop": None})
-    assert_alike = [design.expand(one).query("group == 'drawn'") for one in (config(), plain)]
-    pd.testing.assert_frame_equal(*assert_alike)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "event", ["evades", "unintended_motion", "loss_of_motion", "false_report", "cue", "stopped"]
@@ -183,20 +175,6 @@ def test_a_campaign_without_anything_to_judge_is_refused():
         UserError, match=r"group: no group has a fault: there is nothing that \[stop\] could judge"
     ):
         config(groups=[{"name": "free"}])
-
-
-def test_a_search_has_none():
-    """It takes its points in the order in which it asked for them."""
-    raw = {
-        "campaign": {"name": "x"},
-        "stop": {"half_width": 0.1},
-        "search": {"kind": "sobol", "outcomes": ["jump_code"]},
-    }
-    group = {"name": "g", "fault": [FAULT | {"value": {"uniform": [0, 99]}}]}
-    with pytest.raises(
-        UserError, match=r"stop: a search decides how many runs it makes; remove the section"
-    ):
-        searches.from_dict(raw | {"group": [group]})
 
 
 def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
