@@ -34,7 +34,7 @@ def report(
         from ravenjax.report import paper
 
         for path in paper.write(folder, figures):
-            console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+            console.say(f"wrote {path}")
 
 
 def verify(
@@ -137,11 +137,9 @@ def merge(
     parts = len(record.parts)
     count = f"{record.done} of {record.runs} runs in {parts} part{'s' if parts != 1 else ''}"
     ways = f"{done.linked} linked, {done.copied} copied, {done.present} there before"
-    console.out.print(f"merged: {out}: {count} ({ways})", highlight=False, soft_wrap=True)
+    console.say(f"merged: {out}: {count} ({ways})")
     if done.missing:
-        console.out.print(
-            f"missing: rows {query.in_words(done.missing)}", highlight=False, soft_wrap=True
-        )
+        console.say(f"missing: rows {query.in_words(done.missing)}")
 
 
 def write_report(folder: Path, tell: bool = True) -> Path:

@@ -24,7 +24,6 @@ from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
 
 HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record, where\n"
-DELTA = '"delta": tuple(arm.delta for arm in view.arms)'
 AS_COMPUTED = """
 @record
 class Nothing:

@@ -91,10 +91,3 @@ def test_a_missing_file_and_another_value_are_refused(tmp_path) -> None:
         loading.from_dict(tables(**{"from": "absent.toml"}), source=tmp_path / "campaign.toml")
     with pytest.raises(UserError, match=r"parameters\.from: got 3, expected the path"):
         loading.from_dict(tables(**{"from": 3}))
-
-
-def test_a_fault_draws_nothing_together() -> None:
-    raw = tables()
-    raw["group"][0]["fault"][0]["value"] = {"together": [100, 200]}
-    with pytest.raises(UserError, match="together, which parameters alone can be"):
-        loading.from_dict(raw)

@@ -268,8 +268,3 @@ def test_doctor_as_json(run):
     assert {"what": "jax computes", "state": "ok"}.items() <= told["works"][0].items()
     assert "python" in {one["what"] for one in told["machine"]}
     assert code == int(any(one["state"] != "ok" for one in told["works"]))
-
-
-def test_an_error_leaves_standard_output_empty(run):
-    code, out, err = run("verify", "nowhere", "--json")
-    assert code == 2 and out == "" and "is not a result folder" in err

@@ -209,15 +209,6 @@ def test_a_shard_is_asked_for_its_own_rows_only(folder):
     )
 
 
-def test_another_config_under_the_same_hash(folder):
-    record = manifests.read(folder)
-    record.config["campaign"]["seed"] = 4
-    manifests.write(folder, record)
-    assert (
-        "config_hash is not that of its config" in wrong(verification.verify(folder))["campaign"][0]
-    )
-
-
 def test_what_a_user_asks_wrongly(folder, tmp_path):
     with pytest.raises(UserError, match="--sample -1"):
         verification.verify(folder, sample=-1)

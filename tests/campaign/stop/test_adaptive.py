@@ -10,8 +10,8 @@ import synthetic_results as synthetic
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.executors.shards import Shard
-from ravenjax.campaign.stop import adaptive, decisions, strata
-from ravenjax.campaign.stop.marks import Marks
+from ravenjax.campaign.stop import adaptive, decisions
+from ravenjax.campaign.stop.event_bitmaps import EventBitmaps, group_draws
 from ravenjax.errors import UserError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
@@ -115,7 +115,7 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
 @pytest.mark.slow
 def test_a_look_counts_what_the_table_says(run, tmp_path):
     table = run(config("neyman"), tmp_path)[0].frame().set_index("index")
-    first = {of.first: of for of in strata.draws(config())}
+    first = {of.first: of for of in group_draws(config())}
     for look in decisions.read(tmp_path):
         for interval in look.intervals:
             start = {"grid": 1, "drawn": 601}[interval.stratum]
@@ -172,8 +172,8 @@ def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
 
 def test_of_repeats_the_first_valid_one_counts():
     one = config(repeats=3)
-    draws = strata.draws(one)
-    marks = Marks(3301, ("jump",), one.rules)
+    draws = group_draws(one)
+    marks = EventBitmaps(3301, ("jump",), one.rules)
     marks.valid[:] = True
     marks.valid[[1, 4, 5, 6]] = False  # of draw 0 the first repeat, of draw 1 all three
     marks.cases[0, [2, 8]] = True  # the second repeat of draw 0 and the second of draw 2
