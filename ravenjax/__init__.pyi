@@ -5,7 +5,6 @@ from ravenjax.api import calibrate_monitor as calibrate_monitor
 from ravenjax.api import check_monitor as check_monitor
 from ravenjax.api import counterfactual as counterfactual
 from ravenjax.api import explain as explain
-from ravenjax.api import load_campaign as load_campaign
 from ravenjax.api import open_results as open_results
 from ravenjax.api import run as run
 from ravenjax.api import simulate as simulate
@@ -18,6 +17,7 @@ from ravenjax.campaign.file.sections import Haptics as Haptics
 from ravenjax.campaign.file.sections import Outcomes as Outcomes
 from ravenjax.campaign.file.sections import OwnCheck as OwnCheck
 from ravenjax.campaign.file.sections import Stop as Stop
+from ravenjax.campaign.loading import load_campaign as load_campaign
 from ravenjax.errors import StoreError as StoreError
 from ravenjax.errors import UserError as UserError
 from ravenjax.notebook.axes import choice as choice

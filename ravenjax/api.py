@@ -15,9 +15,9 @@ import pandas as pd
 
 from ravenjax.analyses.monitors.counterfactual import finding, output, words
 from ravenjax.analyses.monitors.counterfactual.question import Question
-from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection.replay import replay
+from ravenjax.campaign.loading import load_campaign
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.errors import UserError, shown
 from ravenjax.notebook import explaining, running
@@ -29,20 +29,6 @@ from ravenjax.store.logs import time_series
 
 if TYPE_CHECKING:
     import xarray
-
-
-def load_campaign(
-    campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()
-) -> CampaignConfig:
-    """A validated campaign from a TOML file, the name of a bundled one, or nested tables as TOML
-    has them.
-
-    overrides: `key.path=value`, as `--set` on the command line. Raises UserError that names what is
-    wrong and where.
-    """
-    if isinstance(campaign, dict):
-        return loading.from_dict(campaign, overrides=overrides)
-    return loading.load(campaign, overrides)
 
 
 def run(

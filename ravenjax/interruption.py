@@ -36,7 +36,7 @@ _held: list[Callable[[], object]] = []
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Signals whose handlers are Python's wait for `point`, `result`, `completed` or the end of
+    """Signals whose handlers are Python's wait for `point`, `result` or the end of
     this. In other threads than the main one it does nothing: no signal is raised there."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -67,17 +67,6 @@ def result(future: Future[T]) -> T:
         point()
         concurrent.futures.wait((future,), EVERY_S)
     return future.result()
-
-
-def completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
-    """`concurrent.futures.as_completed`; raises a signal that was held back, too."""
-    pending = set(futures)
-    while pending:
-        point()
-        done, pending = concurrent.futures.wait(
-            pending, EVERY_S, concurrent.futures.FIRST_COMPLETED
-        )
-        yield from done
 
 
 @contextlib.contextmanager

@@ -54,7 +54,7 @@ def test_overrides_are_a_list_of_texts(overrides):
         ({"engine": None}, "engine is None"),
         ({"engine": "cpu"}, "engine 'cpu' is unknown"),
         ({"on_progress": 3}, "on_progress is 3, expected a function"),
-        ({"executor": "cloud"}, "executor 'cloud' is unknown: expected local, processes, ray"),
+        ({"executor": "cloud"}, "executor 'cloud' is unknown: expected local, ray"),
         ({"workers": 0}, "workers 0: expected 1 or more"),
     ],
 )

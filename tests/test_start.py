@@ -113,19 +113,6 @@ def test_a_campaign_imports_neither_jax_nor_pandas(tmp_path, design):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "file", sorted((ROOT / "campaigns").glob("*.toml")), ids=lambda file: file.stem
-)
-def test_a_bundled_campaign_imports_neither_jax_nor_pandas_however_cold_the_start(tmp_path, file):
-    tokens = ("run", str(file), "--no-report", "--engine", "simd", "--out", str(tmp_path / "out"))
-    stops = "[stop]" in file.read_text()
-    few = "stop.looks=[0.001]" if stops else "campaign.limit=8"
-    record = probed(*tokens, "--set", few, cache=tmp_path / "cache")
-    statistics = set() if stops else {"pandas"}  # a campaign that may stop looks at its results
-    assert not ({"jax", "jaxlib"} | statistics) & set(record["modules"])
-
-
-@pytest.mark.slow
 def test_a_detector_of_ones_own_needs_no_jax(tmp_path):
     (tmp_path / "mine.py").write_text(
         "def step(params, state, view):\n    return state, view.tip_error * 1e3\n"

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
 
 from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.file import bounds
@@ -152,11 +152,6 @@ def _axes(fault: Fault) -> Iterator[tuple[str, Axis]]:
             yield name, axis
 
 
-def _first_component(robot: Robot, length: int) -> str:
-    """What the first number of a vector of that length is called."""
-    return paths.component_names(length, robot.joints, robot.leading_joints)[0]
-
-
 def _twice(robot: Robot, key: Key, axis: Axis) -> Iterator[Complaint]:
     """A list that holds a value twice; one that is drawn from says `choice`."""
     if axis.kind != "list":
@@ -165,7 +160,10 @@ def _twice(robot: Robot, key: Key, axis: Axis) -> Iterator[Complaint]:
     if times > 1:
         how = "twice" if times == 2 else f"{times} times"
         path = str(key[-1])
-        names, first = paths.components(robot.joints), _first_component(robot, len(axis.values))
+        names, first = (
+            paths.components(robot.joints),
+            paths.component_names(len(axis.values), robot.joints, robot.leading_joints)[0],
+        )
         vector = "." in path and first in names and path.rpartition(".")[2] not in names
         hint = (
             f"; for the numbers of a vector write one path each, such as {path}.{first}"
@@ -186,25 +184,18 @@ def _fault(robot: Robot, fault: Fault, key: Key, gridded: bool) -> Iterator[Comp
     effects, channels = fault.effect.listed, () if fault.channel is None else fault.channel.listed
     if channels == (ALL,):
         channels = tuple(channel.name for channel in robot.sites[fault.site].channels)
-    uses = (
-        _Use(
-            "value", fault.value, [e for e in effects if e not in WITHOUT_VALUE], "takes no value"
-        ),
-        _Use(
-            "period_ms",
-            _unless_zero(fault.period_ms),
-            [e for e in effects if e == "periodic"],
-            "has no period",
-        ),
-    )
-    for use in uses:
-        if use.axis is None:
+    period = None if fault.period_ms.values == (0,) else fault.period_ms
+    # keys that only some effects read: name, what the file gives, which effects do not, and why
+    for name, axis, idle, why in (
+        ("value", fault.value, [e for e in effects if e in WITHOUT_VALUE], "takes no value"),
+        ("period_ms", period, [e for e in effects if e != "periodic"], "has no period"),
+    ):
+        if axis is None or not idle:
             continue
-        idle = [effect for effect in effects if effect not in use.effects]
-        if not use.effects:
-            yield (*key, use.name), f"effect {idle[0]!r} {use.why}: remove the key"
-        elif idle and gridded and use.axis.kind == "list" and len(use.axis.values) > 1:
-            yield (*key, "effect"), _once_for_each(idle[0], use.why, use.name)
+        if len(idle) == len(effects):
+            yield (*key, name), f"effect {idle[0]!r} {why}: remove the key"
+        elif gridded and axis.kind == "list" and len(axis.values) > 1:
+            yield (*key, "effect"), _once_for_each(idle[0], why, name)
     bound = {effect: NETWORK_EFFECTS[effect][0] for effect in effects if effect in NETWORK_EFFECTS}
     if not channels or not bound:
         return
@@ -228,19 +219,6 @@ def _late(config: CampaignConfig, fault: Fault, key: Key) -> Iterator[Complaint]
                 " beyond would never strike; write an earlier end, or a longer campaign.duration_s"
             ),
         )
-
-
-class _Use(NamedTuple):
-    """A key of a fault that only some effects read."""
-
-    name: str
-    axis: Axis | None  # what the file gives it, None where nothing
-    effects: Sequence[str]  # those of the fault that read it
-    why: str  # what to say of the others
-
-
-def _unless_zero(axis: Axis) -> Axis | None:
-    return None if axis.values == (0,) else axis
 
 
 def _once_for_each(effect: str, why: str, name: str) -> str:
@@ -299,30 +277,17 @@ def _overlapping(config: CampaignConfig) -> Iterator[Complaint]:
             )
 
 
-class _Address(NamedTuple):
-    """A path taken apart; what it leaves out is empty, and stands for every one."""
-
-    kind: str
-    arm: tuple[str, ...]
-    numbers: tuple[str, ...]
-    component: tuple[str, ...]
-
-
-def _address(robot: Robot, path: str) -> _Address:
-    parts = path.split(".")
-    return _Address(
-        bounds.plain(robot, path),
-        tuple(part for part in parts if part in robot.arms),
-        tuple(part for part in parts if part.isdecimal()),
-        tuple(part for part in parts[-1:] if part in paths.components(robot.joints)),
-    )
-
-
 def overlap(robot: Robot, one: str, other: str) -> bool:
     """Whether two different paths of parameters name a number in common."""
-    a, b = _address(robot, one), _address(robot, other)
-    return a.kind == b.kind and all(
-        not x or not y or x == y for x, y in zip(a[1:], b[1:], strict=True)
+    a, b = one.split("."), other.split(".")
+    # arm, numbers and component of each path; what a path leaves out stands for every one
+    marks: tuple[Callable[[list[str]], list[str]], ...] = (
+        lambda parts: [part for part in parts if part in robot.arms],
+        lambda parts: [part for part in parts if part.isdecimal()],
+        lambda parts: [part for part in parts[-1:] if part in paths.components(robot.joints)],
+    )
+    return bounds.plain(robot, one) == bounds.plain(robot, other) and all(
+        not mark(a) or not mark(b) or mark(a) == mark(b) for mark in marks
     )
 
 

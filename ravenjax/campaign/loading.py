@@ -26,6 +26,20 @@ from ravenjax.hazards import expansion
 from ravenjax.vocabulary.robot import Robot
 
 
+def load_campaign(
+    campaign: str | Path | dict[str, Any], overrides: Sequence[str] = ()
+) -> CampaignConfig:
+    """A validated campaign from a TOML file, the name of a bundled one, or nested tables as TOML
+    has them.
+
+    overrides: `key.path=value`, as `--set` on the command line. Raises UserError that names what is
+    wrong and where.
+    """
+    if isinstance(campaign, dict):
+        return from_dict(campaign, overrides=overrides)
+    return load(campaign, overrides)
+
+
 def load(path: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
     """The campaign of a TOML file, or of a bundled one by name, with `key.path=value` overrides.
 

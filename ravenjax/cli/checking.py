@@ -76,7 +76,7 @@ def check(
     if view["sample"]:
         _print_rows("Some of the runs", ("index", "group", "fault"), view["sample"])
     for notice in view["notices"]:
-        console.out.print(f"note: {notice}", markup=False, highlight=False, soft_wrap=True)
+        console.say(f"note: {notice}")
 
 
 def _print_table(title: str, columns: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:

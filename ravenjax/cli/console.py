@@ -95,7 +95,9 @@ def _objects(listing: Listing) -> list[dict[str, str]]:
 
 
 def _plain(value: Any) -> Any:
-    """Only what JSON knows."""
+    """Only what JSON knows; a named tuple becomes an object."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
     if isinstance(value, dict):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple | set):

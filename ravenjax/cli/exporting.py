@@ -54,14 +54,15 @@ def export(
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder} is a file, expected a folder to write into")
     software = ControlSoftware(
-        arms=arms or ("gold", "green"), tools=tools, policy=policy, level=level
-    )  # type: ignore[arg-type]
+        arms=arms or ("gold", "green"),  # type: ignore[arg-type]
+        tools=tools,
+        policy=policy,  # type: ignore[arg-type]
+        level=level,  # type: ignore[arg-type]
+    )
     robot = VirtualRobot(software.setup.arms, software.setup.tools, parameter_set)
     written = c_folder.write(folder, software, robot, cpu)
     if as_json:
-        console.emit_json(
-            {name: None if path is None else str(path) for name, path in written._asdict().items()}
-        )
+        console.emit_json(written)
         return 0
     for path in written:
         if path is not None:

@@ -159,8 +159,7 @@ def check(
 
     result = checking.check(folder, sources, level, seed)
     if as_json:
-        rows = [one._asdict() | {"shift": one.shift._asdict()} for one in result.signals]
-        console.emit_json(result._asdict() | {"signals": rows, "shifted": bool(result.shifted)})
+        console.emit_json(result._asdict() | {"shifted": bool(result.shifted)})
         return 1 if result.shifted else 0
     rows = [
         (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -12,7 +12,6 @@ from ravenjax.cli import console
 from ravenjax.cli.console import AsJson, Listing
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.inspection.verification import Verification
     from ravenjax.report.comparison import FolderComparison
 
 
@@ -35,7 +34,7 @@ def report(
         from ravenjax.report import paper
 
         for path in paper.write(folder, figures):
-            console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)
+            console.say(f"wrote {path}")
 
 
 def verify(
@@ -67,7 +66,25 @@ def verify(
 
     verified = verification.verify(folder, sample, engine, seed)
     if as_json:
-        console.emit_json(_verified(folder, verified))
+        again = verified.rerun
+        rerun = again and {
+            "engine": again.engine,
+            "otherwise_than_then": again.other,
+            "rows": again.rows.tolist(),
+            "equal_verdicts": again.verdicts,
+            "columns_that_differ": [
+                {
+                    "name": column.name,
+                    "rows": len(again.rows) - column.equal,
+                    "largest_difference": column.largest,
+                }
+                for column in again.differing
+            ],
+        }
+        checks = [check._asdict() | {"fine": check.fine} for check in verified.checks]
+        console.emit_json(
+            {"folder": folder, "fine": verified.fine, "checks": checks, "runs_made_again": rerun}
+        )
         return 0 if verified.fine else 1
     rows = [
         (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
@@ -91,42 +108,6 @@ def verify(
         columns = ("column", "rows that differ", "largest difference")
         console.out.print(terminal.table("Not equal to the bit", columns, apart))
     return 0 if verified.fine else 1
-
-
-def _verified(folder: Path, verified: Verification) -> dict[str, Any]:
-    """A verification as JSON has it."""
-    again = verified.rerun
-    return {
-        "folder": folder,
-        "fine": verified.fine,
-        "checks": [
-            {
-                "name": one.name,
-                "fine": one.fine,
-                "looked_at": one.looked_at,
-                "problems": one.problems,
-            }
-            for one in verified.checks
-        ],
-        "runs_made_again": (
-            None
-            if again is None
-            else {
-                "engine": again.engine,
-                "otherwise_than_then": again.other,
-                "rows": again.rows.tolist(),
-                "equal_verdicts": again.verdicts,
-                "columns_that_differ": [
-                    {
-                        "name": one.name,
-                        "rows": len(again.rows) - one.equal,
-                        "largest_difference": one.largest,
-                    }
-                    for one in again.differing
-                ],
-            }
-        ),
-    }
 
 
 def merge(
@@ -156,11 +137,9 @@ def merge(
     parts = len(record.parts)
     count = f"{record.done} of {record.runs} runs in {parts} part{'s' if parts != 1 else ''}"
     ways = f"{done.linked} linked, {done.copied} copied, {done.present} there before"
-    console.out.print(f"merged: {out}: {count} ({ways})", highlight=False, soft_wrap=True)
+    console.say(f"merged: {out}: {count} ({ways})")
     if done.missing:
-        console.out.print(
-            f"missing: rows {query.in_words(done.missing)}", highlight=False, soft_wrap=True
-        )
+        console.say(f"missing: rows {query.in_words(done.missing)}")
 
 
 def write_report(folder: Path, tell: bool = True) -> Path:
@@ -200,7 +179,9 @@ def compare(
 
     result = comparison.compare(first, second, most)
     if as_json:
-        console.emit_json(_compared(result))
+        content = result._asdict()
+        content["made"] = content.pop("environment")
+        console.emit_json(content)
         return
     for sentence in result.sentences():
         console.say(sentence)
@@ -256,21 +237,3 @@ def _comparison_tables(found: FolderComparison) -> Iterator[Listing]:
     ]
     columns = ("run", "fault", "first", "second", "unintended motion, mm", "second")
     yield Listing("changed", "Runs that changed most", columns, changed)
-
-
-def _compared(found: FolderComparison) -> dict[str, Any]:
-    """A comparison as JSON has it."""
-    plain = found._asdict()
-    plain["made"] = plain.pop("environment")
-    for name in ("configuration", "made", "changed"):
-        plain[name] = [one._asdict() for one in plain[name]]
-    plain["pairs"] = found.pairs._asdict()
-    plain["transitions"] = {
-        word: [one._asdict() for one in rows] for word, rows in found.transitions.items()
-    }
-    plain["rates"] = [
-        one._asdict()
-        | {name: getattr(one, name)._asdict() for name in ("first", "second", "difference")}
-        for one in found.rates
-    ]
-    return plain | {"sentences": found.sentences()}

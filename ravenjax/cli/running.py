@@ -104,9 +104,7 @@ def run(
         return
     _summary(folder, results)
     if share is not None:
-        console.out.print(
-            f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them", highlight=False
-        )
+        console.say(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins them")
     elif report:
         write_report(folder)
 
@@ -198,19 +196,17 @@ def _summary(folder: Path, results: Results) -> None:
         columns = ("response / hazard / cue", "runs", "share")
         console.out.print(terminal.table("Runs with a fault", columns, rows))
         evading = terminal.evading(counted, record.limit_mm)
-        console.out.print(evading, markup=False, highlight=False, soft_wrap=True)
+        console.say(evading)
     if rows := terminal.failure_rows(record.failures, record.done):
         console.out.print(
             terminal.table("Runs without a valid outcome", ("cause", "runs", "share"), rows)
         )
     if why := decisions.sentence(folder):
-        console.out.print(why, markup=False, highlight=False)
+        console.say(why)
     if record.shard is None and not why and record.due < record.runs:
         rest = "the same command without --limit, or with more, goes on from here"
-        console.out.print(
-            f"{record.due} of the {record.runs} runs of the campaign; {rest}", highlight=False
-        )
-    console.out.print(f"results: {folder}", highlight=False, soft_wrap=True)
+        console.say(f"{record.due} of the {record.runs} runs of the campaign; {rest}")
+    console.say(f"results: {folder}")
 
 
 @contextlib.contextmanager
@@ -261,9 +257,9 @@ def search(
         console.emit_json(_file(result.out, output.NUMBERS))
         return
     for sentence in result.findings.sentences:
-        console.out.print(f"- {sentence}", markup=False, highlight=False)
-    console.out.print(f"search: {result.out}", highlight=False, soft_wrap=True)
-    console.out.print(f"page: {result.out / output.PAGE}", highlight=False, soft_wrap=True)
+        console.say(f"- {sentence}")
+    console.say(f"search: {result.out}")
+    console.say(f"page: {result.out / output.PAGE}")
 
 
 def reproduce(

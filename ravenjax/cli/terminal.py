@@ -8,15 +8,18 @@ import platform
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from ravenjax.outcomes import verdict
+
+if TYPE_CHECKING:
+    from ravenjax.campaign.progress.counts import Status
 
 PLAIN_EVERY_S = 5.0
 """Time between two lines of progress where the output is no terminal."""
@@ -39,39 +42,6 @@ PACKAGES = (
     "pydantic",
     "mcap",
 )
-
-
-class CampaignStatus(Protocol):
-    """How far a campaign is; `ravenjax.campaign.progress.counts.Status`."""
-
-    @property
-    def phase(self) -> str: ...
-    @property
-    def done(self) -> int: ...
-    @property
-    def total(self) -> int: ...
-    @property
-    def compile_s(self) -> float: ...
-    @property
-    def run_s(self) -> float: ...
-    @property
-    def progress(self) -> float: ...
-    @property
-    def failed(self) -> int: ...
-    @property
-    def failures(self) -> Mapping[str, int]: ...
-    @property
-    def parts(self) -> int: ...
-    @property
-    def workers(self) -> int: ...
-    @property
-    def notes(self) -> Sequence[str]: ...
-    @property
-    def runs_per_s(self) -> float | None: ...
-    @property
-    def left_s(self) -> float | None: ...
-    @property
-    def engine(self) -> str: ...
 
 
 class Watch:
@@ -100,7 +70,7 @@ class Watch:
         if self._console.is_terminal:
             self._bar.stop()
 
-    def __call__(self, status: CampaignStatus) -> None:
+    def __call__(self, status: Status) -> None:
         if not self._engine:
             self._engine = status.engine
             self._console.print(f"engine: {status.engine}", highlight=False)
@@ -119,7 +89,7 @@ class Watch:
             self._console.print(f"{status.phase}: {text}", highlight=False)
 
 
-def words(status: CampaignStatus) -> str:
+def words(status: Status) -> str:
     """How far a campaign is, in one line."""
     parts = [f"{status.done} of {status.total} runs"]
     if status.runs_per_s is not None:

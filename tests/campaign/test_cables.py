@@ -50,18 +50,6 @@ def breaking():
     return rj.run(loading.from_dict(tables(cables="break")), engine="simd")
 
 
-def test_columns_agree_with_each_other(holding):
-    over = holding["cable_load"] > 1.0
-    assert 0 < over.sum() < len(over)
-    assert ((holding["cable_overload_first_ms"] >= 320) == over).all()
-    assert ((holding["cable_overload"].astype(str) != "") == over).all()
-    own = "gold " + holding["fault0_channel"].astype(str)
-    assert (holding["cable_overload"].astype(str)[over] == own[over]).all()
-    assert (holding["golden_cable_load"] < 0.2).all() and (
-        holding["golden_cable_overload_first_ms"] == -1
-    ).all()
-
-
 def test_a_cable_parts_when_the_one_that_holds_is_overloaded(holding, breaking):
     for name in COLUMNS[1:]:
         assert (holding[name].astype(str) == breaking[name].astype(str)).all(), name
@@ -145,17 +133,3 @@ def test_what_the_authors_law_cannot_tell_is_refused(changes, words):
     with pytest.raises(UserError) as error:
         loading.from_dict(raw)
     assert words in str(error.value)
-
-
-def test_ids_of_runs_tell_whether_cables_part():
-    ids = [
-        plan.make_plan(loading.from_dict(tables(**how))).table["run_id"]
-        for how in ({}, {"cables": "unbreakable"})
-    ]
-    assert (ids[0] == ids[1]).all()
-    assert (
-        not plan.make_plan(loading.from_dict(tables(cables="break")))
-        .table["run_id"]
-        .isin(ids[0])
-        .any()
-    )

@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given
@@ -58,25 +57,6 @@ def test_what_was_used_longest_ago_goes_first(tmp_path):
     kept["d"] = bytes(1000)
     assert "b" not in kept and all(key in kept for key in "acd")
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3 * (1000 + 32)
-
-
-def test_what_is_larger_than_all_room_is_not_kept(tmp_path):
-    kept = Objects(tmp_path, 100)
-    kept["large"] = bytes(1000)
-    assert "large" not in kept and not list(tmp_path.iterdir())
-
-
-def test_threads_may_write_and_read_the_same_at_once(tmp_path):
-    kept = Objects(tmp_path, 40_000)  # less than all of them need
-
-    def work(number: int) -> bool:
-        key = str(number % 7)
-        kept[key] = key.encode() * 9000
-        return kept.get(key) in (None, key.encode() * 9000)
-
-    with ThreadPoolExecutor(8) as pool:
-        assert all(pool.map(work, range(300)))
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
 def test_two_processes_may_write_and_read_at_once(tmp_path):

@@ -18,7 +18,6 @@ from ravenjax.engines.interface import Block
 from ravenjax.engines.xla.engine import ScanEngine
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
-from ravenjax.train import scenario
 
 DRIFT = {
     "site": "packet",
@@ -112,26 +111,12 @@ def test_a_hand_that_no_force_reaches_leaves_every_outcome_as_it_was(table):
         assert table["none"][name].equals(unmoved[name]), name
 
 
-def test_without_a_hand_none_is_in_the_tick():
-    program = plan.make_plan(rj.load_campaign(tables())).program
-    assert not program.setup.hand_yields and program.params.hand is None
-    assert "hand_mm" not in rj.run(tables(), engine="simd").columns
-
-
 @pytest.mark.slow
 def test_the_golden_run_has_a_hand_too_and_no_cue_moves_it(table):
     assert (table["moved"]["golden_hand_mm"] == 0.0).all() and table["moved"]["hand_mm"].tolist()[
         0
     ] == 0.0
     assert table["moved"]["hand_mm"].tolist()[1] > 10.0
-
-
-def test_a_hand_has_ids_of_its_own():
-    ids = [
-        plan.make_plan(rj.load_campaign(raw)).table["run_id"][1]
-        for raw in (tables(), tables({}), tables({"grip": 1.0}))
-    ]
-    assert len(set(ids)) == 3
 
 
 @pytest.mark.slow
@@ -161,16 +146,6 @@ def test_robot_and_model_follow_the_hand_along_the_cue(arm, console):
         assert 0.6 < np.linalg.norm(moved) / np.linalg.norm(expected) < 1.4
     parted = [float(one.haptics[0].distance[-1]) for one in (on, off)]
     assert abs(parted[0] - parted[1]) < 0.3 * np.linalg.norm(expected) and parted[1] > 3e-3
-
-
-@pytest.mark.slow
-def test_the_force_of_the_other_sign_moves_both_the_other_way():
-    tips = {}
-    for newtons in (-STRONG, 0.0, STRONG):
-        on, _ = signals_of(tables({"newtons_per_unit": newtons}))
-        tips[newtons] = stack(on.nominal[0].tip_position)[-1]
-    towards, away = (tips[sign * STRONG] - tips[0.0] for sign in (1.0, -1.0))
-    np.testing.assert_allclose(towards, -away, atol=2e-5)
 
 
 @pytest.mark.slow
@@ -213,9 +188,3 @@ def test_what_is_wrong_with_a_hand_is_refused(changes, words):
     with pytest.raises(UserError) as error:
         plan.make_plan(loading.from_dict(tables() | changes))
     assert words in str(error.value)
-
-
-def test_a_training_session_has_no_hand_but_the_trainees():
-    """There the person's own hand is on the device: a modelled one would move the input twice."""
-    config = scenario.campaign(scenario.load("first_steps.toml"), 0)
-    assert config.hand is None and not plan.make_plan(config).program.setup.hand_yields

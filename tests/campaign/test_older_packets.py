@@ -7,8 +7,6 @@ the n-th packet, k packets late, must be the (n - k)-th one with all its numbers
 
 from __future__ import annotations
 
-import math
-
 import jax
 import numpy as np
 import pytest
@@ -192,24 +190,6 @@ def age_ms(*faults: dict, **more) -> float:
     slots = [{"site": "network", "start_ms": 0, **fault} for fault in faults]
     config = loading.from_dict(tables({"name": "g", "fault": slots, **more}, packets="measured"))
     return older_packets.age_ms(config.group, 4)
-
-
-@pytest.mark.parametrize(
-    ("fault", "packets"),
-    [
-        ({"effect": "duplicate"}, 1),
-        ({"effect": "delay", "value": [3, 9, 5]}, 9),
-        ({"effect": "toggle", "channel": ["lost", "delay"], "value": 1}, 1),
-        ({"effect": "offset", "channel": "lag", "value": -7}, 7),
-        ({"effect": "drift", "channel": "lag", "value": 1}, math.inf),
-        ({"effect": "bit_flip", "channel": "delay", "value": 2}, math.inf),
-    ],
-)
-def test_the_oldest_packet_of_a_fault(fault, packets):
-    """As many packets as it may be late, and two: the one before, and the newest, which may have
-    come long ago.
-    """
-    assert age_ms(fault) == (packets + 2) * 4
 
 
 def test_faults_of_one_run_add_up_and_runs_do_not():

@@ -16,9 +16,8 @@ import ravenjax as rj
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.inspection import verification
 from ravenjax.errors import UserError
-from ravenjax.outcomes import events, verdict
+from ravenjax.outcomes import verdict
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.store import schema
 from ravenjax.vocabulary import checks
 
 HEAD = (
@@ -289,12 +288,6 @@ def test_no_limit_passes_an_e_stop_or_16_bits(tmp_path, seam):
     assert still["check_estop_first_ms"] > 0
 
 
-def test_boards_that_refuse_in_init_go_on_refusing(tmp_path):
-    text = "def step(params, state, view):\n    return state, as_int(view.tick == 20)\n"
-    raw = tables(tmp_path, text, at="usb_out", acts="stop", threshold=0.5)
-    assert rj.run(raw, engine="simd").iloc[0]["check_own_mine_count"] == 1
-
-
 def test_built_in_ones_count_until_the_first_of_ones_own_acts():
     """A limit of one's own at 600 ms changes the course, though its stop at 900 ms is stronger."""
     own = (checks.of_own("little", "jpos", "limit"), checks.of_own("late", "jpos", "stop"))
@@ -311,38 +304,6 @@ def test_built_in_ones_count_until_the_first_of_ones_own_acts():
     golden |= {f"check_{name}_first_ms": np.full(3, -1) for name in names}
     responses = verdict.built_in_responses(outcomes, golden, robot).response
     assert [verdict.RESPONSES[k] for k in responses] == ["silent", "stopped", "stopped"]
-
-
-def test_a_file_that_changed_is_another_check(tmp_path):
-    raw = tables(tmp_path, ALWAYS.format(more=""), at="jpos", acts="flag", threshold=0.5)
-    before = plan.make_plan(loading.from_dict(copy.deepcopy(raw))).table["run_id"].tolist()
-    (tmp_path / "mine.py").write_text(HEAD + ALWAYS.format(more="").replace("600", "700"))
-    after = plan.make_plan(loading.from_dict(copy.deepcopy(raw))).table["run_id"].tolist()
-    assert not {*before} & {*after}
-    assert (rj.run(raw, engine="simd")["check_own_mine_first_ms"] == 700).all()
-
-
-def test_names_are_part_of_what_a_run_is(tmp_path):
-    """Paths of parameters have them: the threshold of one check is not that of the other."""
-    (tmp_path / "a.py").write_text(HEAD + ALWAYS.format(more=""))
-    (tmp_path / "b.py").write_text(HEAD + ALWAYS.format(more="").replace("600", "700"))
-    ids = []
-    for first, second in (("a", "b"), ("b", "a")):
-        raw = tables(tmp_path, "")
-        pairs = zip((first, second), ("a.py", "b.py"), strict=True)
-        raw["check"] = [
-            {
-                "name": name,
-                "file": str(tmp_path / file),
-                "at": "jpos",
-                "acts": "flag",
-                "threshold": 0.5,
-            }
-            for name, file in pairs
-        ]
-        raw["cross"] = {"checks.threshold.a": [0.4, 2]}
-        ids.append(plan.make_plan(loading.from_dict(raw)).table["run_id"].tolist())
-    assert not {*ids[0]} & {*ids[1]}
 
 
 def test_a_limited_packet_is_dropped(tmp_path):
@@ -374,22 +335,6 @@ def test_one_that_watches_or_flags_changes_no_motion(tmp_path, acts):
     assert ("built_in_response" in watched) == (acts == "flag")
 
 
-def test_rates_with_and_without_own_checks_have_names(tmp_path):
-    fault = {**FAULT, "value": 9000}
-    raw = tables(tmp_path, BOARDS.format(more=""), fault, at="usb_out", acts="flag")
-    config = loading.from_dict(copy.deepcopy(raw))
-    results = rj.run(config, engine="simd")
-    import pyarrow as pa
-
-    table = pa.Table.from_pandas(results)
-    names = ["evades", "evades_built_in"]
-    assert set(events.columns(names, config.rules)) <= set(results.columns)
-    _, evades, built_in = events.happened(table, names, config.rules)
-    hit = results.iloc[1]
-    assert hit["hazard"] == "unintended motion" and hit["check_own_mine_count"] > 0
-    assert built_in[1] == (hit["built_in_response"] in ("silent", "limited")) and not evades[1]
-
-
 def test_thresholds_and_parameters_are_swept(tmp_path):
     raw = tables(tmp_path, BOARDS.format(more=""), at="usb_out")
     raw["group"][1]["cross"] = {
@@ -405,32 +350,6 @@ def test_thresholds_and_parameters_are_swept(tmp_path):
         for _, row in hit.iterrows()
     }
     assert trips == {(3000, 0.4): 700, (3000, 2): 700, (30000, 0.4): 700, (30000, 2): -1}
-
-
-def test_consecutive_milliseconds_in_a_row(tmp_path):
-    raw = tables(tmp_path, ALWAYS.format(more=""), at="jpos", threshold=0.5, consecutive=5)
-    assert (rj.run(raw, engine="simd")["check_own_mine_first_ms"] == 604).all()
-
-
-def test_the_columns_of_a_table_are_those_announced(tmp_path):
-    ready = plan.make_plan(
-        loading.from_dict(tables(tmp_path, BOARDS.format(more=""), at="usb_out", acts="stop"))
-    )
-    from ravenjax.campaign import runner
-
-    names = [column.name for column in schema.columns(runner.shape_of(ready))]
-    assert "check_own_mine_margin" in names and "built_in_told_ms" in names
-    assert names.index("check_own_mine_count") < names.index("check_overdrive_instant_count")
-
-
-def test_only_one_that_acts_changes_run_ids(tmp_path):
-    plain, watch, flag, stop = (
-        plan.make_plan(loading.from_dict(tables(tmp_path, BOARDS.format(more=""), **own)))
-        .table["run_id"]
-        .tolist()
-        for own in ({}, *({"at": "usb_out", "acts": acts} for acts in ("watch", "flag", "stop")))
-    )
-    assert plain == watch and len({*plain, *flag, *stop}) == 3 * len(plain)
 
 
 def test_a_campaign_with_one_is_resumed_verified_and_explained(tmp_path):
@@ -515,12 +434,6 @@ def test_what_is_wrong_is_told_by_one_error(tmp_path, case):
     own, text, said = WRONG[case]
     with pytest.raises(UserError, match=said):
         rj.run(tables(tmp_path, text, **own), engine="simd")
-
-
-def test_two_of_one_name_are_refused(tmp_path):
-    raw = tables(tmp_path, STEP + "state, 1.0", at="jpos")
-    with pytest.raises(UserError, match="got 'mine' twice"):
-        rj.load_campaign(raw | {"check": raw["check"] * 2})
 
 
 @pytest.mark.slow

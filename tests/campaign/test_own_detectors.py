@@ -5,7 +5,6 @@ stops the robot.
 from __future__ import annotations
 
 import copy
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,9 @@ from cuda_as_cpp import real_or_pretended
 from cuda_cases import check_engines
 
 import ravenjax as rj
-from ravenjax.bench.workload import Workload
 from ravenjax.campaign import loading, plan
 from ravenjax.campaign.inspection import verification
-from ravenjax.cli import catalogue
 from ravenjax.errors import StoreError, UserError
-from ravenjax.numbers import paths
 from ravenjax.outcomes import events
 
 TWINS = """
@@ -133,22 +129,6 @@ def test_its_parameters_are_varied_like_any_other(tmp_path):
     np.testing.assert_allclose(scores[3000.0], 2 * scores[6000.0], rtol=1e-6)
 
 
-def test_its_parameters_are_listed_beside_a_file_without_any(tmp_path):
-    (tmp_path / "error.py").write_text(ERROR)
-    raw = tables(tmp_path, BOARDS, {"name": "error", "file": str(tmp_path / "error.py")})
-    rows = catalogue.parameter_rows(rj.load_campaign(copy.deepcopy(raw)))
-    ((path, value, limits, meaning),) = [row for row in rows if row[0].startswith("detectors.own.")]
-    assert (path, value, meaning) == (
-        "detectors.own.mine.counts",
-        "6000",
-        "command at which the score is 1",
-    )
-    assert limits == "1..65535 DAC counts"
-    program = plan.make_plan(rj.load_campaign(raw)).program
-    own = paths.assign(program.params, program.setup, path, 3000.0).detectors.own
-    assert own.mine.counts == 3000.0 and own.error is None
-
-
 @pytest.mark.parametrize(
     "path, value, said",
     [
@@ -246,38 +226,11 @@ def test_what_its_stop_makes_the_robot_do_is_no_response_of_the_built_in_checks(
 
 
 @pytest.mark.slow
-def test_the_frame_of_one_is_a_hundredth_of_the_tick_at_most(tmp_path):
-    """Beyond what `step` computes: nothing here, as the tick has the tip's error anyway."""
-    sys.path.append(str(Path(__file__).resolve().parents[2] / "analysis" / "engines"))
-    import tick_operations
-
-    raw = tables(tmp_path, ERROR)
-    raw["detector"][0]["threshold"] = [1.0]
-    counts = []
-    for detectors in ([], raw["detector"]):
-        work = Workload(1000)
-        work.__dict__["plan"] = plan.make_plan(
-            rj.load_campaign(raw | {"detector": detectors})
-        )  # the cached property
-        counts.append(tick_operations.count(work).per_lane)
-    assert 0 < counts[1] - counts[0] < 0.01 * counts[0]
-
-
-@pytest.mark.slow
 def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
     real_or_pretended(monkeypatch, tmp_path)
     raw = tables(tmp_path, BOARDS, duration_s=0.75)
     raw["detector"][0] |= {"acts": "stop", "threshold": [1.0]}
     check_engines(plan.make_plan(loading.from_dict(raw)), 3)
-
-
-def test_one_that_stops_changes_run_ids_and_one_that_watches_does_not(tmp_path):
-    raw = tables(tmp_path, BOARDS)
-    ids = [
-        plan.make_plan(rj.load_campaign(one)).table["run_id"].tolist()
-        for one in _watching_and_stopping(raw)
-    ]
-    assert ids[0] == ids[1] and not set(ids[1]) & set(ids[2])
 
 
 def _watching_and_stopping(raw: dict) -> list[dict]:

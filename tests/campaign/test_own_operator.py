@@ -22,15 +22,8 @@ from ravenjax.campaign.inspection import verification
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.loop import run
 
 HEAD = "from ravenjax.parts import Annotated, Quantity, Scalar, Vec, jnp, record, where\n"
-DELTA = '"delta": tuple(arm.delta for arm in view.arms)'
-AS_PLANNED = f"""
-def step(params, state, view):
-    grasp = tuple(arm.grasp for arm in view.arms)
-    return state, {{{DELTA}, "grasp": grasp, "pedal": view.pedal}}
-"""
 AS_COMPUTED = """
 @record
 class Nothing:
@@ -103,10 +96,6 @@ def step(params, state, view):
     place = params.um * jnp.sin(jnp.float32(view.tick) * (2 * 3.14159265 * 8e-3))
     move = Vec((place - state.um, 0.0, 0.0))
     return Place(place), {"delta": tuple(arm.delta + move for arm in view.arms)}
-"""
-SLOW_AND_CLOSING = """
-def step(params, state, view):
-    return state, {"pace": 0.5, "grasp": tuple(arm.grasp + 0.25 for arm in view.arms)}
 """
 TIRED = """
 def step(params, state, view):
@@ -218,19 +207,6 @@ def test_a_tremor_is_what_the_console_sends(tmp_path, packets):
         < 2.0
     )
     assert np.ptp(sent[:, 0]) > 36 and not sent[:, 1:].any()
-
-
-@pytest.mark.parametrize("packets", [pytest.param("every_cycle", marks=pytest.mark.slow), "bursts"])
-def test_a_slower_plan_is_the_plan_later(tmp_path, packets):
-    raw = tables(tmp_path, SLOW_AND_CLOSING, campaign={"packets": packets, "duration_s": 2.4})
-    ticks, delta, grasp, pedal, motion = packets_of(raw)
-    rows = ticks - ticks // 2
-    assert (pedal == (motion.surgeon_mode > 0)[rows]).all()
-    place = np.trunc(np.float32(0.1) * motion.position_um[rows, 0].astype(np.float32))
-    mrad = np.trunc(motion.grasp_mrad[rows, 0] + 0.25 * (ticks + 1))
-    down = pedal[1:] > 0
-    np.testing.assert_array_equal(delta[1:][down], np.diff(place, axis=0)[down])
-    assert abs(grasp[1:][down].cumsum() - np.diff(mrad)[down].cumsum()).max() <= 1 and delta.any()
 
 
 @pytest.mark.slow
@@ -399,16 +375,6 @@ def test_what_does_not_go_with_one_is_refused(tmp_path, more, said):
 
 
 @pytest.mark.slow
-def test_lost_packets_go_with_one(tmp_path):
-    """What the hands did meanwhile is lost with them."""
-    lost = {"group": [{"name": "a", "fault": [{**NETWORK, "effect": "drop"}]}]}
-    own, built_in = (
-        rj.run(tables(tmp_path, text, **lost), engine="simd") for text in (AS_COMPUTED, "")
-    )
-    require_equal(own, built_in)
-
-
-@pytest.mark.slow
 def test_the_plan_given_back_has_the_outcomes_of_the_built_in_operator_on_engine_xla(tmp_path):
     """Whole numbers alike; of others the last digits differ, as rotations are products that xla
     may fuse otherwise.
@@ -418,14 +384,6 @@ def test_the_plan_given_back_has_the_outcomes_of_the_built_in_operator_on_engine
     require_equal(zero, built_in, ("run_id", *floats))
     for name in floats:
         np.testing.assert_allclose(zero[name], built_in[name], rtol=3e-4, atol=1e-6, err_msg=name)
-
-
-def test_what_is_given_back_as_it_came_is_not_in_the_tick(tmp_path):
-    ready = plan.make_plan(rj.load_campaign(tables(tmp_path, AS_PLANNED)))
-    state = run.init(ready.program.setup, ready.program.params)
-    assert state.hands is None
-    own = state.own_operator
-    assert own is not None and (own.pace, own.grasp, own.lifted) == (None, None, None)
 
 
 @pytest.mark.slow

@@ -74,12 +74,6 @@ def test_every_run_draws_its_own_packets_and_shares_them_with_its_golden_run(bur
     np.testing.assert_array_equal(golden[2].packet.received, received[1])
 
 
-def test_noise_and_packets_are_strangers():
-    ready = planned(packets="measured", noise=True)
-    first, second = (set(ready.varied[path].tolist()) for path in ready.keys)
-    assert len(ready.keys) == 2 and not first & second
-
-
 @pytest.mark.parametrize("console", ["increments", "absolute"])
 def test_no_motion_is_lost_or_doubled(console):
     """Each packet has the hand's place at its tick: as a sum of increments, or as it is."""
@@ -205,16 +199,3 @@ def test_a_packet_that_never_comes_is_no_trigger():
     raw["group"][1]["fault"][0] |= {"trigger": "packet", "start_ms": 300}
     with pytest.raises(UserError, match="expected less than the run's 197 packets"):
         loading.from_dict(raw)
-
-
-def test_repeats_differ_where_packets_are_drawn():
-    raw = tables(packets="measured")
-    raw["group"][1]["repeats"] = 2
-    assert len(plan.make_plan(loading.from_dict(raw)).table) == 5
-    with pytest.raises(UserError, match="the 2 repeats would be identical"):
-        loading.from_dict(raw | {"campaign": {**raw["campaign"], "packets": "every_cycle"}})
-
-
-def test_ids_of_runs_stay_those_of_before_by_default():
-    assert (planned().table["run_id"] == planned(packets="every_cycle").table["run_id"]).all()
-    assert not planned(packets="measured").table["run_id"].isin(planned().table["run_id"]).any()

@@ -51,10 +51,6 @@ def test_a_plan_travels_between_processes():
     assert again.program.setup == ready.program.setup and again.table.equals(ready.table)
 
 
-def test_without_parameters_all_share_one():
-    assert plan.make_plan(rj.load_campaign(CAMPAIGN)).golden.tolist() == [0, 0, 0]
-
-
 def test_with_noise_every_run_draws_its_own_and_has_a_golden_run_that_draws_the_same():
     noisy = {**CAMPAIGN, "campaign": {**CAMPAIGN["campaign"], "noise": True}}
     ready = plan.make_plan(rj.load_campaign(noisy))

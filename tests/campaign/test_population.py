@@ -55,14 +55,6 @@ def traced(ready: plan.Plan, row: int):
     return SimdEngine().tracer(ready.program, 1).run(*blocks, ready.columns)[2]
 
 
-def test_by_default_nothing_is_drawn_and_nothing_is_registered() -> None:
-    ready = planned(
-        [{"name": "a", "fault": [{**FAULT, "duration_ms": 32}]}], kinematic_errors="none"
-    )
-    assert not ready.varied and ready.golden.tolist() == [0, 0]
-    assert int(ready.program.params.plant[0].kinematic_errors.registered) == 0
-
-
 def test_every_run_draws_its_robot_and_shares_it_with_its_golden_run() -> None:
     ready = planned()
     assert set(ready.varied) == {PREFIX + path for path in MEASURED}
@@ -121,14 +113,6 @@ def test_a_manifest_gives_the_same_campaign_again() -> None:
         config.model_dump(mode="json", exclude={"operator": {"file"}})
     )
     assert again.parameters == config.parameters
-
-
-def test_without_the_key_run_ids_are_as_before() -> None:
-    group = [{"name": "a", "fault": [{**FAULT, "duration_ms": 32}]}]
-    named = planned(group, kinematic_errors="none").table["run_id"]
-    raw = tables(group)
-    del raw["campaign"]["kinematic_errors"]
-    assert named.tolist() == plan.make_plan(rj.load_campaign(raw)).table["run_id"].tolist()
 
 
 @pytest.mark.slow

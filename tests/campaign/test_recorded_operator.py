@@ -70,12 +70,6 @@ def test_keys_that_do_not_fit(operator, says):
     assert says in str(error.value)
 
 
-def test_nothing_is_changed_unless_it_is_asked_for():
-    options = loading.from_dict(tables("a.csv")).operator.options
-    assert options.cutoff_hz is None and options.rate_hz is None and options.slow_down == 1.0
-    assert (options.spikes, options.at_end) == ("refuse", "refuse")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.1, 0.5])
 def test_the_robot_is_sent_where_the_tip_was_recorded(hands, scale):
@@ -149,15 +143,6 @@ def test_a_campaign_does_not_depend_on_where_its_recording_lies(hands, tmp_path)
     assert records[0].differences(records[1]) == []
     assert any(
         line.startswith("config.operator.file: ") for line in records[0].differences(records[2])
-    )
-
-
-def test_a_generated_operator_has_no_summary():
-    assert (
-        plan.make_plan(
-            loading.from_dict({"campaign": {"name": "x"}, "group": [{"name": "g"}]})
-        ).operator
-        is None
     )
 
 

@@ -91,28 +91,3 @@ def test_a_missing_file_and_another_value_are_refused(tmp_path) -> None:
         loading.from_dict(tables(**{"from": "absent.toml"}), source=tmp_path / "campaign.toml")
     with pytest.raises(UserError, match=r"parameters\.from: got 3, expected the path"):
         loading.from_dict(tables(**{"from": 3}))
-
-
-def test_a_fault_draws_nothing_together() -> None:
-    raw = tables()
-    raw["group"][0]["fault"][0]["value"] = {"together": [100, 200]}
-    with pytest.raises(UserError, match="together, which parameters alone can be"):
-        loading.from_dict(raw)
-
-
-def test_campaigns_without_such_robots_draw_as_before() -> None:
-    """Each distribution has a dimension of its own, in its order."""
-    from ravenjax.campaign.faults import sampling
-    from ravenjax.campaign.file.axis import Axis
-
-    axes = {(-1, name): Axis(kind="uniform", values=(0.0, 1.0)) for name in "abc"}
-    assert list(sampling._dimensions(axes).values()) == [0, 1, 2]
-    shared = {(-1, name): Axis(kind="together", values=(1.0, 2.0)) for name in "xy"}
-    assert list(sampling._dimensions({(0, "v"): axes[-1, "a"], **shared, **axes}).values()) == [
-        0,
-        1,
-        1,
-        2,
-        3,
-        4,
-    ]

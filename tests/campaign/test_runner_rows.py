@@ -86,19 +86,6 @@ def test_a_limited_run_goes_on_to_more_and_to_all(whole, tmp_path):
     assert last.differences(expected) == [] and last.rows is None and last.done == 300
 
 
-def test_a_limit_at_the_end_of_a_part_leaves_the_same_files(whole, tmp_path):
-    for config in (limited(60), tiny.config()):
-        runner.run_campaign(config, tmp_path, "simd")
-    assert [part.sha256 for part in manifest.read(tmp_path).parts] == [
-        part.sha256 for part in manifest.read(whole[0]).parts
-    ]
-
-
-def test_a_limit_beyond_the_end_is_none(tmp_path):
-    runner.run_campaign(limited(1000), tmp_path, "simd")
-    assert manifest.read(tmp_path).rows is None
-
-
 def test_limits_in_memory_and_of_shards(whole, tmp_path):
     expected = read_all(whole[0])["run_id"].tolist()
     assert runner.run_campaign(limited(7), None, "simd").frame()["run_id"].tolist() == expected[:7]
@@ -149,21 +136,6 @@ def test_a_folder_that_is_being_written_to_is_left_alone(tmp_path):
     ):
         runner.run_campaign(tiny.config(), tmp_path, "simd")
     assert sorted(path.name for path in tmp_path.iterdir()) == [".lock"]
-
-
-def test_the_manifest_says_how_it_was_made(whole):
-    record = manifest.read(whole[0])
-    assert record.command == ("ravenjax", "run", "tiny.toml")
-    assert (record.executor, record.workers, record.shard, record.rows) == ("local", 1, None, None)
-    assert record.failures == {} and all(part.failed == {} for part in record.parts)
-
-
-def test_progress_counts_up_to_the_whole(whole):
-    _, told = whole
-    assert [status.phase for status in told][:1] == ["compile"] and told[-1].phase == "done"
-    done = [status.done for status in told]
-    assert done == sorted(done) and done[-1] == 300 and told[-1].parts == 15
-    assert told[-1].progress == 1.0 and told[-1].left_s == 0.0 and told[-1].runs_per_s is not None
 
 
 def test_the_progress_file_tells_what_the_watcher_was_told(whole):

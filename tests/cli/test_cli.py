@@ -13,7 +13,7 @@ from ravenjax.hazards import library
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import ResultFolder
-from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
+from ravenjax.vocabulary.effects import EFFECTS
 
 
 @pytest.fixture
@@ -59,14 +59,6 @@ def test_help_and_version_import_nothing_slow():
         assert command in done.stdout
 
 
-def test_faults_lists_every_word(run):
-    code, out, _ = run("faults")
-    assert code == 0
-    words = out.split()
-    for word in (*SITES, *EFFECTS, *TRIGGERS):
-        assert word in words, word
-
-
 def tables(out):
     """The rows of each table that was printed, by its title; cells of one line, so on a wide
     terminal.
@@ -110,26 +102,6 @@ def test_faults_of_a_site_lists_channels_effects_and_hazards(run):
         "any factor",
     )
     assert [row[0] for row in hazards] == ["B11", "B24", "B25", "B26", "B27"]
-
-
-def test_faults_of_an_effect_says_what_its_value_may_be(run):
-    _, out, _ = run("faults", "delay")
-    about, values = tables(out).values()
-    assert about == [["meaning", EFFECTS["delay"].meaning]] and values == [
-        ["network", "1..100000 packets, whole"]
-    ]
-
-
-def test_layers_and_classes_are_defined_where_they_are_printed(run):
-    _, out, _ = run("faults")
-    layers = tables(out)["Layers of the loop"]
-    assert [row[0] for row in layers] == [f"L{number}" for number in range(1, 11)]
-    assert {site for row in layers for site in row[2].split(", ")} == set(SITES)
-    assert sum(int(row[3]) for row in layers) == len(library.rows())
-    _, out, _ = run("faults", "classes")
-    assert {name for row in library.rows() for name in row.expected_class} <= {
-        row[0] for row in tables(out)["Outcome classes of hazards"]
-    }
 
 
 @pytest.mark.parametrize(
@@ -210,29 +182,6 @@ def test_parameters_are_listed_with_their_ranges(run):
     assert not [path for path in lines if "noise_key" in path or path.startswith("start")]
 
 
-def test_parameters_say_what_they_are_and_name_the_numbers_of_a_vector(run):
-    code, out, _ = run("parameters", "--path", "nominal.gold.k")
-    assert code == 0
-    rows = {row[0]: row[1:] for row in next(iter(tables(out).values()))}
-    assert list(rows) == [f"nominal.gold.{name}" for name in ("kp", "kd", "ki", "kv", "kc")]
-    value, span, meaning = rows["nominal.gold.kp"]
-    assert value.startswith("shoulder 193.634, elbow 109.278, insertion 315.675, tool_roll ")
-    assert span == "0..1000000 N m/rad; insertion N/m; jaws 1/s2"
-    assert meaning == "stiffness with which the nominal model follows its target"
-    assert all(meaning for _, _, meaning in rows.values())
-    code, _, err = run("parameters", "--path", "plant.gold.friction_scal3")
-    assert (
-        code == 2
-        and "no parameter's path holds it. Did you mean 'plant.gold.friction_scale'?" in err
-    )
-
-
-def test_names_stay_whole_on_a_narrow_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(console, "out", type(console.out)(width=70))
-    assert main(["parameters"]) == 0
-    assert "plant.gold.actuators.torque_per_count" in capsys.readouterr().out
-
-
 def test_a_bug_is_not_hidden(monkeypatch):
     from ravenjax.campaign import loading
 
@@ -253,12 +202,6 @@ def test_interrupt_says_how_to_go_on(run, monkeypatch):
     monkeypatch.setattr(loading, "load", interrupted)
     code, _, err = run("run", "quick.toml")
     assert code == 130 and "same command goes on" in err
-
-
-def test_doctor(run):
-    code, out, _ = run("doctor")
-    assert "jax computes" in out and "cpu:0" in out
-    assert code == int("FAILED" in out)
 
 
 def test_what_came_out_is_told_at_the_end_of_a_run(capsys, monkeypatch, tmp_path):
@@ -283,11 +226,6 @@ def test_what_came_out_is_told_at_the_end_of_a_run(capsys, monkeypatch, tmp_path
     assert failed > 0 and len(causes)
     for cause, count in causes.items():
         assert [cause, str(count), f"{100 * count / 600:.2g} %"] in lines
-
-
-def test_report_of_a_folder_without_results(run, tmp_path):
-    code, _, err = run("report", str(tmp_path))
-    assert code == 2 and str(tmp_path) in err
 
 
 def as_json(run, *tokens):
@@ -316,12 +254,6 @@ def test_faults_as_json(run):
     ]
 
 
-def test_parameters_as_json(run):
-    _, told = as_json(run, "parameters", "--set", "campaign.software=fork2015")
-    assert {"path", "value", "may_be", "meaning"} == set(told["parameters"][0])
-    assert "network.cycles_per_packet" in {one["path"] for one in told["parameters"]}
-
-
 def test_studies_as_json(run):
     from ravenjax.studies import catalogue as studies
 
@@ -336,8 +268,3 @@ def test_doctor_as_json(run):
     assert {"what": "jax computes", "state": "ok"}.items() <= told["works"][0].items()
     assert "python" in {one["what"] for one in told["machine"]}
     assert code == int(any(one["state"] != "ok" for one in told["works"]))
-
-
-def test_an_error_leaves_standard_output_empty(run):
-    code, out, err = run("verify", "nowhere", "--json")
-    assert code == 2 and out == "" and "is not a result folder" in err

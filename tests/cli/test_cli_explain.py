@@ -76,11 +76,6 @@ def test_a_whole_campaign_and_the_python_api_say_the_same(said, folder):
     pd.testing.assert_frame_equal(again, table[table["index"] == 7].reset_index(drop=True))
 
 
-def test_a_group_in_a_terminal(said, folder):
-    code, out, _ = said(folder, "--group", "dac")
-    assert code == 0 and "wrote" in out and "explained.parquet" in out
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -117,21 +112,8 @@ def test_results_of_engine_mjx_name_another(said, folder, tmp_path):
     assert code == cli.USER_ERROR and "computed by engine mjx" in err and "--engine simd" in err
 
 
-def test_results_of_an_older_schema_are_refused(said, folder, tmp_path):
-    record = json.loads((folder / "manifest.json").read_text()) | {"schema_version": 3}
-    (tmp_path / "manifest.json").write_text(json.dumps(record))
-    code, _, err = said(tmp_path, "7")
-    assert code == cli.USER_ERROR and "has result schema 3" in err
-
-
 def test_a_robot_without_seams_is_named(monkeypatch):
     homes = importlib.import_module("ravenjax.robots.raven2.campaign")._HOMES
     monkeypatch.delitem(homes, "explained")
     with pytest.raises(rj.UserError, match="robot 'raven2' declares no seams"):
         rj.explain(tiny_campaign.config(runs=5))
-
-
-@pytest.mark.parametrize("runs", [True, 1.5, [None], {"run": 7}])
-def test_a_run_of_the_api_is_an_index_or_an_id(runs):
-    with pytest.raises(rj.UserError, match="expected its index"):
-        rj.explain(tiny_campaign.config(runs=5), runs)

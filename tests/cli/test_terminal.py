@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import io
 
-import pytest
 from rich.console import Console
 
 from ravenjax.campaign.progress.counts import Status
@@ -39,14 +38,6 @@ def test_one_line_says_how_far_it_is():
     assert terminal.words(quiet) == "150 of 400 runs, 0 s left"
 
 
-@pytest.mark.parametrize(
-    ("seconds", "said"),
-    [(0.4, "0 s"), (119.0, "119 s"), (180.0, "3 min"), (7000.0, "117 min"), (7300.0, "2 h 02 min")],
-)
-def test_times_in_words(seconds, said):
-    assert terminal.duration(seconds) == said
-
-
 def test_where_there_is_no_terminal_lines_come_now_and_then_and_each_note_once():
     out = io.StringIO()
     with terminal.Watch(Console(file=out, width=300)) as watch:
@@ -62,13 +53,6 @@ def test_where_there_is_no_terminal_lines_come_now_and_then_and_each_note_once()
     ]
     assert sum("a worker died" in line for line in lines) == 1
     assert sum(line.startswith("run:") for line in lines) == 1 and lines[-1].startswith("done:")
-
-
-def test_a_terminal_shows_a_bar():
-    out = io.StringIO()
-    with terminal.Watch(Console(file=out, width=200, force_terminal=True)) as watch:
-        watch(STATUS)
-    assert "4 workers" in out.getvalue() and "━" in out.getvalue()
 
 
 def test_outcomes_are_shares_of_valid_runs():
@@ -106,9 +90,3 @@ def test_what_evades_is_told_in_a_sentence():
     assert terminal.evading({"silent/none/cue": 2}, 3.0).startswith(
         "None of 2 runs with a fault evades the checks"
     )
-
-
-def test_failures_by_cause():
-    rows = terminal.failure_rows({"tip not finite": 5, "worker killed by SIGKILL": 20}, 1000)
-    assert rows == [("worker killed by SIGKILL", "20", "2 %"), ("tip not finite", "5", "0.5 %")]
-    assert terminal.failure_rows({}, 0) == []

@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import ros2_log
-from scipy.spatial.transform import Rotation
 
 from ravenjax.cli import main
 from ravenjax.store.folder import read_all
@@ -66,26 +65,6 @@ def test_the_table_holds_every_run(out):
     assert hit["diverged"].all() and (hit["peak_dac_gold_shoulder"] >= 9000).all()
 
 
-def test_the_report_is_one_file_that_loads_nothing(out):
-    page = (out / "report.html").read_text(encoding="utf-8")
-    assert "tiny" in page and "95&nbsp;%" in page
-    loaded = re.findall(
-        r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)\s*=\s*["']?([^"'\s>]+)""", page
-    )
-    assert all(source.startswith(("data:", "#")) for source in loaded), loaded
-    styles = "".join(re.findall(r"<style[^>]*>(.*?)</style>", page, flags=re.S))
-    assert "@import" not in styles and not re.search(r"url\(\s*['\"]?http", styles)
-
-
-def test_the_report_tells_how_to_replay_the_worst_run_that_evaded(out):
-    frame = read_all(out)
-    evaded = frame[
-        frame["response"].isin(["silent", "limited"]) & (frame["hazard"] == "unintended motion")
-    ]
-    worst = evaded.loc[evaded["unintended_mm"].idxmax(), "run_id"]
-    assert f"ravenjax trace {out} {worst}" in (out / "report.html").read_text(encoding="utf-8")
-
-
 @pytest.fixture(scope="module")
 def traced(out):
     """Row and files of one run."""
@@ -133,33 +112,6 @@ def test_a_trace_is_a_log_of_every_millisecond(traced):
         and told["code_hash"] == told["campaign_code_hash"] == record["code_hash"]
     )
     assert told["engine"].startswith("simd on ") and told["version"] == "0.1.0"
-
-
-@pytest.mark.slow
-def test_frames_of_a_trace_stand_where_the_scene_has_them(traced):
-    """At rest at the beginning the measured, the true and the model's tip are at one place above
-    the tissue.
-    """
-    frames = ros2_log.read(traced[1]["mcap"]).topics["/tf"][0].value.transforms
-    assert [one.child_frame_id for one in frames] == [
-        *("arm1_base", "arm1_tip_measured", "arm1_tip_true", "arm1_tip_model")
-    ]
-    place = [
-        np.array(
-            [one.transform.translation.x, one.transform.translation.y, one.transform.translation.z]
-        )
-        for one in frames
-    ]
-    turn = [
-        Rotation.from_quat([getattr(one.transform.rotation, axis) for axis in "xyzw"])
-        for one in frames
-    ]
-    tips = [turn[0].apply(tip) + place[0] for tip in place[1:]]
-    assert all(np.linalg.norm(tip - tips[1]) < 0.5e-3 for tip in tips)
-    assert 0.18 < tips[1][2] < 0.25, "m above the table, over the phantom"
-    assert all((one * turn[2].inv()).magnitude() < 0.05 for one in turn[1:]), (
-        "rad, of the tool's cables"
-    )
 
 
 def test_events_of_a_trace_are_what_the_row_says(traced):
@@ -213,15 +165,6 @@ def test_the_worst_runs_are_traced_with_a_summary(out, capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_several_runs_as_json(out, capsys, tmp_path):
-    assert call("trace", out, 1, 2, "--out", tmp_path, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [one["run_id"] for one in told] == read_all(out)["run_id"].iloc[[1, 2]].tolist()
-    assert told[0]["fault"].startswith("usb_out gold shoulder, overwrite −9,000 counts")
-    assert all(path.endswith((".mcap", ".csv", ".svg")) for one in told for path in one["files"])
-
-
-@pytest.mark.slow
 def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_path):
     row, _ = traced
     assert call("report", out, "--figures", tmp_path / "figures") == 0
@@ -234,19 +177,6 @@ def test_the_report_replays_what_was_traced_and_draws_figures(out, traced, tmp_p
     )
     drawn = {path.suffix for path in (tmp_path / "figures").iterdir()}
     assert drawn == {".svg", ".pdf"}
-
-
-def test_a_second_start_computes_nothing(out, monkeypatch):
-    from ravenjax.campaign.executors import local
-
-    before = {path: path.stat().st_mtime_ns for path in (out / "parts").iterdir()}
-    table = read_all(out)
-    monkeypatch.setattr(local, "Computation", None)
-    assert call("run", out.parent / "tiny.toml", "--out", out, "--engine", "simd") == 0
-    assert {path: path.stat().st_mtime_ns for path in (out / "parts").iterdir()} == before
-    assert read_all(out).equals(table)
-    record = json.loads((out / "manifest.json").read_text())
-    assert record["starts"] == 2 and record["runs_per_s"] > 0.0
 
 
 def test_the_notebook_sees_the_same_series(out, traced):
@@ -277,20 +207,6 @@ def test_the_notebook_sees_the_same_series(out, traced):
     assert (
         found["cue_threshold_mm"].values.tolist() == [3.0] and found["time"].attrs["units"] == "s"
     )
-
-
-def test_a_table_of_the_notebook_says_what_its_columns_are(out):
-    import ravenjax as rj
-
-    table = rj.run(out.parent / "tiny.toml", engine="simd")
-    assert table["run_id"].tolist() == read_all(out)["run_id"].tolist()
-    assert set(table.attrs["units"]) == set(table.attrs["meanings"]) == set(table.columns)
-    assert (
-        table.attrs["units"]["unintended_mm"] == "mm"
-        and table.attrs["units"]["pedal_down_ms"] == "ms"
-    )
-    assert table.attrs["meanings"]["end_runlevel"].startswith("run level at the end: 0 E-stop")
-    assert table[table["activated"]].attrs == table.attrs, "kept by a selection"
 
 
 def test_what_a_run_gave_as_json(out, capsys):
@@ -352,12 +268,4 @@ def test_two_results_are_compared(out, capsys, tmp_path):
         "by fault: 7. Compared: 6 pairs with a fault" in text
         and "plant.friction_scale" in text
         and "evades" in text
-    )
-
-
-def test_a_limit_may_leave_only_fault_free_runs(tmp_path):
-    (tmp_path / "tiny.toml").write_text(CAMPAIGN)
-    assert (
-        call("run", tmp_path / "tiny.toml", "--out", tmp_path / "out", "--limit", 1, "--no-report")
-        == 0
     )

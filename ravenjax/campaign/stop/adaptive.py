@@ -18,9 +18,13 @@ from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress.counts import OnProgress
-from ravenjax.campaign.stop import decisions, strata
-from ravenjax.campaign.stop.marks import Marks
-from ravenjax.campaign.stop.strata import Draws
+from ravenjax.campaign.stop import decisions
+from ravenjax.campaign.stop.event_bitmaps import (
+    EventBitmaps,
+    GroupDraws,
+    group_draws,
+    stop_rule,
+)
 from ravenjax.errors import UserError
 from ravenjax.stats.sample_size.sequential import Look
 from ravenjax.store.access.results import Results
@@ -58,8 +62,8 @@ def run(
             f"--shard {shard}: a campaign with [stop] decides by all its rows how far it goes, and"
             " a shard has a part of them. Take --executor ray, or remove [stop]"
         )
-    rule, draws = strata.rule(config), strata.draws(config)
-    marks = Marks(draws[-1].range(draws[-1].number).stop, rule.rates, config.rules)
+    rule, draws = stop_rule(config), group_draws(config)
+    marks = EventBitmaps(draws[-1].range(draws[-1].number).stop, rule.rates, config.rules)
     looks: list[Look] = []
     results: list[Results] = []
     counts, before = rule.first(), np.zeros(len(draws), np.int64)
@@ -77,7 +81,7 @@ def run(
         before, counts = counts, rule.following(looks[-1], k, n)
 
 
-def _rows(draws: Sequence[Draws], before: np.ndarray, taken: np.ndarray) -> list[range]:
+def _rows(draws: Sequence[GroupDraws], before: np.ndarray, taken: np.ndarray) -> list[range]:
     """The rows of the draws from `before` to `taken` of each group, in order."""
     spans = [
         range(of.range(first).stop, of.range(last).stop)

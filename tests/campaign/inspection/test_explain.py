@@ -234,23 +234,6 @@ def test_explained_runs_are_what_two_whole_traces_say():
     assert (explained.ticks.filter(like="leaves:").to_numpy() >= 0).any()
 
 
-def test_no_outcome_of_a_run_changes():
-    config = tiny_campaign.config(runs=40)
-    table, rows = rj.run(config, engine="simd"), np.arange(5, 37)
-    explained = Explainer(config, "simd").explain(rows)
-    for name in table:
-        ours, theirs = explained.results[name].to_numpy(), table[name].to_numpy()[rows]
-        assert (ours.astype(str) == theirs.astype(str)).all(), name
-    assert (explained.ticks["run_id"].to_numpy() == table["run_id"].to_numpy()[rows]).all()
-
-
-def test_nothing_of_a_run_without_effect_differs():
-    config = rj.load_campaign(BOTH, ["group.1.fault.0.value=0"])
-    table = Explainer(config, "simd").explain([4, 5]).ticks
-    assert (table.filter(regex="differs:|leaves:").to_numpy() == -1).all()
-    assert (table["harm_ms"].to_numpy() == -1).all()
-
-
 def test_margins_are_those_of_the_run_where_no_harm_comes():
     explained = Explainer(tiny_campaign.config(runs=40), "simd").explain(np.arange(3, 40))
     calm = (explained.ticks["harm_ms"] < 0).to_numpy()

@@ -6,14 +6,12 @@ from __future__ import annotations
 
 import copy
 
-import numpy as np
 import pandas as pd
 import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import plan, runner
 from ravenjax.campaign.executors.local import Local
-from ravenjax.campaign.faults import design
 from ravenjax.campaign.inspection import fault_free
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
@@ -144,28 +142,6 @@ def test_a_result_of_another_version_is_refused(result, tmp_path):
     manifest.write(tmp_path, manifest.read(result).model_copy(update={"code_hash": "0" * 64}))
     with pytest.raises(UserError, match="computed by another version of the code"):
         fault_free.extend(tmp_path, 1.0)
-
-
-@pytest.mark.parametrize("hours", [0.0, -1.0, float("nan"), float("inf")])
-def test_hours_are_a_number_above_zero(result, hours):
-    with pytest.raises(UserError, match="expected a number above 0"):
-        fault_free.extend(result, hours)
-
-
-def test_runs_are_as_long_as_some_motions_need_and_no_longer_than_is_good(result):
-    record = manifest.read(result)
-    lengths = [fault_free._length_s(record, hours) for hours in (0.01, 0.5, 7.4)]
-    assert lengths == [60, 181, 600]
-    four = changed(result, parameters={"operator.scale": [0.05, 0.1, 0.15, 0.2]})
-    assert fault_free._length_s(four, 2.0) == 181
-
-
-def test_drawn_robots_are_drawn_for_each_motion(result):
-    drawn = changed(result, parameters={"plant.mass_scale": {"uniform": [0.9, 1.1]}})
-    campaigns = fault_free.campaigns(drawn.config, 60)
-    one, two = (rj.load_campaign(next(campaigns)[1]) for _ in range(2))
-    masses = np.concatenate([design.expand(made)["param:plant.mass_scale"] for made in (one, two)])
-    assert len(masses) == 2 * fault_free.DRAWN == len(set(masses))
 
 
 def test_a_robot_that_is_stopped_without_a_fault_is_told_of(tmp_path, monkeypatch):

@@ -4,7 +4,6 @@ should mark is not.
 
 from __future__ import annotations
 
-import copy
 import json
 import tomllib
 from pathlib import Path
@@ -151,10 +150,3 @@ def test_the_command_prints_and_writes_it(kind, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out) == SCHEMAS[kind]
     assert main(["schema", kind, "--out", str(tmp_path / "schema.json")]) == 0
     assert json.loads((tmp_path / "schema.json").read_text(encoding="utf-8")) == SCHEMAS[kind]
-
-
-def test_each_call_makes_its_own():
-    first = campaigns.schema(ROBOT)
-    kept = copy.deepcopy(first)
-    searches.schema(ROBOT)
-    assert first == kept and "search" not in campaigns.schema(ROBOT)["properties"]

@@ -178,11 +178,6 @@ def test_the_command_as_json(run, idle):
     assert set(view["expected"]) == {"start_s", "run_s", "memory_mib", "basis"}
 
 
-def test_the_command_refuses_in_words(run):
-    code, out, err = run("check", "quick", "--set", "group.hand.fault.0.effect=drop")
-    assert code == 2 and "'drop' belongs to site 'network', got site 'hand'" in err and not out
-
-
 def test_it_tells_what_checks_and_operator_of_ones_own_do(run, idle, tmp_path):
     """Numbers are those of the files: of a check's parameters too, which its file alone names."""
     (tmp_path / "gate.py").write_text(GATE)
@@ -251,28 +246,3 @@ name = "free"
 [group.cross]
 "checks.threshold.gate" = [0.25, 1, 4]
 """
-
-
-CROSSED, VARIES = (
-    {"reaction.action": [0, 2]},
-    "at the cue: reaction.action varies, elsewhere lift the pedal",
-)
-
-
-@pytest.mark.parametrize(
-    ("tables", "said"),
-    [
-        ({}, "at the cue: lift the pedal"),
-        ({"reaction": {"action": "none"}}, "at the cue: nobody reacts"),
-        ({"cross": CROSSED}, VARIES),
-        (
-            {"group": [{"name": "free", "cross": CROSSED}]},
-            VARIES,
-        ),
-    ],
-)
-def test_an_operator_who_reacts_in_some_runs_is_not_said_never_to(tables, said):
-    config = loading.from_dict(
-        {"campaign": {"name": "x"}, "reaction": {}, "group": [{"name": "free"}], **tables}
-    )
-    assert dict(config.lines())["operator"].endswith(f"; {said}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 import pytest
 import tiny_campaign
@@ -72,32 +71,6 @@ def test_a_second_run_compiles_nothing(replayer, monkeypatch):
     for step in ("traced.trace", "cpu.jit.compile"):
         monkeypatch.setattr(f"ravenjax.engines.{step}", None)
     assert replayer.replay(5).row["index"] == 5
-
-
-@pytest.mark.slow
-def test_another_campaign_of_the_same_form_traces_and_compiles_nothing(monkeypatch):
-    """Other seed, other values of the faults, other numbers of runs in a chunk: the same code,
-    found again.
-    """
-    rj.run(CONFIG, engine="simd")
-    for step in ("traced.trace", "cpu.jit.compile"):
-        monkeypatch.setattr(f"ravenjax.engines.{step}", None)
-    heard = []
-
-    def listen(event: str, duration: float, **_: object) -> None:
-        if "compile" in event or "trace" in event:
-            heard.append(event)
-
-    raw = tiny_campaign.tables(runs=20, chunk=7)
-    raw["campaign"]["seed"] = 4
-    raw["group"][1]["fault"][0]["value"] = {"uniform": [-500, 500]}
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
-        table = rj.run(rj.load_campaign(raw), engine="simd")
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
-    assert len(table) == 20 and table["fault0_value"].abs().max() <= 500
-    assert heard == []
 
 
 def test_every_series_is_described_and_stands_where_its_joints_are(replayer):

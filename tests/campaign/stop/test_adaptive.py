@@ -5,16 +5,14 @@ interrupted.
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 import synthetic_results as synthetic
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.executors.shards import Shard
-from ravenjax.campaign.faults import design
-from ravenjax.campaign.stop import adaptive, decisions, strata
-from ravenjax.campaign.stop.marks import Marks
-from ravenjax.errors import StoreError, UserError
+from ravenjax.campaign.stop import adaptive, decisions
+from ravenjax.campaign.stop.event_bitmaps import EventBitmaps, group_draws
+from ravenjax.errors import UserError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import schema
 from ravenjax.store.access.results import Results
@@ -117,7 +115,7 @@ def test_it_stops_at_the_first_look_at_which_every_interval_is_narrow(
 @pytest.mark.slow
 def test_a_look_counts_what_the_table_says(run, tmp_path):
     table = run(config("neyman"), tmp_path)[0].frame().set_index("index")
-    first = {of.first: of for of in strata.draws(config())}
+    first = {of.first: of for of in group_draws(config())}
     for look in decisions.read(tmp_path):
         for interval in look.intervals:
             start = {"grid": 1, "drawn": 601}[interval.stratum]
@@ -172,25 +170,10 @@ def test_lost_decisions_and_lost_parts_are_made_again(run, tmp_path):
     assert manifests.read(tmp_path).finished is not None
 
 
-@pytest.mark.slow
-def test_parts_do_not_shatter(run, tmp_path):
-    run(config(half_width=0.001), tmp_path)
-    found = manifests.read(tmp_path).parts
-    assert sum(len(part.rows) for part in found) == 2101, (
-        "a width that cannot be had takes the whole table"
-    )
-    assert len(found) <= -(-2101 // CHUNK) + 3 * len(LOOKS), (
-        "a look leaves at most one small part a group"
-    )
-    assert decisions.sentence(tmp_path).startswith(
-        "Stopped at look 6 of 6: every rate is known within +-0.001, or its"
-    )
-
-
 def test_of_repeats_the_first_valid_one_counts():
     one = config(repeats=3)
-    draws = strata.draws(one)
-    marks = Marks(3301, ("jump",), one.rules)
+    draws = group_draws(one)
+    marks = EventBitmaps(3301, ("jump",), one.rules)
     marks.valid[:] = True
     marks.valid[[1, 4, 5, 6]] = False  # of draw 0 the first repeat, of draw 1 all three
     marks.cases[0, [2, 8]] = True  # the second repeat of draw 0 and the second of draw 2
@@ -215,57 +198,3 @@ def test_a_shard_of_it_is_refused():
         UserError, match=r"--shard 2/7: a campaign with \[stop\] decides by all its rows"
     ):
         adaptive.run(config(), shard=Shard(2, 7))
-
-
-@pytest.mark.slow
-def test_a_real_campaign_stops_and_resumes(tmp_path, monkeypatch):
-    """The same rows as of the whole table, whether in one go or cut short in the middle of a
-    look.
-    """
-    raw = {
-        "campaign": {"name": "real", "duration_s": 0.3, "chunk": 64},
-        "stop": {"half_width": 0.2, "looks": [0.02, 0.1, 0.5, 1], "allocation": "neyman"},
-        "group": [
-            {
-                "name": "list",
-                "fault": [FAULT | {"value": list(range(-9000, 9000, 90)), "duration_ms": 4}],
-            },
-            {
-                "name": "drawn",
-                "design": "sobol",
-                "runs": 300,
-                "fault": [FAULT | {"value": {"uniform": [0, 30000]}}],
-            },
-        ],
-    }
-    real = loading.from_dict(raw)
-    whole = adaptive.run(real, tmp_path / "whole").frame()
-    looks = decisions.read(tmp_path / "whole")
-    assert (
-        looks[-1].stop
-        and not looks[-1].waiting
-        and len(whole) == sum(looks[-1].draws.values()) < 500
-    )
-    table = design.expand(real).set_index("index")
-    assert whole["run_id"].tolist() == [f"{table.at[i, 'run_id']:016x}" for i in whole["index"]]
-
-    put, left = ResultFolder.put, iter(range(3))
-
-    def dies(self, encoded):
-        if next(left, None) is None:
-            raise KeyboardInterrupt
-        put(self, encoded)
-
-    monkeypatch.setattr(ResultFolder, "put", dies)
-    with pytest.raises(KeyboardInterrupt):
-        adaptive.run(real, tmp_path / "cut")
-    monkeypatch.setattr(ResultFolder, "put", put)
-    pd.testing.assert_frame_equal(adaptive.run(real, tmp_path / "cut").frame(), whole)
-    assert (tmp_path / "cut" / decisions.FILE).read_bytes() == (
-        tmp_path / "whole" / decisions.FILE
-    ).read_bytes()
-    assert manifests.read(tmp_path / "cut").finished
-    with pytest.raises(StoreError, match=r"config.stop.half_width: 0.2 here, 0.1 asked for"):
-        adaptive.run(
-            loading.from_dict(raw | {"stop": raw["stop"] | {"half_width": 0.1}}), tmp_path / "cut"
-        )

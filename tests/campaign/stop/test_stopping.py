@@ -5,15 +5,14 @@ mistakes named.
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.analyses.search.file import loading as searches
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.stop import decisions, strata
+from ravenjax.campaign.stop import decisions
+from ravenjax.campaign.stop.event_bitmaps import group_draws, stop_rule
 from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
@@ -47,7 +46,7 @@ def config(stop=None, groups=GROUPS, **more):
 
 
 def test_each_group_is_a_stratum_and_one_without_faults_is_not_judged():
-    found = strata.rule(
+    found = stop_rule(
         config(
             {
                 "rates": ["unintended_motion"],
@@ -76,8 +75,8 @@ def test_repeats_and_crossed_variants_are_one_draw():
     one = config(
         groups=groups, campaign={"name": "x", "noise": True}, cross={"operator.scale": [0.1, 0.2]}
     )
-    assert [tuple(of) for of in strata.draws(one)] == [(0, 1, 2), (2, 200, 6)]
-    assert strata.draws(one)[1].range(10) == range(2, 62)
+    assert [tuple(of) for of in group_draws(one)] == [(0, 1, 2), (2, 200, 6)]
+    assert group_draws(one)[1].range(10) == range(2, 62)
 
 
 def test_the_beginning_of_a_grid_is_a_sample_of_it():
@@ -93,12 +92,6 @@ def test_the_beginning_of_a_grid_is_a_sample_of_it():
     assert again["fault0_value"].tolist() != table["fault0_value"].tolist(), (
         "the seed draws the order"
     )
-
-
-def test_a_sequence_is_begun_as_it_was_drawn():
-    plain = config().model_copy(update={"stop": None})
-    assert_alike = [design.expand(one).query("group == 'drawn'") for one in (config(), plain)]
-    pd.testing.assert_frame_equal(*assert_alike)
 
 
 @pytest.mark.slow
@@ -117,13 +110,6 @@ def test_events_are_those_of_the_report(event):
     assert valid.tolist() == (~said["failed"]).tolist() and 0 < valid.sum() < len(frame)
     assert cases[valid].tolist() == expected[valid].tolist()
     assert 0 < expected[valid].sum() < valid.sum(), "the example tells them apart"
-
-
-def test_rules_are_the_campaigns():
-    one = config(
-        haptics={"threshold_mm": [3, 2.5]}, outcomes={"cue": 1, "jump": "text", "limit_mm": 4}
-    )
-    assert one.rules == Rules(1, 2.5, "jump_text", 4.0)
 
 
 @pytest.mark.parametrize(
@@ -173,30 +159,9 @@ def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
         loading.load(path, ["campaign.limit=5"])
 
 
-def test_a_campaign_without_anything_to_judge_is_refused():
-    with pytest.raises(
-        UserError, match=r"group: no group has a fault: there is nothing that \[stop\] could judge"
-    ):
-        config(groups=[{"name": "free"}])
-
-
-def test_a_search_has_none():
-    """It takes its points in the order in which it asked for them."""
-    raw = {
-        "campaign": {"name": "x"},
-        "stop": {"half_width": 0.1},
-        "search": {"kind": "sobol", "outcomes": ["jump_code"]},
-    }
-    group = {"name": "g", "fault": [FAULT | {"value": {"uniform": [0, 99]}}]}
-    with pytest.raises(
-        UserError, match=r"stop: a search decides how many runs it makes; remove the section"
-    ):
-        searches.from_dict(raw | {"group": [group]})
-
-
 def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
     assert decisions.read(tmp_path) == [] and decisions.sentence(tmp_path) == ""
-    rule = strata.rule(config())
+    rule = stop_rule(config())
     look = rule.look(1, rule.first(), np.array([[0, 1, 0], [0, 2, 0]]), rule.first())
     decisions.write(tmp_path, [look])
     assert [one.line() for one in decisions.read(tmp_path)] == [look.line()]

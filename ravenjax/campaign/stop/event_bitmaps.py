@@ -1,24 +1,63 @@
-"""What a stop rule keeps of the rows that are finished: a few bits of each, so that no look
-reads a row again.
+"""What a stop rule sees of a campaign: each group as a stratum of draws, and a few bits of each row
+that is finished, so that no look reads a row again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from ravenjax.campaign.stop.strata import Draws
+from ravenjax.campaign.faults import design, sampled_order
+from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
+from ravenjax.stats.sample_size.sequential import Sequential, Stratum
 from ravenjax.store import manifest, parts
 from ravenjax.store.access.results import Results
 from ravenjax.store.folder import PARTS
 
 
-class Marks:
+class GroupDraws(NamedTuple):
+    """The draws of one group in the fault table, as `sampled_order` puts them."""
+
+    first: int  # row of the first
+    number: int
+    rows: int  # rows of each
+
+    def range(self, taken: int) -> range:
+        """Rows of the first `taken` draws."""
+        return range(self.first, self.first + taken * self.rows)
+
+
+def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
+    """Of each group in the order of the table."""
+    result, first = [], 0
+    for group in config.group:
+        rows = design.count(config.model_copy(update={"group": (group,)}))
+        each = sampled_order.rows_of_a_draw(config, group)
+        result.append(GroupDraws(first, rows // each, each))
+        first += rows
+    return tuple(result)
+
+
+def stop_rule(config: CampaignConfig) -> Sequential:
+    """The stop rule of a campaign that has one."""
+    if (stop := config.stop) is None:
+        raise ValueError(f"campaign {config.campaign.name!r} has no [stop] section")
+    strata = tuple(
+        Stratum(group.name, of.number, bool(group.fault))
+        for group, of in zip(config.group, group_draws(config), strict=True)
+    )
+    return Sequential(
+        strata, stop.rates, stop.half_width, stop.looks, stop.confidence, stop.of, stop.allocation
+    )
+
+
+class EventBitmaps:
     """Which of a table's rows have an outcome, and of which rates each is a case."""
 
     def __init__(self, rows: int, rates: Sequence[str], rules: Rules) -> None:
@@ -40,7 +79,9 @@ class Marks:
         """Whether all these rows are marked."""
         return all(self.seen[span.start : span.stop].all() for span in rows)
 
-    def counts(self, draws: Sequence[Draws], taken: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def counts(
+        self, draws: Sequence[GroupDraws], taken: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(cases [rates, groups], valid draws [groups]) of the first taken[group] draws of each
         group.
 
