@@ -79,7 +79,7 @@ def render(folder: Path) -> str:
         task=_task(summary, course),
         rounds=(summary.get("task") or {}).get("rounds_s_of_level"),
         dexterity=summary.get(learning.MEASURES),
-        contact=dexterity.contact(course) if course is not None and has_contact else (),
+        contact=dexterity.contact(course) if course and has_contact else (),
         curves=figures.learning(learning.attempts(folder.absolute())),
         caveats=words.caveats(header, state),
         events=[
