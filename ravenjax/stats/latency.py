@@ -84,7 +84,7 @@ def incidence(delay: ArrayLike, happened: ArrayLike, confidence: float = 0.95) -
     end of observation.
 
     Any unit of time. The band is pointwise, by Greenwood's variance of log(-log). ValueError where
-    a delay is negative or not a number, or the lengths differ.
+    a delay is negative or not a number.
     """
     times, came = _delays(delay, happened, "incidence")
     return _curve(times, came, 0.0, confidence)
@@ -97,14 +97,9 @@ def quantile(
     resampling units.
 
     Runs as for `incidence`, but that times may be negative, as lags are. A bound is NaN where
-    resamples reach the fraction too rarely to tell it, or where there are too few units. ValueError
-    where lengths differ.
+    resamples reach the fraction too rarely to tell it, or where there are too few units.
     """
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
-    if not times.shape == came.shape == among.unit.shape:
-        raise ValueError(
-            f"quantile: {times.shape} delays, {came.shape} events and {among.unit.shape} units"
-        )
     if not len(times):
         return Estimate(np.nan, np.nan, np.nan)
     order = _order(times, came)
@@ -123,15 +118,10 @@ def mean_within(
     still without event (Klein, Moeschberger, Survival Analysis, 2003, 4.5). Its interval is by
     resampling units.
 
-    Unit of the delay. NaN where n is 0. ValueError as `incidence`, where lengths differ, where
-    horizon is not positive, or where it lies beyond the last observation of runs still without
-    event: nothing is known there.
+    Unit of the delay. NaN where n is 0. ValueError as `incidence`, or where the horizon
+    lies beyond the last observation of runs still without event: nothing is known there.
     """
     times, came = _delays(delay, happened, "mean_within")
-    if times.shape != among.unit.shape:
-        raise ValueError(f"mean_within: {times.shape} delays and {among.unit.shape} units")
-    if not horizon > 0:
-        raise ValueError(f"mean_within: horizon must be positive, got {horizon}")
     if not len(times):
         return Estimate(np.nan, np.nan, np.nan)
     if times.max() < horizon and not came[times == times.max()].all():
@@ -156,14 +146,10 @@ def lead_time(
     `end` [n] or one number is when the observation of the run ended.
 
     Runs without harm have no lead and are left out (Lead.n counts the rest); an alarm that never
-    came is censored at the end, so a detector cannot gain by missing. ValueError where lengths
-    differ, a time lies after the end, or the end is not a number.
+    came is censored at the end, so a detector cannot gain by missing. ValueError where a time
+    lies after the end, or the end is not a number.
     """
     alarmed, harmed = np.asarray(alarm, float), np.asarray(harm, float)
-    if alarmed.shape != harmed.shape or alarmed.ndim != 1:
-        raise ValueError(
-            f"lead_time: alarm {alarmed.shape} and harm {harmed.shape} must be of one length"
-        )
     ended = np.broadcast_to(np.asarray(end, float), alarmed.shape)
     if not np.isfinite(ended).all() or (alarmed > ended).any() or (harmed > ended).any():
         raise ValueError(
@@ -240,11 +226,6 @@ def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndar
 
 def _delays(delay: ArrayLike, happened: ArrayLike, caller: str) -> tuple[np.ndarray, np.ndarray]:
     times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
-    if times.shape != came.shape or times.ndim != 1:
-        raise ValueError(
-            f"{caller}: delay {times.shape} and happened {came.shape} must be one-dimensional and"
-            " equal"
-        )
     if not (times >= 0).all():
         raise ValueError(f"{caller}: a delay is never negative, got {times[~(times >= 0)][0]}")
     return times, came

@@ -29,8 +29,3 @@ def test_infinite_costs_and_no_choices():
     inf = np.inf
     assert front([1, 2, inf], [inf, inf, 3]).tolist() == [True, False, True]
     assert front([inf, inf], [inf, inf]).tolist() == [True, True] and front([], []).tolist() == []
-
-
-def test_lengths_must_match():
-    with pytest.raises(ValueError, match="one length"):
-        front([1, 2], [1])

@@ -11,14 +11,9 @@ def front(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     lower in one.
 
     Two costs [n], less is better, each in any unit; equal choices stand or fall together. A choice
-    with a NaN cost is never on the front and beats none. One sort, one running minimum. ValueError
-    where lengths differ.
+    with a NaN cost is never on the front and beats none. One sort, one running minimum.
     """
     x, y = np.asarray(first, float), np.asarray(second, float)
-    if x.shape != y.shape or x.ndim != 1:
-        raise ValueError(
-            f"front: costs {x.shape} and {y.shape} must be one-dimensional and of one length"
-        )
     best = np.zeros(len(x), bool)
     valid = np.flatnonzero(~np.isnan(x) & ~np.isnan(y))
     order = valid[np.lexsort((y[valid], x[valid]))]

@@ -30,16 +30,15 @@ def average_precision(score: ArrayLike, positive: ArrayLike) -> float:
     """Area under the precision-recall curve of score [n] (any unit, may be infinite) against
     positive (bool [n]).
 
-    NaN without positives. ValueError where lengths differ or a score is NaN.
+    NaN without positives. ValueError where a score is NaN.
     """
     from sklearn.metrics import average_precision_score  # slow to import
 
     values, truth = _scored(score, positive)
     if not truth.any():
         return float("nan")
-    places = np.unique(values, return_inverse=True)[
-        1
-    ]  # sklearn refuses infinities; only the order matters
+    # sklearn refuses infinities; only the order matters
+    places = np.unique(values, return_inverse=True)[1]
     return float(average_precision_score(truth, places))
 
 
@@ -126,11 +125,6 @@ def _band(
 
 def _scored(score: ArrayLike, positive: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     values, truth = np.asarray(score, float), np.asarray(positive).astype(bool)
-    if values.shape != truth.shape or values.ndim != 1:
-        raise ValueError(
-            f"scores {values.shape} and labels {truth.shape} must be one-dimensional and of one"
-            " length"
-        )
     if np.isnan(values).any():
         raise ValueError(
             f"{int(np.isnan(values).sum())} scores are NaN; a run that can never alarm scores -inf"

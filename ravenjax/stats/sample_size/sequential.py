@@ -273,7 +273,7 @@ class Sequential:
             stratified(k[r, there], n[there], weight, self.each) for r in range(len(self.rates))
         ]
         return [
-            Interval(rate, "", int(k[r, there].sum()), one.n, one.value, one.low, one.high)
+            Interval(rate, "", int(k[r, there].sum()), int(n[there].sum()), *one)
             for r, (rate, one) in enumerate(zip(self.rates, estimates, strict=True))
         ]
 
