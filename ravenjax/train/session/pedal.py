@@ -88,7 +88,7 @@ class PedalReasons:
     def __init__(self) -> None:
         self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
         # Reason that has yet to hold, and for how many ms it has.
-        self._coming: dict[str, tuple[str, int]] = {console: ("", 0) for console in NETWORK}
+        self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
         self._lines: list[str] = []
 
     def look(self, why: Mapping[str, str]) -> list[dict[str, Any]]:
