@@ -146,26 +146,14 @@ def test_a_line_that_is_no_message_is_told_with_its_number(tmp_path, line):
 
 # --- a whole session ---
 
+DRIFT = {"site": "jpos_d", "channel": "shoulder", "effect": "drift", "value": 4e-5}
 CREEPING = {
     "name": "creeping",
     "duration_s": 9,
     "task": {"kind": "reach", "targets": 50, "tolerance_mm": 3},
     "harm": {"excursion_mm": 10},
     "hazard": [
-        {
-            "name": "creep",
-            "when": 2,
-            "within_s": 3,
-            "fault": [
-                {
-                    "site": "jpos_d",
-                    "channel": "shoulder",
-                    "effect": "drift",
-                    "value": 4e-5,
-                    "duration_ms": 4000,
-                }
-            ],
-        }
+        {"name": "creep", "when": 2, "within_s": 3, "fault": [DRIFT | {"duration_ms": 4000}]}
     ],
 }
 

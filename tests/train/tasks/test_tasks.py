@@ -246,17 +246,10 @@ def test_what_the_page_and_the_debrief_get_is_json_of_one_shape(kind):
     one, frame = task(BOTH, kind=kind)
     hold(one, frame, 3)
     geometry = json.loads(json.dumps(one.geometry()))
-    assert geometry["kind"] == kind and set(geometry) == {
-        "kind",
-        "targets",
-        "pegs",
-        "object",
-        "path",
-        "turns",
-    }
-    assert (geometry["turns"] is not None) == (
-        kind in ("peg_transfer", "path")
-    )  # of targets each names its arm
+    names = "kind targets pegs object path turns"
+    assert geometry["kind"] == kind and set(geometry) == set(names.split())
+    # Of targets each names its arm.
+    assert (geometry["turns"] is not None) == (kind in ("peg_transfer", "path"))
     result = json.loads(json.dumps(one.result(), allow_nan=False))
     assert (
         result["kind"] == kind
