@@ -8,6 +8,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ravenjax.errors import StoreError
 from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
@@ -21,7 +23,7 @@ from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 
 FILE = "debrief.html"
-_LEVELS = ("p50", "p99", "p99_9")
+_TIMED, _LEVELS = ("compute", "lateness"), ("p50", "p99", "p99_9")
 _COUNTS = ("late_ticks", "ticks", "lost_rows", "rows", "skipped_ms")
 
 
@@ -75,7 +77,7 @@ def render(folder: Path) -> str:
         replay=replay.data(course, header, hazards) if course else None,
         overview=figures.overview(course, hazards) if course else None,
         timing=figures.loop(course) if course else None,
-        quality=_quality(summary),
+        quality=_quality(summary, course),
         task=_task(summary, course),
         rounds=(summary.get("task") or {}).get("rounds_s_of_level"),
         dexterity=summary.get(learning.MEASURES),
@@ -146,18 +148,19 @@ def _scenario(header: dict[str, Any]) -> dict[str, str]:
     return {"name": name, "title": title, "text": str(content.get("description") or "")}
 
 
-def _quality(summary: dict[str, Any]) -> dict[str, Any]:
-    """Timing of the loop as one flat table, from whoever measured it; empty where nobody did."""
-    recorded = summary.get("recording") or {}
-    values = dict(recorded)
-    for what in ("compute", "lateness"):
-        levels = recorded.get(f"{what}_us") or {}
-        values |= {f"{what}_{level}_us": value for level, value in levels.items()}
+def _quality(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
+    """Timing of the loop as one flat table: the loop's own figures, else those of the recording;
+    empty where there are neither.
+    """
+    values = dict(summary.get("recording") or {})
+    if course is not None:
+        for what in _TIMED:
+            levels = np.percentile(course.channel(f"{what}_us"), [50, 99, 99.9])
+            values |= {f"{what}_{name}_us": x for name, x in zip(_LEVELS, levels, strict=True)}
     values |= summary.get("timing") or {}
-    names = [f"{what}_{level}" for what in ("compute", "lateness") for level in _LEVELS]
-    out: dict[str, Any] = {name: values.get(f"{name}_us") for name in names}
-    out |= {name: values.get(name) for name in _COUNTS}
-    return {name: value for name, value in out.items() if value is not None}
+    names = {f"{what}_{level}": f"{what}_{level}_us" for what in _TIMED for level in _LEVELS}
+    names |= {name: name for name in _COUNTS}
+    return {name: values[key] for name, key in names.items() if values.get(key) is not None}
 
 
 def _task(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:

@@ -23,7 +23,6 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.realtime.clock import BINS
 from ravenjax.train.realtime.ring import Ring, read_json
 
 POLL_S = 0.015
@@ -68,8 +67,8 @@ def run(options: RecorderOptions) -> None:
             )
         log = session_log.SessionWriter(options.folder / session_log.FILE, options.names, header)
         stack.callback(log.close)
-        tally = _record(frames, events, log, list(options.names), stop)
-    description.update(options.folder, {"ended": now(), "summary": {"recording": tally.summary()}})
+        summary = _record(frames, events, log, options.names.index("late_ticks"), stop)
+    description.update(options.folder, {"ended": now(), "summary": {"recording": summary}})
 
 
 def now() -> str:
@@ -78,16 +77,19 @@ def now() -> str:
 
 
 def _record(
-    frames: Ring, events: Ring, log: session_log.SessionWriter, names: list[str], stop: _Stop
-) -> _Tally:
-    tally = _Tally(names)
+    frames: Ring, events: Ring, log: session_log.SessionWriter, late_ticks: int, stop: _Stop
+) -> dict[str, Any]:
+    """Returns what session.json says of the recording; late_ticks: that number's place in a row."""
     row = event = 0
+    summary = {"rows": 0, "seconds": 0.0, "lost_rows": 0, "events": 0, "late_ticks": 0}
     while True:
-        leaving = stop.now()  # asked before the look, so that what came before it is taken
+        # Asked before the look, so that what came before it is taken.
+        leaving = stop.is_due()
         first_event, rows_of_events = events.read(event)
         first, raw = frames.read(row, BLOCK)
         batch = list(read_json(rows_of_events))
-        if lost := first - row:
+        lost = first - row
+        if lost:
             batch.append({"kind": "lost_rows", "tick": row, "rows": lost})
         if lost_events := first_event - event:
             batch.append({"kind": "lost_events", "tick": row, "events": lost_events})
@@ -95,12 +97,16 @@ def _record(
         if len(raw) or batch:
             rows = raw.view(np.float32)
             log.add(first, rows, batch)
-            tally.add(rows, lost, len(batch))
-        if any(one["kind"] == "end" for one in batch):
+            summary["rows"] += len(rows)
+            summary["lost_rows"] += lost
+            summary["events"] += len(batch)
+            if len(rows):
+                summary["late_ticks"] = int(rows[-1, late_ticks])
+        if any(told["kind"] == "end" for told in batch):
             stop.after(LINGER_S)
         behind = frames.written - row
         if leaving and not behind:
-            return tally
+            return summary | {"seconds": round(summary["rows"] * 1e-3, 3)}
         if behind < BLOCK:
             time.sleep(POLL_S)
 
@@ -113,55 +119,14 @@ class _Stop:
     def __init__(self) -> None:
         self._at = float("inf")
         signal.signal(signal.SIGTERM, lambda *_: self.after(0.0))
-        signal.signal(
-            signal.SIGINT, signal.SIG_IGN
-        )  # Ctrl-C reaches every process; the session ends first
+        # Ctrl-C reaches every process; the session ends first.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._parent = multiprocessing.parent_process()
 
     def after(self, seconds: float) -> None:
         self._at = min(self._at, time.monotonic() + seconds)
 
-    def now(self) -> bool:
+    def is_due(self) -> bool:
         if self._parent is not None and not self._parent.is_alive():
             self.after(0.0)
         return time.monotonic() >= self._at
-
-
-class _Tally:
-    """What session.json says of the recording."""
-
-    def __init__(self, names: list[str]) -> None:
-        self._places = [names.index(name) for name in ("compute_us", "lateness_us")]
-        self._late = names.index("late_ticks")
-        self._times = np.zeros((2, BINS), np.int64)
-        self._rows = self._lost = self._events = self._late_ticks = 0
-
-    def add(self, rows: np.ndarray, lost: int, events: int) -> None:
-        self._rows, self._lost, self._events = (
-            self._rows + len(rows),
-            self._lost + lost,
-            self._events + events,
-        )
-        if len(rows):
-            for counts, place in zip(self._times, self._places, strict=True):
-                counts += np.bincount(
-                    np.clip(rows[:, place], 0, BINS - 1).astype(np.int64), minlength=BINS
-                )
-            self._late_ticks = int(rows[-1, self._late])
-
-    def summary(self) -> dict[str, Any]:
-        out: dict[str, Any] = {
-            "rows": self._rows,
-            "seconds": round(self._rows * 1e-3, 3),
-            "lost_rows": self._lost,
-            "events": self._events,
-            "late_ticks": self._late_ticks,
-        }
-        if self._rows:
-            for counts, name in zip(self._times, ("compute_us", "lateness_us"), strict=True):
-                sums = counts.cumsum()
-                levels = [
-                    int(np.searchsorted(sums, share * sums[-1])) for share in (0.5, 0.99, 0.999)
-                ]
-                out[name] = dict(zip(("p50", "p99", "p99_9"), levels, strict=True))
-        return out

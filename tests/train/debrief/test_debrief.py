@@ -181,16 +181,6 @@ def test_a_page_names_the_sessions_own_limits_and_no_others(short, limit_mm, thr
         assert not re.search(r"(?<![\d.])3 mm", html)
 
 
-def test_a_session_that_names_no_threshold_has_no_line_of_one(tmp_path):
-    made = synthetic.write(tmp_path, [MET], seconds=4.0, cue_threshold_mm=None, scenario="x")
-    html = debrief.render(made)
-    assert (
-        "threshold of the cue" not in html
-        and "limit of hazards" not in html
-        and "; limit" not in html
-    )
-
-
 def test_steps_stand_in_order_of_time_and_what_never_came_last():
     late = synthetic.hazard(0, cue=500.0, alarm=20.0, response=100.0)
     steps = debrief_words.steps(late, blinded=False)

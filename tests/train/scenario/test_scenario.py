@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from made_frames import made
 
-from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.faults.fault_table import FaultTable
@@ -315,20 +314,6 @@ def test_bundled_scenarios_load_by_name_and_make_campaigns(path):
     assert (
         scenario.from_dict(chosen.resolved()).resolved() == chosen.resolved()
     )  # what session.json keeps is the scenario again
-
-
-def test_bundled_scenarios_are_no_campaigns_and_lie_where_wheels_take_them_from():
-    assert {path.stem for path in BUNDLED} >= {
-        "first_steps",
-        "dac_burst",
-        "creep",
-        "peg_transfer",
-        "path_network",
-        "instructor",
-    }
-    campaigns = resources.bundled("campaigns", "*.toml")
-    assert campaigns and not {path.name for path in BUNDLED} & {path.name for path in campaigns}
-    assert all(path.parent == campaigns[0].parent / "training" for path in BUNDLED)
 
 
 def test_expansion_and_session_name_cases_alike():
