@@ -66,8 +66,8 @@ def read(name: str, path: Path, what: str = "detector") -> OwnSource:
         reason = getattr(error, "strerror", None) or "not UTF-8"
         raise UserError(f"{path}: file of {what} {name!r} cannot be read ({reason})") from None
     source = OwnSource(name, str(path), text)
-    module, taken = _run(source, None)
-    whole = dataclasses.replace(source, files=tuple(sorted(taken.items())))
+    module, contents = _run(source, None)
+    whole = dataclasses.replace(source, files=tuple(sorted(contents.items())))
     _MODULES[whole] = module
     loaded(whole)
     return whole

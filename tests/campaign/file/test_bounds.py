@@ -92,7 +92,6 @@ def test_an_arm_may_be_named_or_left_out(path):
     [
         ("plant.friction_scale", -1, ("got -1, expected 0..100", "opposes motion")),
         ("plant.mass_scale", 0, ("got 0, expected 0.01..100", "positive")),
-        ("plant.mass_scale", [1, -1], ("got -1",)),
         ("plant.cable_stiffness", -5, ("got -5, expected 100..100000000 N/m",)),
         ("plant.cable_stiffness.elbow", 1e300, ("got 1e+300",)),
         ("network.cycles_per_packet", 0, ("got 0, expected 1..1000 cycles, whole",)),
@@ -101,7 +100,6 @@ def test_an_arm_may_be_named_or_left_out(path):
         ("network.cycles_per_packet", {"choice": [1, 4, 5000]}, ("got 5000",)),
         ("plant.friction_scale", {"uniform": [-0.5, 2]}, ("uniform = [-0.5, 2]", "as low as -0.5")),
         ("plant.friction_scale", {"uniform": [0.5, 200]}, ("as high as 200",)),
-        ("plant.friction_scale", {"loguniform": [0.5, 200]}, ("as high as 200",)),
         (
             "plant.friction_scale",
             {"normal": [1, 0.2]},
@@ -110,11 +108,8 @@ def test_an_arm_may_be_named_or_left_out(path):
         ("plant.mass_scale", 10**400, ("got 1000000000", "expected 0.01..100")),
         ("control.cartesian.upper.elbow", 135, ("got 135, expected -6.3..6.3 rad",)),
         ("haptics.cues.0.threshold_m", 0.02, ("cannot be set", "write [haptics] threshold_mm")),
-        ("haptics.cues.kp", 1, ("cannot be set", "write [haptics] threshold_mm, kp_per_mm")),
         ("monitor.limit", 0.02, ("cannot be set", "write [outcomes] limit_mm")),
-        ("monitor.jump_step", 3e-4, ("cannot be set", "write [outcomes] jump_step_mm")),
         ("monitor.idle_share", 0.5, ("cannot be set", "it belongs to the observer")),
-        ("monitor.moved", 0.02, ("cannot be set", "it belongs to the observer")),
         (
             "detectors.thresholds.0.1",
             2,
