@@ -130,6 +130,28 @@ class ResultFolder:
         manifests.write(self.path, self.manifest)
 
 
+def read_complete_manifest(path: Path) -> Manifest:
+    """The manifest of a folder that holds rows to read. Raises StoreError where it holds none, or
+    lacks what it names as finished."""
+    record = manifests.read(path)
+    if not record.parts:
+        raise StoreError(
+            f"{path}: holds no finished part yet; start or resume it with `ravenjax run`"
+        )
+    if over := parts.apart(record.parts)[1]:
+        raise StoreError(
+            f"{path / PARTS / over[0].file}: holds rows that another part holds, too. "
+            "Start the same `ravenjax run` again, which sets one of them aside."
+        )
+    if record.finished is not None and record.done < record.due:
+        raise StoreError(
+            f"{path / manifests.PARTS_FILE}: names parts of {record.done} of the {record.due}"
+            " finished runs. Start the same `ravenjax run` again: it takes over whole parts and"
+            " computes what is missing."
+        )
+    return record
+
+
 def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
     """Every finished row of a result folder, ordered by `index`, each part checked against the
     manifest.
@@ -138,18 +160,7 @@ def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataF
     missing or damaged, or the table has no such column.
     """
     path = Path(path)
-    manifest = manifests.read(path)
-    if not manifest.parts:
-        raise StoreError(
-            f"{path}: holds no finished part yet; start or resume it with `ravenjax run`"
-        )
-    if manifest.finished is not None and manifest.done < manifest.due:
-        raise StoreError(
-            f"{path / manifests.PARTS_FILE}: names parts of {manifest.done} of the {manifest.due}"
-            " finished runs. Start the same `ravenjax run` again: it takes over whole parts and"
-            " computes what is missing."
-        )
-    parts.require_disjoint(path / PARTS, manifest.parts)
+    manifest = read_complete_manifest(path)
     schema.require_columns(manifest.shape, columns or ())
     ordered = sorted(manifest.parts, key=lambda part: part.first)
     return parts.concatenate(

@@ -9,7 +9,6 @@ import contextlib
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -278,18 +277,6 @@ def apart(found: Sequence[Part], trusted: Iterable[str] = ()) -> tuple[list[Part
         else:
             disjoint.insert(place, part)
     return disjoint, over
-
-
-def require_disjoint(folder: Path, finished: Sequence[Part]) -> None:
-    """StoreError where two parts hold the same row."""
-    ordered = sorted(finished, key=lambda p: p.first)
-    for one, other in pairwise(ordered):
-        if other.first <= one.last:
-            raise StoreError(
-                f"{folder / other.file} and {folder / one.file} both hold row {other.first}. Start"
-                " the same `ravenjax run` again: it sets one of them aside and recomputes what is"
-                " then missing."
-            )
 
 
 def row_range(path: Path) -> tuple[int, int]:

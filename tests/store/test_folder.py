@@ -51,15 +51,6 @@ def test_round_trip_keeps_every_value(tmp_path):
     pd.testing.assert_frame_equal(got, expected, check_categorical=False)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("chunk", [1, 7, 64, 1000])
-def test_table_does_not_depend_on_part_size_or_interruption(tmp_path, chunk):
-    fill(tmp_path / "whole", chunk=40)
-    fill(tmp_path / "broken", chunk=chunk, stop_after=30)
-    fill(tmp_path / "broken", chunk=64)
-    pd.testing.assert_frame_equal(read_all(tmp_path / "broken"), read_all(tmp_path / "whole"))
-
-
 def test_plain_pandas_reads_the_parts(tmp_path):
     fill(tmp_path, chunk=40)
     plain = pd.read_parquet(tmp_path / "parts").sort_values("index").reset_index(drop=True)
@@ -198,7 +189,9 @@ def test_a_reader_refuses_parts_that_overlap(tmp_path):
         tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash
     )
     manifests.record(tmp_path, one_more)
-    with pytest.raises(StoreError, match=r"both hold row 70.*sets one of them aside"):
+    with pytest.raises(
+        StoreError, match=r"holds rows that another part holds, too.*sets one of them aside"
+    ):
         read_all(tmp_path)
 
 
@@ -237,52 +230,7 @@ def test_joined_ranges_hold_the_rows_of_all(some):
 # --------------------
 
 
-def truncate(path):
-    path.write_bytes(path.read_bytes()[:-1000])
-
-
-def change_a_byte(path):
-    content = bytearray(path.read_bytes())
-    content[200] ^= 0xFF  # in the first column's data
-    path.write_bytes(bytes(content))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", [truncate, change_a_byte])
-@pytest.mark.parametrize("recorded", [True, False])
-def test_damaged_part_is_named_and_set_aside_and_computed_again(tmp_path, damage, recorded):
-    fill(tmp_path, chunk=40)
-    if not recorded:  # then the Parquet footer and page checksums alone must tell
-        record = manifests.read(tmp_path)
-        manifests.write(tmp_path, record.model_copy(update={"parts": ()}))
-    path = a_part(tmp_path)
-    others = {p: p.read_bytes() for p in parts.files(tmp_path / "parts") if p != path}
-    damage(path)
-    with pytest.raises(StoreError) as caught:
-        parts.read(path, wanted().config_hash)
-    message = str(caught.value)
-    assert (
-        str(path) in message and "start the same command again" in message and "\n" not in message
-    )
-    damaged = path.read_bytes()
-    for name in (path.name, f"{path.name}.2"):
-        folder = ResultFolder.open(tmp_path, wanted())
-        assert (
-            len(folder.notes) == 1
-            and str(path) in folder.notes[0]
-            and "to be computed again" in folder.notes[0]
-        )
-        assert (tmp_path / "set-aside" / name).read_bytes() == damaged, (
-            "nothing that was there is lost"
-        )
-        assert {p: p.read_bytes() for p in others} == others
-        assert list(folder.missing(40)) == [range(40, 80)] and folder.manifest.finished is None
-        fill(tmp_path, chunk=40)
-        assert len(read_all(tmp_path)) == RUNS
-        damage(path)
-
-
-def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
+def test_newer_schema_is_refused_politely(tmp_path):
     fill(tmp_path, chunk=40)
     path = tmp_path / "manifest.json"
     mine, newer = schema.VERSION, schema.VERSION + 1
@@ -294,11 +242,6 @@ def test_newer_schema_is_refused_politely(tmp_path, monkeypatch):
     )
     with pytest.raises(StoreError, match=told):
         read_all(tmp_path)
-    monkeypatch.setattr(schema, "VERSION", 0)
-    with pytest.raises(
-        StoreError, match=rf"parquet: has result schema {mine}; this ravenjax reads 0"
-    ):
-        parts.read(a_part(tmp_path))
 
 
 def test_foreign_parquet_is_refused(tmp_path):

@@ -18,10 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from ravenjax import threads
 from ravenjax.errors import StoreError
-from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
-from ravenjax.store.folder import PARTS, READERS
-from ravenjax.store.manifest import Manifest
+from ravenjax.store.folder import PARTS, READERS, read_complete_manifest
 
 if TYPE_CHECKING:
     import duckdb
@@ -136,7 +134,7 @@ def whole_parts(path: Path) -> list[Path]:
     """Files of the finished parts of a result folder, each checked. Raises StoreError as
     `open_folder`.
     """
-    record = readable(path)
+    record = read_complete_manifest(path)
     threads.mapped(
         lambda part: parts.verify(path / PARTS / part.file, record.config_hash, part),
         record.parts,
@@ -173,28 +171,6 @@ def empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTabl
         )  # tables made on the way take a third of the room
         connection.execute("USE aside")
         return ResultTable(connection, closing.pop_all())
-
-
-def readable(path: Path) -> Manifest:
-    """The manifest of a folder that holds rows to read. Raises StoreError where it holds none, or
-    lacks what it names as finished."""
-    record = manifests.read(path)
-    if not record.parts:
-        raise StoreError(
-            f"{path}: holds no finished part yet; start or resume it with `ravenjax run`"
-        )
-    if over := parts.apart(record.parts)[1]:
-        raise StoreError(
-            f"{path / PARTS / over[0].file}: holds rows that another part holds, too. "
-            "Start the same `ravenjax run` again, which sets one of them aside."
-        )
-    if record.finished is not None and record.done < record.due:
-        raise StoreError(
-            f"{path / manifests.PARTS_FILE}: names parts of {record.done} of the {record.due}"
-            " finished runs. Start the same `ravenjax run` again: it takes over whole parts and"
-            " computes what is missing."
-        )
-    return record
 
 
 def lacking(wanted: Sequence[range], held: Sequence[parts.Part]) -> list[range]:

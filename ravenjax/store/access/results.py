@@ -15,7 +15,6 @@ import numpy as np
 import pyarrow as pa
 
 from ravenjax.store import folder, parts, schema, words
-from ravenjax.store.access import query
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +66,7 @@ class Results:
                 table if columns is None else table.select(columns) for table in self.tables
             )
             return
-        record = query.readable(self.path)
+        record = folder.read_complete_manifest(self.path)
         due = deque(sorted(record.parts, key=lambda part: part.first))
         coming: deque[Future[pa.Table]] = deque()
         with ThreadPoolExecutor(folder.READERS) as pool:

@@ -118,13 +118,6 @@ def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypa
     pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
 
 
-def test_a_shard_named_twice_and_rows_held_alike_count_once(tmp_path, whole):
-    a, b = two(tmp_path)
-    done = merging.merge(tmp_path / "out", [a, b, a, shard(tmp_path / "c", [(0, 30)])])
-    assert done.linked == 3
-    pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
-
-
 def test_overlapping_rows_are_named(tmp_path):
     a, b = two(tmp_path)
     other = shard(tmp_path / "c", [(25, 40)])

@@ -2,8 +2,6 @@
 nothing is invented.
 """
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -107,14 +105,3 @@ def test_a_low_pass_does_not_reach_over_a_gap():
     smooth = resampling.low_pass(values, 5.0, [(0, 500), (1000, 1500)])
     np.testing.assert_allclose(smooth[:500], 0.0, atol=1e-12)
     np.testing.assert_allclose(smooth[1000:], 1.0, atol=1e-9)
-
-
-@given(st.lists(st.booleans(), max_size=40))
-def test_stretches_are_the_runs_of_true(mask):
-    covered = np.zeros(len(mask), bool)
-    spans = resampling.stretches(np.array(mask, bool))
-    for begin, end in spans:
-        assert begin < end and not covered[begin:end].any()
-        covered[begin:end] = True
-    assert covered.tolist() == mask
-    assert all(b[0] > a[1] for a, b in itertools.pairwise(spans))

