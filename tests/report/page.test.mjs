@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { element, run } from "../../browser_scripts.mjs";
+import { element, run } from "../browser_scripts.mjs";
 
 const course = { time: [0, 100, 200, 300], off: [0, 1.234, 2, 3], tip: [[0, 0, 0], [1, 2, 3], [4, 5, 6], [7, 8, 9]] };
 

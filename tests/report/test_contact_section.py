@@ -74,7 +74,7 @@ def test_one_arm_has_nothing_to_press_on_each_other() -> None:
 
 def test_without_contact_there_is_no_section() -> None:
     plain = synthetic.manifest(RUNS)
-    assert contact.rows(Runs.of(synthetic.frame(RUNS)), plain) == []
+    assert contact.rows(Runs.of(synthetic.frame(RUNS), plain)) == []
 
 
 def _html(rows) -> str:
