@@ -141,14 +141,14 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     from ravenjax.cli import terminal
     from ravenjax.report import downloads
     from ravenjax.report.data.runs import Runs
-    from ravenjax.report.sections.chains import carriers, figures, words
+    from ravenjax.report.sections import carriers, chains
     from ravenjax.store.access import explained
     from ravenjax.store.files import write_aside
 
     ticks = explained.read(place, record)
     assert ticks is not None
     with contextlib.closing(Runs.open(folder, record)) as runs:
-        one = carriers.propagation(runs, record, ticks)
+        one = carriers.propagation(runs, ticks)
     paths = [place / explained.FILE]
     for name, rows in (("signals.csv", one.carriers), ("passages.csv", one.passages)):
         if text := downloads.text(rows):
@@ -156,11 +156,11 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
             write_aside(
                 paths[-1], lambda target, text=text: target.write_text(text, encoding="utf-8")
             )
-    if figures.draw(one, place / "signals.svg") is not None:
+    if chains.draw(one, place / "signals.svg") is not None:
         paths.append(place / "signals.svg")
     if as_json:
-        return console.emit_json(words.as_dict(one) | {"files": [str(path) for path in paths]})
-    console.say("\n".join(words.sentences(one)))
+        return console.emit_json(chains.as_dict(one) | {"files": [str(path) for path in paths]})
+    console.say("\n".join(chains.sentences(one)))
     if one.carriers:
-        console.out.print(terminal.table("", words.COLUMNS, words.table(one)))
+        console.out.print(terminal.table("", chains.COLUMNS, chains.table(one)))
     return console.say("\n".join(f"  wrote    {path}" for path in paths))

@@ -114,7 +114,7 @@ def _table(summary: MotionSummary, to: Console) -> None:
 
 
 def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
-    from ravenjax.report.sections.motion.plot import motion_plot
+    from ravenjax.report.run.motion_plot import motion_plot
 
     for path in motion_plot(courses, out, file.stem, f"{file.name}: {title}"):
         console.out.print(f"wrote {path}", highlight=False, soft_wrap=True)

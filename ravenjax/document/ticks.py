@@ -19,6 +19,16 @@ def round_up(width: float) -> float:
     return next(m * power for m in MULTIPLES if m * power >= width * (1 - 1e-9))
 
 
+def round_step(width: float) -> float:
+    """The nearest of MULTIPLES times a power of ten, so that bin edges are round numbers; 1 for
+    0.
+    """
+    if width <= 0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(width))
+    return min((m * power for m in MULTIPLES), key=lambda step: abs(math.log(step / width)))
+
+
 def above(value: float, most: int = 5) -> float:
     """The end of an axis from 0 that holds a positive value: the next of at most `most` ticks."""
     step = round_up(value / most)

@@ -212,24 +212,20 @@ class CampaignResults:
         """
         from ravenjax.report import paper
 
-        return self._figure(
-            lambda runs: paper.how_soon(runs, self._manifest), "no fault had an effect"
-        )
+        return self._figure(paper.how_soon, "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
         """Detected hazards over false alarms, for each detector and threshold."""
         from ravenjax.report import paper
 
-        return self._figure(
-            lambda runs: paper.roc(runs, self._manifest), "the campaign has no [[detector]]"
-        )
+        return self._figure(paper.roc, "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
         """Missed hazards over false cues, for each haptic set."""
         from ravenjax.report import paper
 
         nothing = "no fault-free motion stands beside the faults"
-        return self._figure(lambda runs: paper.tradeoff(runs, self._manifest), nothing)
+        return self._figure(paper.tradeoff, nothing)
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
         """How the fault of one run spread, over time: the run is computed again. run: as of

@@ -5,7 +5,6 @@ trade-off; SVG and PDF.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import matplotlib
@@ -18,14 +17,10 @@ from ravenjax.document.chart import Chart
 from ravenjax.document.figure_style import STYLE
 from ravenjax.document.palette import PALETTE, RESPONSE
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import answers, tables, time_to_know
-from ravenjax.report.sections.cues import figure as cue_figure
-from ravenjax.report.sections.cues import sweep
-from ravenjax.report.sections.detection import figures as detector_figures
-from ravenjax.report.sections.detection import performance
+from ravenjax.report.drawing import save_figure
+from ravenjax.report.sections import answers, cues, detectors, tables, time_to_know
 from ravenjax.store import manifest as manifests
-from ravenjax.store.files import require_writable, write_aside
-from ravenjax.store.manifest import Manifest
+from ravenjax.store.files import require_writable
 
 WIDTH = 7.0  # in, two columns of a page
 OUTCOMES = {
@@ -57,63 +52,27 @@ def write(folder: Path, out: Path) -> list[Path]:
     require_writable(out)
     paths = []
     with contextlib.closing(Runs.open(folder, manifest)) as runs, matplotlib.rc_context(STYLE):
-        for name, figure in _figures(runs, manifest):
-            for kind, dateless in (("svg", {"Date": None}), ("pdf", {"CreationDate": None})):
-                path = out / f"{name}.{kind}"
-                write_aside(path, _saved(figure, kind, dateless))
-                paths.append(path)
+        faulty = verdicts(runs)
+        figures = {
+            "verdicts": faulty,
+            "time_to_know": how_soon(runs) if faulty else None,
+            "roc": roc(runs),
+            "tradeoff": tradeoff(runs),
+        }
+        for name, figure in figures.items():
+            if figure is not None:
+                own = [out / f"{name}.{kind}" for kind in ("svg", "pdf")]
+                for path in own:
+                    save_figure(figure, path)
+                paths += own
     return paths
-
-
-def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> Callable[[Path], None]:
-    return lambda target: figure.savefig(target, format=kind, metadata=metadata)
 
 
 def verdicts(runs: Runs) -> Figure | None:
     """Share of each group's faults by outcome; None without faults."""
     rows = [row for row in tables.group_rows(runs) if row["faulty"]][:MOST_GROUPS]
-    return _verdicts(rows) if rows else None
-
-
-def how_soon(runs: Runs, manifest: Manifest) -> Figure | None:
-    """Cue, built-in response and first possible knowledge after the first effect; None where no
-    fault had one.
-    """
-    alarms = performance.alarms(runs, manifest)
-    first_ms, early_ms = performance.known(alarms), performance.before_motion(alarms)
-    delay = answers.knowledge(runs, first_ms, early_ms, manifest).delay
-    curves, _ = time_to_know.incidence_curves(runs, manifest, delay)
-    return _of_chart(curves) if curves else None
-
-
-def roc(runs: Runs, manifest: Manifest) -> Figure | None:
-    """Of each detector; None without detectors."""
-    if not manifest.detectors:
+    if not rows:
         return None
-    chart = detector_figures.roc(
-        performance.rows(runs, manifest, performance.alarms(runs, manifest))
-    )
-    return _of_chart(chart) if chart else None
-
-
-def tradeoff(runs: Runs, manifest: Manifest) -> Figure | None:
-    """Missed hazards over false cues, by haptic set; None without."""
-    chart = cue_figure.tradeoff(sweep.rows(runs, manifest))
-    return _of_chart(chart) if chart else None
-
-
-def _figures(runs: Runs, manifest: Manifest) -> Iterator[tuple[str, Figure]]:
-    faulty = verdicts(runs)
-    drawings = {
-        "verdicts": faulty,
-        "time_to_know": how_soon(runs, manifest) if faulty else None,
-        "roc": roc(runs, manifest),
-        "tradeoff": tradeoff(runs, manifest),
-    }
-    yield from ((name, figure) for name, figure in drawings.items() if figure is not None)
-
-
-def _verdicts(rows: list[dict]) -> Figure:
     figure = Figure(figsize=(WIDTH, 1.1 + 0.24 * len(rows)), layout="constrained")
     axis = figure.subplots()
     place = np.arange(len(rows))
@@ -133,8 +92,28 @@ def _verdicts(rows: list[dict]) -> Figure:
     return figure
 
 
-def _of_chart(chart: Chart) -> Figure:
+def how_soon(runs: Runs) -> Figure | None:
+    """Cue, built-in response and first possible knowledge after the first effect; None where no
+    fault had one.
+    """
+    curves, _ = time_to_know.incidence_curves(runs, runs.once(answers.knowledge).delay)
+    return _of_chart(curves)
+
+
+def roc(runs: Runs) -> Figure | None:
+    """Of each detector; None without detectors."""
+    return _of_chart(detectors.roc_chart(detectors.rows(runs)) if runs.manifest.detectors else None)
+
+
+def tradeoff(runs: Runs) -> Figure | None:
+    """Missed hazards over false cues, by haptic set; None without."""
+    return _of_chart(cues.tradeoff(cues.rows(runs)))
+
+
+def _of_chart(chart: Chart | None) -> Figure | None:
     """A chart of the page, drawn for print."""
+    if chart is None:
+        return None
     figure = Figure(
         figsize=(
             WIDTH / 2,

@@ -73,6 +73,12 @@ def interval(rate: Rate) -> str:
     return f"{100 * rate.low:.{digits}f}{DASH}{100 * rate.high:.{digits}f}{NARROW}%"
 
 
+def rate(value: Rate) -> str:
+    """15.6 % (14.1–17.3 %), of a rate; without an interval the percentage alone."""
+    bounds = interval(value)
+    return percent(value.value) + (f" ({bounds})" if bounds else "")
+
+
 def estimate(value: Estimate, unit: str = "") -> str:
     """12 ms (9–15), of an estimate; a bound that is not known is a dash, and so is the whole
     where nothing is known.

@@ -9,15 +9,13 @@ import synthetic_results as synthetic
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import answers
-from ravenjax.report.sections.detection import performance
+from ravenjax.report.sections import answers, detectors
 from ravenjax.stats.intervals import wilson
 
 MANIFEST = synthetic.manifest(1200)
 FRAME = synthetic.frame(1200)
 RUNS = Runs.of(FRAME, MANIFEST)
-ALARMS = performance.alarms(RUNS, MANIFEST)
-SAID, EARLY = performance.known(ALARMS), performance.before_motion(ALARMS)
+SAID, EARLY = detectors.known(RUNS), detectors.before_motion(RUNS)
 KNOWN, TOLD = (
     RUNS.table.frame(f"SELECT {sql} AS ms FROM facts ORDER BY row")["ms"].to_numpy()
     for sql in (SAID, EARLY)
@@ -80,7 +78,7 @@ def test_what_may_come_before_the_motion_leaves_out_a_cue_at_its_own_distance():
 
 
 def test_a_lower_cue_is_offered_where_the_cue_of_the_verdicts_is_no_warning():
-    found = answers.knowledge(RUNS, SAID, EARLY, MANIFEST)
+    found = answers.knowledge(RUNS)
     below = [k for k, cue in enumerate(MANIFEST.cues) if cue.threshold_mm < MANIFEST.limit_mm]
     nearest = max(below, key=lambda k: MANIFEST.cues[k].threshold_mm)
     assert found.lower is not None and found.lower.cue == MANIFEST.cues[nearest]
@@ -92,9 +90,7 @@ def test_a_lower_cue_is_offered_where_the_cue_of_the_verdicts_is_no_warning():
     )
     leading = synthetic.manifest(1200, verdict_cue=nearest)
     runs = Runs.of(synthetic.judged(FRAME, nearest), leading)
-    alarms = performance.alarms(runs, leading)
-    known, early = performance.known(alarms), performance.before_motion(alarms)
-    assert answers.knowledge(runs, known, early, leading).lower is None
+    assert answers.knowledge(runs).lower is None
 
 
 def test_nobody_knows_by_a_limit():
@@ -109,7 +105,7 @@ def test_nobody_knows_by_a_limit():
 
 
 def test_time_to_know_is_of_unintended_motions_and_censored():
-    found = answers.knowledge(RUNS, SAID, EARLY, MANIFEST)
+    found = answers.knowledge(RUNS)
     known, motion = KNOWN[MOVED], MOTION_MS[MOVED]
     assert found.delay.n == MOVED.sum() and found.never == wilson(
         int((known < 0).sum()), len(known)
@@ -127,14 +123,9 @@ def test_time_to_know_is_of_unintended_motions_and_censored():
         assert estimate.low <= estimate.value <= estimate.high
 
 
-def test_nobody_can_know_what_nothing_tells():
-    found = answers.knowledge(RUNS, "-1", "-1", MANIFEST)
-    assert found.never.value == 1 and np.isnan(found.half_ms.value) and found.lead.before.k == 0
-
-
 @pytest.mark.parametrize(("kind", "column"), [("group", "group"), ("site", "fault0_site")])
 def test_classes_against_a_plain_count(kind, column):
-    rows = {row.name: row for row in answers.classes(RUNS, SAID, EARLY, MANIFEST)[kind]}
+    rows = {row.name: row for row in answers.classes(RUNS)[kind]}
     assert set(rows) == set(FRAME.loc[FAULTY, column].astype(str))
     for name, row in rows.items():
         mine = VALID & (FRAME[column].astype(str) == name).to_numpy()
@@ -148,22 +139,22 @@ def test_classes_against_a_plain_count(kind, column):
 
 def test_a_class_of_which_every_run_failed_comes_last():
     failed = FRAME["failed"].where(FRAME["group"] != "dac_after_checks", "nan")
-    rows = answers.classes(
-        Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST), SAID, EARLY, MANIFEST
-    )["group"]
+    rows = answers.classes(Runs.of(synthetic.judged(FRAME.assign(failed=failed)), MANIFEST))[
+        "group"
+    ]
     assert rows[-1].name == "dac_after_checks" and rows[-1].evaded.n == 0
     shares = [row.evaded.value for row in rows[:-1]]
     assert shares == sorted(shares, reverse=True) and len(rows) == len(synthetic.BLOCKS)
 
 
 def test_most_evasive_classes_come_first():
-    for rows in answers.classes(RUNS, SAID, EARLY, MANIFEST).values():
+    for rows in answers.classes(RUNS).values():
         shares = [row.evaded.value for row in rows]
         assert shares == sorted(shares, reverse=True)
 
 
 def test_what_the_cue_announces_of_the_evading():
-    found = answers.changed(RUNS, MANIFEST, [])
+    found = answers.changed(RUNS)
     early = (
         EVADING
         & (FRAME["cue0_first_ms"] >= 0).to_numpy()
@@ -180,19 +171,19 @@ def test_what_the_cue_announces_of_the_evading():
 
 def test_the_cue_of_the_verdicts_is_the_one_that_announces():
     other = synthetic.manifest(1200, verdict_cue=3)
-    found = answers.changed(Runs.of(synthetic.judged(FRAME, 3), other), other, [])
+    found = answers.changed(Runs.of(synthetic.judged(FRAME, 3), other))
     assert found.announced is not None and found.announced.cue.threshold_mm == 1 and found.leads
     assert found.announced.lead.n == EVADING.sum()
 
 
 def test_a_cue_that_disturbs_is_no_better_one():
     frame = FRAME.assign(**{f"golden_cue{k}_first_ms": 2999 for k in range(1, len(MANIFEST.cues))})
-    assert answers.changed(Runs.of(frame, MANIFEST), MANIFEST, []).better is None
+    assert answers.changed(Runs.of(frame, MANIFEST)).better is None
 
 
 def test_where_nothing_evades_nothing_is_announced():
     told = FRAME.assign(response="stopped", response_ms=2900, told_ms=2900)
-    found = answers.changed(Runs.of(synthetic.judged(told), MANIFEST), MANIFEST, [])
+    found = answers.changed(Runs.of(synthetic.judged(told), MANIFEST))
     assert found == answers.Changed(
         [], None, False, 4, None
     )  # 3 mm beside 3 mm; lower cues there are

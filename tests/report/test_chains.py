@@ -18,9 +18,8 @@ from ravenjax import robots
 from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.run import chain, chain_words
-from ravenjax.report.sections.chains import carriers, figures
-from ravenjax.report.sections.chains import words as chain_sentences
+from ravenjax.report.run import chain
+from ravenjax.report.sections import carriers, chains
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.access import explained
@@ -110,7 +109,7 @@ def naive(frame, ticks):
 
 
 def propagation(frame, manifest, ticks):
-    return carriers.propagation(Runs.of(frame, manifest), manifest, ticks)
+    return carriers.propagation(Runs.of(frame, manifest), ticks)
 
 
 def test_shares_leads_and_passages_by_loops():
@@ -159,7 +158,7 @@ def test_shares_are_of_groups_that_are_explained_whole():
     assert (
         one.partial == ["encoder"] and one.runs == len(rest) and one.evading == len(evading(FRAME))
     )
-    assert "not so encoder" in " ".join(chain_sentences.sentences(one))
+    assert "not so encoder" in " ".join(chains.sentences(one))
 
 
 def without(condition):
@@ -220,27 +219,10 @@ def test_every_campaign_has_a_whole_section_whose_numbers_are_numbers(name, monk
     assert not re.search(r"\bnan\b|\binf\b|None|\{\{", text)
 
 
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("nothing evades", "No fault evades the checks: there is no silent harm to explain."),
-        ("nothing is visible", "In none of them did a signal leave its normal range before harm"),
-        ("one fault", "1 fault evades the checks."),
-        (
-            "one explained run",
-            "No group that is explained whole holds one of them, so no share can be told.",
-        ),
-    ],
-)
-def test_what_little_there_is_is_said(name, sentence, monkeypatch):
-    _, section = page_of(monkeypatch, name)
-    assert sentence in re.sub(r"\s+", " ", section)
-
-
 def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
     _, _, hidden, best = naive(FRAME, TICKS)
     n = len(evading(FRAME))
-    text = " ".join(chain_sentences.sentences(propagation(FRAME, DRAWN, TICKS)))
+    text = " ".join(chains.sentences(propagation(FRAME, DRAWN, TICKS)))
     assert f"{n} faults evade the checks." in text
     assert f"In {n - hidden} of {n} (" in text and f"In {hidden} of {n} (" in text
     assert f"the median of them did so {wording.number(np.median(best))} ms (" in text
@@ -301,45 +283,15 @@ def test_a_chain_has_the_earliest_number_of_each_signal():
     assert [check.margin for check in one.checks] == [1.5] * len(synthetic.CHECKS)
 
 
-def test_a_chain_in_words(tmp_path):
-    run = evading(FRAME).iloc[3].to_dict()
-    quiet = {name: -1 for name in TICKS if name.startswith(("differs:", "leaves:"))}
-    still = chain_of(run, first_active_ms=-1, **quiet)
-    assert (
-        chain_words.sentences(still)[-1]
-        == "The fault never changed a value: nothing differs from the golden run."
-    )
-    assert (
-        chain_words.timeline(still) is None and chain_words.draw(still, tmp_path / "a.svg") is None
-    )
-    first = {**quiet, "differs:gold/tau_d/elbow": 500, "leaves:gold/tau_d/elbow": 500}
-    seen = chain_of(run, hazard="unintended motion", unintended_first_ms=560, **first)
-    assert (
-        chain_words.visible(seen)
-        == "First visible at 500 ms: gold/tau_d (elbow), desired torque at the capstan, left its"
-        " normal range 60 ms before harm."
-    )
-    late = chain_of(run, hazard="unintended motion", unintended_first_ms=500, **first)
-    assert (
-        chain_words.visible(late).endswith("left its normal range, not before harm.")
-        and late.in_time is None
-    )
-    harmless = chain_of(run, hazard="none", **first)
-    assert chain_words.visible(harmless).endswith("left its normal range.")
-    assert any("no hazard came of it" in line for line in chain_words.sentences(harmless))
-    assert chain_words.draw(seen, tmp_path / "b.svg") == tmp_path / "b.svg"
-    assert (tmp_path / "b.svg").read_text().startswith("<?xml")
-
-
 def test_the_charts_draw_every_carrier():
     one = propagation(FRAME, DRAWN, TICKS)
-    graph: Any = figures.graph(one)
-    leads: Any = figures.leads(one)
+    graph: Any = chains.graph(one)
+    leads: Any = chains.leads(one)
     assert graph.y.names == tuple(row.seam for row in one.carriers)
     assert leads.y.names == tuple(row.seam for row in one.carriers if row.shows.k)
     nothing = propagation(calm(), DRAWN, TICKS)
-    assert figures.graph(nothing) is None and figures.leads(nothing) is None
-    assert figures.leads(propagation(FRAME, DRAWN, never(TICKS))) is None
+    assert chains.graph(nothing) is None and chains.leads(nothing) is None
+    assert chains.leads(propagation(FRAME, DRAWN, never(TICKS))) is None
 
 
 def test_the_long_table_is_every_chain_below_each_other():

@@ -8,7 +8,7 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import dependence
+from ravenjax.report.sections import robots
 from ravenjax.stats.intervals import share
 
 RUNS = 900
@@ -31,7 +31,7 @@ def decided():
 @pytest.mark.slow
 def test_the_parameter_that_decides_is_found_and_the_others_are_not():
     frame = decided()
-    found = {one.name: one for one in dependence.conclusions(runs_of(frame))}
+    found = {one.name: one for one in robots.conclusions(runs_of(frame))}
     motion = found["makes an unintended motion"]
     chosen = (frame["fault0_site"] != "") & (frame["failed"] == "")
     hits = chosen & (frame["unintended_first_ms"] >= 0)
@@ -45,7 +45,7 @@ def test_the_parameter_that_decides_is_found_and_the_others_are_not():
 
 @pytest.mark.slow
 def test_every_rate_against_a_plain_count():
-    found = {one.name: one.rate for one in dependence.conclusions(runs_of(FRAME))}
+    found = {one.name: one.rate for one in robots.conclusions(runs_of(FRAME))}
     valid = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
     moved, told = valid["unintended_first_ms"] >= 0, valid["response"].isin(["stopped", "flagged"])
     lost = naive_facts.hazard(valid) == "loss of motion"
@@ -59,15 +59,15 @@ def test_every_rate_against_a_plain_count():
 
 
 def test_only_what_varies_of_the_robot_is_asked():
-    names = dependence.varied(FRAME)
+    names = robots.varied(FRAME)
     assert names == ["param:plant.friction_scale", "param:plant.mass_scale"]
-    assert dependence.conclusions(runs_of(FRAME.drop(columns=names))) == []
+    assert robots.conclusions(runs_of(FRAME.drop(columns=names))) == []
 
 
 @pytest.mark.slow
 def test_rows_for_a_table_have_levels_side_by_side():
     frame = decided()
-    rows = dependence.flat(dependence.conclusions(runs_of(frame)))
+    rows = robots.flat(robots.conclusions(runs_of(frame)))
     one = next(
         row
         for row in rows
@@ -78,5 +78,5 @@ def test_rows_for_a_table_have_levels_side_by_side():
 
 
 def test_a_rate_of_few_runs_is_no_conclusion():
-    frame = decided().head(dependence.LEAST_RUNS - 1)
-    assert dependence.conclusions(runs_of(frame)) == []
+    frame = decided().head(robots.LEAST_RUNS - 1)
+    assert robots.conclusions(runs_of(frame)) == []

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from ravenjax.report import downloads
-from ravenjax.report.sections.cues.choice import Choice
+from ravenjax.report.sections.cues import Choice
 from ravenjax.stats.intervals import wilson
 from ravenjax.store.manifest import CueRecord
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 
 import numpy as np
@@ -106,7 +105,7 @@ def new(row, name):
 
 def test_each_rate_is_that_of_the_raw_rows():
     frame, manifest = campaign()
-    gate, eye = own_checks.rows(Runs.of(frame, manifest), manifest)
+    gate, eye = own_checks.rows(Runs.of(frame, manifest))
     for row, name, other in ((gate, GATE.name, EYE.name), (eye, EYE.name, GATE.name)):
         faults, tripped, alone, moved, caught, still, harmless = recounted(frame, name, [other])
         assert (row.tripped.k, row.tripped.n) == (tripped, faults) and 0 < tripped < faults
@@ -125,7 +124,7 @@ def test_each_rate_is_that_of_the_raw_rows():
 
 def test_false_alarms_are_first_trips_of_different_golden_runs():
     frame, manifest = campaign()
-    gate, eye = own_checks.rows(Runs.of(frame, manifest), manifest)
+    gate, eye = own_checks.rows(Runs.of(frame, manifest))
     hours = (
         2800 + 2800 * 900 / 3000
     ) / 3.6e6  # one motion to its end, the other until its trip at 900 of 3000 ms
@@ -135,32 +134,9 @@ def test_false_alarms_are_first_trips_of_different_golden_runs():
 
 def test_false_alarms_are_not_known_where_a_threshold_varies():
     frame, manifest = campaign(varied=np.where(np.arange(ROWS) % 2, 0.25, 4.0))
-    assert all(
-        row.alarms.false is None for row in own_checks.rows(Runs.of(frame, manifest), manifest)
-    )
-    gate, _ = own_checks.rows(Runs.of(frame, manifest), manifest)
+    assert all(row.alarms.false is None for row in own_checks.rows(Runs.of(frame, manifest)))
+    gate, _ = own_checks.rows(Runs.of(frame, manifest))
     assert gate.threshold == "above 0.25 to 4, together"
-
-
-def test_the_page_tells_of_both_checks_and_not_of_a_campaign_without():
-    frame, manifest = campaign()
-    html = rendered(frame, manifest)
-    section = re.search(r'<section id="own_checks">.*?</section>', html, re.S)[0]
-    text = words(Page(section))
-    gate, eye = own_checks.rows(Runs.of(frame, manifest), manifest)
-    for row in (gate, eye):
-        assert f"{row.name} at {row.at}, {row.threshold}" in text
-        assert f"{100 * row.tripped.value:.1f}" in text
-    assert (
-        f"Of {gate.tripped.n} distinct faults" in text
-        and "first trips in 2 fault-free motions" in text
-    )
-    assert (
-        "told anyone, in the whole run or until a check or detector of your own stopped or limited"
-        " it, and" in text
-    )
-    assert math.isnan(gate.alarms.threshold) and "nan" not in text.lower()
-    assert 'id="own_checks"' not in rendered(synthetic.frame(ROWS), synthetic.manifest(ROWS))
 
 
 def test_checks_that_only_watch_do_not_act():

@@ -16,9 +16,7 @@ import synthetic_results as synthetic
 from ravenjax.report import page
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import FaultCounts, Runs
-from ravenjax.report.sections import dependence, risk
-from ravenjax.report.sections.cues import sweep
-from ravenjax.report.sections.detection import performance
+from ravenjax.report.sections import cues, detectors, risk, robots
 from ravenjax.report.sections.reaction import pairs
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
@@ -130,9 +128,9 @@ def test_a_page_of_a_sample_says_so_and_counts_all(tmp_path, monkeypatch):
     whole = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
     assert "drawn by a fixed rule" not in whole
     monkeypatch.setattr(pairs, "MOST", 900)
-    monkeypatch.setattr(dependence, "MOST", 500)
-    monkeypatch.setattr(performance, "MOST_DRAWN", 400)
-    monkeypatch.setattr(sweep, "MOST", 300)
+    monkeypatch.setattr(robots, "MOST", 500)
+    monkeypatch.setattr(detectors, "MOST_DRAWN", 400)
+    monkeypatch.setattr(cues, "MOST", 300)
     some = words(page.render(Runs.of(frame, manifest), manifest, tmp_path))
     assert len(re.findall(r"Of about [\d,]+ of [\d,]+ runs, drawn by a fixed rule", some)) == 4
     counts = re.findall(r"Of [\d,]+ distinct faults.*?\)", whole) + re.findall(

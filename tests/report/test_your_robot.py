@@ -6,11 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-import rendered_page
 import synthetic_results as synthetic
 
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import your_robot
+from ravenjax.report.sections import robots
 from ravenjax.stats import one_unit
 from ravenjax.store import schema
 from ravenjax.store.manifest import Manifest
@@ -41,7 +40,7 @@ def test_rates_are_those_of_a_plain_count_by_robot(frame) -> None:
     robot = valid["index"] % ROBOTS
     moved = valid["unintended_first_ms"] >= 0
     told = valid["response"].isin(["stopped", "flagged"])
-    rates = {one.name: one for one in your_robot.rates(Runs.of(frame, manifest()), manifest())}
+    rates = {one.name: one for one in robots.rates(Runs.of(frame, manifest()))}
     for name, hits in {
         "evades the checks": moved & ~told,
         "makes an unintended motion": moved,
@@ -51,20 +50,6 @@ def test_rates_are_those_of_a_plain_count_by_robot(frame) -> None:
         np.testing.assert_allclose(rates[name].rate, expected.rate, rtol=1e-6)
     motion = rates["makes an unintended motion"]
     assert motion.rate.low < 0.05 and motion.rate.high > 0.95  # all or none, by the robot
-
-
-def test_the_page_says_it_of_robots_drawn_whole_alone(frame) -> None:
-    words = rendered_page.words(rendered_page.Page(rendered_page.rendered(frame, manifest())))
-    evades, *_ = your_robot.rates(Runs.of(frame, manifest()), manifest())
-    assert f"Each run drew one of {ROBOTS} robots" in words and "On your robot" in words
-    assert f"{100 * evades.rate.high:.1f}" in words
-    other = rendered_page.words(
-        rendered_page.Page(rendered_page.rendered(frame, manifest("choice")))
-    )
-    assert (
-        "On your robot" not in other
-        and your_robot.rates(Runs.of(frame, manifest("choice")), manifest("choice")) == []
-    )
 
 
 def test_columns_of_a_schema_are_those_that_are_asked() -> None:

@@ -8,14 +8,14 @@ same rows; the page says so.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import pandas as pd
 
 from ravenjax.outcomes import events
-from ravenjax.report.data import draws, leads
+from ravenjax.report.data import draws
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import fault_free as fault_free_motions
 from ravenjax.report.data.counted import NONE, Delays
@@ -25,7 +25,7 @@ from ravenjax.store import schema
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
 from ravenjax.store.access.query import RESULTS, ResultTable, quoted
-from ravenjax.store.manifest import Manifest
+from ravenjax.store.manifest import DetectorRecord, Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
 """Condition of the runs whose times are told: one run of each fault that made an unintended
@@ -33,6 +33,10 @@ motion.
 """
 BATCH = 200_000
 """Rows of a table that are looked at together, where SQL does not say what is asked."""
+TIP_ERROR = "tip_error"
+"""Kind of the detector that measures how far the reported tip is from the nominal model, mm."""
+
+_Answer = TypeVar("_Answer")
 
 
 class FaultCounts(NamedTuple):
@@ -56,16 +60,18 @@ class Runs:
         self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS
     ) -> None:
         """table: has `results` with a column `row`; beside: further fault-free motion."""
-        self.table, self.types = table, table.types()
+        self.table, self.types, self.manifest = table, table.types(), manifest
         self.robot = manifest.robot
-        self.cue_leads = bool(manifest.cues) and leads.cue(manifest, manifest.verdict_cue)
-        self._end, self._beside = end_of(manifest), beside
+        # when a run ended, ms: a number, or the column of facts that has it for each run
+        self.end = schema.OBSERVED if manifest.shape.observes else str(manifest.duration_ms)
+        self._beside = beside
         self._drawn_groups = draws.groups(manifest.config)
         self.names = list(self.types)
         run_facts.define(table, run_facts.choices(manifest), _more(manifest))
         self.facts = list(table.types(FACTS))
         self.rows = self.count("true")
         self._motions: Motions | None = None
+        self._answers: dict[Any, Any] = {}
         self._cube: pd.DataFrame | None = None
 
     @staticmethod
@@ -88,6 +94,18 @@ class Runs:
     def close(self) -> None:
         """Give back memory and disk."""
         self.table.close()
+
+    def once(self, question: Callable[[Runs], _Answer]) -> _Answer:
+        """The answer to a question that several sections ask: computed for the first of them."""
+        if question not in self._answers:
+            self._answers[question] = question(self)
+        return self._answers[question]
+
+    @property
+    def cue_leads(self) -> bool:
+        """Whether there are cues, and the lead of the one of the verdicts is a finding."""
+        manifest = self.manifest
+        return bool(manifest.cues) and cue_leads(manifest, manifest.verdict_cue)
 
     def count(self, condition: str, table: str = FACTS) -> int:
         """How many rows fulfil a condition."""
@@ -183,7 +201,7 @@ class Runs:
         if self._motions is None:
             source = self.those("plain") if self.count("NOT plain") else RESULTS
             self._motions = fault_free_motions.make(
-                self.table, self.names, source, self._end, self._beside
+                self.table, self.names, source, self.end, self._beside
             )
         return self._motions
 
@@ -235,9 +253,19 @@ def after_onset(event: str) -> str:
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 
-def end_of(manifest: Manifest) -> str:
-    """When a run ended, ms: a number, or the column of facts that tells it of each."""
-    return schema.OBSERVED if manifest.shape.observes else str(manifest.duration_ms)
+def cue_leads(manifest: Manifest, number: int) -> bool:
+    """Whether it is a finding that a cue comes before an unintended motion.
+
+    Cue and tip-error detector fire at a distance of the reported tip from the nominal model; an
+    unintended motion begins where the true tip is farther than the limit from that model, and from
+    more. So an alarm at the limit or beyond is no warning of the motion, by the definitions alone.
+    """
+    return manifest.cues[number].threshold_mm < manifest.limit_mm
+
+
+def detector_leads(manifest: Manifest, detector: DetectorRecord, threshold: float) -> bool:
+    """The same of a detector at a threshold."""
+    return detector.kind != TIP_ERROR or threshold < manifest.limit_mm
 
 
 def _more(manifest: Manifest) -> dict[str, str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
@@ -17,8 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ravenjax import robots
-from ravenjax.document.figure_style import STYLE
-from ravenjax.store.files import write_aside
+from ravenjax.document.figure_style import INK, STYLE
+from ravenjax.report.drawing import save_figure
 from ravenjax.vocabulary.robot import Robot
 
 ARM_COLOURS = ("#b8860b", "#117a52", "#0072b2", "#8b2a6b")
@@ -29,6 +30,8 @@ SHOWN_JOINTS = 3
 """Joints in the DAC panel: those told to go to, or the ones with the largest peaks."""
 SUBTITLE_LETTERS = 105
 """Letters in a line of the subtitle."""
+
+Series: TypeAlias = Mapping[str, np.ndarray]
 
 
 def trace_plot(
@@ -54,151 +57,111 @@ def trace_plot(
     events: {label: time in ms} of vertical markers (cue, response); negative times are left out.
     """  # noqa: E501
     arrays = {name: np.asarray(values) for name, values in series.items()}
-    there = [
-        arm for arm in robot.arms if f"{arm}/position" in arrays or f"{arm}/current_cmd" in arrays
-    ]
-    arms = {arm: ARM_COLOURS[robot.arms.index(arm) % len(ARM_COLOURS)] for arm in there}
+    arms = {
+        arm: ARM_COLOURS[number % len(ARM_COLOURS)]
+        for number, arm in enumerate(robot.arms)
+        if f"{arm}/position" in arrays or f"{arm}/current_cmd" in arrays
+    }
     ticks = len(next(iter(arrays.values())))
     time_s = np.arange(ticks) / 1000.0
-    dac_panels = [arm for arm in arms if f"{arm}/current_cmd" in arrays]
-    heights = [2.2, 1.2, *(1.8 for _ in dac_panels), 0.9]
+    commands = {arm: arrays[f"{arm}/current_cmd"] for arm in arms if f"{arm}/current_cmd" in arrays}
+    heights = [2.2, 1.2, *(1.8 for _ in commands), 0.9]
     path = Path(path)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 1.25 * sum(heights)), layout="constrained")
-        error, force, *dacs, state = figure.subplots(
-            len(heights), 1, sharex=True, height_ratios=heights
-        )
-        _tip_error(error, time_s, arrays, arms, threshold_mm)
-        _force(force, time_s, arrays, arms)
-        for axes, arm in zip(dacs, dac_panels, strict=True):
-            _dac(
-                axes,
-                time_s,
-                arrays[f"{arm}/current_cmd"],
-                f"{arm} DAC",
-                robot.joints,
-                joints,
-                dac_limits or {},
-            )
-        _state(state, time_s, arrays, len(robot.run_levels))
-        panels = [error, force, *dacs, state]
+        panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        error, force, *dacs, state = panels
+        _draw_tips(error, time_s, arrays, arms, threshold_mm)
+        _draw_force(force, time_s, arrays, arms)
+        for axes, (arm, command) in zip(dacs, commands.items(), strict=True):
+            _draw_dac(axes, time_s, command, robot.joints, joints, dac_limits or {})
+            axes.set_ylabel(f"{arm} {axes.get_ylabel()}")
+        for name, colour, style in (("runlevel", "#1b1f24", "-"), ("pedal", "#56b4e9", "-")):
+            if name in arrays:
+                value, look = arrays[name].astype(float), {"drawstyle": "steps-post"}
+                state.plot(time_s, value, color=colour, ls=style, lw=1.2, label=name, **look)
+        state.set_ylabel("state")
+        state.set_ylim(-0.3, len(robot.run_levels) - 0.5)
+        state.set_yticks(range(len(robot.run_levels)))
+        _add_legend(state)
         marks = {name: ms for name, ms in (events or {}).items() if ms >= 0}
-        _fault_windows(panels, arrays, told="fault" in marks)
-        _events(panels, marks)
+        active = np.asarray(arrays.get("fault_active", ()), bool).reshape(-1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
+        for start, end in edges.reshape(-1, 2) / 1000.0:
+            for axes in panels:
+                axes.axvspan(start, end, color=FAULT, alpha=0.13, lw=0, zorder=0)
+        if len(edges) and "fault" not in marks:
+            _note(error, "fault", (edges[0] / 1000.0, 1), (2, -2), FAULT, va="top")
+        for number, (label, ms) in enumerate(sorted(marks.items(), key=lambda item: item[1])):
+            colour = MARKERS[number % len(MARKERS)]
+            for axes in panels:
+                axes.axvline(ms / 1000.0, color=colour, lw=0.9)
+            _note(error, f"{label} {ms:.0f} ms", (ms / 1000.0, 1), (2, 3 + 10 * number), colour)
         state.set_xlabel("time, s")
         state.set_xlim(0.0, ticks / 1000.0)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10, fontweight="bold")
         lines = textwrap.fill(subtitle, SUBTITLE_LETTERS)
-        error.set_title(
-            lines, loc="left", x=0.0, fontsize=8.5, color="#3a424c", pad=4 + 10 * len(marks)
-        )
-        figure.align_ylabels(panels)
-        kind = path.suffix.lstrip(".") or "png"
-        dateless = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        write_aside(
-            path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=dateless)
-        )
+        room = 4 + 10 * len(marks)
+        error.set_title(lines, loc="left", x=0.0, fontsize=8.5, color=INK, pad=room)
+        figure.align_ylabels(list(panels))
+        save_figure(figure, path)
     return path
 
 
-def _tip_error(
-    axes: Axes,
-    time_s: np.ndarray,
-    arrays: Mapping[str, np.ndarray],
-    arms: Mapping[str, str],
-    threshold_mm: float,
+def _draw_tips(
+    axes: Axes, time_s: np.ndarray, arrays: Series, arms: Mapping[str, str], threshold_mm: float
 ) -> None:
     kinds = {"tip": ("true", 1.5, "-"), "position": ("as reported", 1.0, (0, (3, 1.5)))}
-    for arm in arms:
+    for arm, colour in arms.items():
         for name, (kind, width, style) in kinds.items():
             if f"{arm}/{name}" in arrays and f"{arm}/model_position" in arrays:
-                distance = 1000.0 * np.linalg.norm(
-                    arrays[f"{arm}/{name}"] - arrays[f"{arm}/model_position"], axis=1
-                )
-                axes.plot(
-                    time_s, distance, color=arms[arm], lw=width, ls=style, label=f"{arm}, {kind}"
-                )
-    axes.axhline(threshold_mm, color="#3a424c", lw=0.9, ls=(0, (4, 2)))
-    place = {
-        "xycoords": ("axes fraction", "data"),
-        "xytext": (-2, 2),
-        "textcoords": "offset points",
-    }
-    axes.annotate(
-        f"cue at {threshold_mm:g} mm",
-        (1, threshold_mm),
-        **place,
-        ha="right",
-        fontsize=8,
-        color="#3a424c",
-    )
+                off = arrays[f"{arm}/{name}"] - arrays[f"{arm}/model_position"]
+                distance, label = 1000.0 * np.linalg.norm(off, axis=1), f"{arm}, {kind}"
+                axes.plot(time_s, distance, color=colour, lw=width, ls=style, label=label)
+    axes.axhline(threshold_mm, color=INK, lw=0.9, ls=(0, (4, 2)))
+    words, place = f"cue at {threshold_mm:g} mm", ("axes fraction", "data")
+    _note(axes, words, (1, threshold_mm), (-2, 2), INK, xycoords=place, ha="right")
     axes.set_ylabel("tip off the\nnominal model, mm")
     axes.set_ylim(0.0, max(1.15 * _peak(axes), 1.3 * threshold_mm))
-    _legend(axes, True)
+    _add_legend(axes)
 
 
-def _force(
-    axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], arms: Mapping[str, str]
-) -> None:
-    for arm in arms:
+def _draw_force(axes: Axes, time_s: np.ndarray, arrays: Series, arms: Mapping[str, str]) -> None:
+    for arm, colour in arms.items():
         if f"{arm}/haptic_force" in arrays:
             force = arrays[f"{arm}/haptic_force"]
             size = np.abs(force) if force.ndim == 1 else np.linalg.norm(force, axis=1)
-            axes.fill_between(time_s, size, color=arms[arm], alpha=0.25, lw=0)
-            axes.plot(time_s, size, color=arms[arm], lw=1.1)
+            axes.fill_between(time_s, size, color=colour, alpha=0.25, lw=0)
+            axes.plot(time_s, size, color=colour, lw=1.1)
     axes.set_ylabel("haptic force,\ndevice units")
     if _peak(axes) > 0.0:
         axes.set_ylim(0.0, 1.15 * _peak(axes))
     else:
         axes.set_ylim(0.0, 1.0)
         axes.set_yticks([0.0])
-        axes.annotate(
-            "none", (0.01, 0.5), xycoords="axes fraction", va="center", fontsize=8, color="#5b6470"
-        )
+        place: dict[str, Any] = {"xycoords": "axes fraction", "va": "center"}
+        axes.annotate("none", (0.01, 0.5), fontsize=8, color="#5b6470", **place)
 
 
-def _dac(
+def _draw_dac(
     axes: Axes,
     time_s: np.ndarray,
     command: np.ndarray,
-    title: str,
     names: Sequence[str],
     joints: Sequence[str],
     limits: Mapping[str, float],
 ) -> None:
     peaks = np.abs(command.astype(float)).max(axis=0)
-    numbers = [names.index(name) for name in joints] or sorted(
-        np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS]
-    )
-    for joint in numbers:
+    largest = sorted(np.argsort(-peaks, kind="stable")[:SHOWN_JOINTS])
+    for joint in [names.index(name) for name in joints] or largest:
         name, colour = names[joint], JOINT_COLOURS[joint % len(JOINT_COLOURS)]
-        axes.plot(
-            time_s, command[:, joint], color=colour, lw=1.0, label=name, drawstyle="steps-post"
-        )
-        if name in limits:
-            for limit in (-limits[name], limits[name]):
-                axes.axhline(limit, color=colour, lw=0.8, ls=(0, (1, 2)))
-    axes.set_ylabel(f"{title}, counts\n(dotted: limit)" if limits else f"{title}, counts")
+        look: dict[str, Any] = {"color": colour, "drawstyle": "steps-post"}
+        axes.plot(time_s, command[:, joint], lw=1.0, label=name, **look)
+        for limit in (-limits[name], limits[name]) if name in limits else ():
+            axes.axhline(limit, color=colour, lw=0.8, ls=(0, (1, 2)))
+    axes.set_ylabel("DAC, counts" + ("\n(dotted: limit)" if limits else ""))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace("-", "−"))
-    _legend(axes, True)
-
-
-def _state(axes: Axes, time_s: np.ndarray, arrays: Mapping[str, np.ndarray], levels: int) -> None:
-    for name, colour, style in (("runlevel", "#1b1f24", "-"), ("pedal", "#56b4e9", "-")):
-        if name in arrays:
-            axes.plot(
-                time_s,
-                arrays[name].astype(float),
-                color=colour,
-                ls=style,
-                lw=1.2,
-                label=name,
-                drawstyle="steps-post",
-            )
-    axes.set_ylabel("state")
-    axes.set_ylim(-0.3, levels - 0.5)
-    axes.set_yticks(range(levels))
-    _legend(axes, True)
+    _add_legend(axes)
 
 
 def _peak(axes: Axes) -> float:
@@ -206,49 +169,23 @@ def _peak(axes: Axes) -> float:
     return axes.dataLim.ymax if np.isfinite(axes.dataLim.ymax) else 0.0
 
 
-def _legend(axes: Axes, wanted: bool) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    if wanted and handles:
-        axes.legend(
-            handles,
-            labels,
-            loc="upper left",
-            bbox_to_anchor=(1.0, 1.03),
-            fontsize=8,
-            handlelength=1.4,
-        )
+def _add_legend(axes: Axes) -> None:
+    """On the right of the axes, where they have any curve with a name."""
+    if axes.get_legend_handles_labels()[0]:
+        place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.03)}
+        axes.legend(fontsize=8, handlelength=1.4, **place)
 
 
-def _fault_windows(panels: Sequence[Axes], arrays: Mapping[str, np.ndarray], told: bool) -> None:
-    active = np.asarray(arrays.get("fault_active", ()), bool).reshape(-1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
-    for start, end in edges.reshape(-1, 2) / 1000.0:
-        for axes in panels:
-            axes.axvspan(start, end, color=FAULT, alpha=0.13, lw=0, zorder=0)
-    if len(edges) and not told:
-        panels[0].annotate(
-            "fault",
-            (edges[0] / 1000.0, 1),
-            xycoords=("data", "axes fraction"),
-            xytext=(2, -2),
-            textcoords="offset points",
-            va="top",
-            fontsize=8,
-            color=FAULT,
-        )
-
-
-def _events(panels: Sequence[Axes], events: Mapping[str, float]) -> None:
-    for i, (label, time_ms) in enumerate(sorted(events.items(), key=lambda item: item[1])):
-        colour = MARKERS[i % len(MARKERS)]
-        for axes in panels:
-            axes.axvline(time_ms / 1000.0, color=colour, lw=0.9)
-        panels[0].annotate(
-            f"{label} {time_ms:.0f} ms",
-            (time_ms / 1000.0, 1),
-            xycoords=("data", "axes fraction"),
-            xytext=(2, 3 + 10 * i),
-            textcoords="offset points",
-            fontsize=8,
-            color=colour,
-        )
+def _note(
+    axes: Axes,
+    text: str,
+    at: tuple[float, float],
+    offset: tuple[float, float],
+    colour: str,
+    **look: Any,
+) -> None:
+    """A few words beside a place, `offset` in points; its y is a share of the axes' height."""
+    look = {"xycoords": ("data", "axes fraction")} | look
+    axes.annotate(
+        text, at, xytext=offset, textcoords="offset points", fontsize=8, color=colour, **look
+    )

@@ -4,12 +4,13 @@ cue came before.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import tables
+from ravenjax.report.sections import Section, tables
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS
 
@@ -40,25 +41,23 @@ class StopRow(NamedTuple):
     no_cue: Rate
 
 
-def rows(runs: Runs, limit_mm: float) -> list[StopRow]:
+def rows(runs: Runs) -> list[StopRow]:
     """Every stop together, then by the check that stopped, the most frequent first; none without
     a stop.
     """
-    stops = _of(runs, "''", limit_mm)
+    stops = _of(runs, "''")
     if not stops:
         return []
-    causes = sorted(
-        _of(runs, "response_cause::VARCHAR", limit_mm), key=lambda row: (-row.n, row.cause)
-    )
+    causes = sorted(_of(runs, "response_cause::VARCHAR"), key=lambda row: (-row.n, row.cause))
     if len(causes) == 1:
         return [causes[0]._replace(cause=f"{ALL}: {causes[0].cause}")]
     return [stops[0]._replace(cause=ALL), *causes]
 
 
-def _of(runs: Runs, by: str, limit_mm: float) -> list[StopRow]:
+def _of(runs: Runs, by: str) -> list[StopRow]:
     listed = ", ".join(map(str, QUANTILES))
     moved = "unintended_ms >= 0 AND unintended_ms <= stop_ms"
-    off = run_facts.beyond_sql("unintended_off_mm", limit_mm, runs.types)
+    off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
     counts = runs.table.rows(
         f"SELECT {by} AS cause, count(*), quantile_cont(stop_ms - active_ms, [{listed}]), count(*)"
         f" FILTER ({moved}), count(*) FILTER (NOT ({moved}) AND {off}),"
@@ -68,17 +67,32 @@ def _of(runs: Runs, by: str, limit_mm: float) -> list[StopRow]:
         ' response_ms AS stop_ms, active_ms, unintended_ms, warned_ms, "group"::VARCHAR AS "group"'
         f" FROM {FACTS} WHERE {CHOSEN}) USING (row) GROUP BY cause"
     )
-    return [
-        StopRow(
-            cause or "not recorded",
-            n,
-            StopQuantiles(*took),
-            tables.of_faults(runs, before, n, groups),
-            tables.of_faults(runs, after, n, groups),
-            StopQuantiles(*off_mm),
-            tables.of_faults(runs, cue_before, n, groups),
-            tables.of_faults(runs, cue_after, n, groups),
-            tables.of_faults(runs, n - cue_before - cue_after, n, groups),
+    out = []
+    for cause, n, took, before, after, off_mm, cue_before, cue_after, groups in counts:
+        no_cue = n - cue_before - cue_after
+        of_all = [
+            tables.of_faults(runs, k, n, groups)
+            for k in (before, after, cue_before, cue_after, no_cue)
+        ]
+        out.append(
+            StopRow(
+                cause=cause or "not recorded",
+                n=n,
+                took_ms=StopQuantiles(*took),
+                before=of_all[0],
+                after=of_all[1],
+                off_mm=StopQuantiles(*off_mm),
+                cue_before=of_all[2],
+                cue_after=of_all[3],
+                no_cue=of_all[4],
+            )
         )
-        for cause, n, took, before, after, off_mm, cue_before, cue_after, groups in counts
-    ]
+    return out
+
+
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    stops = rows(runs)
+    return {"stops": stops} if stops else None
+
+
+SECTIONS = (Section("after_stop", "After a stop", 120, _content),)

@@ -5,21 +5,22 @@ change.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ravenjax.document import ticks
-from ravenjax.report.data import counted, leads
-from ravenjax.report.data.counted import NONE, Delays
+from ravenjax.report.data import counted
+from ravenjax.report.data.counted import NONE
 from ravenjax.report.data.facts import first_sql
-from ravenjax.report.data.runs import UNINTENDED, FaultCounts, Runs, after_onset, end_of
-from ravenjax.report.sections import tables
+from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
+from ravenjax.report.sections import Section, detectors, reaction, robots, tables
 from ravenjax.report.sections.reaction.pairs import Difference
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.latency import Incidence, Lead
-from ravenjax.store.manifest import CueRecord, Manifest
+from ravenjax.store.manifest import CueRecord
 
 CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
 MOST_CLASSES = 12
@@ -99,80 +100,77 @@ class Changed(NamedTuple):
     )  # the cue that announces most without a false one, where it is another and leads
 
 
-def knowledge(runs: Runs, known: str, early: str, manifest: Manifest) -> Knowledge:
-    """known: when anyone could first know, -1 if never, an expression of columns of facts
-    (`performance.known`); early: the same of what may come before the motion
-    (`performance.before_motion`)."""
-    end, sampled = end_of(manifest), runs.sampled()
-    delay = runs.delays(known, "active_ms", end, UNINTENDED)[""]
-    delays, lead = (
-        counted.incidence(delay),
-        counted.lead(runs.delays(early, "unintended_ms", end, UNINTENDED)[""]),
-    )
+def knowledge(runs: Runs) -> Knowledge:
+    """Of the runs of a campaign."""
+    delay = runs.delays(detectors.known(runs), "active_ms", runs.end, UNINTENDED)[""]
+    lag = runs.delays(detectors.before_motion(runs), "unintended_ms", runs.end, UNINTENDED)[""]
+    delays, lead = counted.incidence(delay), counted.lead(lag)
     never = delays.n - delays.events
     return Knowledge(
         delays,
-        tables.known(delays.quantile_interval(0.5), sampled),
-        tables.known(delays.quantile_interval(0.25), sampled),
-        lead._replace(before=tables.known(lead.before, sampled)),
-        _lower(runs, early, manifest),
+        tables.known(runs, delays.quantile_interval(0.5)),
+        tables.known(runs, delays.quantile_interval(0.25)),
+        lead._replace(before=tables.known(runs, lead.before)),
+        _lower(runs),
         tables.of_faults(runs, never, delays.n),
-        bool(manifest.detectors),
+        bool(runs.manifest.detectors),
     )
 
 
-def _lower(runs: Runs, early: str, manifest: Manifest) -> LowerCue | None:
-    able = [k for k in range(len(manifest.cues)) if leads.cue(manifest, k)]
+def _lower(runs: Runs) -> LowerCue | None:
+    cues = runs.manifest.cues
+    able = [k for k in range(len(cues)) if cue_leads(runs.manifest, k)]
     if runs.cue_leads or not able:
         return None
-    nearest = max(able, key=lambda k: manifest.cues[k].threshold_mm)
+    nearest = max(able, key=lambda k: cues[k].threshold_mm)
+    early = detectors.before_motion(runs)
     event = first_sql(early, f"({after_onset(f'warned{nearest}_ms')})")
-    lags = runs.delays(event, "unintended_ms", end_of(manifest), UNINTENDED)[""]
+    lags = runs.delays(event, "unintended_ms", runs.end, UNINTENDED)[""]
     free = runs.motions()
     false = free.came(f"golden_cue{nearest}_first_ms"), free.count
-    return LowerCue(
-        manifest.cues[nearest], tables.known(counted.lead(lags).before, runs.sampled()), false
-    )
+    return LowerCue(cues[nearest], tables.known(runs, counted.lead(lags).before), false)
 
 
-def classes(runs: Runs, known: str, early: str, manifest: Manifest) -> dict[str, list[ClassRow]]:
+def classes(runs: Runs) -> dict[str, list[ClassRow]]:
     """Rows by each of CLASSES, most evasive first; a kind of class that is the same for all faults
     is left out.
-
-    known, early: as of `knowledge`.
     """
     by_kind = {}
     for kind in CLASSES:
-        present = runs.faults(kind)
+        present, groups = runs.faults(kind), runs.groups_by(kind)
         if len(present) > 1 or (kind == "group" and present):
             delay, lags = (
-                runs.delays(event, start, end_of(manifest), UNINTENDED, kind)
-                for event, start in ((known, "active_ms"), (early, "unintended_ms"))
-            )
-            groups = runs.groups_by(kind)
-            rows = [
-                _class(
-                    one,
-                    delay.get(one.name, NONE),
-                    lags.get(one.name, NONE),
-                    runs.sampled(groups[one.name]),
+                runs.delays(event, start, runs.end, UNINTENDED, kind)
+                for event, start in (
+                    (detectors.known(runs), "active_ms"),
+                    (detectors.before_motion(runs), "unintended_ms"),
                 )
-                for one in present
-            ]
+            )
+            rows = []
+            for one in present:
+                soon = counted.incidence(delay.get(one.name, NONE)).quantile_interval(0.5)
+                before = counted.lead(lags.get(one.name, NONE)).before
+                if not runs.sampled(groups[one.name]):
+                    soon = tables.without_interval(soon)
+                    before = tables.without_interval(before)
+                evaded, unintended, loss = (
+                    tables.of_faults(runs, k, one.faults, groups[one.name])
+                    for k in (one.evaded, one.unintended, one.loss)
+                )
+                rows.append(ClassRow(one.name, evaded, unintended, loss, before, soon))
             by_kind[kind] = sorted(rows, key=_most_evasive)
     return by_kind
 
 
-def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -> Changed:
-    """differences: of all reactions, none where the campaign has no pairs."""
+def changed(runs: Runs) -> Changed:
+    """What the cue would change."""
+    manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
     announcements = []
     if runs.count(condition) and runs.motions().count:
-        announcements = [
-            _announced(runs, manifest, k, condition) for k in range(len(manifest.cues))
-        ]
+        announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues))]
     first = announcements[manifest.verdict_cue] if announcements else None
-    able = [leads.cue(manifest, k) for k in range(len(manifest.cues))]
+    able = [cue_leads(manifest, k) for k in range(len(manifest.cues))]
     quiet = [
         one
         for one, leading in zip(announcements, able, strict=False)
@@ -180,20 +178,22 @@ def changed(runs: Runs, manifest: Manifest, differences: Sequence[Difference]) -
     ]
     best = max(quiet, key=lambda one: (one.lead.before.value, one.cue.threshold_mm), default=None)
     surpassed = best and first and (not runs.cue_leads or best.lead.before.k > first.lead.before.k)
-    whole = [row for row in differences if row.among == "all faults"]
+    whole = [row for row in runs.once(reaction.differences) if row.among == "all faults"]
     return Changed(whole, first, runs.cue_leads, sum(able), best if surpassed else None)
 
 
-def _announced(runs: Runs, manifest: Manifest, k: int, chosen: str) -> Announced:
+def _announced(runs: Runs, k: int, chosen: str) -> Announced:
     free = runs.motions()
     lead = counted.lead(
-        runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", end_of(manifest), chosen)[""]
+        runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", runs.end, chosen)[""]
     )
-    false = tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count)
-    sampled = runs.sampled()
-    lead = lead._replace(before=tables.known(lead.before, sampled))
+    lead = lead._replace(before=tables.known(runs, lead.before))
     return Announced(
-        manifest.cues[k], lead, tables.known(lead.quantile(0.5), sampled), false, free.cue_rate(k)
+        runs.manifest.cues[k],
+        lead,
+        tables.known(runs, lead.quantile(0.5)),
+        tables.rate_of(free.came(f"golden_cue{k}_first_ms"), free.count),
+        free.cue_rate(k),
     )
 
 
@@ -201,13 +201,17 @@ def _most_evasive(row: ClassRow) -> tuple[Any, ...]:
     return *tables.least_last(row.evaded), *tables.least_last(row.unintended), row.name
 
 
-def _class(faults: FaultCounts, delay: Delays, lags: Delays, sampled: bool) -> ClassRow:
-    """sampled: whether the faults were drawn."""
-    return ClassRow(
-        faults.name,
-        tables.known(tables.rate_of(faults.evaded, faults.faults), sampled),
-        tables.known(tables.rate_of(faults.unintended, faults.faults), sampled),
-        tables.known(tables.rate_of(faults.loss, faults.faults), sampled),
-        tables.known(counted.lead(lags).before, sampled),
-        tables.known(counted.incidence(delay).quantile_interval(0.5), sampled),
-    )
+def _content(runs: Runs, _: Path) -> dict[str, Any]:
+    return {
+        "class_words": CLASSES,
+        "most_classes": MOST_CLASSES,
+        "axis_end": scale,
+        "known": runs.once(knowledge),
+        "classes": classes(runs),
+        "changed": runs.once(changed),
+        "your_robot": runs.once(robots.rates),
+    }
+
+
+FIRST_PAGE = Section("answers", "", 0, _content)
+"""What stands above all sections."""

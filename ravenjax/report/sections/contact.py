@@ -4,14 +4,14 @@ runs.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.sections import tables
+from ravenjax.report.sections import Section, tables
 from ravenjax.stats.intervals import Rate
 from ravenjax.store.access.query import RESULTS
-from ravenjax.store.manifest import Manifest
 
 ALL = "every fault"
 QUANTILES = (0.5, 0.95, 1.0)
@@ -41,10 +41,11 @@ class ContactRow(NamedTuple):
     instruments_n: float | None  # N, the largest of these forces
 
 
-def rows(runs: Runs, manifest: Manifest) -> list[ContactRow]:
+def rows(runs: Runs) -> list[ContactRow]:
     """Every fault together, then by group in the order of their names; none without contact, or
     without a fault.
     """
+    manifest = runs.manifest
     if not manifest.shape.contact:
         return []
     both = len(manifest.shape.arms) > 1
@@ -81,3 +82,11 @@ def _of(runs: Runs, by: str, both: bool) -> list[ContactRow]:
         quantiles = ContactQuantiles(*peak), ContactQuantiles(*impulse)
         out.append(ContactRow(name, n, pressed, *quantiles, of_vessel, vessel_n, met, strongest))
     return out
+
+
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    contacts = rows(runs)
+    return {"contacts": contacts} if contacts else None
+
+
+SECTIONS = (Section("contact", "Contact", 130, _content),)

@@ -10,16 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ravenjax.report.data.runs import Runs, after_onset
-from ravenjax.report.sections import tables
-from ravenjax.report.sections.detection import performance
-from ravenjax.report.sections.detection.performance import DetectorThreshold, ThresholdAlarms
+from ravenjax.report.sections import Section, detectors, tables
+from ravenjax.report.sections.detectors import DetectorThreshold, ThresholdAlarms
 from ravenjax.stats.intervals import Rate
-from ravenjax.store.access.query import RESULTS
-from ravenjax.store.manifest import Manifest
-from ravenjax.vocabulary.checks import OWN, Check
+from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.vocabulary.checks import OWN
 
 
 class OwnCheckRow(NamedTuple):
@@ -34,28 +33,34 @@ class OwnCheckRow(NamedTuple):
     alarms: DetectorThreshold  # the same numbers as a detector at one threshold has
 
 
-def rows(runs: Runs, manifest: Manifest) -> list[OwnCheckRow]:
+def rows(runs: Runs) -> list[OwnCheckRow]:
     """One row a check, in the order of the campaign's file."""
-    checks = manifest.shape.own_checks
-    per_check = list(_alarms(runs, manifest))
+    checks = runs.manifest.shape.own_checks
+    per_check = list(_alarms(runs))
     trips = [f"({after_onset(one.column)}) >= 0" for one in per_check]
-    alone = [_alone(number, manifest) for number in range(len(checks))]
-    total, *counts = runs.counts(
-        ["true", *trips, *(f"{a} AND {b}" for a, b in zip(trips, alone, strict=True))],
-        where="sample AND faulty",
-    )
-    at_thresholds = performance.thresholds(runs, manifest, per_check)
-    sections = {f"{OWN}{one['name']}": one for one in manifest.config.get("check", ())}
+    alone = [
+        # no built-in check had told anyone by itself, and no other of one's own tripped
+        " AND ".join(
+            [
+                trip,
+                "built_in_told_ms < 0",
+                *(f"own{other}_ms < 0" for other in range(len(checks)) if other != number),
+            ]
+        )
+        for number, trip in enumerate(trips)
+    ]
+    total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
+    sections = {f"{OWN}{one['name']}": one for one in runs.manifest.config.get("check", ())}
     result = []
-    for number, (check, alarms) in enumerate(zip(checks, at_thresholds, strict=True)):
+    for number, alarms in enumerate(detectors.thresholds(runs, per_check)):
         tripped, only = counts[number], counts[len(checks) + number]
-        section = sections.get(check.name, {})
+        section = sections.get(checks[number].name, {})
         result.append(
             OwnCheckRow(
-                _plain(check),
+                alarms.detector,
                 str(section.get("at", "")),
-                check.does,
-                _threshold(section, *_varied(runs, check)),
+                checks[number].does,
+                _threshold(section, *_varied(runs, alarms.detector)),
                 tables.of_faults(runs, tripped, total),
                 tables.of_faults(runs, only, tripped),
                 alarms,
@@ -64,15 +69,11 @@ def rows(runs: Runs, manifest: Manifest) -> list[OwnCheckRow]:
     return result
 
 
-def _plain(check: Check) -> str:
-    return check.name.removeprefix(OWN)
-
-
-def _varied(runs: Runs, check: Check) -> tuple[float | None, float | None]:
+def _varied(runs: Runs, check: str) -> tuple[float | None, float | None]:
     """Least and largest threshold among the runs that rates are of; None where it is the same in
     the whole campaign.
     """
-    name = f"param:checks.threshold.{_plain(check)}"
+    name = f"param:checks.threshold.{check}"
     if name not in runs.names:
         return None, None
     least, most = runs.table.row(
@@ -92,31 +93,26 @@ def _threshold(section: dict[str, Any], least: float | None, most: float | None)
     return f"{words}, {in_a_row} ms in a row" if in_a_row > 1 else words
 
 
-def _alarms(runs: Runs, manifest: Manifest) -> Iterator[ThresholdAlarms]:
-    free = runs.motions()
-    for number, check in enumerate(manifest.shape.own_checks):
+def _alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
+    free, shape = runs.motions(), runs.manifest.shape
+    varied = [quoted(name) for name in runs.names if name.startswith("param:checks.")]
+    # what the whole campaign has, its fault-free motion has, too
+    values = ", ".join(["count(*)", *(f"count(DISTINCT {name})" for name in varied)])
+    differs = max(runs.table.row(f"SELECT {values} FROM {RESULTS}")[1:], default=0) > 1
+    for number, check in enumerate(shape.own_checks):
         rate = count = None
-        same = not any(
-            _differs(runs, name) for name in runs.names if name.startswith("param:checks.")
-        )
-        if same:
+        if not differs:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
             rate, count = free.first_rate(event, first_ms), free.with_event(event)
-        yield ThresholdAlarms(_plain(check), math.nan, f"own{number}_ms", count, rate, count == 0)
+        name = check.name.removeprefix(OWN)
+        yield ThresholdAlarms(name, math.nan, f"own{number}_ms", count, rate, count == 0)
 
 
-def _differs(runs: Runs, name: str) -> bool:
-    """Whether a parameter has several values; what the whole campaign has, its fault-free motion
-    has, too.
-    """
-    (values,) = runs.table.row(f'SELECT count(DISTINCT "{name}") FROM {RESULTS}')
-    return values > 1
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    own_checks = rows(runs) if runs.manifest.shape.own_checks else []
+    # without a judged fault there is nothing to say
+    return {"own_checks": own_checks} if runs.count("sample AND faulty") and own_checks else None
 
 
-def _alone(number: int, manifest: Manifest) -> str:
-    """Condition of facts: no built-in check had told anyone by itself, and no other check of
-    one's own tripped.
-    """
-    others = [f"own{k}_ms < 0" for k in range(len(manifest.shape.own_checks)) if k != number]
-    return " AND ".join(["built_in_told_ms < 0", *others])
+SECTIONS = (Section("own_checks", "Your checks", 100, _content),)

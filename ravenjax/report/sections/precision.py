@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from ravenjax.report.data.runs import FaultCounts, Runs
-from ravenjax.report.sections import tables
+from ravenjax.report.sections import Section, tables
 from ravenjax.stats.intervals import Rate
 from ravenjax.stats.sample_size.planning import MoreRuns, more_runs
 
@@ -49,3 +50,11 @@ def _row(faults: FaultCounts) -> PrecisionRow:
 def _more(k: int, n: int, half_width: float) -> MoreRuns:
     """Groups of one size share their few counts."""
     return more_runs(k, n, half_width)
+
+
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    precision = rows(runs)
+    return {"precision": precision} if precision else None
+
+
+SECTIONS = (Section("precision", "Precision", 180, _content),)

@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +20,7 @@ import pandas as pd
 from ravenjax.hazards import naming, severity
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import Section
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate, share
 
@@ -75,14 +78,16 @@ def counts(
     return result
 
 
-def counted(runs: Runs, cue: int | None = 0, limit_mm: float = LIMIT_MM) -> dict[str, np.ndarray]:
+def counted(runs: Runs) -> dict[str, np.ndarray]:
     """`counts` of every run of a table, a batch of rows at a time."""
+    manifest = runs.manifest
+    cue = manifest.verdict_cue if manifest.cues else None
     alarms = [] if cue is None else [f"cue{cue}_first_ms", f"golden_cue{cue}_first_ms"]
-    needed = [*severity.COLUMNS, "group", *alarms]
     slots = [name for name in runs.names if name.startswith("fault")]
+    needed = dict.fromkeys([*severity.COLUMNS, "group", *alarms, *slots])
     result: dict[str, np.ndarray] = {}
-    for frame in runs.batches(list(dict.fromkeys([*needed, *slots]))):
-        for name, number in counts(frame, cue, limit_mm).items():
+    for frame in runs.batches(list(needed)):
+        for name, number in counts(frame, cue, manifest.limit_mm).items():
             result[name] = result.get(name, 0) + number
     return result
 
@@ -145,3 +150,25 @@ def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> 
 
 def _mean(number: np.ndarray) -> float:
     return float(number @ np.arange(len(number)) / number.sum())
+
+
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    if not any(naming.hazards_of(group) for group in runs.groups()):
+        return None
+    risks = by_hazard(counted(runs))
+    if not risks:
+        return None
+    grades = [{f"severity_{grade}": n for grade, n in enumerate(one.counts)} for one in risks]
+    return {
+        "risks": risks,
+        "risk_rows": [
+            {"hazard": one.hazard, "mean": one.mean, "injury": one.injury, "silent": one.silent}
+            | grade
+            for one, grade in zip(risks, grades, strict=True)
+        ],
+        "severities": severity.SCALE,
+        "depth_mm": severity.DEPTH_MM,
+    }
+
+
+SECTIONS = (Section("risk", "Risk", 90, _content),)

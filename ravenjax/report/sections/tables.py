@@ -6,31 +6,28 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import shlex
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-import numpy as np
 import pandas as pd
 
-from ravenjax.outcomes import verdict
+from ravenjax.campaign.stop import decisions
+from ravenjax.outcomes import definitions, events, verdict
+from ravenjax.report.data import counted
 from ravenjax.report.data.counted import Delays, median
 from ravenjax.report.data.facts import FACTS, OUTCOMES
-from ravenjax.report.data.runs import Runs
-from ravenjax.report.run.worst import replay
+from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.sections import Section
 from ravenjax.stats.intervals import Estimate, Rate, share, wilson
+from ravenjax.stats.latency import Incidence, Lead
 from ravenjax.store.access.query import RESULTS, text
 from ravenjax.store.manifest import Manifest
 
 CAUSED = ("stopped", "flagged", "limited")
 
 _Interval = TypeVar("_Interval", Rate, Estimate)
-
-
-def rate(hits: Any) -> Rate:
-    """Wilson rate of truth values."""
-    hits = np.asarray(hits, bool)
-    return rate_of(int(hits.sum()), len(hits))
 
 
 @functools.lru_cache(maxsize=10_000)
@@ -46,9 +43,27 @@ def of_faults(runs: Runs, k: int, n: int, groups: Collection[str] | None = None)
     return rate_of(k, n) if runs.sampled(groups) else share(k, n)
 
 
-def known(value: _Interval, sampled: bool) -> _Interval:
-    """Without its interval where nothing was sampled."""
-    return value if sampled else value._replace(low=math.nan, high=math.nan)
+def known(runs: Runs, value: _Interval) -> _Interval:
+    """Without its interval where the campaign's faults were not drawn."""
+    return value if runs.sampled() else without_interval(value)
+
+
+def without_interval(value: _Interval) -> _Interval:
+    """The value alone."""
+    return value._replace(low=math.nan, high=math.nan)
+
+
+def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
+    """Delay of an event, a column of facts, after the first effect and its lead over the motion,
+    of faults with an unintended motion; what came before the fault had any effect counts as
+    never, for it tells of something else.
+    """
+    event = after_onset(column)
+    delay, lag = (
+        runs.delays(event, start, runs.end, UNINTENDED)[""]
+        for start in ("active_ms", "unintended_ms")
+    )
+    return counted.incidence(delay), counted.lead(lag)
 
 
 def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
@@ -63,37 +78,23 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """
     (faults,) = runs.faults()
     both = "warned_ms >= 0 AND told_ms >= 0"
-    counts = runs.counts(
-        [
-            "true",
-            "activated",
-            "evaded AND response = 'limited'",
-            "NOT told AND loss",
-            "NOT told AND halted",
-            "NOT told AND misreport",
-            "unintended AND told",
-            "response = 'stopped' AND warned_ms >= response_ms",
-            both,
-            f"{both} AND warned_ms < told_ms",
-            f"{both} AND warned_ms = told_ms",
-            *(f"outcome = {text(name)}" for name in OUTCOMES),
-        ],
-        where="sample AND faulty",
-    )
-    (
-        total,
-        activated,
-        limited,
-        loss,
-        halted,
-        misreport,
-        alarms,
-        late,
-        came,
-        first,
-        same,
-        *outcomes,
-    ) = counts
+    conditions = {
+        "total": "true",
+        "activated": "activated",
+        "evaded_limited": "evaded AND response = 'limited'",
+        "loss": "NOT told AND loss",
+        "halted": "NOT told AND halted",
+        "misreport": "NOT told AND misreport",
+        "unintended_told": "unintended AND told",
+        "late": "response = 'stopped' AND warned_ms >= response_ms",
+        "both": both,
+        "cue_first": f"{both} AND warned_ms < told_ms",
+        "same_ms": f"{both} AND warned_ms = told_ms",
+        **{name: f"outcome = {text(name)}" for name in OUTCOMES},
+    }
+    counts = runs.counts(list(conditions.values()), where="sample AND faulty")
+    n = dict(zip(conditions, counts, strict=True))
+    total = n["total"]
     valid, faulty, failed, reacting = runs.counts(
         ["plain AND faulty AND NOT failed", "faulty", "failed", "NOT plain"]
     )
@@ -102,30 +103,21 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
         f"SELECT told_ms - warned_ms AS ms, count(*) AS n FROM {FACTS} WHERE sample AND faulty AND"
         f" {both} GROUP BY ms"
     )
-    by_outcome = dict(zip(OUTCOMES, outcomes, strict=True))
+    plain = ("unintended_told", "felt", "unseen", "phantom", "evaded_limited", "halted", "late")
     return {
+        **{name: n[name] for name in (*plain, "same_ms")},
+        **{name: of_faults(runs, n[name], total) for name in ("loss", "misreport", "activated")},
         "evaded": of_faults(runs, faults.evaded, total),
         "unintended": of_faults(runs, faults.unintended, total),
-        "unintended_told": alarms,
-        "felt": by_outcome["felt"],
-        "unseen": by_outcome["unseen"],
-        "phantom": by_outcome["phantom"],
-        "evaded_limited": limited,
-        "loss": of_faults(runs, loss, total),
-        "halted": halted,
-        "misreport": of_faults(runs, misreport, total),
-        "late": late,
-        "inactive": total - activated,
+        "inactive": total - n["activated"],
         "repeats": valid - total,
         "reacting": reacting,
         "faulty": faulty,
         "failed": failed,
-        "activated": of_faults(runs, activated, total),
         "outcomes": {
-            name: of_faults(runs, k, total) for name, k in by_outcome.items() if name != "failed"
+            name: of_faults(runs, n[name], total) for name in OUTCOMES if name != "failed"
         },
-        "cue_first": of_faults(runs, first, came),
-        "same_ms": same,
+        "cue_first": of_faults(runs, n["cue_first"], n["both"]),
         "lead_ms": median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
         "false_cue": rate_of(free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count),
     }
@@ -164,35 +156,23 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
     return rows
 
 
-def jump_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
+def jump_rows(runs: Runs) -> list[dict[str, Any]]:
     """One row a jump rule: the distinct faults with such a jump, and which hazards they had."""
-    outcomes = manifest.config.get("outcomes") or {}
+    outcomes = runs.manifest.config.get("outcomes") or {}
     step, large = outcomes.get("jump_step_mm", 0.1), outcomes.get("large_jump_mm", 1.0)
     rules = {
         "jump_code": f"reported tip: steps over {step:g} mm on two packets in a row",
         "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
         "jump_text": f"true tip: over {large:g} mm within 2 ms",
     }
-    counts = ", ".join(
-        f"count(*) FILTER ({name}), count(*) FILTER ({name} AND unintended), count(*) FILTER"
-        f" ({name} AND misreport)"
-        for name in rules
-    )
-    source = f"{RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty"
-    n, *numbers = runs.table.row(f"SELECT count(*), {counts} FROM {source}")
-    return [
-        {
-            "rule": rule,
-            "rate": of_faults(runs, k, n),
-            "unintended": unintended,
-            "misreport": misreport,
-        }
-        for rule, (k, unintended, misreport) in zip(
-            rules.values(),
-            zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True),
-            strict=True,
-        )
-    ]
+    source = f"{RESULTS} JOIN {FACTS} USING (row)"
+    rows = []
+    for name, words in rules.items():
+        conditions = ["true", name, f"{name} AND unintended", f"{name} AND misreport"]
+        n, k, unintended, misreport = runs.counts(conditions, source, "sample AND faulty")
+        rate = of_faults(runs, k, n)
+        rows.append({"rule": words, "rate": rate, "unintended": unintended, "misreport": misreport})
+    return rows
 
 
 def _by(counted: pd.DataFrame, names: list[str]) -> dict[tuple[Any, ...], int]:
@@ -252,23 +232,25 @@ def least_last(rate: Rate) -> tuple[bool, float]:
     return not rate.n, -rate.value if rate.n else 0.0
 
 
-def delays(runs: Runs, event: str, run_end: str | int, where: str = "sample") -> tuple[Delays, int]:
-    """Delay (ms) of an event, a column of facts, after the fault's first effect, for activated
-    valid runs; to the end of observation where it never came: a stop or `run_end`, see `end_of`.
+def delays(runs: Runs, event: str) -> tuple[Delays, int]:
+    """Delay (ms) of an event, a column of facts, after the first effect, for one run of each
+    activated fault; to the end of observation, a stop or the run's end, where it never came.
 
     And how many runs are left out because the event came before the fault did anything.
     """
-    condition = f"({where}) AND activated AND NOT failed AND faulty"
+    condition = "sample AND activated AND NOT failed AND faulty"
     early = f"{event} >= 0 AND {event} < active_ms"
-    end = f"greatest(CASE WHEN response = 'stopped' THEN response_ms ELSE {run_end} END, active_ms)"
+    stopped = f"CASE WHEN response = 'stopped' THEN response_ms ELSE {runs.end} END"
+    end = f"greatest({stopped}, active_ms)"
     by_name = runs.delays(event, "active_ms", end, f"{condition} AND NOT ({early})")
     return by_name[""], runs.count(f"{condition} AND {early}")
 
 
-def check_rows(runs: Runs, manifest: Manifest) -> list[dict[str, Any]]:
+def check_rows(runs: Runs) -> list[dict[str, Any]]:
     """One row per built-in check: in how many distinct faults it tripped, and how close it came
     in silent ones.
     """
+    manifest = runs.manifest
     own = {check.name for check in manifest.shape.own_checks}
     names = [name for name in manifest.shape.checks if name not in own]
     columns = ["count(*)"]
@@ -310,6 +292,51 @@ def cause_rows(runs: Runs) -> list[dict[str, Any]]:
     ]
 
 
+class OverloadRow(NamedTuple):
+    """Distinct faults of one site, by the first valid run of each in which nobody reacts."""
+
+    site: str
+    faults: int
+    overloaded: Rate  # those in which a cable was, and none by then in the golden run
+    unintended: int  # of the overloaded ones, those with an unintended motion
+    cable: str  # the one that was the first to be overloaded most often; "" where none was
+    load: float  # largest tension of a cable, by its strength
+
+
+EVERY_SITE = "every site"
+
+
+def overload_rows(runs: Runs) -> list[OverloadRow]:
+    """In how many faults a cable was overloaded: at all sites together, then where one was, the
+    most frequent first; none where no tension is known.
+    """
+    if not runs.manifest.shape.cables:
+        return []
+    over, groups = events.sql("cable_overload", runs.manifest.rules), runs.groups_by("site")
+
+    def of(by: str) -> list[OverloadRow]:
+        counts = runs.table.rows(
+            f"SELECT {by} AS place, count(*), count(*) FILTER (over), count(*) FILTER (over AND"
+            " unintended), coalesce(mode(cable::VARCHAR) FILTER (over), ''), max(load) FROM (SELECT"
+            f" row, {over} AS over, cable_overload AS cable, cable_load::DOUBLE AS load FROM"
+            f" {RESULTS}) JOIN (SELECT row, site, unintended FROM {FACTS} WHERE sample AND faulty)"
+            " USING (row) GROUP BY place"
+        )
+        return [
+            OverloadRow(place, n, of_faults(runs, k, n, groups.get(place)), *rest)
+            for place, n, k, *rest in counts
+        ]
+
+    every = [row._replace(site=EVERY_SITE) for row in of("''")]
+    sites = [row for row in of("site::VARCHAR") if row.overloaded.k]
+    return [*every, *sorted(sites, key=lambda row: (-row.overloaded.k, row.site))]
+
+
+def replay(folder: Path, run_id: str) -> str:
+    """The command that replays a run."""
+    return f"ravenjax trace {shlex.quote(str(folder))} {run_id}"
+
+
 def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     """Runs without a valid outcome by cause and group, with one to replay."""
     groups = runs.table.rows(
@@ -320,3 +347,43 @@ def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
         {"cause": cause, "group": group, "n": n, "command": replay(folder, run_id)}
         for cause, group, n, run_id in groups
     ]
+
+
+def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
+    manifest, matrix = runs.manifest, verdict_matrix(runs)
+    return {
+        "matrix_rows": matrix,
+        "matrix_csv": matrix_cells(matrix),
+        "jumps": jump_rows(runs),
+        "overloads": overload_rows(runs),
+        "cables_break": (manifest.config.get("campaign") or {}).get("cables") == "break",
+        "stopped": decisions.sentence(folder),
+        "definitions": [
+            one
+            for one in definitions.rows(manifest.rules, manifest.robot)
+            if one.word != definitions.OVERLOADED or manifest.shape.cables
+        ],
+    }
+
+
+SECTIONS = (
+    Section("verdicts", "Verdicts", 10, _verdicts),
+    Section(
+        "groups",
+        "Groups",
+        20,
+        lambda runs, _: {"groups": group_rows(runs), "outcomes": OUTCOMES},
+    ),
+    Section(
+        "checks",
+        "Built-in checks",
+        110,
+        lambda runs, _: {"checks": check_rows(runs), "causes": cause_rows(runs)},
+    ),
+    Section(
+        "failures",
+        "Failures",
+        190,
+        lambda runs, folder: {"failures": failure_rows(runs, folder)},
+    ),
+)

@@ -18,7 +18,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.errors import UserError, suggestion
 from ravenjax.report.data import draws, facts
-from ravenjax.report.sections import your_robot
+from ravenjax.report.sections import robots as drawn_robots
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate, wilson
 from ravenjax.store import schema
@@ -118,7 +118,7 @@ def run(
     some, harm = table.loc[rows], harm_of(table, rules)[rows]
     lead = np.stack([leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)
     group = some["group"].astype(str).to_numpy()
-    robots = [name for name in your_robot.columns(raw) if name in some]
+    robots = [name for name in drawn_robots.columns(raw) if name in some]
     unit = some.groupby(robots, sort=False).ngroup().to_numpy() if robots else np.arange(len(some))
     random = draws.groups(raw) or frozenset()
     return Hazards(group, np.isin(group, list(random)), unit, bool(robots), harm, lead)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.report.bins import round_step
+from ravenjax.document.ticks import round_step
 from ravenjax.store.access.query import text
 
 MIN_BINS, MAX_BINS = 2, 8

@@ -1,1 +1,114 @@
-"""What the operator's reaction to the cue changes: pairs of runs, and their charts."""
+"""The operator's reaction to the cue: what it spares by fault class, and how far the instrument
+still went.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.document import palette
+from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots
+from ravenjax.document.steps import steps
+from ravenjax.document.ticks import above
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.drawing import share_axis
+from ravenjax.report.sections import Section
+from ravenjax.report.sections.reaction import pairs
+from ravenjax.report.sections.reaction.pairs import Difference
+from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
+
+ROW = 22  # px, of a class in the chart of differences
+LEAST_MM = 0.5
+"""From here on the distances are drawn."""
+
+
+def spared(rows: Sequence[Difference]) -> Chart:
+    """Chart of the mean difference of how far the tip went, by class and action, with intervals."""
+    classes = list(dict.fromkeys(row.among for row in rows))
+    actions = list(dict.fromkeys(row.action for row in rows))
+    marks = []
+    for number, action in enumerate(actions):
+        mine = [row for row in rows if row.action == action and np.isfinite(row.distance_mm.value)]
+        sampled = bool(np.isfinite([row.distance_mm.low for row in mine]).all())
+        shift = (number - (len(actions) - 1) / 2) * 0.22
+        value, low, high = (np.array([row.distance_mm[part] for row in mine]) for part in range(3))
+        places = np.array([classes.index(row.among) + shift for row in mine])
+        tips = tuple(
+            f"{action}, {row.among}: {row.distance_mm.value:.2f} mm, {row.n:,} pairs"
+            for row in mine
+        )
+        edges = (low, high) if sampled else (EMPTY, EMPTY)
+        marks.append(Dots(action, palette.series(number), value, places, *edges, tips=tips))
+    ends = np.concatenate(
+        [[0.0], *(edge for one in marks for edge in (one.x, one.x_low, one.x_high))]
+    )
+    low, high = (above(1.05 * abs(float(end))) if end else 0.0 for end in (ends.min(), ends.max()))
+    across = ChartAxis(
+        "how far the tip went by itself, with minus without, mm",
+        -low,
+        high or (0.0 if low else 1.0),
+        unit="mm",
+        line=0.0,
+    )
+    up = ChartAxis("faults", -0.5, len(classes) - 0.5, names=tuple(classes))
+    return Chart(
+        "What it spares", across, up, tuple(marks), 20 + (ROW + 6 * len(actions)) * len(classes)
+    )
+
+
+def exceedance(frame: pd.DataFrame, facts: pd.DataFrame) -> Chart:
+    """Chart of the share of faults in which the tip went farther by itself than each distance,
+    by action.
+    """
+    acting = [number for number in sorted(facts["action"].unique().tolist()) if number]
+    curves = []
+    for number in (0, *acting):
+        mine = pairs.pairs(frame, facts, number or acting[0])
+        part = mine.with_frame if number else mine.without_frame
+        values = np.sort(part[pairs.EXCURSION].to_numpy(float))
+        x = np.concatenate([[LEAST_MM], values[values > LEAST_MM]])
+        beyond = 1.0 - np.searchsorted(values, x, side="right") / max(1, len(values))
+        line = steps(x, beyond)
+        colour = palette.series(acting.index(number)) if number else palette.SAME
+        name, dashed = MEANINGS[ACTIONS[number]], not number
+        curves.append(Curve(name, colour, line.x, line.y, step=True, dashed=dashed))
+    far = max(max(float(curve.x[-1]) for curve in curves), 10.0)
+    across = ChartAxis("how far the tip went by itself, mm", LEAST_MM, far, log=True, unit="mm")
+    return Chart(
+        "How far the tip went by itself",
+        across,
+        share_axis("share of faults beyond it", curves),
+        tuple(curves),
+    )
+
+
+def differences(runs: Runs) -> list[Difference]:
+    """Pairs compared; none where a campaign has none."""
+    if not runs.manifest.shape.reacts:
+        return []
+    both = runs.once(pairs.drawn)
+    return pairs.differences(both.frame, both.facts, runs.sampled) if both.crossed else []
+
+
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    if not runs.manifest.shape.reacts:
+        return None
+    both, found = runs.once(pairs.drawn), runs.once(differences)
+    content = {
+        "differences": found,
+        "whole": [row for row in found if row.among == "all faults"],
+        "leads": runs.cue_leads,
+        "interruptions": pairs.interruptions(both.frame, both.facts),
+        "reaction_runs": (len(both.frame), runs.rows),
+    }
+    if found:
+        content |= {"spared": spared(found), "exceedance": exceedance(both.frame, both.facts)}
+    return content
+
+
+SECTIONS = (Section("reaction", "Reaction", 70, _content),)

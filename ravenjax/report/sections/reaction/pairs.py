@@ -168,7 +168,7 @@ def interruptions(frame: pd.DataFrame, facts: pd.DataFrame) -> list[Idle]:
         result.append(
             Idle(
                 MEANINGS[action],
-                tables.rate(acted),
+                tables.rate_of(int(acted.sum()), len(acted)),
                 alarm_rate(int(acted.sum()), hours) if hours else None,
                 float(lost.mean()) if len(lost) else math.nan,
             )

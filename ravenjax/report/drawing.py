@@ -1,0 +1,61 @@
+"""Curves and axes that several figures of the report share, and printed figures as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ravenjax.document.chart import ChartAxis, Curve
+from ravenjax.document.steps import steps
+from ravenjax.document.ticks import above
+from ravenjax.stats.latency import Incidence
+from ravenjax.store.files import write_aside
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIRST_MS = 1.0
+"""Where a logarithmic axis of time begins; times are whole milliseconds."""
+
+_DATELESS: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+
+
+def save_figure(figure: Figure, path: Path, dpi: int = 160) -> None:
+    """Write a figure as the kind that its file's ending names (.svg, .png or .pdf), without a date.
+    dpi: of a .png."""
+    kind = path.suffix.lstrip(".") or "png"
+    write_aside(
+        path,
+        lambda target: figure.savefig(
+            target, format=kind, dpi=dpi, metadata=_DATELESS.get(kind, {})
+        ),
+    )
+
+
+def of_incidence(curve: Incidence, name: str, colour: str, end_ms: int, band: bool = True) -> Curve:
+    """The curve of delays on an axis of `log_time`: it begins with the share that came within the
+    first millisecond.
+
+    band: with its own; of enumerated faults it has none.
+    """
+    line = steps(curve.time, curve.fraction, curve.low, curve.high, start=FIRST_MS, end=end_ms)
+    return Curve.of(line, name, colour, band)
+
+
+def points(curve: Incidence) -> list[dict[str, float]]:
+    """A curve point by point, as it is drawn, and from 0 ms."""
+    line = steps(curve.time, curve.fraction, curve.low, curve.high)
+    rows = zip(*(part.tolist() for part in line), strict=True)
+    return [dict(zip(("ms", "share", "low", "high"), row, strict=True)) for row in rows]
+
+
+def log_time(end_ms: int) -> ChartAxis:
+    """Axis of delays after a fault's first effect."""
+    end = max(float(end_ms), 10 * FIRST_MS)
+    return ChartAxis("time after the fault's first effect, ms", FIRST_MS, end, log=True, unit="ms")
+
+
+def share_axis(title: str, curves: list[Curve]) -> ChartAxis:
+    """From 0 to above all curves, at most to 1."""
+    most = max((float(curve.y.max()) for curve in curves if len(curve.y)), default=0.0)
+    return ChartAxis(title, 0.0, min(1.0, above(1.05 * most)) if most else 1.0, share=True)

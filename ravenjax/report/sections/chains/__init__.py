@@ -1,1 +1,0 @@
-"""From fault to failure: explained runs one by one and together."""

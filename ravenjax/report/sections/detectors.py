@@ -1,0 +1,390 @@
+"""Detectors: which share of unintended motions they recall, how early, and how many false alarms
+they give.
+
+The robot's own checks and the haptic cue of the verdicts stand beside the campaign's detectors as
+two that have a single threshold. Rates and times are of one run of each fault; curves are of every
+run, or of so many drawn. Where faults were drawn, intervals are over them and bands resample them;
+where their values were enumerated there are none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.document import palette
+from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.steps import steps
+from ravenjax.report.data import facts as run_facts
+from ravenjax.report.data.runs import Runs, after_onset, detector_leads
+from ravenjax.report.drawing import log_time, of_incidence
+from ravenjax.report.sections import Section, tables
+from ravenjax.stats.alarms.false_alarms import AlarmRate
+from ravenjax.stats.alarms.roc import CurveBand
+from ravenjax.stats.bootstrap.resample import BootstrapBand
+from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.stats.latency import Incidence, Lead
+from ravenjax.store.manifest import DetectorRecord
+
+CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
+GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
+"""Of curves: finer where alarms are few, which is where a detector would be used."""
+DRAWS = 1_000_000
+"""Runs drawn for the bands of one curve, all resamples together; between 100 and 400 resamples."""
+MOST_DRAWN = 20_000
+"""Runs that curves are made of; of more, about so many are drawn, and bands are too wide rather
+than too narrow.
+"""
+SCORED = "plain AND faulty AND NOT failed"
+MOST_THRESHOLDS = 12
+"""Thresholds of a detector in the table; of more, so many, evenly taken, and the quiet one."""
+HEIGHT = 340  # px, of a chart
+DRAWN = 6
+"""Curves shown at first, the largest areas; others wait in the legend."""
+OTHERS = 2
+"""Built-in checks and cue, which stand beside the campaign's detectors."""
+NEAR_MS = 500.0
+"""About the unintended motion, what the chart of leads shows."""
+CAUGHT, DISTURBED = "share of unintended motions with an alarm", "share of other runs with an alarm"
+TELLING = "share of alarms with an unintended motion"
+
+
+class DetectorThreshold(NamedTuple):
+    """What one threshold of a detector does. threshold: in the unit of the score, NaN for a
+    check or a cue.
+    """
+
+    detector: str
+    threshold: float
+    caught: Rate  # of faults with an unintended motion, those with an alarm
+    harmless: Rate  # of faults without one, those with an alarm
+    precision: Rate  # of faults with an alarm, those with an unintended motion
+    false: AlarmRate | None  # on fault-free motion; None: not known
+    delay_ms: (
+        Estimate  # median over faults with an unintended motion, from the fault's first effect
+    )
+    before: Rate  # of faults with an unintended motion, those with an alarm before it
+    # median over faults with an unintended motion; NaN: half of them never had an alarm
+    lead_ms: Estimate
+    quiet: bool  # the lowest threshold without a false alarm on fault-free motion
+    # whether it is a finding that it comes before the motion, and no matter of definitions
+    leads: bool
+
+
+class ThresholdAlarms(NamedTuple):
+    """When a detector first spoke at one threshold, in every run of the table; -1: never."""
+
+    name: str
+    threshold: float
+    column: str  # of facts
+    free: int | None  # fault-free motions in which it spoke; None: not known
+    false: AlarmRate | None  # first false alarms an hour of them; None: not known
+    quiet: bool
+    leads: bool = True  # as of DetectorThreshold
+
+
+class DetectorRow(NamedTuple):
+    """One detector."""
+
+    name: str
+    what: str  # kind and settings in words
+    thresholds: list[DetectorThreshold]
+    roc: (
+        CurveBand | None
+    )  # None for a check or a cue, and where runs do not differ in it or are all of one fault
+    recall: CurveBand | None
+    auc: BootstrapBand | None
+    average_precision: BootstrapBand | None
+
+
+class Curves(NamedTuple):
+    """How early one detector speaks at its quiet threshold (else its highest), over runs with an
+    unintended motion.
+    """
+
+    name: str
+    threshold: float
+    delay: Incidence  # from the fault's first effect
+    lead: Lead
+    leads: bool  # as of DetectorThreshold
+
+
+def alarms(runs: Runs) -> list[ThresholdAlarms]:
+    """Everything that can speak, at each threshold: the campaign's detectors, the checks, the
+    cue of the verdicts.
+    """
+    manifest, free, result = runs.manifest, runs.motions(), []
+    for d, detector in enumerate(manifest.detectors):
+        score = f"golden_detector{d}_score"
+        events = [
+            run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds
+        ]
+        counts = [free.with_event(event) for event in events]
+        thresholds = list(zip(detector.thresholds, counts, strict=True))
+        quiet = min((threshold for threshold, count in thresholds if not count), default=None)
+        for k, (threshold, count) in enumerate(thresholds):
+            rate = free.first_rate(events[k], f"detector{d}_threshold{k}_first_ms")
+            early = detector_leads(manifest, detector, threshold)
+            column, is_quiet = f"alarm{d}_{k}_ms", threshold == quiet
+            result.append(
+                ThresholdAlarms(detector.name, threshold, column, count, rate, is_quiet, early)
+            )
+    checks = CHECKS if manifest.rules.built_in == "response" else ALL_CHECKS
+    result.append(ThresholdAlarms(checks, math.nan, "told_ms", None, None, False))
+    if manifest.cues:
+        cues = free.came(f"golden_cue{manifest.verdict_cue}_first_ms")
+        name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
+        rate = free.cue_rate(manifest.verdict_cue)
+        result.append(
+            ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0, runs.cue_leads)
+        )
+    return result
+
+
+def known(runs: Runs) -> str:
+    """When anyone could first know of each run's fault, -1 if never, as an expression of columns of
+    facts: the cue, a check, or a detector at its lowest threshold without a false alarm; what spoke
+    before the fault had any effect does not know of it."""
+    return _first(runs, lambda one: True)
+
+
+def before_motion(runs: Runs) -> str:
+    """As `known`, without what cannot come before the motion by the definitions alone: cues and tip
+    errors at its limit or beyond. Of what is left it is a finding whether it comes before the
+    motion."""
+    return _first(runs, lambda one: one.leads)
+
+
+def _first(runs: Runs, chosen: Callable[[ThresholdAlarms], bool]) -> str:
+    trusted = [
+        one
+        for one in runs.once(alarms)
+        if (one.quiet or one.free is None or math.isnan(one.threshold)) and chosen(one)
+    ]
+    return run_facts.first_sql(*(f"({after_onset(one.column)})" for one in trusted))
+
+
+def rows(runs: Runs) -> list[DetectorRow]:
+    """One row a detector, then the checks and the cue."""
+    found, detectors = runs.once(alarms), runs.manifest.detectors
+    by_name = {
+        name: _shown([one for one in found if one.name == name])
+        for name in dict.fromkeys(one.name for one in found)
+    }
+    each = iter(thresholds(runs, [one for own in by_name.values() for one in own]))
+    result = []
+    for number, (name, own) in enumerate(by_name.items()):
+        scored = number < len(detectors)
+        roc, recall = _bands(runs, number) if scored else (None, None)
+        result.append(
+            DetectorRow(
+                name,
+                _what(detectors[number]) if scored else "",
+                [next(each) for _ in own],
+                roc,
+                recall,
+                roc.area if roc else None,
+                recall.area if recall else None,
+            )
+        )
+    return result
+
+
+def thresholds(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThreshold]:
+    """What each does, in their order."""
+    kinds = ("unintended", "NOT unintended")
+    conditions = [f"{kind} AND {one.column} >= 0" for one in found for kind in kinds]
+    unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
+    result = []
+    for one, hits, misses in zip(found, counts[::2], counts[1::2], strict=True):
+        delay, lead = tables.times(runs, one.column)
+        result.append(
+            DetectorThreshold(
+                one.name,
+                one.threshold,
+                tables.of_faults(runs, hits, unintended),
+                tables.of_faults(runs, misses, others),
+                tables.of_faults(runs, hits, hits + misses),
+                one.false,
+                tables.known(runs, delay.quantile_interval(0.5)),
+                tables.known(runs, lead.before),
+                tables.known(runs, lead.quantile(0.5)),
+                one.quiet,
+                one.leads,
+            )
+        )
+    return result
+
+
+def curve_runs(runs: Runs) -> tuple[int, int]:
+    """Runs that curves are made of, about, and runs that there are."""
+    n = runs.count(SCORED)
+    return min(n, MOST_DRAWN), n
+
+
+def curves(runs: Runs) -> list[Curves]:
+    """How early each detector speaks, in the order of `alarms`."""
+    found, result = runs.once(alarms), []
+    for name in dict.fromkeys(one.name for one in found):
+        own = [one for one in found if one.name == name]
+        one = next((threshold for threshold in own if threshold.quiet), own[-1])
+        result.append(Curves(name, one.threshold, *tables.times(runs, one.column), one.leads))
+    return result
+
+
+def _shown(own: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
+    places = (
+        np.unique(np.linspace(0, len(own) - 1, MOST_THRESHOLDS).round())
+        if len(own) > MOST_THRESHOLDS
+        else range(len(own))
+    )
+    return [one for k, one in enumerate(own) if k in places or one.quiet]
+
+
+def _what(detector: DetectorRecord) -> str:
+    words = [detector.kind.replace("_", " ")]
+    if detector.kind == "steps":
+        words.append(f"fused: {detector.fusion}")
+    if detector.consecutive > 1:
+        words.append(f"{detector.consecutive} ms in a row")
+    return ", ".join(words)
+
+
+def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
+    """Of the runs drawn; none where they do not differ in it, or are all of one fault."""
+    from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
+
+    score = f"detector{number}_score"
+    sample = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
+    values, unintended, cell = (sample[name].to_numpy() for name in ("score", "unintended", "cell"))
+    if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
+        return None, None
+    resamples = int(np.clip(DRAWS // len(values), 100, 400))
+    roc = roc_band(values, unintended, cell, grid=GRID, resamples=resamples)
+    recall = precision_recall_band(values, unintended, cell, grid=GRID[1:], resamples=resamples)
+    return (roc, recall) if runs.sampled() else (_bare(roc), _bare(recall))
+
+
+def _bare(band: CurveBand) -> CurveBand:
+    """A curve without its band."""
+    none = np.full(len(band.grid), np.nan)
+    curve = band.curve._replace(low=none, high=none)
+    return CurveBand(band.grid, curve, band.area._replace(low=np.nan, high=np.nan))
+
+
+def roc_chart(rows: Sequence[DetectorRow]) -> Chart | None:
+    """Chart of recall over alarms in other runs; None where no detector has a curve."""
+    return _chart("Recall and false positives", rows, "roc", DISTURBED, CAUGHT)
+
+
+def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
+    """Chart of precision over recall."""
+    return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
+
+
+def delay_chart(curves: Sequence[Curves], end_ms: int) -> Chart:
+    """Chart of the time from the first effect to the alarm, over unintended motions."""
+    marks = [
+        of_incidence(one.delay, _label(one.name, one.threshold), palette.series(number), end_ms)
+        for number, one in enumerate(curves)
+    ]
+    title = "How soon after the first effect"
+    return Chart(title, log_time(end_ms), _share(CAUGHT), _without_bands(marks), HEIGHT)
+
+
+def lead_chart(curves: Sequence[Curves]) -> Chart:
+    """Chart of the time between alarm and unintended motion; left of 0 there is time to act. What
+    fires at the motion's own distance from the model or beyond is left out."""
+    starts, ends = ([float(one.lead.lag.time[end]) for one in curves] for end in (0, -1))
+    marks = []
+    for number, one in enumerate(curves):
+        if one.leads:
+            lag = one.lead.lag
+            line = steps(lag.time, lag.fraction, lag.low, lag.high, end=max(ends))
+            marks.append(Curve.of(line, _label(one.name, one.threshold), palette.series(number)))
+    low, high = max(-NEAR_MS, min(starts) - 10.0), min(NEAR_MS, max(ends) + 10.0)
+    title = "alarm minus unintended motion, ms"
+    time = ChartAxis(title, low, max(high, low + 20.0), unit="ms", line=0.0)
+    shown = _without_bands(marks)
+    return Chart("How long before the motion", time, _share(CAUGHT), shown, HEIGHT)
+
+
+def _label(name: str, threshold: float) -> str:
+    return name if np.isnan(threshold) else f"{name} at {threshold:g}"
+
+
+def _without_bands(curves: Sequence[Curve]) -> tuple[Curve, ...]:
+    """Of many side by side: shown are the first ones, and the built-in checks and the cue."""
+    last = len(curves) - OTHERS
+    return tuple(
+        dataclasses.replace(
+            one, low=EMPTY, high=EMPTY, visible=number < 2 * DRAWN or number >= last
+        )
+        for number, one in enumerate(curves)
+    )
+
+
+def _share(title: str) -> ChartAxis:
+    return ChartAxis(title, 0.0, 1.0, share=True)
+
+
+def _chart(
+    title: str, rows: Sequence[DetectorRow], kind: str, across: str, up: str
+) -> Chart | None:
+    """Curves with bands and marks of the thresholds; of what has a single one, the mark alone."""
+    areas = {
+        number: getattr(row, kind).area.value
+        for number, row in enumerate(rows)
+        if getattr(row, kind) is not None
+    }
+    if not areas:
+        return None
+    largest = sorted(areas, key=lambda number: -areas[number])[:DRAWN]
+    marks: list[Mark] = []
+    if kind == "roc":
+        ends = np.array([0.0, 1.0])
+        marks.append(Curve("chance", palette.SAME, ends, ends, dashed=True, in_legend=False))
+    for number, row in enumerate(rows):
+        colour, name, band = palette.series(number), row.name, getattr(row, kind)
+        visible = number in largest or band is None
+        if band is not None:
+            name = f"{row.name} ({band.area.value:.3f})"
+            curve, low, high = (np.asarray(part, float) for part in band.curve[:3])
+            low, high = (EMPTY, EMPTY) if np.isnan(band.area.low) else (low, high)
+            marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
+        places = [
+            (one, one.harmless.value, one.caught.value)
+            if kind == "roc"
+            else (one, one.caught.value, one.precision.value)
+            for one in row.thresholds
+        ]
+        places = [place for place in places if np.isfinite(place[1:]).all()]
+        if places:
+            own, x, y = zip(*places, strict=True)
+            size = tuple(11.0 if one.quiet or band is None else 7.0 for one in own)
+            tips = tuple(_label(row.name, one.threshold) for one in own)
+            dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
+            marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
+    return Chart(title, _share(across), _share(up), tuple(marks), HEIGHT)
+
+
+def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+    if not runs.manifest.detectors:
+        return None
+    detectors, times = rows(runs), curves(runs)
+    return {
+        "detectors": detectors,
+        "curve_runs": curve_runs(runs),
+        "roc": roc_chart(detectors),
+        "precision_recall": precision_recall_chart(detectors),
+        "alarm_delays": delay_chart(times, runs.manifest.duration_ms),
+        "alarm_leads": lead_chart(times),
+    }
+
+
+SECTIONS = (Section("detectors", "Detectors", 50, _content),)

@@ -1,1 +1,0 @@
-"""Motion without a fault in a report: golden runs, and the recorded operator before and after."""

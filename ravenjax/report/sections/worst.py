@@ -1,0 +1,119 @@
+"""The worst runs of each outcome, and the commands that replay them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ravenjax.report import wording
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.run.ranking import ranked
+from ravenjax.report.sections import Section
+from ravenjax.report.sections.tables import replay
+from ravenjax.vocabulary.robot import Robot
+
+MOST = 5
+"""Runs of each kind."""
+
+
+class WorstKind(NamedTuple):
+    """An outcome, and what makes a run of it worse than another."""
+
+    name: str
+    title: str
+    where: str  # of columns of facts
+    # of columns of results; {cue}: number of the haptic set of the verdicts; NULL is no case
+    far: str
+    measured: str  # what that is
+    unit: str = "mm"
+    decimals: int = 1
+
+
+KINDS = (
+    WorstKind("evaded", "Unintended motion, nobody told", "evaded", "unintended_mm", "off course"),
+    WorstKind(
+        "told",
+        "Unintended motion, a check told",
+        "unintended AND told",
+        "unintended_mm",
+        "off course",
+    ),
+    WorstKind("loss", "Loss of motion while live", "loss AND NOT halted", "loss_mm", "behind"),
+    WorstKind("halted", "Loss of motion: not live", "halted", "halted_ms", "not live for", "ms", 0),
+    WorstKind("misreport", "False report", "misreport", "false_report_mm", "off the true tip"),
+    WorstKind(
+        "phantom",
+        "Cue without a hazard",
+        "cued AND hazard = 'none'",
+        "cue{cue}_ms",
+        "cue lasted",
+        "ms",
+        0,
+    ),
+    WorstKind(
+        "depth",
+        "Deeper in the tissue than the golden run",
+        "true",
+        "CASE WHEN tissue_depth_mm > golden_tissue_depth_mm THEN tissue_depth_mm END",
+        "tissue depth",
+    ),
+)
+
+
+def rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
+    """Each kind: its fields, how many faults had it (n), and its worst runs, one a fault (rows);
+    folder: of the result, for the commands."""
+    kinds, manifest = [], runs.manifest
+    for kind in KINDS:
+        if ("{cue}" in kind.far and not manifest.cues) or (
+            kind.name == "depth" and not manifest.robot.tissue
+        ):
+            continue
+        far = kind.far.format(cue=manifest.verdict_cue)
+        cases = (
+            f"{runs.those(f'sample AND faulty AND ({kind.where})')} WHERE NOT"
+            f" isnan(({far})::DOUBLE)"
+        )
+        (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
+        worst = ranked(runs.table, cases, far, MOST)
+        numbered = runs.numbered([one.row for one in worst])
+        lines = [
+            _row(manifest.robot, row, one.value, folder)
+            for row, one in zip(numbered, worst, strict=True)
+        ]
+        kinds.append({**kind._asdict(), "n": n, "rows": lines})
+    return kinds
+
+
+def flat(kinds: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Every run of every kind, for a file."""
+    return [
+        {"kind": kind["title"], "measured": kind["measured"], **row}
+        for kind in kinds
+        for row in kind["rows"]
+    ]
+
+
+def _row(robot: Robot, row: dict[str, Any], far: float, folder: Path) -> dict[str, Any]:
+    active = row["first_active_ms"]
+    return {
+        "run_id": row["run_id"],
+        "group": row["group"],
+        "fault": wording.fault(row, robot),
+        "far": far,
+        "response": row["response"],
+        "cause": row["response_cause"],
+        "response_ms": row["response_ms"] - active if row["response_ms"] >= 0 else None,
+        "cue_ms": row["warned_ms"] - active if row["warned_ms"] >= max(active, 0) else None,
+        **({"depth_mm": row["tissue_depth_mm"]} if robot.tissue else {}),
+        "verdict": row["verdict"],
+        "command": replay(folder, row["run_id"]),
+    }
+
+
+def _content(runs: Runs, folder: Path) -> dict[str, Any]:
+    worst = rows(runs, folder)
+    return {"worst": worst, "worst_csv": flat(worst)}
+
+
+SECTIONS = (Section("worst", "Worst runs", 140, _content),)

@@ -1,0 +1,282 @@
+"""One run in words, by hand: every event at its time, with its unit, in the order of the loop."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ravenjax.outcomes.events import Rules
+from ravenjax.report.run import events
+from ravenjax.report.run import summary as run_summary
+
+TICKS = 3000
+RULES = Rules(cue=0, threshold_mm=3.0, limit_mm=3.0)
+ROW = {
+    "run_id": "0123456789abcdef",
+    "index": 17,
+    "group": "dac",
+    "failed": "",
+    "fault0_site": "usb_out",
+    "fault0_arm": "gold",
+    "fault0_channel": "shoulder",
+    "fault0_effect": "overwrite",
+    "fault0_value": 12000.0,
+    "fault0_trigger": "time",
+    "fault0_start_ms": 1200,
+    "fault0_duration_ms": 16,
+    "fault0_every_ms": 0,
+    "fault0_period_ms": 0,
+    "fault1_site": "",
+    "fault1_arm": "",
+    "fault1_channel": "",
+    "fault1_effect": "",
+    "fault1_value": float("nan"),
+    "fault1_trigger": "",
+    "fault1_start_ms": 0,
+    "fault1_duration_ms": 0,
+    "fault1_every_ms": 0,
+    "fault1_period_ms": 0,
+    "applied0_first_ms": 1200,
+    "applied0_last_ms": 1215,
+    "applied0_ticks": 16,
+    "applied1_first_ms": -1,
+    "applied1_last_ms": -1,
+    "applied1_ticks": 0,
+    "check_overdrive_clip_first_ms": 1201,
+    "check_overdrive_clip_count": 9,
+    "check_ik_reject_first_ms": 1400,
+    "check_ik_reject_count": 1,
+    "check_packet_skip_first_ms": 0,
+    "check_packet_skip_count": 1,
+    "check_estop_first_ms": -1,
+    "check_estop_count": 0,
+    "cue0_first_ms": 1230,
+    "golden_cue0_first_ms": -1,
+    "cue0_peak_force": 0.0312,
+    "cue0_ms": 170,
+    "unintended_mm": 12.345,
+    "unintended_first_ms": 1228,
+    "unintended_off_mm": 0.0,
+    "loss_mm": 0.0,
+    "loss_first_ms": -1,
+    "false_report_mm": 4.5,
+    "false_report_first_ms": 1500,
+    "halted_ms": 0,
+    "golden_halted_ms": 0,
+    "reaction_ms": 1500,
+    "jump_code": True,
+    "jump_code_first_ms": 1201,
+    "tissue_depth_mm": 2.25,
+    "golden_tissue_depth_mm": 0.5,
+    "peak_model_deviation_mm": 12.5,
+    "response": "flagged",
+    "response_cause": "ik_reject",
+    "response_ms": 1400,
+    "hazard": "unintended motion",
+    "verdict": "flagged/unintended motion/cue",
+}
+GOLDEN = {"check_overdrive_clip_count": 4, "check_ik_reject_count": 0, "check_packet_skip_count": 1}
+GOLDEN |= {"check_estop_count": 0}
+
+
+def series():
+    runlevel = np.full(TICKS, 2)
+    runlevel[204:] = 3
+    force = np.zeros((TICKS, 2))
+    force[1230:1400, 0], force[2000:, 0] = 0.0312, 0.01
+    tip = np.zeros((TICKS, 3))
+    tip[1300] = 0.012345, 0, 0
+    return {
+        "runlevel": runlevel,
+        "soft_estopped": np.zeros(TICKS, int),
+        "brakes": (np.arange(TICKS) < 200).astype(int),
+        "fault0_active": (np.arange(TICKS) >= 1200) & (np.arange(TICKS) < 1216),
+        "gold/cue_force": force,
+        "gold/tip_error_mm": np.linspace(0, 9, TICKS),
+        "gold/tip": tip,
+        "gold/model_position": np.zeros((TICKS, 3)),
+        "gold/golden_tip": np.zeros((TICKS, 3)),
+    }
+
+
+def words(found):
+    return [(event.ms, event.kind, event.text) for event in found]
+
+
+def test_a_run_is_told_in_the_order_of_the_loop():
+    found = events.events(ROW, RULES, series(), GOLDEN)
+    shoulder = "usb_out gold shoulder"
+    assert words(found) == [
+        (
+            0,
+            "check",
+            (
+                "check packet_skip trips (operator packet after a gap, dropped), once, as in the"
+                " golden run"
+            ),
+        ),
+        (200, "brakes", "the PLC opens the brakes"),
+        (204, "run level", "run level: pedal up to pedal down"),
+        (
+            1200,
+            "fault",
+            (
+                f"the fault first changes a value: {shoulder}, overwrite 12,000 counts, 16 ms from"
+                " 1,200 ms"
+            ),
+        ),
+        (
+            1201,
+            "check",
+            (
+                "check overdrive_clip trips (overdrive detection: command clipped to its joint's"
+                " limit), 9 ms, 4 of them in the golden run, too; it limits, tells nobody"
+            ),
+        ),
+        (1201, "jump", "the reported tip jumps (rule of the published code)"),
+        (
+            1215,
+            "fault",
+            f"the fault last changes a value, its window closes: {shoulder}, 16 ms in all",
+        ),
+        (
+            1228,
+            "hazard",
+            (
+                "unintended motion: the true tip is more than 3 mm from golden run, nominal model"
+                " and standing still (up to 12.3 mm)"
+            ),
+        ),
+        (1230, "cue", "3 mm cue on: the reported gold tip is 3.69 mm off the nominal model"),
+        (
+            1400,
+            "check",
+            (
+                "check ik_reject trips (inverse kinematics: no valid solution), once; it tells a"
+                " person"
+            ),
+        ),
+        (1400, "cue", "3 mm cue off after 170 ms, 0.0312 device units at most"),
+        (
+            1500,
+            "hazard",
+            "false report: the reported tip is more than 3 mm from the true one (up to 4.5 mm)",
+        ),
+        (1500, "operator", "the operator begins to react to the cue"),
+        (2000, "cue", "3 mm cue on: the reported gold tip is 6 mm off the nominal model"),
+    ]
+    assert [event.level for event in found if event.kind in ("check", "hazard")] == [
+        *("debug", "warn", "error", "warn", "error")
+    ]
+
+
+def test_without_time_series_the_row_says_what_it_knows():
+    told = words(events.events(ROW, RULES))
+    assert (1230, "cue", "3 mm cue on: the reported tip is that far off the nominal model") in told
+    assert not [kind for _, kind, _ in told if kind in ("run level", "brakes")]
+    assert [ms for ms, _, _ in told] == sorted(ms for ms, _, _ in told)
+
+
+def test_a_cue_that_the_golden_run_has_too_is_no_news():
+    (cue,) = [
+        e for e in events.events(ROW | {"golden_cue0_first_ms": 1000}, RULES) if e.kind == "cue"
+    ]
+    assert cue.level == "debug" and cue.text.endswith("; the golden run had one at 1,000 ms")
+
+
+def test_many_windows_and_changes_are_summed_up():
+    many = series()
+    now = np.arange(TICKS)
+    many["fault0_active"] = (now >= 1000) & (now % 100 < 10)
+    many["runlevel"] = 2 + (now // 50) % 2
+    told = words(
+        events.events(ROW | {"applied0_first_ms": 1003, "applied0_last_ms": 2909}, RULES, many)
+    )
+    fault = [text for _, kind, text in told if kind == "fault"]
+    assert fault[0].startswith(
+        "the fault's window opens: usb_out gold shoulder, overwrite 12,000 counts"
+    )
+    assert fault[1:] == [
+        "the fault first changes a value: usb_out gold shoulder, 3 ms after its window opened",
+        "usb_out gold shoulder: window opens again, for 10 ms",
+        "usb_out gold shoulder: window opens again, for 10 ms",
+        "usb_out gold shoulder: 17 more windows, the last opens at 2,900 ms",
+        (
+            "the fault last changes a value, its last window closes: usb_out gold shoulder, 16 ms"
+            " in all"
+        ),
+    ]
+    levels = [text for _, kind, text in told if kind == "run level"]
+    assert (
+        len(levels) == events.MOST_CHANGES + 1
+        and levels[-1] == "51 more changes, the last at 2,950 ms"
+    )
+
+
+def test_a_window_at_the_end_of_the_run_does_not_close():
+    open_to_the_end = series()
+    open_to_the_end["fault0_active"][1200:] = True
+    told = events.events(
+        ROW | {"applied0_last_ms": TICKS - 1, "applied0_ticks": 1800}, RULES, open_to_the_end
+    )
+    assert (
+        told[-1].text
+        == "the fault last changes a value as the run ends: usb_out gold shoulder, 1,800 ms in all"
+    )
+
+
+def test_the_summary_has_fault_verdict_course_and_sizes():
+    summary = run_summary.summary(ROW, RULES, series(), GOLDEN)
+    lines = summary.lines()
+    assert lines[:3] == [
+        "run 0123456789abcdef, row 17, group dac",
+        "  fault    usb_out gold shoulder, overwrite 12,000 counts, 16 ms from 1,200 ms",
+        (
+            "  verdict  flagged/unintended motion/cue; a check told a person, and the robot went on"
+            " (ik_reject at 1,400 ms)"
+        ),
+    ]
+    assert lines[3] == "      200 ms  the PLC opens the brakes", (
+        "what happens in the golden run, too, is left out"
+    )
+    assert lines[-5:] == [
+        "  largest  true gold tip 12.3 mm off the nominal model, at 1,300 ms",
+        "  largest  true gold tip 12.3 mm off the golden run, at 1,300 ms",
+        "  largest  reported tip 4.5 mm off the true one, beyond the golden run",
+        "  largest  true tip 2.25 mm deep in the tissue (golden run 0.5 mm)",
+        "  largest  cue of 0.0312 device units, on for 170 ms in all",
+    ]
+    assert len(summary.as_dict()["events"]) == len(summary.events) == 14
+
+
+def test_a_run_in_which_nothing_happened_says_so():
+    quiet = (
+        ROW
+        | {name: -1 for name in ROW if name.endswith("first_ms")}
+        | {"reaction_ms": -1, "applied0_last_ms": -1}
+    )
+    lines = run_summary.summary(
+        quiet | {"cue0_ms": 0, "tissue_depth_mm": 0.0, "false_report_mm": 0.1}, RULES
+    ).lines()
+    assert lines[3:] == [
+        "  nothing happened that did not happen in the golden run",
+        "  largest  true tip 12.5 mm off the nominal model",
+    ]
+
+
+def test_an_alarm_that_presses_the_estop_is_told():
+    rules = RULES._replace(stopping=((1, "slip"), (2, "quiet")))
+    row = ROW | {"detector1_threshold0_first_ms": 1210, "detector1_threshold0_alarms": 2}
+    row |= {"detector2_threshold0_first_ms": -1, "detector2_threshold0_alarms": 0}
+    told = [
+        event for event in events.events(row, rules, series(), GOLDEN) if event.kind == "detector"
+    ]
+    text = "detector slip alarms, for the first of 2 times; it presses the E-stop"
+    assert [(one.ms, one.text, one.level) for one in told] == [(1210, text, "error")]
+    same = events.events(row, rules, series(), GOLDEN | {"detector1_threshold0_first_ms": 1210})
+    assert [event.text for event in same if event.kind == "detector"] == [
+        "detector slip alarms, for the first of 2 times, as in the golden run; it presses the"
+        " E-stop"
+    ]
+    assert [
+        event for event in events.events(row, RULES, series(), GOLDEN) if event.kind == "detector"
+    ] == []

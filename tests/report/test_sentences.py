@@ -1,0 +1,127 @@
+"""A sample of the report's sentences, their numbers recomputed from the raw table."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+import reacting_results as reacting
+import synthetic_results as synthetic
+from rendered_page import Page, rendered, words
+
+from ravenjax.cli import terminal
+from ravenjax.store import schema
+from ravenjax.store.access.results import Results
+
+RUNS = 1200
+FRAME = synthetic.frame(RUNS)
+VALID = FRAME[(FRAME["fault0_site"] != "") & (FRAME["failed"] == "")]
+MOVED = VALID["hazard"] == "unintended motion"
+UNTOLD = VALID["response"].isin(["silent", "limited"])
+PERCENT_SPAN = re.compile(r"\d–\d[\d.]*\W?%")
+"""An interval of a share, as 4.1–6.3 %."""
+
+
+def text_of(frame, manifest):
+    return words(Page(rendered(frame, manifest)))
+
+
+@pytest.fixture(scope="module")
+def text():
+    return text_of(FRAME, synthetic.manifest(RUNS))
+
+
+def share(hit):
+    return f"{100 * hit.mean():.1f}\u202f%"
+
+
+def test_losses_and_wrong_reports_that_no_check_told_of(text):
+    lost = UNTOLD & (VALID["hazard"] == "loss of motion")
+    assert f"In {lost.sum()} ({share(lost)}) the robot did not follow the operator" in text
+    wrong = UNTOLD & (VALID["hazard"] == "false report")
+    assert f"In {wrong.sum()} ({share(wrong)}) only the robot's report of its tip" in text
+
+
+def test_the_site_of_the_largest_share(text):
+    shares = (MOVED & UNTOLD).groupby(VALID["fault0_site"]).agg(["mean", "sum", "size"])
+    worst = shares.sort_values("mean").iloc[-1]
+    quiet = int((shares["sum"] == 0).sum())
+    begins = f"At {quiet} of the {len(shares)} sites none evades; the" if quiet else "The"
+    told = f"{int(worst['sum'])} of {int(worst['size'])} faults"
+    assert f"{begins} largest share evades at {worst.name}, {told}" in text
+
+
+def test_which_came_first(text):
+    both = VALID[(VALID["cue0_first_ms"] >= 0) & (VALID["told_ms"] >= 0)]
+    lead = both["told_ms"] - both["cue0_first_ms"]
+    first = lead > 0
+    said = f"the cue was first in {first.sum()} of {len(both)} faults ({share(first)}"
+    assert f"Where both came, {said}" in text
+    when = "before" if lead.median() > 0 else "after"
+    assert f"at the median it came {abs(lead.median()):g} ms {when} the check" in text
+
+
+def test_stops(text):
+    stopped = VALID[VALID["response"] == "stopped"]
+    took = (stopped["response_ms"] - stopped["first_active_ms"]).median()
+    said = f"A check stopped the robot in {len(stopped)} faults, half of them within {took:.3g} ms"
+    assert said in text
+    cue = stopped["cue0_first_ms"]
+    before = (cue >= 0) & (cue < stopped["response_ms"])
+    assert f"The cue came before the stop in {before.sum()} ({share(before)})." in text
+
+
+def test_failures(text):
+    assert f"{(FRAME['failed'] != '').sum()} of 1,200 runs gave no valid outcome." in text
+
+
+def test_pairs_of_runs_with_and_without_the_reaction():
+    frame = reacting.frame(300)
+    valid = frame[(frame["failed"] == "") & (frame["fault0_site"] != "")]
+    moved = valid.assign(moved=valid["hazard"] == "unintended motion")
+    by_action = moved.pivot_table("moved", "pair", "param:reaction.action", "max").dropna()
+    text = text_of(frame, reacting.manifest(len(frame)))
+    idle, acting = (int(by_action[action].sum()) for action in (0, 1))
+    n = f"{len(by_action):,}"
+    assert f"an unintended motion in {acting} of {n} pairs instead of {idle}," in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("cue", "threshold", "limit"), [(0, 3, 3.0), (6, 5, 3.0), (0, 3, 2.0)])
+def test_a_cue_at_the_limit_or_beyond_is_no_warning(cue, threshold, limit):
+    manifest = synthetic.manifest(RUNS, verdict_cue=cue, limit_mm=limit)
+    text = text_of(synthetic.judged(FRAME, cue), manifest)
+    assert f"A cue at {threshold} mm is no warning of a motion of {limit:g} mm" in text
+    assert f"the {threshold} mm cue, at no smaller a distance, is no warning of it." in text
+    assert f"The {threshold} mm cue comes before the motion" not in text
+
+
+@pytest.mark.slow
+def test_a_lower_cue_is_a_finding():
+    text = text_of(synthetic.judged(FRAME, 2), synthetic.manifest(RUNS, verdict_cue=2))
+    assert "The 1 mm cue comes before the motion reaches 3 mm in" in text
+    assert "is no warning" not in text.partition("Verdicts")[0]
+
+
+@pytest.mark.slow
+def test_enumerated_faults_have_no_interval_in_any_section():
+    config = {"group": [{"name": name, "design": "grid"} for name in FRAME["group"].unique()]}
+    html = rendered(FRAME, synthetic.manifest(RUNS, config=config))
+    for name in ("groups", "maps", "time", "checks", "after_stop"):
+        section = re.search(rf'<section id="{name}">.*?</section>', html, re.DOTALL)
+        assert section and not PERCENT_SPAN.search(re.sub("<[^>]*>", "", section[0])), name
+
+
+def test_the_terminal_counts_runs_with_a_fault():
+    manifest = synthetic.manifest(RUNS)
+    counted = Results(manifest.shape, None, [schema.conform(FRAME, manifest.shape)]).verdicts()
+    cue = np.where(VALID["cue0_first_ms"] >= 0, "cue", "no cue")
+    sizes = (VALID["response"] + "/" + VALID["hazard"] + "/" + cue).value_counts()
+    told = terminal.outcome_rows(counted)
+    assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
+    evading = VALID[MOVED & UNTOLD]
+    sentence = terminal.evading(counted, manifest.limit_mm)
+    assert sentence.startswith(f"{len(evading)} of {len(VALID)} runs")
+    cues = (evading["cue0_first_ms"] >= 0).sum()
+    assert sentence.endswith(f"The cue comes in {cues} of these.")
