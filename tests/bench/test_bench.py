@@ -21,6 +21,7 @@ from ravenjax.bench import (
 )
 from ravenjax.bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading, plan
+from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
@@ -81,6 +82,8 @@ def test_an_engine_computes_every_tick_of_every_run(work):
 
 @pytest.mark.slow
 def test_a_kernel_becomes_ready_in_less_than_its_start(work):
+    """Which traces beside it; nothing is left of an earlier one."""
+    traced.forget()
     first, second = engines.measure_batches(SimdEngine(), work, (16, 32), 0.0)
     assert 0.0 < first["ready_s"] < first["start_s"] and "start_s" not in second
 
