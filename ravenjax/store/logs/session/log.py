@@ -309,6 +309,7 @@ _TEXTS: dict[str, Callable[[Event], str]] = {
         f"operator responds: {e['what']}" + ("" if e["ok"] else ", not the right response")
     ),
     "hazard_over": lambda e: f"hazard {e['number']} is over: {e['outcome']}",
+    "hazard_row": lambda _: "the row of that hazard in hazards.csv",
     "target": lambda e: f"next target: {e['target']}",
     "level": lambda e: (
         f"level {e['level']} of {e['of']}, {e['in_a_row']} of {e['needs']} rounds in a row"
