@@ -16,6 +16,9 @@ Level before and after: medians over the middle 40 % of the strokes. A stroke tu
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 
 from ravenjax.analyses.calibration import position_loop, tables
@@ -25,8 +28,11 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
-from ravenjax.studies.dsn16.recording import closed_loop
-from ravenjax.studies.mechanics import recordings
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from studies.dsn16.recording import closed_loop
+from studies.mechanics import recordings
 
 REACHED, LEAST, SMOOTH_MS = 0.9, 0.1, 25.0
 MIDDLE = (0.3, 0.7)

@@ -17,7 +17,10 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.robots.raven2.console import arrivals
-from ravenjax.studies.dsn16.recording import closed_loop, packet_lengths
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from studies.dsn16.recording import closed_loop, packet_lengths
 
 CONSOLE_BEGINS_MS = 200.0
 """Before it the recorded console waits for the robot."""

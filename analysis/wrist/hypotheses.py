@@ -18,7 +18,9 @@ rad.
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -26,8 +28,11 @@ from ravenjax.analyses.calibration.position_loop import RAVEN2
 from ravenjax.campaign.inspection.reference import markdown_table
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import published
-from ravenjax.studies.dsn16.recording import closed_loop
-from ravenjax.studies.mechanics import recordings
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from studies.dsn16.recording import closed_loop
+from studies.mechanics import recordings
 
 WRIST, STEP_S = 4, 2.47e-3  # half of the recording's period
 EARLY, LATE, WHOLE, SECOND = (1.0, 10.0), (10.0, 20.1), (1.0, 20.1), (20.1, 41.0)  # s

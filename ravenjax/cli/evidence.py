@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from ravenjax.cli import console
+from ravenjax.cli import console, studies
 from ravenjax.cli.console import AsJson
 
 if TYPE_CHECKING:
@@ -91,9 +91,9 @@ def _of_model(folder: Path) -> ModelCredibility:
     import ravenjax
     from ravenjax.errors import UserError
     from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
-    from ravenjax.studies import catalogue
-    from ravenjax.studies.framework import claims, quoting, writing
 
+    claims, quoting = studies.load("framework.claims"), studies.load("framework.quoting")
+    catalogue, writing = studies.load("catalogue"), studies.load("framework.writing")
     records = writing.records(folder, catalogue.NAMES)
     if not records:
         raise UserError(

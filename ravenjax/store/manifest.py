@@ -52,7 +52,6 @@ _READERS = (
     "store/access",
     "store/logs",
     "store/motion/view",
-    "studies",
     "train",
 )
 """What decides no outcome, folder by folder: a change there must not forbid to resume.

@@ -13,8 +13,8 @@ from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest
 from ravenjax.store.access import lock
 from ravenjax.store.logs.session import description
-from ravenjax.studies.framework import writing
 from ravenjax.train.scenario import loading as scenarios
+from studies.framework import writing
 
 LONGEST = 20_000
 """Characters of an error."""

@@ -17,12 +17,12 @@ from ravenjax.campaign.faults import design
 from ravenjax.outcomes.events import Rules
 from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import DetectorRecord
-from ravenjax.studies import catalogue, running
-from ravenjax.studies.detection import areas, comparison, drawings, tables
-from ravenjax.studies.detection import points as detector_points
-from ravenjax.studies.detection import runs as detector_runs
-from ravenjax.studies.detection.points import CLIP, FORK, PUBLISHED, Chosen
-from ravenjax.studies.detection.runs import (
+from studies import catalogue, running
+from studies.detection import areas, comparison, drawings, tables
+from studies.detection import points as detector_points
+from studies.detection import runs as detector_runs
+from studies.detection.points import CLIP, FORK, PUBLISHED, Chosen
+from studies.detection.runs import (
     AS_MODELLED,
     CHECKS,
     CUE,
@@ -32,8 +32,8 @@ from ravenjax.studies.detection.runs import (
     FaultyScores,
     FreeScores,
 )
-from ravenjax.studies.framework import drawing
-from ravenjax.studies.framework.study import plain
+from studies.framework import drawing
+from studies.framework.study import plain
 
 DETECTORS = (
     DetectorRecord("steps/all/1", "steps", "all", 1, (0.5, 1.0, 2.0, 4.0)),

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import loading
-from ravenjax.studies.dsn16 import packet_ticks
-from ravenjax.studies.dsn16 import runs as dsn16_runs
-from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import VariantRuns
+from studies.dsn16 import packet_ticks
+from studies.dsn16 import runs as dsn16_runs
+from studies.dsn16.cells import DURATIONS
+from studies.dsn16.runs import VariantRuns
 
 ONSETS = range(1000, 2000, 100)
 VALUES = (100, 1000, 10000, 40000)

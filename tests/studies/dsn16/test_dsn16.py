@@ -19,14 +19,14 @@ from ravenjax.robots.raven2.console import motions
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.stats.intervals import wilson
-from ravenjax.studies import catalogue
-from ravenjax.studies.dsn16 import drawings, motor_notes, sensitivity, statements, trajectory
-from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import stored
-from ravenjax.studies.dsn16.sensitivity import VariantCase
-from ravenjax.studies.dsn16.trajectory import Lever
-from ravenjax.studies.framework import literature
-from ravenjax.studies.framework.study import Context, Findings, Study
+from studies import catalogue
+from studies.dsn16 import drawings, motor_notes, sensitivity, statements, trajectory
+from studies.dsn16.cells import DURATIONS
+from studies.dsn16.runs import stored
+from studies.dsn16.sensitivity import VariantCase
+from studies.dsn16.trajectory import Lever
+from studies.framework import literature
+from studies.framework.study import Context, Findings, Study
 
 STUDIES = ("dsn16_a", "dsn16_b", "dsn16_thresholds")
 ONSETS_A = range(1000, 2000, 50)

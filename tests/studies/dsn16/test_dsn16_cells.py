@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.studies.dsn16 import cells as dsn16_cells
-from ravenjax.studies.dsn16.cells import bias, in_band, inside, means, rate
+from studies.dsn16 import cells as dsn16_cells
+from studies.dsn16.cells import bias, in_band, inside, means, rate
 
 
 def test_means_are_the_share_of_each_cell() -> None:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.studies.dsn16 import detection, detector
-from ravenjax.studies.dsn16.detector import Learned, alarms, maxima_interval, pooled_interval, score
-from ravenjax.studies.dsn16.published_log import Log, log
+from studies.dsn16 import detection, detector
+from studies.dsn16.detector import Learned, alarms, maxima_interval, pooled_interval, score
+from studies.dsn16.published_log import Log, log
 
 ONES = np.ones((3, 3))
 

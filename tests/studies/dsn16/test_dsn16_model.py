@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.studies.dsn16 import model
-from ravenjax.studies.dsn16.recording import closed_loop, horizons, prediction_tables, predictors
-from ravenjax.studies.framework.study import Context
+from studies.dsn16 import model
+from studies.dsn16.recording import closed_loop, horizons, prediction_tables, predictors
+from studies.framework.study import Context
 
 
 def test_without_the_recording_nothing_is_predicted_and_it_is_said_what_is_missing(

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 
 from ravenjax.bundled import resources
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.studies import catalogue
-from ravenjax.studies.dsn16 import (
+from studies import catalogue
+from studies.dsn16 import (
     detection,
     model,
     motor_commands,
@@ -25,17 +25,17 @@ from ravenjax.studies.dsn16 import (
     timing,
     trajectory,
 )
-from ravenjax.studies.dsn16 import runs as dsn16_runs
-from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.detection import Watched
-from ravenjax.studies.dsn16.detector import RunAlarms
-from ravenjax.studies.dsn16.recording import closed_loop, horizons
-from ravenjax.studies.dsn16.runs import VariantRuns
-from ravenjax.studies.dsn16.thresholds import FaultFree
-from ravenjax.studies.framework import targets
-from ravenjax.studies.framework.study import Context, Findings, plain
-from ravenjax.studies.mechanics import recordings
-from ravenjax.studies.mechanics import robot as mechanics
+from studies.dsn16 import runs as dsn16_runs
+from studies.dsn16.cells import DURATIONS
+from studies.dsn16.detection import Watched
+from studies.dsn16.detector import RunAlarms
+from studies.dsn16.recording import closed_loop, horizons
+from studies.dsn16.runs import VariantRuns
+from studies.dsn16.thresholds import FaultFree
+from studies.framework import targets
+from studies.framework.study import Context, Findings, plain
+from studies.mechanics import recordings
+from studies.mechanics import robot as mechanics
 
 STUDIES = {"dsn16_a": operator_packets, "dsn16_b": motor_commands, "dsn16_thresholds": thresholds}
 """Those that add windows of a recorded operator where it is at hand."""

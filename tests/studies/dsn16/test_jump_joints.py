@@ -12,10 +12,10 @@ from made_up_runs import runs_of
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.studies.dsn16 import detection, jump_joints, statements
-from ravenjax.studies.dsn16.detection import Watched
-from ravenjax.studies.dsn16.detector import RunAlarms
-from ravenjax.studies.dsn16.jump_joints import JumpCase
+from studies.dsn16 import detection, jump_joints, statements
+from studies.dsn16.detection import Watched
+from studies.dsn16.detector import RunAlarms
+from studies.dsn16.jump_joints import JumpCase
 
 POSE = np.array(HOME_JPOS, float) + 0.8 * np.eye(7)[4]
 """With a bent wrist: with a straight one the roll leaves the tip where it is."""

@@ -10,9 +10,9 @@ import scipy.stats
 from ravenjax.robots.raven2.campaign.sections import RavenCampaign
 from ravenjax.robots.raven2.console import arrivals
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.studies.dsn16 import packet_ticks
-from ravenjax.studies.dsn16.recording import closed_loop, packet_lengths
 from ravenjax.vocabulary import packets
+from studies.dsn16 import packet_ticks
+from studies.dsn16.recording import closed_loop, packet_lengths
 
 
 def test_rows_at_rest_are_no_packets():

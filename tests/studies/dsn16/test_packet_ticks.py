@@ -9,8 +9,8 @@ from made_up_runs import runs_of
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
-from ravenjax.studies.dsn16 import packet_ticks, timing, trajectory
 from ravenjax.vocabulary import packets
+from studies.dsn16 import packet_ticks, timing, trajectory
 
 TICKS = 300
 

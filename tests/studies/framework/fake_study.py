@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ravenjax.studies.framework.provenance import CampaignRecord, Provenance
-from ravenjax.studies.framework.study import Drawing, Findings, Line, Study, StudyEstimate, Table
+from studies.framework.provenance import CampaignRecord, Provenance
+from studies.framework.study import Drawing, Findings, Line, Study, StudyEstimate, Table
 
 
 def draw(figure):

@@ -11,8 +11,8 @@ from functools import cache
 import pytest
 
 from ravenjax.bundled import resources
-from ravenjax.studies import catalogue
-from ravenjax.studies.framework import claims, credibility, quoting, writing
+from studies import catalogue
+from studies.framework import claims, credibility, quoting, writing
 
 ROOT = resources.bundled("campaigns", "quick.toml")[0].parents[1]
 REFERENCE = ROOT / "results/reference"

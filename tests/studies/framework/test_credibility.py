@@ -12,10 +12,10 @@ from fake_study import FINDINGS, MADE, STUDY
 
 from ravenjax.cli import main
 from ravenjax.errors import UserError
-from ravenjax.studies import catalogue
-from ravenjax.studies.framework import claims, credibility, quoting, writing
-from ravenjax.studies.framework.claims import Quotation
-from ravenjax.studies.framework.study import plain
+from studies import catalogue
+from studies.framework import claims, credibility, quoting, writing
+from studies.framework.claims import Quotation
+from studies.framework.study import plain
 
 ONE = """
 [[claim]]

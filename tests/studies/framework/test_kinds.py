@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from ravenjax.stats.bootstrap.units import FEW
-from ravenjax.studies.framework import kinds
+from studies.framework import kinds
 
 GROUPS = [
     "library/C01-above",

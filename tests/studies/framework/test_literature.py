@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 from ravenjax.errors import UserError
-from ravenjax.studies.framework import literature
+from studies.framework import literature
 
 FILES = sorted(path.stem for path in literature.FOLDER.glob("*.toml"))
 ROW = '[[number]]\nkey = "a.peak"\nvalue = 2.0\nunit = "mm"\nsource = "Figure 1"\n'

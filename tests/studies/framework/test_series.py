@@ -9,7 +9,7 @@ import pytest
 
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.inspection import replay
-from ravenjax.studies.framework.series import SIGNALS, Recorder, rises
+from studies.framework.series import SIGNALS, Recorder, rises
 
 FAULT = {
     "site": "usb_out",

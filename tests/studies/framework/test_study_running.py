@@ -12,8 +12,8 @@ from fake_study import FINDINGS, STUDY
 
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
-from ravenjax.studies import running
-from ravenjax.studies.framework.study import Findings, Line, StudyEstimate, Variant
+from studies import running
+from studies.framework.study import Findings, Line, StudyEstimate, Variant
 
 SHORT = ("campaign.duration_s=0.03", "campaign.limit=2")
 

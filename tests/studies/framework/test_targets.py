@@ -9,9 +9,9 @@ import pytest
 from fake_study import FINDINGS
 
 from ravenjax.bundled import resources
-from ravenjax.studies import catalogue
-from ravenjax.studies.framework import markdown, targets
-from ravenjax.studies.framework.study import plain
+from studies import catalogue
+from studies.framework import markdown, targets
+from studies.framework.study import plain
 
 ROOT = resources.bundled("campaigns", "quick.toml")[0].parents[1]
 

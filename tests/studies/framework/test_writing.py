@@ -10,9 +10,9 @@ import pytest
 from fake_study import FINDINGS, MADE, STUDY
 
 from ravenjax.errors import StoreError
-from ravenjax.studies.framework import markdown, writing
-from ravenjax.studies.framework.provenance import shown_override
-from ravenjax.studies.framework.study import Findings, plain
+from studies.framework import markdown, writing
+from studies.framework.provenance import shown_override
+from studies.framework.study import Findings, plain
 
 
 @pytest.fixture

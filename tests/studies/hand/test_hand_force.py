@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from ravenjax.campaign import loading
-from ravenjax.studies.hand import force, pairs
-from ravenjax.studies.hand.pairs import GRIP, NEWTONS, HandRuns
-from ravenjax.studies.hand.times import DEFAULT_MS, DELAYS_MS, MEASURED
+from studies.hand import force, pairs
+from studies.hand.pairs import GRIP, NEWTONS, HandRuns
+from studies.hand.times import DEFAULT_MS, DELAYS_MS, MEASURED
 
 FAULTS = 24
 SCALE = 0.1

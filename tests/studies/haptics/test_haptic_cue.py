@@ -20,14 +20,14 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics
 from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import CueRecord
-from ravenjax.studies import catalogue, running
-from ravenjax.studies.detection.runs import AS_MODELLED, UNCERTAIN
-from ravenjax.studies.framework import drawing
-from ravenjax.studies.framework.study import plain
-from ravenjax.studies.haptics import choice, tables
-from ravenjax.studies.haptics import cue as haptic_cue
-from ravenjax.studies.haptics import runs as haptic_runs
-from ravenjax.studies.haptics.runs import KINDS, FaultyCues, FreeCues
+from studies import catalogue, running
+from studies.detection.runs import AS_MODELLED, UNCERTAIN
+from studies.framework import drawing
+from studies.framework.study import plain
+from studies.haptics import choice, tables
+from studies.haptics import cue as haptic_cue
+from studies.haptics import runs as haptic_runs
+from studies.haptics.runs import KINDS, FaultyCues, FreeCues
 
 CUES = tuple(
     CueRecord(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05)

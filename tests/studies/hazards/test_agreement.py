@@ -8,7 +8,7 @@ import pytest
 import result_rows
 
 from ravenjax.hazards import library
-from ravenjax.studies.hazards import agreement
+from studies.hazards import agreement
 
 STOP = {"response": "stopped"}
 JUMP = {"jump_tip": True}

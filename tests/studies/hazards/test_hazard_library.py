@@ -10,9 +10,9 @@ import result_rows
 
 from ravenjax.campaign import loading
 from ravenjax.hazards import expansion, library, maude, naming
-from ravenjax.studies import running
-from ravenjax.studies.framework.study import Findings, Table
-from ravenjax.studies.hazards import library as hazard_library
+from studies import running
+from studies.framework.study import Findings, Table
+from studies.hazards import library as hazard_library
 
 RUNNABLE = [row for row in library.rows() if row.runnable]
 

@@ -13,10 +13,10 @@ import result_rows
 
 from ravenjax.campaign import loading
 from ravenjax.hazards import library, naming
-from ravenjax.studies import running
-from ravenjax.studies.framework import literature
-from ravenjax.studies.framework.study import Findings
-from ravenjax.studies.hazards import agreement, safecomp45
+from studies import running
+from studies.framework import literature
+from studies.framework.study import Findings
+from studies.hazards import agreement, safecomp45
 
 NOT_SIMULATED = {4, 13, 14, 32, 44, 45}
 

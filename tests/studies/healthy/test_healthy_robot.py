@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from ravenjax.stats.bootstrap import units
-from ravenjax.studies import catalogue
-from ravenjax.studies.healthy import headlines, robot
-from ravenjax.studies.healthy.headlines import FULL, HALF, OFF, ScaledFaults
+from studies import catalogue
+from studies.healthy import headlines, robot
+from studies.healthy.headlines import FULL, HALF, OFF, ScaledFaults
 
 
 def made_up(extra: int) -> ScaledFaults:

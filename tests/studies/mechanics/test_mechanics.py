@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax
 import pytest
 
-from ravenjax.studies.framework.study import Context
-from ravenjax.studies.mechanics import recordings, robot, statics
+from studies.framework.study import Context
+from studies.mechanics import recordings, robot, statics
 
 
 def test_statics_by_hand_are_those_of_motor_gear_and_drum() -> None:

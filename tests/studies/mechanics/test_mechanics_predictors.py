@@ -13,8 +13,8 @@ from ravenjax.analyses.calibration import position_loop, replay
 from ravenjax.analyses.calibration.calibrate import LoggedRobot
 from ravenjax.analyses.calibration.log import JointLog
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.studies.dsn16.recording import horizons
-from ravenjax.studies.mechanics import predictors, recordings
+from studies.dsn16.recording import horizons
+from studies.mechanics import predictors, recordings
 
 CYCLES = 1500
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.studies.dsn16.recording import closed_loop
-from ravenjax.studies.mechanics import reaction
+from studies.dsn16.recording import closed_loop
+from studies.mechanics import reaction
 
 
 @pytest.mark.slow

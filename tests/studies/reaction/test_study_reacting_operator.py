@@ -18,11 +18,11 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.report.sections.reaction.pairs import EXCURSION
 from ravenjax.stats.intervals import Estimate, wilson
-from ravenjax.studies import running
-from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times
-from ravenjax.studies.reaction import pairs as reacting_pairs
-from ravenjax.studies.reaction.pairs import ReactionRuns
 from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
+from studies import running
+from studies.reaction import drawings, fault_free, measures, operator, tables, times
+from studies.reaction import pairs as reacting_pairs
+from studies.reaction.pairs import ReactionRuns
 
 ACTION = "param:reaction.action"
 QUIET: dict[str, Any] = {

@@ -13,11 +13,11 @@ import pytest
 
 from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
-from ravenjax.studies import catalogue, running
-from ravenjax.studies.framework import drawing
-from ravenjax.studies.framework.study import Context
-from ravenjax.studies.seed.burst import constants as burst
-from ravenjax.studies.seed.burst.constants import (
+from studies import catalogue, running
+from studies.framework import drawing
+from studies.framework.study import Context
+from studies.seed.burst import constants as burst
+from studies.seed.burst.constants import (
     BURST,
     CONSTANTS,
     FREE,
@@ -26,9 +26,9 @@ from ravenjax.studies.seed.burst.constants import (
     SETTINGS,
     STUDY,
 )
-from ravenjax.studies.seed.burst.events import DRAWN_TICKS, BurstEvent, BurstRun, EventCurves
-from ravenjax.studies.seed.burst.tables import ranges, span
-from ravenjax.studies.seed.motions import MOTIONS
+from studies.seed.burst.events import DRAWN_TICKS, BurstEvent, BurstRun, EventCurves
+from studies.seed.burst.tables import ranges, span
+from studies.seed.motions import MOTIONS
 
 
 def own(ready, path):

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.studies.framework import literature
-from ravenjax.studies.seed.burst import events
-from ravenjax.studies.seed.burst.events import (
+from studies.framework import literature
+from studies.seed.burst import events
+from studies.seed.burst.events import (
     EVENT_TICKS,
     BurstEvent,
     BurstRun,

@@ -13,11 +13,11 @@ import pytest
 from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2.campaign.program import NOISE_KEY, PACKET_KEY
-from ravenjax.studies import catalogue, running
-from ravenjax.studies.framework import drawing
-from ravenjax.studies.framework.study import Context
-from ravenjax.studies.seed.fault_free import scales
-from ravenjax.studies.seed.fault_free.scales import (
+from studies import catalogue, running
+from studies.framework import drawing
+from studies.framework.study import Context
+from studies.seed.fault_free import scales
+from studies.seed.fault_free.scales import (
     MODELLED,
     MOTIONS,
     SCALES,
@@ -25,7 +25,7 @@ from ravenjax.studies.seed.fault_free.scales import (
     STUDY,
     Setting,
 )
-from ravenjax.studies.seed.fault_free.segments import RunSegment
+from studies.seed.fault_free.segments import RunSegment
 
 
 def own(ready, path):

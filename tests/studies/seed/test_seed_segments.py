@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.studies.seed.fault_free.segments import DRAWN_EVERY, REST_TICKS, growth, segment
-from ravenjax.studies.seed.motions import MOTIONS, over_kinds, overrides, variant
+from studies.seed.fault_free.segments import DRAWN_EVERY, REST_TICKS, growth, segment
+from studies.seed.motions import MOTIONS, over_kinds, overrides, variant
 
 TICKS = 2500
 

@@ -18,11 +18,11 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.report.data import facts as run_facts
 from ravenjax.stats.intervals import Rate
-from ravenjax.studies import running
-from ravenjax.studies.uncertainty import drawings, robot, search, tables
-from ravenjax.studies.uncertainty import rates as uncertain_rates
-from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain
-from ravenjax.studies.uncertainty.rates import EVENTS, RobotRates
+from studies import running
+from studies.uncertainty import drawings, robot, search, tables
+from studies.uncertainty import rates as uncertain_rates
+from studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain
+from studies.uncertainty.rates import EVENTS, RobotRates
 
 FRICTION = PARAMETERS[0]
 

@@ -1,0 +1,479 @@
+"""Scenario B of the targeted attacks (DSN 2016): a value on the shoulder's DAC behind the
+checks, 1 to 128 packets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ravenjax.robots.raven2.plant import published
+from studies.dsn16 import cells as dsn16_cells
+from studies.dsn16 import (
+    detection,
+    drawings,
+    motor_notes,
+    sensitivity,
+    statements,
+    timing,
+    trajectory,
+)
+from studies.dsn16 import runs as dsn16_runs
+from studies.dsn16.cells import DURATIONS
+from studies.dsn16.runs import VariantRuns, stored
+from studies.dsn16.sensitivity import VariantCase
+from studies.framework import literature
+from studies.framework.literature import Published
+from studies.framework.study import (
+    Context,
+    Drawing,
+    Findings,
+    Line,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
+
+CAMPAIGN = "dsn16_b.toml"
+BASELINE = "baseline"
+FAULT = "group.scenario_b.fault.0"
+NEGATIVE = ",".join(
+    f"-{v}"
+    for v in (
+        100,
+        200,
+        400,
+        800,
+        1000,
+        2000,
+        4000,
+        5000,
+        8000,
+        10000,
+        20000,
+        40000,
+        80000,
+        100000,
+        200000,
+        400000,
+        800000,
+    )
+)
+
+SEMANTICS = (
+    Variant(
+        timing.DECLARED,
+        CAMPAIGN,
+        (*timing.EVERY_CYCLE, "campaign.parameter_set=traj3"),
+        "the baseline declared first: a packet each cycle, the authors' law",
+    ),
+    *timing.variants(CAMPAIGN),
+    Variant(
+        "dac_saturate",
+        CAMPAIGN,
+        ("campaign.dac_words=saturate",),
+        "large values saturate at 16 bits, not wrap",
+    ),
+    Variant(
+        "dac_unwrapped",
+        CAMPAIGN,
+        ("campaign.dac_words=unwrapped",),
+        "large values are applied as they are",
+    ),
+    Variant(
+        "before_check",
+        CAMPAIGN,
+        (f"{FAULT}.site=current_cmd",),
+        "the fault strikes before the overdrive check",
+    ),
+    Variant(
+        "overwrite",
+        CAMPAIGN,
+        (f"{FAULT}.effect=overwrite",),
+        "the value replaces the command, nothing is added",
+    ),
+    Variant(
+        "offset",
+        CAMPAIGN,
+        (f"{FAULT}.effect=offset",),
+        "the value is added anew in each cycle, nothing is latched",
+    ),
+    Variant("negative", CAMPAIGN, (f"{FAULT}.value=[{NEGATIVE}]",), "the other sign of the DAC"),
+    Variant(
+        "build_robot",
+        CAMPAIGN,
+        ("campaign.build=robot",),
+        "encoders, velocity filter; packets go on after a stop",
+    ),
+    Variant(
+        "tool_joints",
+        CAMPAIGN,
+        ("campaign.build=dyn_sim_tools",),
+        "tool joints are measured, not believed to be where they should",
+    ),
+    Variant(
+        "software_raven2",
+        CAMPAIGN,
+        ("campaign.build=robot", "campaign.software=raven2", "campaign.level=fork2015"),
+        "present raven2 software: stops at 20000 counts, gravity torque, PLC and brakes at an"
+        " E-stop",
+    ),
+)
+RULES = (
+    Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
+    Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
+)
+PLANT = (
+    *(
+        Variant(
+            f"plant_{name}",
+            CAMPAIGN,
+            (f"campaign.parameter_set={name}",),
+            f"the authors' law and their set {name}",
+        )
+        for name in published.SETS
+    ),
+    Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
+    Variant("substeps_10", CAMPAIGN, ("campaign.substeps=10",), "ten plant steps a millisecond"),
+)
+HANDS = (
+    *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in trajectory.MOTIONS.items()),
+    *(
+        Variant(n, CAMPAIGN, o, "the same stitches, a longer lever")
+        for n, o in trajectory.LEVERS.items()
+    ),
+    *(
+        Variant(
+            f"{n}_every_cycle",
+            CAMPAIGN,
+            (*o, *timing.EVERY_CYCLE),
+            "a longer lever, a packet each cycle",
+        )
+        for n, o in trajectory.LEVERS.items()
+    ),
+)
+
+
+def variants() -> tuple[Variant, ...]:
+    """The baseline, every ablation, the motions, and recorded ones where the recording is at
+    hand.
+    """
+    recorded = trajectory.recorded()
+    real = tuple(Variant(name, CAMPAIGN, over, "recorded hands") for name, over in recorded.items())
+    return (
+        Variant(BASELINE, CAMPAIGN),
+        *SEMANTICS,
+        *RULES,
+        *PLANT,
+        *HANDS,
+        *real,
+        *detection.TRAINING,
+    )
+
+
+def compare(context: Context) -> Findings:
+    """Published counts beside the predicted ones, and what each open question is worth."""
+    published = literature.read("dsn16")
+    computed = {v.name: v for v in variants() if v.name in context.folders}
+    trained = [v.name for v in detection.TRAINING]
+    runs, windows = trajectory.apart(
+        {
+            name: dsn16_runs.read(name, context.folders[name])
+            for name in computed
+            if name not in trained
+        }
+    )
+    base = runs[BASELINE]
+    jumps, stops = (_counts(published, what) for what in ("jump", "estop"))
+    bands = [published.band(f"b.jump.{d}ms") for d in DURATIONS]
+    cases = [
+        VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE
+    ]
+    real = [VariantCase(one, computed[name].question) for name, one in windows.items()]
+    levels = detection.thresholds(detection.learn(context.folders))
+    watched = detection.watch(context.folders[BASELINE], base, levels)
+    rules = sensitivity.rules(base, watched.leaps)
+    error = 100.0 / published.value("b.runs")
+    levers = [runs[name] for name in trajectory.LEVERS if name in runs]
+    lines = [
+        *_jumps(
+            base,
+            published,
+            bands,
+            lambda place: _would_fit([*cases, *rules], place, bands[place]),
+            "A1",
+        )
+    ]
+    lines.append(_bias(base, jumps, published, "A1"))
+    beside = [*(runs[name] for name in (timing.DECLARED,) if name in runs), *levers]
+    lines += [
+        line for one in beside for line in _jumps(one, published, bands, _counted_inside(one))
+    ]
+    lines += [_bias(one, jumps, published) for one in beside]
+    lines += _stops(base, published)
+    stated = statements.scenario_b(base, watched.largest_mvel, jumps, stops)
+    lines += stated
+    lines += _blind(base)
+    own = VariantCase(base, "", label=BASELINE)
+    tables = (
+        sensitivity.table(
+            "P(jump), %, by duration: what each open question is worth",
+            [own, *rules, *cases],
+            base,
+            jumps,
+            bands,
+            error,
+            note=sensitivity.NOTE,
+        ),
+        sensitivity.table(
+            "P(E-stop), %, by duration",
+            [own._replace(hit="stop"), *(c._replace(hit="stop") for c in cases)],
+            base,
+            stops,
+            reading_error=error,
+            hit="stop",
+        ),
+        detection.table(base, watched, "Detectors, predicted blind"),
+        _by_value(base, watched),
+        *_hands(own, real, jumps, stops, bands, error),
+    )
+    notes = (
+        statements.verdict("Scenario B", stated),
+        *motor_notes.notes(base, runs, [*cases, *rules], jumps, stops, bands, error),
+        trajectory.hands_note(len(real)),
+    )
+    return Findings(
+        tuple(lines), tables, _drawings(runs, levers, jumps, stops, published, bands), notes
+    )
+
+
+def _counts(published: Published, what: str) -> np.ndarray:
+    """Published counts in %, by duration."""
+    return np.array(
+        [100.0 * published.value(f"b.{what}.{d}ms") / published.value("b.runs") for d in DURATIONS]
+    )
+
+
+def _percent(published: Published, what: str, duration: int) -> StudyEstimate:
+    """A published count in % with its Wilson interval."""
+    from ravenjax.stats.intervals import wilson
+
+    k, n = published.value(f"b.{what}.{duration}ms"), published.value("b.runs")
+    rate = wilson(int(k), int(n))
+    return StudyEstimate(
+        100 * rate.value, 100 * rate.low, 100 * rate.high, int(n), "runs, read off Figure 9 b"
+    )
+
+
+def _jumps(
+    runs: VariantRuns,
+    published: Published,
+    bands: Sequence[tuple[float, float]],
+    reason: Callable[[int], str],
+    target: str = "",
+) -> Iterator[Line]:
+    """P(jump) by duration of one trajectory, beside its band; reason: of the place of a duration
+    that is outside.
+    """
+    cells = runs.share("jump")
+    for place, duration in enumerate(DURATIONS):
+        predicted = dsn16_cells.rate(cells.of(duration))
+        inside = dsn16_cells.in_band(predicted.value, bands[place])
+        yield Line(
+            f"P(jump), {duration} packets; {runs.name}, lever {runs.lever.words}",
+            "%",
+            _percent(published, "jump", duration),
+            predicted,
+            bands[place],
+            target,
+            "" if inside else reason(place),
+        )
+
+
+def _would_fit(cases: Sequence[VariantCase], place: int, band: tuple[float, float]) -> str:
+    """Which answers to an open question would put this duration into its band."""
+    fitting = [(case.name, case.runs.percent(case.hit)[place]) for case in cases]
+    inside = [
+        f"{name} {percent:.0f}" for name, percent in fitting if dsn16_cells.in_band(percent, band)
+    ]
+    if not inside:
+        return "outside with every single variant"
+    return (
+        f"inside with {len(inside)} of {len(fitting)} other answers, each alone:"
+        f" {', '.join(inside)}"
+    )
+
+
+def _counted_inside(runs: VariantRuns) -> Callable[[int], str]:
+    """What another trajectory's rate would be if jumps counted inside the published window only."""
+    inside = runs.percent("inside")
+    return lambda place: f"inside t1 .. t1 + d + 1 alone it is {inside[place]:.1f} %"
+
+
+def _bias(runs: VariantRuns, jumps: np.ndarray, published: Published, target: str = "") -> Line:
+    """Sign test of prediction against publication over the durations."""
+    sign = dsn16_cells.bias(runs.percent("jump"), jumps, 100.0 / published.value("b.runs"))
+    return Line(
+        f"bias: p of the sign test over durations; {runs.name}, lever {runs.lever.words}",
+        "",
+        None,
+        StudyEstimate(
+            sign.p,
+            n=sign.above + sign.below,
+            of="durations that differ by more than the reading error",
+        ),
+        (motor_notes.SIGNIFICANT, 1.0),
+        target,
+        f"prediction {sign.words}; mean difference"
+        f" {float(np.mean(runs.percent('jump') - jumps)):+.1f} points",
+    )
+
+
+def _stops(base: VariantRuns, published: Published) -> Iterator[Line]:
+    cells = base.share("stop")
+    for duration in DURATIONS:
+        yield Line(
+            f"P(E-stop), {duration} packets; {base.name}",
+            "%",
+            _percent(published, "estop", duration),
+            dsn16_cells.rate(cells.of(duration)),
+            reason="" if cells.of(duration).any() else "single stops are noise of the real process",
+        )
+
+
+def _blind(base: VariantRuns) -> tuple[Line, ...]:
+    """Rates whose published values were withheld."""
+    return tuple(
+        Line(quantity, "%", None, dsn16_cells.rate(base.share(hit).shares.ravel()))
+        for quantity, hit in (
+            ("prevalence of jumps, all cells", "jump"),
+            ("prevalence of E-stops, all cells", "stop"),
+            ("jumps without an E-stop, all cells", "missed"),
+        )
+    )
+
+
+def _by_value(base: VariantRuns, watched: detection.Watched) -> Table:
+    fused = np.array([a.inside[3] for a in watched.alarms[detection.CHOSEN]])
+    counted = base.counting(told=fused)
+    shares = {hit: counted.share(hit) for hit in ("jump", "stop", "told", "missed")}
+    rows = []
+    for place, value in enumerate(shares["jump"].values):
+        alike = np.isin(shares["jump"].shares[place], (0.0, 1.0)).sum()
+        means = (round(100.0 * float(cells.shares[place].mean()), 1) for cells in shares.values())
+        rows.append((int(value), stored(value), *means, f"{alike} of {len(DURATIONS)}"))
+    heads = (
+        "value, counts",
+        "stored in 16 bits",
+        "jump, %",
+        "E-stop, %",
+        "model's alarm, %",
+        "jump without E-stop, %",
+    )
+    note = (
+        "80 runs a value. The last column counts durations in which all ten onsets come out alike:"
+        " repeats are no independent samples."
+    )
+    return Table("By injected value, predicted blind", (*heads, "cells alike"), tuple(rows), note)
+
+
+def _hands(
+    own: VariantCase,
+    real: Sequence[VariantCase],
+    jumps: np.ndarray,
+    stops: np.ndarray,
+    bands: Sequence[tuple[float, float]],
+    error: float,
+) -> tuple[Table, ...]:
+    """The windows of the recording beside the baseline, none where it is not at hand; jumps,
+    stops: published, %.
+    """
+    if not real:
+        return ()
+    inside = [
+        case._replace(hit="inside", label=f"{case.name}, inside", question=sensitivity.INSIDE)
+        for case in real
+    ]
+    note = (
+        "A1 is judged by the baseline alone. Steps of real hands come near 0.1 mm a packet, so that"
+        " a fault can tip a step over the limit long after it has gone. The rows that are called"
+        " inside do not count such jumps."
+    )
+    stopped = [case._replace(hit="stop") for case in (own, *real)]
+    title = f"{trajectory.HANDS}: {{}}, %, by duration"
+    return (
+        sensitivity.table(
+            title.format("P(jump)"), [own, *real, *inside], own.runs, jumps, bands, error, note=note
+        ),
+        sensitivity.table(
+            title.format("P(E-stop)"), stopped, own.runs, stops, reading_error=error, hit="stop"
+        ),
+    )
+
+
+def _drawings(
+    runs: Mapping[str, VariantRuns],
+    levers: Sequence[VariantRuns],
+    jumps: np.ndarray,
+    stops: np.ndarray,
+    published: Published,
+    bands: Sequence[tuple[float, float]],
+) -> tuple[Drawing, ...]:
+    base = runs[BASELINE]
+
+    def panel(
+        title: str, hit: str, counts: np.ndarray, what: str, band: np.ndarray | None
+    ) -> drawings.Panel:
+        observed = [_percent(published, what, d) for d in DURATIONS]
+        return drawings.Panel(
+            title=title,
+            predicted=base.percent(hit),
+            packets=timing.spread(runs.values(), hit),
+            others={f"{one.name}, lever {one.lever.words}": one.percent(hit) for one in levers},
+            published=counts,
+            published_interval=np.array([[e.low for e in observed], [e.high for e in observed]]),
+            band=band,
+        )
+
+    cells = {"jump": base.share("jump"), "E-stop": base.share("stop")}
+    labels = [_value_label(float(v)) for v in cells["jump"].values]
+    panels = (
+        panel("P(jump)", "jump", jumps, "jump", np.array(bands).T),
+        panel("P(E-stop)", "stop", stops, "estop", None),
+    )
+    label = f"predicted, lever {base.lever.words}"
+    return (
+        Drawing(
+            "dsn16_b_duration",
+            "Scenario B, 170 runs a duration: published counts (squares) and what is predicted; the"
+            " shade spans other lengths of packets, the coloured lines are longer levers.",
+            drawings.rates(panels, label),
+        ),
+        Drawing(
+            "dsn16_b_map",
+            "Scenario B, predicted: share of ten onsets in each cell that jump, and that the robot"
+            " stops itself. Values are shown with what is left of them in 16 bits.",
+            drawings.maps(cells, labels, "value added to the shoulder's DAC, counts"),
+        ),
+    )
+
+
+def _value_label(value: float) -> str:
+    left = stored(value)
+    return f"{value:.0f}" if left == value else f"{value:.0f} = {left}"
+
+
+STUDY = Study(
+    name="dsn16_b",
+    title="Targeted attacks, scenario B: the shoulder's DAC behind the checks",
+    source=(
+        'Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016, Figure 9 b'
+    ),
+    question="Which values and durations make the tip jump, and which does the robot stop itself?",
+    variants=variants(),
+    compare=compare,
+    targets=("A1",),
+    minutes=2.0,
+)
