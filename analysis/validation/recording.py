@@ -31,19 +31,10 @@ from scipy.signal import butter, filtfilt
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import authors, robot
+from studies.dsn16 import recording
+from studies.dsn16.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from studies.dsn16.recording import closed_loop as recording
-from studies.dsn16.recording.closed_loop import (
-    ARM,
-    FILE,
-    JOINTS,
-    SETUP,
-    closed_loop,
-    started,
-    tips,
-)
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:

@@ -7,7 +7,6 @@ The package comes without them; they are loaded by path when a command asks for 
 from __future__ import annotations
 
 import importlib
-import json
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,8 +19,8 @@ from ravenjax.cli.console import Listing
 from ravenjax.errors import UserError
 
 
-def load(name: str) -> Any:
-    """Module `name` of `analysis/studies`. Raises UserError outside of a checkout."""
+def load(name: str = "") -> Any:
+    """Module `name` of `analysis/studies`, or the whole. Raises UserError outside of a checkout."""
     folder = Path(ravenjax.__file__).resolve().parents[1] / "analysis"
     if not (folder / "studies" / "__init__.py").is_file():
         raise UserError(
@@ -31,7 +30,7 @@ def load(name: str) -> Any:
         )
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
-    return importlib.import_module(f"studies.{name}")
+    return importlib.import_module(f"studies.{name}" if name else "studies")
 
 
 def reproduce(
@@ -61,61 +60,56 @@ def reproduce(
     """
     from ravenjax.cli import terminal
 
-    catalogue, running = load("catalogue"), load("running")
-    page, markdown = load("framework.credibility"), load("framework.markdown")
-    targets, writing = load("framework.targets"), load("framework.writing")
-    plain = load("framework.study").plain
-
+    studies, files, claims = load(), load("findings"), load("claims")
+    targets, plain, standings = (
+        getattr(load("study"), name) for name in ("targets", "plain", "standings")
+    )
     if name is None:
-        studies = [catalogue.find(one_name) for one_name in catalogue.NAMES]
         rows = [
-            (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}") for one in studies
-        ]
-        columns = ("name", "what", "targets", "minutes")
-        goals = [
-            (one.id, one.title, one.source, one.band, one.judged_by)
-            for one in targets.targets().values()
+            (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
+            for one in map(studies.find, studies.NAMES)
         ]
         listings = [
-            Listing("studies", "Studies: ravenjax reproduce NAME", columns, rows),
+            Listing(
+                "studies",
+                "Studies: ravenjax reproduce NAME",
+                ("name", "what", "targets", "minutes"),
+                rows,
+            ),
             Listing(
                 "targets",
                 "Targets: met where every line with a band is inside it",
                 ("target", "what", "published", "band", "judged by"),
-                goals,
+                [tuple(target) for target in targets().values()],
             ),
         ]
         console.emit(listings, as_json)
         return
-    names = catalogue.NAMES if name == "all" else (catalogue.find(name).name,)
-    for study in names:
+    chosen = [studies.find(one) for one in (studies.NAMES if name == "all" else (name,))]
+    for study in chosen:
+        folder = out / study.name
         with terminal.Watch(console.err if as_json else console.out) as watch:
-            findings = running.reproduce(study, out, engine, watch)
-        if not as_json and findings.lines:
-            title = catalogue.find(study).title
-            console.out.print(
-                terminal.table(title, markdown.BRIEF_COLUMNS, markdown.line_rows(findings))
-            )
+            findings = files.reproduce(study, out, engine, watch)
         if not as_json:
-            for state in targets.states(plain(findings)["lines"]):
-                console.say(f"{targets.sentence(state)}. {targets.definition(state.id)}")
-            for answer in page.answers(writing.read(out / study)):
+            if findings.lines:
+                rows = files.line_rows(findings)
+                console.out.print(terminal.table(study.title, files.BRIEF_COLUMNS, rows))
+            for state in standings(plain(findings)["lines"]):
+                console.say(f"{state.sentence}. {targets()[state.id].definition}")
+            for answer in claims.answers(files.read(folder)):
                 console.say(f"- {answer}")
-            console.say(f"findings: {out / study / writing.PAGE}")
-            console.say(f"page: {out / study / writing.HTML}")
+            console.say(f"findings: {folder / files.PAGE}")
+            console.say(f"page: {folder / files.HTML}")
         if keep is not None:
-            writing.keep(out / study, keep / study)
+            files.keep(folder, keep / study.name)
     for folder in filter(None, (out, keep)):
-        page = writing.write_credibility(folder, catalogue.NAMES)
+        page = files.write_credibility(folder, studies.NAMES)
         if not as_json:
             console.say(f"credibility: {page}")
     if as_json:
-        console.emit_json([_file(out / study, writing.JSON) for study in names])
-
-
-def _file(folder: Path, name: str) -> dict[str, Any]:
-    """What a file of JSON in a folder says, and the folder."""
-    return {"folder": folder} | json.loads((folder / name).read_text(encoding="utf-8"))
+        console.emit_json(
+            [{"folder": out / study.name} | files.read(out / study.name) for study in chosen]
+        )
 
 
 def credibility(
@@ -131,18 +125,17 @@ def credibility(
     folder
         Findings of `ravenjax reproduce`: its folder --out, or --keep.
     """
-    from ravenjax.store import files
+    from ravenjax.store.files import write_aside
 
-    page, writing = load("framework.credibility"), load("framework.writing")
-    records = writing.records(folder, load("catalogue").NAMES)
+    records = load("findings").records(folder, load().NAMES)
     if not records:
         raise UserError(
             f"{folder}: no findings of a study there; run `ravenjax reproduce NAME --out {folder}`"
             " first"
         )
-    text = page.page(records, out.parent.as_posix() if out else "")
+    text = load("claims").page(records, out.parent.as_posix() if out else "")
     if out is None:
         print(text, end="")
         return
-    files.write_aside(out, lambda target: target.write_text(text, encoding="utf-8"))
+    write_aside(out, lambda target: target.write_text(text, encoding="utf-8"))
     console.out.print(f"wrote {out}", highlight=False, soft_wrap=True)

@@ -323,7 +323,7 @@ def test_parameters_as_json(run):
 
 
 def test_studies_as_json(run):
-    from studies import catalogue as studies
+    import studies
 
     _, told = as_json(run, "reproduce")
     assert [one["name"] for one in told["studies"]] == list(studies.NAMES) and told["targets"][0][

@@ -9,11 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.dsn16.recording import closed_loop, horizons, prediction_tables, predictors
-from studies.dsn16.recording.horizons import CLOSED, HorizonError
-from studies.dsn16.recording.predictors import UNITS
-from studies.framework import literature
-from studies.framework.study import Context, Findings, Line, Study, StudyEstimate, Table
+from studies.dsn16 import recording
+from studies.dsn16.recording import CLOSED, UNITS, HorizonError
+from studies.study import Context, Findings, Line, Published, Study, StudyEstimate, Table
 
 LOW_PASS_HZ = 20.0
 SETS = ("traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global", "power_consistent")
@@ -28,41 +26,39 @@ class Error(NamedTuple):
     largest: np.ndarray
 
 
-def error(
-    asked: np.ndarray, log: closed_loop.JointRecording, parameter_set: str = AUTHORS
-) -> Error:
+def error(asked: np.ndarray, log: recording.JointRecording, parameter_set: str = AUTHORS) -> Error:
     """Of the virtual robot that is asked for motor angles `asked` (rad, [T, 3]) from the
     beginning of `log`.
     """
-    motors = closed_loop.closed_loop(asked, log.angle[0], log.speed[0], parameter_set)["mpos"][
+    motors = recording.closed_loop(asked, log.angle[0], log.speed[0], parameter_set)["mpos"][
         :-1, :3
     ]
-    apart = np.abs(motors - log.angle[1:]) * predictors.TO_JOINT
+    apart = np.abs(motors - log.angle[1:]) * recording.TO_JOINT
     return Error(apart.mean(axis=0), apart.max(axis=0))
 
 
 def compare(context: Context) -> Findings:
     """The lines of A3, the same for every set of parameters, and predictions beside null models."""
-    published = literature.read("dsn16_model")
-    path = closed_loop.find()
+    published = Published("dsn16_model")
+    path = recording.find()
     if path is None:
         absent = (
-            f"the recording is not at hand: set {closed_loop.DATA} to the folder that holds"
-            f" {closed_loop.FILE}"
+            f"the recording is not at hand: set {recording.DATA} to the folder that holds"
+            f" {recording.FILE}"
         )
         return Findings(
             tuple(_line(published, joint, None, absent) for joint in UNITS), notes=_NOTES
         )
     from ravenjax.numbers.lazy import jax
 
-    whole = closed_loop.read(path)
-    log = predictors.second_half(whole)
+    whole = recording.read(path)
+    log = recording.second_half(whole)
     smooth = _low_passed(whole.angle)[-len(log.angle) :]
     with jax.enable_x64(True):
         errors = {name: error(log.asked, log, name) for name in SETS}
         smoothed = error(smooth, log)
-        part = predictors.stretch(log)
-        ahead = horizons.compare(part, predictors.of(log))
+        part = recording.recorded_stretch(log)
+        ahead = recording.horizon_errors(part, recording.predictors_of(log))
     lines = [
         _line(
             published,
@@ -89,25 +85,23 @@ def compare(context: Context) -> Findings:
         " offsets of power_consistent are fitted to the first half; where the authors' sets were"
         " fitted is not published. One recording is no sample, so there is no interval.",
     )
-    beside = prediction_tables.table(
+    beside = recording.prediction_table(
         "Predictions beside null models: mean and largest error", part, ahead
     )
     sentences = (
         *_notes(published, errors[AUTHORS], ahead),
-        *prediction_tables.sentences(part, ahead),
+        *recording.prediction_sentences(part, ahead),
     )
     return Findings(tuple(lines), (table, beside), notes=(*sentences, *_NOTES))
 
 
-def _notes(
-    published: literature.Published, robot: Error, ahead: Sequence[HorizonError]
-) -> tuple[str, ...]:
+def _notes(published: Published, robot: Error, ahead: Sequence[HorizonError]) -> tuple[str, ...]:
     """The largest errors, and whether bare rotors would meet the target."""
     bands = [published.band(f"error.{joint}")[1] for joint in UNITS]
     rotors = [
         one
         for one in ahead
-        if one.loop == CLOSED and one.model.startswith(horizons.ROTORS) and one.horizon_ms is None
+        if one.loop == CLOSED and one.model.startswith(recording.ROTORS) and one.horizon_ms is None
     ]
     passes = (
         "would meet A3, too: a controller makes any motor follow, and A3 does not tell whether the"
@@ -137,7 +131,7 @@ def _of_joints(values: np.ndarray) -> str:
 
 
 def _line(
-    published: literature.Published, joint: str, predicted: StudyEstimate | None, reason: str = ""
+    published: Published, joint: str, predicted: StudyEstimate | None, reason: str = ""
 ) -> Line:
     key = f"error.{joint}"
     name = f"mean absolute error, {joint}"

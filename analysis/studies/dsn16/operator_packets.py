@@ -10,21 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from ravenjax.robots.raven2.campaign.config import of_raven
-from studies.dsn16 import cells as dsn16_cells
-from studies.dsn16 import (
-    detection,
-    drawings,
-    jump_joints,
-    sensitivity,
-    statements,
-    timing,
-    trajectory,
-)
-from studies.dsn16 import runs as dsn16_runs
-from studies.dsn16.cells import DURATIONS
-from studies.dsn16.runs import VariantRuns
-from studies.dsn16.sensitivity import VariantCase
-from studies.framework.study import Context, Drawing, Findings, Line, Study, Table, Variant
+from studies.dsn16 import attacks, detector
+from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
+from studies.study import Context, Findings, Line, Study, Variant
 
 CAMPAIGN = "dsn16_a.toml"
 BASELINE = "baseline"
@@ -36,7 +24,7 @@ WITHHELD = (
 )
 OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
 
-SHORTEST = (IDEAL_TOOLS, "every_cycle", timing.DECLARED, "build_robot")
+SHORTEST = (IDEAL_TOOLS, "every_cycle", attacks.DECLARED, "build_robot")
 """Variants that tell where a jump in one packet comes from."""
 
 ABLATIONS = (
@@ -46,11 +34,11 @@ ABLATIONS = (
         ("campaign.console=increments",),
         "packets carry increments: the displacement grows",
     ),
-    *timing.variants(CAMPAIGN),
+    *attacks.length_variants(CAMPAIGN),
     Variant(
         "drift_slow_replay",
         CAMPAIGN,
-        ("campaign.console=increments", *timing.SLOW_REPLAY),
+        ("campaign.console=increments", *attacks.SLOW_REPLAY),
         "the displacement grows, the motion is replayed at half the speed",
     ),
     Variant(
@@ -60,9 +48,9 @@ ABLATIONS = (
         "the published build, which believes its tool joints to be where they should",
     ),
     Variant(
-        timing.DECLARED,
+        attacks.DECLARED,
         CAMPAIGN,
-        (*timing.EVERY_CYCLE, "campaign.build=dyn_sim", "campaign.parameter_set=traj3"),
+        (*attacks.EVERY_CYCLE, "campaign.build=dyn_sim", "campaign.parameter_set=traj3"),
         "the baseline declared first: ideal tool joints, a packet each cycle, the authors' law",
     ),
     Variant(
@@ -96,66 +84,58 @@ ABLATIONS = (
         for name in ("B", "C", "matlab_main", "matlab_global")
     ),
     Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
-    *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in trajectory.MOTIONS.items()),
+    *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in attacks.MOTIONS.items()),
     *(
         Variant(n, CAMPAIGN, o, "the same stitches, a longer lever")
-        for n, o in trajectory.LEVERS.items()
+        for n, o in attacks.LEVERS.items()
     ),
 )
 
 
 def variants() -> tuple[Variant, ...]:
-    """The baseline, every ablation, the motions, and recorded ones where the recording is at
-    hand.
-    """
-    recorded = trajectory.recorded()
-    real = tuple(Variant(name, CAMPAIGN, over, "recorded hands") for name, over in recorded.items())
-    return (Variant(BASELINE, CAMPAIGN), *ABLATIONS, *real, *detection.TRAINING)
+    """The baseline, every ablation, and the motions that the detector learns from."""
+    return (Variant(BASELINE, CAMPAIGN), *ABLATIONS, *detector.TRAINING)
 
 
 def compare(context: Context) -> Findings:
     """What is predicted by displacement and duration, and what each open question is worth."""
     computed = {v.name: v for v in variants() if v.name in context.folders}
-    trained = [v.name for v in detection.TRAINING]
-    runs, windows = trajectory.apart(
-        {
-            name: dsn16_runs.read(name, context.folders[name])
-            for name in computed
-            if name not in trained
-        }
-    )
+    trained = [v.name for v in detector.TRAINING]
+    runs = {
+        name: attacks.read_runs(name, context.folders[name])
+        for name in computed
+        if name not in trained
+    }
     base = runs[BASELINE]
     cases = [
         VariantCase(one, computed[name].question) for name, one in runs.items() if name != BASELINE
     ]
-    real = [VariantCase(one, computed[name].question) for name, one in windows.items()]
-    levels = detection.thresholds(detection.learn(context.folders))
+    levels = detector.thresholds(detector.learn_from_folders(context.folders))
     watched = {
-        name: detection.watch(context.folders[name], runs[name], levels)
+        name: detector.watch(context.folders[name], runs[name], levels)
         for name in (BASELINE, IDEAL_TOOLS)
         if name in runs
     }
     jumps = {
-        name: jump_joints.case(runs[name], one, of_raven(runs[name].config).outcomes.jump_step_mm)
+        name: detector.jump_case(runs[name], one, of_raven(runs[name].config).outcomes.jump_step_mm)
         for name, one in watched.items()
     }
     main = [base, *(runs[name] for name in (DRIFT,) if name in runs)]
     lines = [line for one in main for hit in OUTCOMES for line in _rates(one, hit)]
     lines += [_overall(one, hit) for one in main for hit in OUTCOMES]
-    stated = (*statements.of_attack(base), jump_joints.visible(jumps[BASELINE]))
+    stated = (*attacks.of_attack(base), detector.visible_line(jumps[BASELINE]))
     lines += stated
-    rules = sensitivity.rules(base, watched[BASELINE].leaps)
+    rules = attacks.other_jump_rules(base, watched[BASELINE].leaps)
     own = VariantCase(base, "", label=BASELINE)
     tables = (
-        *(_by_displacement(one, hit) for one in main for hit in OUTCOMES),
-        sensitivity.table(
+        attacks.sensitivity_table(
             "P(jump), %, by duration: what each open question is worth",
             [own, *rules, *cases],
             base,
-            note=sensitivity.NOTE,
+            note=attacks.SENSITIVITY_NOTE,
         ),
         *(
-            sensitivity.table(
+            attacks.sensitivity_table(
                 f"{OUTCOMES[hit]}, %, by duration",
                 [c._replace(hit=hit) for c in (own, *cases)],
                 base,
@@ -163,33 +143,19 @@ def compare(context: Context) -> Findings:
             )
             for hit in ("stop", "ik")
         ),
-        jump_joints.by_kind(jumps),
-        jump_joints.by_joint(jumps[BASELINE]),
-        detection.table(base, watched[BASELINE], "Detectors, predicted blind"),
-        *_hands(own, real),
     )
     notes = (
-        statements.verdict("Scenario A", stated) + " " + WITHHELD,
-        jump_joints.note(jumps.values()),
+        attacks.verdict("Scenario A", stated) + " " + WITHHELD,
+        detector.jump_note(jumps.values()),
         *_notes(base, runs, cases),
-        trajectory.hands_note(len(real)),
     )
-    return Findings(tuple(lines), tables, _drawings(runs, main), notes)
-
-
-def _hands(own: VariantCase, real: Sequence[VariantCase]) -> Iterator[Table]:
-    """The windows of the recording beside the baseline, none where it is not at hand."""
-    for hit, words in OUTCOMES.items() if real else ():
-        cases = [case._replace(hit=hit) for case in (own, *real)]
-        yield sensitivity.table(
-            f"{trajectory.HANDS}: {words}, %, by duration", cases, own.runs, hit=hit
-        )
+    return Findings(tuple(lines), tables, notes)
 
 
 def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
     cells = runs.share(hit)
     for duration in DURATIONS:
-        predicted = dsn16_cells.rate(cells.of(duration))
+        predicted = attacks.rate(cells.of(duration))
         yield Line(
             f"{OUTCOMES[hit]}, {duration} packets; {runs.name}, lever {runs.lever.words}",
             "%",
@@ -199,59 +165,14 @@ def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
 
 
 def _overall(runs: VariantRuns, hit: str) -> Line:
-    predicted = dsn16_cells.rate(runs.share(hit).shares.ravel())
+    predicted = attacks.rate(runs.share(hit).shares.ravel())
     return Line(f"{OUTCOMES[hit]}, all cells; {runs.name}", "%", None, predicted)
-
-
-def _by_displacement(runs: VariantRuns, hit: str) -> Table:
-    cells = runs.share(hit)
-    rows = [
-        (int(value), *(round(100.0 * float(x), 1) for x in (*row, row.mean())))
-        for value, row in zip(cells.values, cells.shares, strict=True)
-    ]
-    heads = ("D, um", *(f"{d} packets" for d in DURATIONS), "all durations")
-    return Table(
-        f"{OUTCOMES[hit]}, %, by displacement and duration; {runs.name}", heads, tuple(rows)
-    )
-
-
-def _drawings(runs: Mapping[str, VariantRuns], shown: Sequence[VariantRuns]) -> tuple[Drawing, ...]:
-    base, packets = runs[BASELINE], runs.values()
-    others = [n for n in (DRIFT, *trajectory.LEVERS) if n in runs]
-
-    def panel(hit: str) -> drawings.Panel:
-        return drawings.Panel(
-            title=OUTCOMES[hit],
-            predicted=base.percent(hit),
-            packets=timing.spread(packets, hit),
-            others={f"{n}, lever {runs[n].lever.words}": runs[n].percent(hit) for n in others},
-        )
-
-    maps = {f"jump, {one.name}": one.share("jump") for one in shown} | {
-        "E-stop": base.share("stop")
-    }
-    labels = [f"{value:.0f}" for value in base.share("jump").values]
-    return (
-        Drawing(
-            "dsn16_a_duration",
-            "Scenario A, 240 runs a duration, all predicted: the shade spans other lengths of"
-            " packets.",
-            drawings.rates(
-                [panel(hit) for hit in OUTCOMES], f"predicted, lever {base.lever.words}"
-            ),
-        ),
-        Drawing(
-            "dsn16_a_map",
-            "Scenario A, predicted: share of twenty onsets in each cell.",
-            drawings.maps(maps, labels, "displacement D, um"),
-        ),
-    )
 
 
 def _notes(
     base: VariantRuns, runs: Mapping[str, VariantRuns], cases: Sequence[VariantCase]
 ) -> tuple[str, ...]:
-    ranked = sensitivity.ranked(cases, base)
+    ranked = attacks.ranked(cases, base)
     most = ", ".join(
         f"{name} {points:+.1f} ({changed} cells)" for name, points, changed in ranked[:8]
     )
@@ -269,12 +190,12 @@ def _notes(
             f" {base.lever.words}."
         ),
         "Displacements, durations and onsets are a fixed grid and no noise is added, so a share has"
-        " no interval." + timing.draws_note(base, runs.values()),
+        " no interval." + attacks.draws_note(base, runs.values()),
         (
             "What the answers are worth, mean points of P(jump) over all cells against the"
             f" baseline: {most}."
         ),
-        timing.lengths_note(base, runs.values()),
+        attacks.lengths_note(base, runs.values()),
         _short(base, runs),
         _stops(base, runs),
         (
@@ -309,7 +230,7 @@ def _stops(base: VariantRuns, runs: Mapping[str, VariantRuns]) -> str:
     ]
     levers = [
         f"{name} {float(runs[name].percent('stop').mean()):.1f} %"
-        for name in trajectory.LEVERS
+        for name in attacks.LEVERS
         if name in runs
     ]
     longer = f"; with longer levers {', '.join(levers)}" if levers else ""

@@ -10,36 +10,29 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import pandas as pd
 
-from ravenjax.hazards import classes, expansion, library, maude, severity
+from ravenjax.hazards import expansion, library, maude
 from ravenjax.hazards.library import Hazard
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.sections import risk
 from ravenjax.report.sections.risk import Pool, PoolRisk
 from ravenjax.stats.bootstrap.units import FEW, FEWEST
-from ravenjax.stats.intervals import Estimate, Rate, share
+from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
-from studies.framework import literature
-from studies.framework.study import (
+from studies.hazards import safecomp45
+from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome, normal
+from studies.study import (
     Context,
     Findings,
     Line,
+    Published,
     Study,
     StudyEstimate,
     Table,
     Variant,
 )
-from studies.hazards import agreement
-from studies.hazards.agreement import NOT_SIMULATED, HazardOutcome
-from studies.hazards.safecomp45 import normal
 
 BASELINE = "library"
-SCENARIOS = {
-    "temporarily_unavailable": "temporarily unavailable",
-    "permanently_unavailable": "permanently unavailable",
-    "sudden_jump": "sudden jump",
-}
-"""Variants that are training scenarios of IROS 2016, and their names there."""
 MANIFEST: dict[str, tuple[str, ...]] = {
     "network": ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
     "get_usb": ("B01", "B02", "B03", "B23"),
@@ -51,51 +44,21 @@ MANIFEST: dict[str, tuple[str, ...]] = {
 
 
 def compare(context: Context) -> Findings:
-    """Every row of the library, its risk, and the three scenarios."""
+    """Every row of the library, and its risk."""
     frame = folder.read_all(context.folders[BASELINE])
-    outcomes = agreement.outcomes(frame)
+    outcomes = safecomp45.hazard_outcomes(frame)
     counts = risk.counts(frame)
     return Findings(
-        lines=tuple(_lines(outcomes, literature.read("hazard_library"))),
+        lines=tuple(_lines(outcomes, Published("hazard_library"))),
         tables=(
             row_table(outcomes, {one.hazard.id: documented(frame, one.hazard) for one in outcomes}),
             documented_only_table(),
-            hazard_table(risk.by_hazard(counts), risk.counts(frame, cue=None)),
-            pool_table(
-                "Risk by class of hazard and training scenario",
-                [risk.by_pool(counts, p) for p in class_pools()],
-            ),
             pool_table(
                 "Risk by category of adverse event reports", report_risk(counts), maude.CAVEAT
             ),
-            *(
-                scenario_table(words, folder.read_all(context.folders[name]))
-                for name, words in SCENARIOS.items()
-                if name in context.folders
-            ),
         ),
-        notes=_notes(frame, outcomes),
+        notes=NOTES,
     )
-
-
-def class_pools() -> list[Pool]:
-    """Rows of the library by the hazards of the analysis (H1-1 ..), and by training scenario."""
-    rows, words = library.rows(), library.terms()["hazards"]
-    scenarios = dict.fromkeys(name for row in rows for name in row.scenarios)
-    return [
-        *(
-            Pool(name, text, tuple(row.id for row in rows if name in row.hazards))
-            for name, text in words.items()
-        ),
-        *(
-            Pool(
-                name,
-                "training scenario of IROS 2016",
-                tuple(row.id for row in rows if name in row.scenarios),
-            )
-            for name in scenarios
-        ),
-    ]
 
 
 def report_risk(counts: risk.Counts) -> list[PoolRisk]:
@@ -184,38 +147,6 @@ def documented_only_table() -> Table:
     )
 
 
-def hazard_table(rows: Sequence[risk.HazardRisk], uncued: risk.Counts) -> Table:
-    """Severities of each hazard, the worst first; `uncued`: counts where the cue is no alarm."""
-    return Table(
-        "Severity by hazard, the worst first",
-        (
-            "hazard",
-            "what",
-            *map(str, range(len(severity.SCALE))),
-            "mean severity",
-            "injury-capable",
-            "no alarm",
-            "no alarm, if there were no cue",
-        ),
-        tuple(
-            (
-                row.hazard,
-                library.find(row.hazard).title,
-                *row.counts,
-                round(row.mean, 2),
-                _rate(row.injury),
-                _rate(row.silent),
-                _rate(share(int(uncued[row.hazard][-1]), int(uncued[row.hazard].sum()))),
-            )
-            for row in rows
-        ),
-        _scale()
-        + " Mean severity is probability times severity, summed; the numbers are ordinal, so it"
-        " ranks and does not measure. Injury-capable, no alarm: of the runs of that hazard, the"
-        " cells of a design; no interval.",
-    )
-
-
 def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
     """Risk of classes or categories; one without a simulated hazard is listed as such."""
     return Table(
@@ -239,35 +170,6 @@ def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
     )
 
 
-def scenario_table(words: str, frame: pd.DataFrame) -> Table:
-    """Classes and severities of each group of one training scenario."""
-    class_flags, grades = classes.classify(frame), severity.severity(frame)
-    uncued = severity.severity(frame, cue=None)
-    rows = []
-    for group, part in frame.groupby(frame["group"].astype(str), sort=False):
-        mine = class_flags.loc[part.index]
-        graded = grades.loc[part.index].dropna()
-        summary = ", ".join(f"{name} {k}" for name in mine if (k := np.count_nonzero(mine[name])))
-        numbers = [np.count_nonzero(graded == number) for number in range(len(severity.SCALE))]
-        blind = np.count_nonzero(uncued.loc[part.index].dropna() == len(severity.SCALE) - 1)
-        rows.append(
-            (group, len(part), np.count_nonzero(part["activated"]), summary, *numbers, blind)
-        )
-    return Table(
-        f"Training scenario: {words}",
-        (
-            "group",
-            "runs",
-            "activated",
-            "classes (runs)",
-            *map(str, range(len(severity.SCALE))),
-            "5, if there were no cue",
-        ),
-        tuple(rows),
-        _scale(),
-    )
-
-
 def _within(values: pd.Series, documented_values: object) -> pd.Series:
     """Which values are among those that a plain group writes, or between the ends of what it
     draws.
@@ -285,7 +187,7 @@ def _within(values: pd.Series, documented_values: object) -> pd.Series:
     return values.isin(listed)
 
 
-def _lines(found: Sequence[HazardOutcome], published: literature.Published) -> Iterator[Line]:
+def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Line]:
     by_id = {one.hazard.id: one for one in found}
     runnable = [one for one in found if one.verdict != NOT_SIMULATED]
 
@@ -324,10 +226,6 @@ def _manifest(rows: Sequence[HazardOutcome], name: str) -> StudyEstimate | None:
     )
 
 
-def _rate(rate: Rate) -> str:
-    return f"{rate.k} of {rate.n}, {wording.percent(rate.value)}"
-
-
 def _mean(mean: Estimate | None) -> str:
     if mean is None:
         return ""
@@ -339,52 +237,33 @@ def _mean(mean: Estimate | None) -> str:
     )
 
 
-def _scale() -> str:
-    return (
-        "Severity: "
-        + "; ".join(f"{number} {words}" for number, words in enumerate(severity.SCALE))
-        + "."
-    )
-
-
-def _notes(frame: pd.DataFrame, found: Sequence[HazardOutcome]) -> tuple[str, ...]:
-    idle = [
-        f"{one.hazard.id} {one.runs - one.activated} of {one.runs}"
-        for one in found
-        if one.verdict != NOT_SIMULATED and one.activated < one.runs
-    ]
-    failed = np.count_nonzero(frame["failed"] != "")
-    return (
-        (
-            "A severity is of one run and given its fault. Nothing here says how often a fault"
-            " strikes: no source does. The values of a hazard are those of its source, so that a"
-            " share of its runs has no sampling interval."
-        ),
-        (
-            f"Runs that changed no bit: {', '.join(idle) or 'none'}. They are no misses of the"
-            " injection but values that the signal had anyway, and windows in which it was not"
-            " there."
-        ),
-        (
-            "A restart is taken to meet a fault again that lasts until the end of the run or comes"
-            " again and again. One of the software clears some of these, so severity 3 is an upper"
-            " bound of what needs a conversion."
-        ),
-        (
-            "Injury-capable motion is a jump of the true tip, an unintended motion of more than"
-            f" {LIMIT_MM:g} mm (live or not), or a tip more than 1 mm deeper in the tissue than its"
-            " golden run's. Whether it injures depends on where it happens; nothing here knows."
-        ),
-        (
-            "The weighted risk hangs on one row: broken instruments are almost half of the reports,"
-            " and a weak or broken cable (M01) alone stands for them, unseen by encoders on the"
-            " motors' side and so by checks and cue. Most of those reported are other parts that"
-            " broke."
-        ),
-        "Jaws are not seen: C08 and C12 change their opening alone, which moves no tip.",
-        *([f"{failed} runs gave no valid outcome and are in no count."] if failed else []),
-    )
-
+NOTES = (
+    (
+        "A severity is of one run and given its fault. Nothing here says how often a fault strikes:"
+        " no source does. The values of a hazard are those of its source, so that a share of its"
+        " runs has no sampling interval."
+    ),
+    (
+        "Runs that changed no bit are no misses of the injection but values that the signal had"
+        " anyway, and windows in which it was not there."
+    ),
+    (
+        "A restart is taken to meet a fault again that lasts until the end of the run or comes"
+        " again and again. One of the software clears some of these, so severity 3 is an upper"
+        " bound of what needs a conversion."
+    ),
+    (
+        "Injury-capable motion is a jump of the true tip, an unintended motion of more than"
+        f" {LIMIT_MM:g} mm (live or not), or a tip more than 1 mm deeper in the tissue than its"
+        " golden run's. Whether it injures depends on where it happens; nothing here knows."
+    ),
+    (
+        "The weighted risk hangs on one row: broken instruments are almost half of the reports,"
+        " and a weak or broken cable (M01) alone stands for them, unseen by encoders on the"
+        " motors' side and so by checks and cue. Most of those reported are other parts that broke."
+    ),
+    "Jaws are not seen: C08 and C12 change their opening alone, which moves no tip.",
+)
 
 STUDY = Study(
     name="hazard_library",
@@ -393,13 +272,7 @@ STUDY = Study(
         "SAFECOMP 2015, DSN 2016, MCPS 2015, IROS 2016, PLOS ONE 2016 and others, as each row says"
     ),
     question="What does each known hazard do to the simulated robot, and which are worst?",
-    variants=(
-        Variant(BASELINE, "hazard_library.toml"),
-        *(
-            Variant(name, f"hazard_{name}.toml", question=f"Training scenario: {words}")
-            for name, words in SCENARIOS.items()
-        ),
-    ),
+    variants=(Variant(BASELINE, "hazard_library.toml"),),
     compare=compare,
     minutes=0.5,
 )

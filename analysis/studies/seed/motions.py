@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from studies.framework.study import StudyEstimate
+from studies.study import StudyEstimate
 
 Motion = tuple[str, int]
 """Kind and seed."""
