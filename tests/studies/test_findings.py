@@ -82,7 +82,7 @@ def test_a_study_without_campaigns_is_compared_and_written_and_kept(tmp_path):
     record = json.loads((folder / "findings.json").read_text())
     assert record["provenance"]["campaigns"] == [] and record["lines"][4]["predicted"] is None
     assert record["tables"][0]["rows"][1] == ["b", None]
-    assert "<table>" in (folder / "findings.html").read_text()
+    assert "<table" in (folder / "findings.html").read_text()
     findings.keep(folder, tmp_path / "kept")
     page = (tmp_path / "kept/findings.md").read_text()
     assert (tmp_path / "kept/findings.json").read_bytes() == (folder / "findings.json").read_bytes()

@@ -154,11 +154,6 @@ def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> No
     found = detectors.point(runs, free([[0, 0, 0, 0]] * 2), *PUBLISHED)
     assert (found.caught.value, found.caught.n) == (pytest.approx(2 / 3), 3)
     assert found.before.value == pytest.approx(1 / 3)
-    assert found.disturbed.value == 1.0
-    assert found.precision.value == pytest.approx(2 / 3)
-    assert found.delay_ms.value == 200  # of 50, 200 and never
-    assert found.lead_ms.value == -100
-    assert found.mean_delay_ms.value == pytest.approx((50 + 200 + 900) / 3)
     assert (found.false.value, found.false.n) == (0.0, 0)
     assert found.false.high == pytest.approx(3.689 / 2, rel=1e-3)
 
