@@ -154,7 +154,7 @@ def test_a_run_as_published_meets_a4_and_a5(monkeypatch):
 
 def test_without_one_it_does_not(monkeypatch):
     findings = compared(monkeypatch, (750.0,))
-    constants, settings, packets = findings.tables
+    constants, settings = findings.tables
     by_value = {row[0]: row for row in constants.rows}
     assert by_value["+750"][-1] == 1 and by_value["+700"][-1] == 0
     assert by_value["+750"][2] == "0 0 0 1" and by_value["+700"][2] == "none"

@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import math
 
-import numpy as np
 import pytest
 
 from ravenjax.campaign import loading, plan
@@ -84,9 +83,8 @@ def test_friction_is_taken_from_the_model_where_the_name_says_so(ready):
 def made(mean_of, peak_of=lambda motion, scale: 15.0 * scale, pulses=0):
     def one(motion, scale):
         mean = mean_of(motion, scale)
-        drawn = np.full(500, mean, np.float32)
         return RunSegment(
-            "", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1, drawn
+            "", scale, peak_of(motion, scale), mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1
         )
 
     return {motion: {scale: one(motion, scale) for scale in SCALES} for motion in MOTIONS}
