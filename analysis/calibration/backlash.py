@@ -16,6 +16,9 @@ Level before and after: medians over the middle 40 % of the strokes. A stroke tu
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 
 from ravenjax.analyses.calibration import position_loop, tables
@@ -25,8 +28,11 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
-from ravenjax.studies.dsn16.recording import closed_loop
-from ravenjax.studies.mechanics import recordings
+from studies import mechanics
+from studies.dsn16 import recording
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 
 REACHED, LEAST, SMOOTH_MS = 0.9, 0.1, 25.0
 MIDDLE = (0.3, 0.7)
@@ -126,17 +132,17 @@ def main() -> None:
     """Both recorded arms."""
     lines: list[tuple[str, ...]] = []
     for name, file, read, period_ms in (
-        ("the authors' arm", recordings.THREE_JOINTS, recordings.three_joints, 1.0),
+        ("the authors' arm", mechanics.THREE_JOINTS, mechanics.three_joints, 1.0),
         (
             "the arm of 2018",
-            recordings.SEVEN_JOINTS,
-            recordings.seven_joints,
-            recordings.SEVEN_PERIOD_MS,
+            mechanics.SEVEN_JOINTS,
+            mechanics.seven_joints,
+            mechanics.SEVEN_PERIOD_MS,
         ),
     ):
-        path = closed_loop.locate(file)
+        path = recording.locate(file)
         if path is None:
-            raise FileNotFoundError(f"{file}: set {closed_loop.DATA} to its folder")
+            raise FileNotFoundError(f"{file}: set {recording.DATA} to its folder")
         lines += rows(name, read(path), period_ms)
     columns = (
         "arm",

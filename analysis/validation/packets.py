@@ -17,7 +17,10 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.robots.raven2.console import arrivals
-from ravenjax.studies.dsn16.recording import closed_loop, packet_lengths
+from studies.dsn16 import recording
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 
 CONSOLE_BEGINS_MS = 200.0
 """Before it the recorded console waits for the robot."""
@@ -37,13 +40,13 @@ def main() -> None:
         os.environ.get("RAVENJAX_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data"
     )
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else default)
-    robot = closed_loop.read(folder / closed_loop.FILE)
+    robot = recording.read(folder / recording.FILE)
     for counts in (3.0, 5.0, 8.0, 12.0, 16.0):
-        line(f"robot, above {counts:g} counts/ms", packet_lengths.of_robot(robot, counts))
+        line(f"robot, above {counts:g} counts/ms", recording.of_robot(robot, counts))
     hands = pd.read_parquet(folder / "operator_positions.parquet")
     for arm in ("gold", "green"):
         position = hands[[f"{arm}_{axis}_um" for axis in "xyz"]].to_numpy(float)
-        line(f"operator_positions, {arm}", packet_lengths.of_positions(position))
+        line(f"operator_positions, {arm}", recording.of_positions(position))
     joints = pd.read_parquet(folder / "recording_gold_7joints.parquet")
     repeats = np.all(np.diff(joints.filter(like="jpos_d_").to_numpy(), axis=0) == 0, axis=1)
     print(f"recording_gold_7joints: {100.0 * repeats.mean():.2f} % of rows, 4.94 ms apart, repeat")

@@ -31,16 +31,10 @@ from scipy.signal import butter, filtfilt
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import authors, robot
-from ravenjax.studies.dsn16.recording import closed_loop as recording
-from ravenjax.studies.dsn16.recording.closed_loop import (
-    ARM,
-    FILE,
-    JOINTS,
-    SETUP,
-    closed_loop,
-    started,
-    tips,
-)
+from studies.dsn16 import recording
+from studies.dsn16.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:

@@ -18,7 +18,9 @@ rad.
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -26,8 +28,11 @@ from ravenjax.analyses.calibration.position_loop import RAVEN2
 from ravenjax.document.tables import markdown_table
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import published
-from ravenjax.studies.dsn16.recording import closed_loop
-from ravenjax.studies.mechanics import recordings
+from studies import mechanics
+from studies.dsn16 import recording
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 
 WRIST, STEP_S = 4, 2.47e-3  # half of the recording's period
 EARLY, LATE, WHOLE, SECOND = (1.0, 10.0), (10.0, 20.1), (1.0, 20.1), (20.1, 41.0)  # s
@@ -77,13 +82,11 @@ class Course:
     @classmethod
     def read(cls) -> Course:
         """That of the arm of 2018. Raises FileNotFoundError."""
-        path = closed_loop.locate(recordings.SEVEN_JOINTS)
+        path = recording.locate(mechanics.SEVEN_JOINTS)
         if path is None:
-            raise FileNotFoundError(
-                f"{recordings.SEVEN_JOINTS}: set {closed_loop.DATA} to its folder"
-            )
-        log = recordings.seven_joints(path).log
-        period = recordings.SEVEN_PERIOD_MS * 1e-3
+            raise FileNotFoundError(f"{mechanics.SEVEN_JOINTS}: set {recording.DATA} to its folder")
+        log = mechanics.seven_joints(path).log
+        period = mechanics.SEVEN_PERIOD_MS * 1e-3
         times = period * np.arange(len(log.measured) + 1)
         joints, desired = (
             np.vstack([log.start, log.measured]),

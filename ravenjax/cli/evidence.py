@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from ravenjax.cli import console
+from ravenjax.cli import console, studies
 from ravenjax.cli.console import AsJson
 
 if TYPE_CHECKING:
@@ -87,10 +87,9 @@ def _of_model(folder: Path) -> ModelCredibility:
     import ravenjax
     from ravenjax.errors import UserError
     from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
-    from ravenjax.studies import catalogue
-    from ravenjax.studies.framework import claims, quoting, writing
 
-    records = writing.records(folder, catalogue.NAMES)
+    claims, findings = studies.load("claims"), studies.load("findings")
+    records = findings.records(folder, studies.load().NAMES)
     if not records:
         raise UserError(
             f"--credibility {folder}: no findings of a study there; a checkout has some in"
@@ -102,8 +101,8 @@ def _of_model(folder: Path) -> ModelCredibility:
         places = [
             root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)
         ]
-        tables = [folder.resolve() / one.study / writing.JSON] if one.tables or one.numbers else []
-        text = quoting.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
+        tables = [folder.resolve() / one.study / findings.JSON] if one.tables or one.numbers else []
+        text = claims.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
         files = tuple(dict.fromkeys([*places, *tables]))
         statements.append(CredibilityStatement(one.category, one.name, text, files))
     return ModelCredibility(claims.CATEGORIES, tuple(statements), root)

@@ -1,4 +1,4 @@
-"""Commands that compute: `run`, `fault-free`, `search`, `reproduce`."""
+"""Commands that compute: `run`, `fault-free`, `search`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, Overrides
+from ravenjax.cli.console import AsJson, Overrides
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
@@ -254,91 +254,10 @@ def search(
     with _ended_by_signals(), terminal.Watch(screen) as watch:
         result = runner.run(file, out, engine, overrides or (), watch)
     if as_json:
-        console.emit_json(_file(result.out, output.NUMBERS))
+        numbers = json.loads((result.out / output.NUMBERS).read_text(encoding="utf-8"))
+        console.emit_json({"folder": result.out} | numbers)
         return
     for sentence in result.findings.sentences:
         console.say(f"- {sentence}")
     console.say(f"search: {result.out}")
     console.say(f"page: {result.out / output.PAGE}")
-
-
-def reproduce(
-    name: str | None = None,
-    *,
-    out: Annotated[Path, Parameter(help="folder; each study has one inside")] = Path(
-        "results/reproduce"
-    ),
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
-    keep: Annotated[
-        Path | None, Parameter(help="also copy the findings, without pictures, into this folder")
-    ] = None,
-    as_json: Annotated[
-        bool,
-        Parameter(
-            name="--json", negative="", help="list the studies as JSON; of a study, its findings"
-        ),
-    ] = False,
-) -> None:
-    """Run a published experiment, or a study of our own, and set what is predicted beside what was
-    published.
-
-    Parameters
-    ----------
-    name
-        The study, or "all". Without one: list them.
-    """
-    from ravenjax.cli import terminal
-    from ravenjax.studies import catalogue, running
-    from ravenjax.studies.framework import credibility, markdown, targets, writing
-    from ravenjax.studies.framework.study import plain
-
-    if name is None:
-        studies = [catalogue.find(one_name) for one_name in catalogue.NAMES]
-        rows = [
-            (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}") for one in studies
-        ]
-        columns = ("name", "what", "targets", "minutes")
-        goals = [
-            (one.id, one.title, one.source, one.band, one.judged_by)
-            for one in targets.targets().values()
-        ]
-        listings = [
-            Listing("studies", "Studies: ravenjax reproduce NAME", columns, rows),
-            Listing(
-                "targets",
-                "Targets: met where every line with a band is inside it",
-                ("target", "what", "published", "band", "judged by"),
-                goals,
-            ),
-        ]
-        console.emit(listings, as_json)
-        return
-    names = catalogue.NAMES if name == "all" else (catalogue.find(name).name,)
-    for study in names:
-        with terminal.Watch(console.err if as_json else console.out) as watch:
-            findings = running.reproduce(study, out, engine, watch)
-        if not as_json and findings.lines:
-            title = catalogue.find(study).title
-            console.out.print(
-                terminal.table(title, markdown.BRIEF_COLUMNS, markdown.line_rows(findings))
-            )
-        if not as_json:
-            for state in targets.states(plain(findings)["lines"]):
-                console.say(f"{targets.sentence(state)}. {targets.definition(state.id)}")
-            for answer in credibility.answers(writing.read(out / study)):
-                console.say(f"- {answer}")
-            console.say(f"findings: {out / study / writing.PAGE}")
-            console.say(f"page: {out / study / writing.HTML}")
-        if keep is not None:
-            writing.keep(out / study, keep / study)
-    for folder in filter(None, (out, keep)):
-        page = writing.write_credibility(folder, catalogue.NAMES)
-        if not as_json:
-            console.say(f"credibility: {page}")
-    if as_json:
-        console.emit_json([_file(out / study, writing.JSON) for study in names])
-
-
-def _file(folder: Path, name: str) -> dict[str, Any]:
-    """What a file of JSON in a folder says, and the folder."""
-    return {"folder": folder} | json.loads((folder / name).read_text(encoding="utf-8"))

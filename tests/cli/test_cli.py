@@ -255,7 +255,7 @@ def test_faults_as_json(run):
 
 
 def test_studies_as_json(run):
-    from ravenjax.studies import catalogue as studies
+    import studies
 
     _, told = as_json(run, "reproduce")
     assert [one["name"] for one in told["studies"]] == list(studies.NAMES) and told["targets"][0][

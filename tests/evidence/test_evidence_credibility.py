@@ -16,7 +16,7 @@ from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
 from ravenjax.evidence.record import NOTICE
 from ravenjax.store.files import sha256
 from ravenjax.store.folder import ResultFolder
-from ravenjax.studies.framework import claims
+from studies import claims
 
 ROOT = Path(__file__).parents[2]
 RUNS = 120

@@ -13,8 +13,8 @@ from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest
 from ravenjax.store.access import lock
 from ravenjax.store.logs.session import description
-from ravenjax.studies.framework import writing
 from ravenjax.train.scenario import loading as scenarios
+from studies import findings
 
 LONGEST = 20_000
 """Characters of an error."""
@@ -66,7 +66,7 @@ NESTED = ("[" * 100_000, '{"a":' * 100_000)
     [
         (manifest.FILE, manifest.read),
         (description.FILE, description.read),
-        (writing.JSON, writing.read),
+        (findings.JSON, findings.read),
     ],
 )
 def test_json_nested_without_end_is_one_error(tmp_path, name, read, text):

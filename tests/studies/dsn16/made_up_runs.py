@@ -8,10 +8,8 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.campaign import loading
-from ravenjax.studies.dsn16 import packet_ticks
-from ravenjax.studies.dsn16 import runs as dsn16_runs
-from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import VariantRuns
+from studies.dsn16 import attacks
+from studies.dsn16.attacks import DURATIONS, VariantRuns
 
 ONSETS = range(1000, 2000, 100)
 VALUES = (100, 1000, 10000, 40000)
@@ -53,6 +51,4 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
 def runs_of(jumps: Mapping[tuple[float, int], int], name: str = "made_up") -> VariantRuns:
     """The runs of such a table."""
     config, frame = loading.load("dsn16_b.toml"), table(jumps)
-    return dsn16_runs.of(
-        name, config, frame, packet_ticks.regular(len(frame), config.campaign.ticks)
-    )
+    return attacks.runs_of(name, config, frame, attacks.regular(len(frame), config.campaign.ticks))

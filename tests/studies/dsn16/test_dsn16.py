@@ -10,8 +10,8 @@ import jax
 import numpy as np
 import pytest
 from made_up_runs import ONSETS, VALUES, runs_of
-from matplotlib.figure import Figure
 
+import studies
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.faults import design
 from ravenjax.numbers.vec import Vec
@@ -19,14 +19,9 @@ from ravenjax.robots.raven2.console import motions
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.stats.intervals import wilson
-from ravenjax.studies import catalogue
-from ravenjax.studies.dsn16 import drawings, motor_notes, sensitivity, statements, trajectory
-from ravenjax.studies.dsn16.cells import DURATIONS
-from ravenjax.studies.dsn16.runs import stored
-from ravenjax.studies.dsn16.sensitivity import VariantCase
-from ravenjax.studies.dsn16.trajectory import Lever
-from ravenjax.studies.framework import literature
-from ravenjax.studies.framework.study import Context, Findings, Study
+from studies.dsn16 import attacks, motor_commands
+from studies.dsn16.attacks import DURATIONS, Lever, VariantCase, stored
+from studies.study import Context, Findings, Published, Study
 
 STUDIES = ("dsn16_a", "dsn16_b", "dsn16_thresholds")
 ONSETS_A = range(1000, 2000, 50)
@@ -74,7 +69,7 @@ def test_every_cell_of_scenario_a_displaces_three_axes_alike() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_variant_is_a_valid_campaign_of_its_own(name: str) -> None:
-    study = catalogue.find(name)
+    study = studies.find(name)
     names = [variant.name for variant in study.variants]
     assert len(set(names)) == len(names)
     first, *others = study.variants
@@ -86,7 +81,7 @@ def test_every_variant_is_a_valid_campaign_of_its_own(name: str) -> None:
 
 
 def test_bands_are_the_wilson_intervals_widened_by_ten_points() -> None:
-    published = literature.read("dsn16")
+    published = Published("dsn16")
     for duration in DURATIONS:
         low, high = published.band(f"b.jump.{duration}ms")
         rate = wilson(int(published.value(f"b.jump.{duration}ms")), int(published.value("b.runs")))
@@ -111,7 +106,7 @@ def test_published_file_holds_nothing_that_was_withheld() -> None:
         "dac",
     }
     known |= {"tip_error"}
-    for key in literature.read("dsn16").numbers:
+    for key in Published("dsn16").numbers:
         assert any(key == k or key.startswith(f"{k}.") for k in known), key
 
 
@@ -121,10 +116,10 @@ def test_published_file_holds_nothing_that_was_withheld() -> None:
 
 def test_levers_cover_80_to_180_mm() -> None:
     rows = np.arange(1900, 3900, 100)  # of the motion, about the packets at which faults start
-    base = trajectory.lever(loading.load("dsn16_b.toml"), rows)
+    base = attacks.lever(loading.load("dsn16_b.toml"), rows)
     assert 72.0 <= base.low <= base.high <= 87.0
-    for nominal, overrides in zip((110, 145, 180), trajectory.LEVERS.values(), strict=True):
-        found = trajectory.lever(loading.load("dsn16_b.toml", list(overrides)), rows)
+    for nominal, overrides in zip((110, 145, 180), attacks.LEVERS.values(), strict=True):
+        found = attacks.lever(loading.load("dsn16_b.toml", list(overrides)), rows)
         assert found.low == pytest.approx(nominal, rel=0.1)
         assert found.high == pytest.approx(nominal, rel=0.04)
 
@@ -134,8 +129,8 @@ def test_longer_levers_are_the_stitches_of_the_baseline_drawn_back() -> None:
     drawn back.
     """
     home = Vec(np.float64(q) for q in HOME_JPOS)
-    plain = trajectory.desired_tip(loading.load("dsn16_b.toml"))
-    for overrides, insertion in zip(trajectory.LEVERS.values(), (0.372, 0.336, 0.300), strict=True):
+    plain = attacks.desired_tip(loading.load("dsn16_b.toml"))
+    for overrides, insertion in zip(attacks.LEVERS.values(), (0.372, 0.336, 0.300), strict=True):
         config = loading.load("dsn16_b.toml", list(overrides))
         with jax.enable_x64(True):
             back = kinematics.forward(
@@ -143,19 +138,7 @@ def test_longer_levers_are_the_stitches_of_the_baseline_drawn_back() -> None:
             ).position
             there = kinematics.forward("gold", home).position
         shift = [float(a) - float(b) for a, b in zip(back, there, strict=True)]
-        np.testing.assert_allclose(trajectory.desired_tip(config), plain + shift, atol=1e-9)
-
-
-def test_recording_is_used_only_where_it_is(tmp_path: Path) -> None:
-    assert trajectory.recorded({}) == {}
-    assert trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)}) == {}
-    (tmp_path / "operator_positions.parquet").touch()
-    found = trajectory.recorded({"RAVENJAX_DATA": str(tmp_path)})
-    assert list(found) == ["recorded_0s", "recorded_6s", "recorded_18s", "recorded_51s"]
-    assert all(
-        f"operator.file={tmp_path / 'operator_positions.parquet'}" in overrides
-        for overrides in found.values()
-    )
+        np.testing.assert_allclose(attacks.desired_tip(config), plain + shift, atol=1e-9)
 
 
 def test_lever_in_words() -> None:
@@ -213,7 +196,7 @@ def test_sensitivity_table_compares_cell_by_cell() -> None:
     more = runs_of({(40000, d): 10 for d in (8, 16, 32)}, "more")
     published = np.array([0, 0, 0, 25.0, 25.0, 25.0, 0, 0])
     bands = [(0.0, 30.0)] * 8
-    found = sensitivity.table(
+    found = attacks.sensitivity_table(
         "t", [VariantCase(base, "", label="b"), VariantCase(more, "q")], base, published, bands, 0.6
     )
     by_name = {row[0]: dict(zip(found.columns, row, strict=True)) for row in found.rows}
@@ -225,8 +208,7 @@ def test_sensitivity_table_compares_cell_by_cell() -> None:
     assert by_name["b"]["above / below"] == "0 / 1"
     assert by_name["more"]["in band"] == "8 of 8"
     assert [
-        name
-        for name, *_ in sensitivity.ranked([VariantCase(base, ""), VariantCase(more, "q")], base)
+        name for name, *_ in attacks.ranked([VariantCase(base, ""), VariantCase(more, "q")], base)
     ] == [
         "more",
         "made_up",
@@ -238,43 +220,22 @@ def test_statements_hold_or_not_as_the_counts_say() -> None:
     stops = np.array([1, 0, 1, 1, 20, 50, 64, 78.0])
     calm = runs_of({(10000, d): 10 for d in (16, 32, 64, 128)})
     moved = np.where(np.isin(calm.duration, (2, 4)), 2.0, 0.0)
-    lines = statements.scenario_b(calm, moved, published, stops)
+    lines = attacks.scenario_b(calm, moved, published, stops)
     assert [line.predicted.value for line in lines if line.predicted] == [1.0, 1.0, 0.0, 0.0]
     assert [line.passed for line in lines] == [True, True, False, False]
     wild = runs_of({(100, 8): 1, (1000, 2): 1})
-    small, bursts, *_ = statements.scenario_b(wild, moved, published, stops)
+    small, bursts, *_ = attacks.scenario_b(wild, moved, published, stops)
     assert small.passed is False and "1 of 70 runs" in small.reason  # 100 counts, seven durations
     assert bursts.passed is False
     open_window = runs_of({(10000, d): 10 for d in DURATIONS[1:]})
-    assert statements.of_attack(open_window)[1].passed is True
+    assert attacks.of_attack(open_window)[1].passed is True
 
 
 def test_fit_needs_every_band_and_no_bias() -> None:
     jumps, bands = np.full(8, 50.0), [(40.0, 60.0)] * 8
-    assert motor_notes.fits(jumps + np.tile([5.0, -5.0], 4), jumps, bands, 0.6)
-    assert not motor_notes.fits(jumps + 5.0, jumps, bands, 0.6)  # all above
-    assert not motor_notes.fits(jumps + np.tile([5.0, -11.0], 4), jumps, bands, 0.6)  # outside
-
-
-def test_drawings_draw() -> None:
-    runs = runs_of({(40000, 8): 10, (10000, 64): 4})
-    percent = runs.percent("jump")
-    panel = drawings.Panel(
-        "P(jump)",
-        percent,
-        np.stack([percent, percent + 10]),
-        {"other": percent},
-        percent,
-        np.stack([percent, percent + 5]),
-        None,
-    )
-    figure = Figure()
-    drawings.rates([panel, panel], "made up")(figure)
-    assert [axis.get_title() for axis in figure.axes] == ["P(jump)", "P(jump)"]
-    figure = Figure()
-    drawings.maps({"jump": runs.share("jump")}, [str(v) for v in VALUES], "value")(figure)
-    written = [text.get_text() for text in figure.axes[0].texts]
-    assert sorted(written) == ["100", "40"]
+    assert motor_commands.fits(jumps + np.tile([5.0, -5.0], 4), jumps, bands, 0.6)
+    assert not motor_commands.fits(jumps + 5.0, jumps, bands, 0.6)  # all above
+    assert not motor_commands.fits(jumps + np.tile([5.0, -11.0], 4), jumps, bands, 0.6)  # outside
 
 
 # --- end to end -----------------------------------------------------------------------------------
@@ -297,7 +258,7 @@ def test_scenario_b_end_to_end(tmp_path: Path) -> None:
     thin = ("group.scenario_b.fault.0.start_ms=[1000,1500]",)
     few = ("group.fault_free.repeats=2",)
     found = smaller(
-        catalogue.find("dsn16_b"),
+        studies.find("dsn16_b"),
         {
             "baseline": thin,
             "slow_replay": thin,
@@ -326,7 +287,7 @@ def test_scenario_b_end_to_end(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_scenario_a_and_thresholds_end_to_end(tmp_path: Path) -> None:
     few = ("group.fault_free.repeats=2",)
-    a = catalogue.find("dsn16_a")
+    a = studies.find("dsn16_a")
     training = {"training_suture": few, "training_peg_transfer": few}
     found = smaller(a, {"baseline": (), "drift": (), **training}, tmp_path / "a")
     assert all(line.published is None or "stated" in line.published.of for line in found.lines)
@@ -349,7 +310,7 @@ def test_scenario_a_and_thresholds_end_to_end(tmp_path: Path) -> None:
     ]
     few = ("group.fault_free.repeats=3",)
     found = smaller(
-        catalogue.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few}, tmp_path / "t"
+        studies.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few}, tmp_path / "t"
     )
     assert len(found.tables[0].rows) == 18
     steps = [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.studies.dsn16 import cells as dsn16_cells
-from ravenjax.studies.dsn16.cells import bias, in_band, inside, means, rate
+from studies.dsn16 import attacks
+from studies.dsn16.attacks import bias, in_band, inside, means, rate
 
 
 def test_means_are_the_share_of_each_cell() -> None:
@@ -70,4 +70,4 @@ def test_published_window_counts_packets() -> None:
 
 
 def test_durations_are_those_of_the_publication() -> None:
-    assert dsn16_cells.DURATIONS == (1, 2, 4, 8, 16, 32, 64, 128)
+    assert attacks.DURATIONS == (1, 2, 4, 8, 16, 32, 64, 128)

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.studies.dsn16 import detection, detector
-from ravenjax.studies.dsn16.detector import Learned, alarms, maxima_interval, pooled_interval, score
-from ravenjax.studies.dsn16.published_log import Log, log
+from studies.dsn16 import detector
+from studies.dsn16.detector import Learned, Log, log, maxima_interval, pooled_interval, run_alarms
 
 ONES = np.ones((3, 3))
 
@@ -44,10 +43,10 @@ def test_fused_alarm_needs_all_three_in_one_row() -> None:
     one.mpos[1001:, 0] += 2.0  # a step in the row of packet 1001
     one.jpos[1001:, 2] += 2.0
     one.mvel[1001:, 1] += 2.0
-    found = alarms(one, ONES, 1000, 4)
+    found = run_alarms(one, ONES, 1000, 4)
     assert found.inside == (True, False, True, False)  # velocity in one row only
     one.mvel[1002:, 1] += 2.0
-    found = alarms(one, ONES, 1000, 4)
+    found = run_alarms(one, ONES, 1000, 4)
     assert found.inside == (True, True, True, True)
     assert found.first == 1  # packet 1001, one after t1
 
@@ -57,10 +56,10 @@ def test_alarms_outside_the_window_count_anywhere_alone() -> None:
     for column in (late.mpos, late.jpos, late.mvel):
         column[1100:, 0] += 2.0
     late.mvel[1101:, 0] += 2.0
-    found = alarms(late, ONES, 1000, 4)
+    found = run_alarms(late, ONES, 1000, 4)
     assert not any(found.inside) and all(found.anywhere) and found.first == -1
-    assert all(alarms(late, ONES, 1000, 99).inside)  # packet 1100 is in 1000 .. 1000 + 99 + 1
-    assert not any(alarms(late, ONES, 1000, 98).inside)
+    assert all(run_alarms(late, ONES, 1000, 99).inside)  # packet 1100 is in 1000 .. 1000 + 99 + 1
+    assert not any(run_alarms(late, ONES, 1000, 98).inside)
 
 
 def test_learned_thresholds_are_percentiles_of_all_steps_or_of_maxima() -> None:
@@ -90,8 +89,8 @@ def test_runs_with_more_packets_are_cut_to_the_shortest() -> None:
 def test_joints_of_a_jump_are_those_of_the_packets_of_its_two_steps() -> None:
     trace = made_up()
     trace.joints[:, 4] = trace.packet
-    assert detection.jump_steps(trace, 1003)[:, 4].tolist() == [1001.0, 1002.0, 1003.0]
-    assert np.isnan(detection.jump_steps(trace, 0)).all()
+    assert detector.jump_steps(trace, 1003)[:, 4].tolist() == [1001.0, 1002.0, 1003.0]
+    assert np.isnan(detector.jump_steps(trace, 0)).all()
 
 
 def test_block_bootstrap_keeps_runs_together() -> None:
@@ -116,28 +115,12 @@ def test_order_statistics_of_few_runs_have_no_upper_end() -> None:
     assert math.isnan(far.high) and far.low > 90.0
 
 
-def test_score_of_known_counts() -> None:
-    told = np.array([True] * 6 + [False] * 4)
-    jumped = np.array(
-        [True] * 4 + [False] * 2 + [True] * 1 + [False] * 3
-    )  # 4 hits, 2 false, 1 lost, 3 quiet
-    found = score(told, jumped)
-    assert found.tpr == pytest.approx(4 / 5)
-    assert found.fpr == pytest.approx(2 / 5)
-    assert found.precision == pytest.approx(4 / 6)
-    assert found.accuracy == pytest.approx(7 / 10)
-    assert found.f1 == pytest.approx(8 / 11)
-    assert math.isnan(score(np.zeros(3, bool), np.zeros(3, bool)).tpr)
-    with pytest.raises(ValueError, match="one length"):
-        score([True], [True, False])
-
-
 def test_leap_of_the_text_is_a_millimetre_within_two_packets() -> None:
     still = made_up()
-    assert not detection.leaps(still)
+    assert not detector.leaps(still)
     slow = made_up()
     slow.tip[:, 0] = np.arange(len(slow.tip)) * 450.0  # 0.9 mm in two packets
-    assert not detection.leaps(slow)
+    assert not detector.leaps(slow)
     fast = made_up()
     fast.tip[:, 0] = np.arange(len(fast.tip)) * 550.0
-    assert detection.leaps(fast)
+    assert detector.leaps(fast)

@@ -12,10 +12,8 @@ from made_up_runs import runs_of
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.studies.dsn16 import detection, jump_joints, statements
-from ravenjax.studies.dsn16.detection import Watched
-from ravenjax.studies.dsn16.detector import RunAlarms
-from ravenjax.studies.dsn16.jump_joints import JumpCase
+from studies.dsn16 import attacks, detector
+from studies.dsn16.detector import JumpCase, RunAlarms, Watched
 
 POSE = np.array(HOME_JPOS, float) + 0.8 * np.eye(7)[4]
 """With a bent wrist: with a straight one the roll leaves the tip where it is."""
@@ -41,7 +39,7 @@ def moving(**steps: float) -> np.ndarray:
     ("name", "kind"), [("shoulder", 0), ("elbow", 0), ("insertion", 0), ("roll", 1), ("wrist", 1)]
 )
 def test_a_joint_that_moves_alone_makes_the_whole_jump(name, kind):
-    result = jump_joints.attribute(moving(**{name: 1.0})[None], 0.1)
+    result = detector.attribute(moving(**{name: 1.0})[None], 0.1)
     expected = np.eye(5)[STEP[name][0]]
     np.testing.assert_allclose(result.shares[0], expected, atol=1e-9)
     assert [bool(one[0]) for one in result.kinds] == [k == kind for k in range(4)]
@@ -55,24 +53,24 @@ def test_small_steps_of_several_joints_add_up_as_the_jacobian_says():
     way = joints[1, :5] - joints[0, :5]
     step = jacobian @ way
     expected = (jacobian * way).T @ step / (step @ step)
-    result = jump_joints.attribute(joints[None], 0.01)
+    result = detector.attribute(joints[None], 0.01)
     np.testing.assert_allclose(result.shares[0], expected, atol=0.02)
     assert result.shares[0].sum() == pytest.approx(1.0, abs=0.01)
 
 
 def test_joints_that_are_a_jump_only_together():
     both = moving(shoulder=-0.05, wrist=0.06)
-    step = jump_joints.attribute(both[None], 0.0)
+    step = detector.attribute(both[None], 0.0)
     assert (step.shares[0, [0, 4]] > 0.2).all()
     with jax.enable_x64(True):
         ends = [kinematics.forward("gold", Vec(q)).position for q in both[:2]]
     length = 1e3 * float(np.linalg.norm([float(b) - float(a) for a, b in zip(*ends, strict=True)]))
-    result = jump_joints.attribute(both[None], 0.97 * length)
+    result = detector.attribute(both[None], 0.97 * length)
     assert [bool(one[0]) for one in result.kinds] == [False, False, False, True]
 
 
 def test_a_run_without_a_jump_is_of_no_kind():
-    result = jump_joints.attribute(np.full((2, 3, 7), np.nan), 0.1)
+    result = detector.attribute(np.full((2, 3, 7), np.nan), 0.1)
     assert np.isnan(result.shares).all() and not np.any(result.kinds)
 
 
@@ -83,28 +81,13 @@ def case(name: str, told: bool, one_over: bool) -> JumpCase:
     joints = np.where(runs.hits["jump"][:, None, None], moving(**{name: 1.0}), np.nan)
     count = len(runs.index)
     watched = Watched(
-        {}, {detection.CHOSEN: [alarm] * count}, np.zeros(count), np.zeros(count, bool), joints
+        {}, {detector.CHOSEN: [alarm] * count}, np.zeros(count), np.zeros(count, bool), joints
     )
-    return jump_joints.case(runs, watched, 0.1)
-
-
-def test_what_is_said_follows_the_numbers():
-    arm, wrist = case("shoulder", True, True), case("wrist", False, False)
-    assert jump_joints.visible(arm).passed and not jump_joints.visible(wrist).passed
-    assert "it tells 10, and in 0 none" in jump_joints.visible(arm).reason
-    assert "it tells 0, and in 10 none" in jump_joints.visible(wrist).reason
-    assert "by joints 1-3 alone 10, by the tool joints alone 0" in jump_joints.note([arm])
-    assert "by joints 1-3 alone 0, by the tool joints alone 10" in jump_joints.note([wrist])
-    kinds = {(row[0], row[1]): row[2:] for row in jump_joints.by_kind({"a": arm, "w": wrist}).rows}
-    assert kinds["a", jump_joints.KINDS[0]] == (10, 0, 100.0, 100.0, 0.0, 0.0)
-    assert kinds["w", jump_joints.KINDS[1]] == (10, 0, 0.0, 0.0, 100.0, 0.0)
-    assert kinds["w", jump_joints.KINDS[0]][0] == 0
-    rows = {row[0]: row[1:] for row in jump_joints.by_joint(wrist).rows}
-    assert rows["8"] == (10, 0.0, 0.0, 0.0, 0.0, 100.0) and rows["4"] == (0, "", "", "", "", "")
+    return detector.jump_case(runs, watched, 0.1)
 
 
 def test_a_detector_that_is_silent_while_one_variable_is_over_does_not_tell():
-    line = jump_joints.visible(case("shoulder", False, True))
+    line = detector.visible_line(case("shoulder", False, True))
     assert not line.passed and "it tells 0, and in 0 none" in line.reason
 
 
@@ -114,23 +97,23 @@ def test_no_jump_is_told_by_nobody():
     silent = RunAlarms((False,) * 4, (False,) * 4, -1)
     joints = np.full((count, 3, 7), np.nan)
     nothing = Watched(
-        {}, {detection.CHOSEN: [silent] * count}, np.zeros(count), np.zeros(count, bool), joints
+        {}, {detector.CHOSEN: [silent] * count}, np.zeros(count), np.zeros(count, bool), joints
     )
-    one = jump_joints.case(runs, nothing, 0.1)
-    assert not jump_joints.visible(one).passed and "no run jumps" in jump_joints.note([one])
+    one = detector.jump_case(runs, nothing, 0.1)
+    assert not detector.visible_line(one).passed and "no run jumps" in detector.jump_note([one])
 
 
 def test_the_verdict_counts_what_holds_and_names_what_does_not():
     lines = [
-        statements.holds(name, None, holds, "")
+        attacks.holds(name, None, holds, "")
         for name, holds in (("a", True), ("b", False), ("c", False))
     ]
-    words = statements.verdict("Scenario A", lines)
+    words = attacks.verdict("Scenario A", lines)
     assert (
         words.startswith("Scenario A is not reproduced: 1 of 3 statements hold")
         and "that b; that c." in words
     )
     assert (
-        statements.verdict("Scenario A", lines[:1])
+        attacks.verdict("Scenario A", lines[:1])
         == "Scenario A is as the text states it: 1 of 1 statements hold."
     )

@@ -10,18 +10,17 @@ import scipy.stats
 from ravenjax.robots.raven2.campaign.sections import RavenCampaign
 from ravenjax.robots.raven2.console import arrivals
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.studies.dsn16 import packet_ticks
-from ravenjax.studies.dsn16.recording import closed_loop, packet_lengths
 from ravenjax.vocabulary import packets
+from studies.dsn16 import attacks, recording
 
 
 def test_rows_at_rest_are_no_packets():
     position = np.array([0, 0, 0, 1, 1, 2, 3, 3, 3, 4, 4], float)[:, None]
     repeats = np.all(np.diff(position, axis=0) == 0, axis=1)
-    assert packet_lengths.run_lengths(repeats, np.ones(11, bool)).tolist() == [2, 1, 3]
+    assert recording.run_lengths(repeats, np.ones(11, bool)).tolist() == [2, 1, 3]
     moving = np.ones(11, bool)
     moving[7] = False
-    assert packet_lengths.run_lengths(repeats, moving).tolist() == [2, 1]
+    assert recording.run_lengths(repeats, moving).tolist() == [2, 1]
 
 
 def test_lengths_are_recovered_from_the_dac():
@@ -34,9 +33,9 @@ def test_lengths_are_recovered_from_the_dac():
     asked = np.stack([0.008 * row, 0.01 * row, -0.004 * row], axis=1)
     angle = np.cumsum(np.full(asked.shape, (0.008, 0.01, -0.004)), axis=0)
     speed = np.full(asked.shape, (8.0, 10.0, -4.0))
-    torque = closed_loop.KP * (asked - angle) - closed_loop.KD * speed
+    torque = recording.KP * (asked - angle) - recording.KD * speed
     dac = -np.trunc(torque * np.array(transmission.COUNTS_PER_NM[:3]))
-    measured = packet_lengths.of_robot(closed_loop.JointRecording(angle, speed, dac))
+    measured = recording.of_robot(recording.JointRecording(angle, speed, dac))
     assert len(measured) > 770 and "".join(map(str, measured)) in "".join(map(str, lengths))
 
 
@@ -45,7 +44,7 @@ def test_datagrams_of_one_cycle_count_once():
 
 
 def test_the_measured_distribution_is_that_of_the_recorded_robot(shared_data):
-    lengths = packet_lengths.of_robot(closed_loop.read(shared_data(closed_loop.FILE)))
+    lengths = recording.of_robot(recording.read(shared_data(recording.FILE)))
     shares = arrivals.shares(lengths)
     stated = packets.SHARES[packets.MEASURED]
     assert len(lengths) == 7478
@@ -68,7 +67,7 @@ def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
 def test_desired_positions_of_the_recorded_operator_do_not_repeat(shared_data):
     table = pd.read_parquet(shared_data("operator_positions.parquet"))
     for arm in ("gold", "green"):
-        lengths = packet_lengths.of_positions(
+        lengths = recording.of_positions(
             table[[f"{arm}_{axis}_um" for axis in "xyz"]].to_numpy(float)
         )
         assert len(lengths) > 20_000 and (lengths > 1).sum() <= 3
@@ -89,7 +88,7 @@ def test_arrivals_of_a_campaign_have_the_quantiles_of_the_held_out_half(shared_d
     assert RavenCampaign(name="a", duration_s=1.0, packets=own).packet_shares == own
     held_out = arrivals.lengths(ms[ms >= half])
     per_root = np.sqrt(3.0 / len(held_out))
-    for ticks in packet_ticks.drawn(own, np.arange(1, 9, dtype=np.uint32), 20_000).ticks:
+    for ticks in attacks.drawn(own, np.arange(1, 9, dtype=np.uint32), 20_000).ticks:
         generated = np.diff(ticks)
         assert abs(generated.mean() - held_out.mean()) < 4.0 * held_out.std() * per_root
         for q in (0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99):

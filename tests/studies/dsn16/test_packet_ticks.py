@@ -9,8 +9,8 @@ from made_up_runs import runs_of
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
-from ravenjax.studies.dsn16 import packet_ticks, timing, trajectory
 from ravenjax.vocabulary import packets
+from studies.dsn16 import attacks
 
 TICKS = 300
 
@@ -36,7 +36,7 @@ def received(ready: plan.Plan, row: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("choice", ["measured", "bursts", (0.2, 0.3, 0.5)])
 def test_drawn_packets_are_those_that_runs_receive(choice):
     ready = planned(packets=choice)
-    ticks = packet_ticks.of(ready)
+    ticks = attacks.packet_ticks_of(ready)
     for row in (0, 2):
         fresh, number = received(ready, row)
         mine = ticks.ticks[row][ticks.ticks[row] < TICKS]
@@ -47,13 +47,13 @@ def test_drawn_packets_are_those_that_runs_receive(choice):
 
 
 def test_runs_have_packets_of_their_own():
-    ticks = packet_ticks.of(planned(packets="measured")).ticks
+    ticks = attacks.packet_ticks_of(planned(packets="measured")).ticks
     assert (ticks[0] != ticks[1]).any() and (np.diff(ticks, axis=1) >= 1).all()
 
 
 @pytest.mark.parametrize("cycles", [1, 2])
 def test_regular_packets_are_rows_of_the_motion_however_long_they_last(cycles):
-    ticks = packet_ticks.regular(2, 10, cycles)
+    ticks = attacks.regular(2, 10, cycles)
     assert ticks.ticks.shape == (2, 10 // cycles)
     number = np.array([1, 3])
     np.testing.assert_array_equal(ticks.packet(np.zeros(2, int), (number - 1) * cycles), number)
@@ -68,7 +68,7 @@ def test_several_distributions_are_refused():
         "group": [{"name": "a"}],
     }
     with pytest.raises(ValueError, match="one distribution"):
-        packet_ticks.of(plan.make_plan(loading.from_dict(raw)))
+        attacks.packet_ticks_of(plan.make_plan(loading.from_dict(raw)))
 
 
 @pytest.mark.parametrize("campaign", ["dsn16_a.toml", "dsn16_b.toml"])
@@ -76,11 +76,11 @@ def test_runs_are_long_enough_for_their_last_fault(campaign):
     """Longest window of the latest onset, in every run's own packets, and the time that the
     first baseline left.
     """
-    for overrides in ((), *(over for over, _ in timing.LENGTHS.values())):
+    for overrides in ((), *(over for over, _ in attacks.LENGTHS.values())):
         ready = plan.make_plan(loading.load(campaign, list(overrides)))
         table = ready.table[ready.table["fault0_site"] != ""]
         last = int((table["fault0_start_ms"] + table["fault0_duration_ms"]).max())
-        ticks = packet_ticks.of(ready).ticks
+        ticks = attacks.packet_ticks_of(ready).ticks
         assert ticks.shape[1] > last
         ends = ticks[:, last - 1]
         assert ends.max() + 500 < ready.config.campaign.ticks, overrides
@@ -89,13 +89,13 @@ def test_runs_are_long_enough_for_their_last_fault(campaign):
 def test_what_is_said_of_lengths_and_draws_follows_the_runs():
     base, other = runs_of({(1000, 8): 10}, "baseline"), {(1000, d): 10 for d in (8, 16, 32)}
     cases = [base, runs_of(other, "bursts"), runs_of(other, "draws_2"), runs_of({}, "suture_110mm")]
-    assert "baseline 3.1 %, bursts 9.4 %" in timing.lengths_note(base, cases)
-    assert "no narrower than 3.1 to 9.4 %" in timing.lengths_note(base, cases)
-    assert timing.draws_note(base, cases).endswith(
+    assert "baseline 3.1 %, bursts 9.4 %" in attacks.lengths_note(base, cases)
+    assert "no narrower than 3.1 to 9.4 %" in attacks.lengths_note(base, cases)
+    assert attacks.draws_note(base, cases).endswith(
         "3.1 % of all runs jump, 9.4 % with other draws."
     )
-    assert timing.lengths_note(base, [base]) == timing.draws_note(base, [base]) == ""
-    low, high = timing.spread(cases, "jump")
+    assert attacks.lengths_note(base, [base]) == attacks.draws_note(base, [base]) == ""
+    low, high = attacks.spread(cases, "jump")
     assert low.tolist() == high.tolist() == cases[1].percent("jump").tolist()
 
 
@@ -105,13 +105,13 @@ def test_the_hand_keeps_its_speed():
     """
     config = loading.load("dsn16_b.toml")
     ready = plan.make_plan(config)
-    ticks = packet_ticks.of(ready)
+    ticks = attacks.packet_ticks_of(ready)
     rows = ticks.motion_row(np.arange(ready.runs), np.full(ready.runs, 1000))
     assert rows.mean() == pytest.approx(
         999 * packets.mean(packets.SHARES[packets.MEASURED]), rel=2e-3
     )
-    slow = packet_ticks.of(
+    slow = attacks.packet_ticks_of(
         plan.make_plan(loading.load("dsn16_b.toml", ["campaign.packets=every_cycle"]))
     )
     assert slow.motion_row(np.array([5]), np.array([1000])).tolist() == [999]
-    assert trajectory.lever(config, rows).low > 0
+    assert attacks.lever(config, rows).low > 0

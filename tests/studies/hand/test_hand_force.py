@@ -9,9 +9,8 @@ import pandas as pd
 import pytest
 
 from ravenjax.campaign import loading
-from ravenjax.studies.hand import force, pairs
-from ravenjax.studies.hand.pairs import GRIP, NEWTONS, HandRuns
-from ravenjax.studies.hand.times import DEFAULT_MS, DELAYS_MS, MEASURED
+from studies import hand
+from studies.hand import DEFAULT_MS, DELAYS_MS, GRIP_COLUMN, MEASURED, NEWTONS_COLUMN, HandRuns
 
 FAULTS = 24
 SCALE = 0.1
@@ -29,8 +28,8 @@ def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
                 {
                     "pair": fault,
                     "group": f"sampled/{fault % 12}",
-                    NEWTONS: newtons,
-                    GRIP: 0.5,
+                    NEWTONS_COLUMN: newtons,
+                    GRIP_COLUMN: 0.5,
                     "hand_mm": 2.0 if yields else 0.0,
                     "rms_model_deviation_mm": 5.0 + moved_model * yields,
                     "rms_golden_deviation_mm": 6.0 + moved_golden * yields,
@@ -49,19 +48,21 @@ def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> HandRuns:
 
 
 def test_pairs_are_of_one_fault_each_and_leave_out_what_did_nothing_or_failed() -> None:
-    both = pairs.paired(made_up(), 3.3, 0.5)
+    both = hand.paired(made_up(), 3.3, 0.5)
     assert len(both.on.frame) == FAULTS - 2
     np.testing.assert_array_equal(both.on.frame["pair"], both.off.frame["pair"])
-    assert (both.on.frame[NEWTONS] == 3.3).all() and (both.off.frame[NEWTONS] == 0.0).all()
+    assert (both.on.frame[NEWTONS_COLUMN] == 3.3).all() and (
+        both.off.frame[NEWTONS_COLUMN] == 0.0
+    ).all()
 
 
 def test_a_setting_that_was_not_run_is_refused() -> None:
     with pytest.raises(ValueError, match="has 0 runs of 66 N a unit"):
-        pairs.paired(made_up(), 66.0, 0.5)
+        hand.paired(made_up(), 66.0, 0.5)
 
 
 def test_an_effect_is_over_the_hands_that_moved() -> None:
-    one = pairs.effect(pairs.paired(made_up(), 3.3, 0.5), SCALE)
+    one = hand.effect(hand.paired(made_up(), 3.3, 0.5), SCALE)
     assert (one.pairs, one.pulled, one.kinds.count) == (22, 12, 6)
     assert (
         one.hand.value == 2.0 and one.golden.value == pytest.approx(-0.1) and one.model.value == 0.0
@@ -79,17 +80,17 @@ def test_an_effect_is_over_the_hands_that_moved() -> None:
 
 
 def test_a_robot_that_was_stopped_in_one_run_stands_apart() -> None:
-    both = pairs.paired(made_up(), 3.3, 0.5)
+    both = hand.paired(made_up(), 3.3, 0.5)
     assert both.off.frame["pair"][both.stopped].tolist() == [4]
 
 
 def test_a_force_that_parts_robot_and_model_is_noticed() -> None:
-    one = pairs.effect(pairs.paired(made_up(moved_model=0.2), 3.3, 0.5), SCALE)
+    one = hand.effect(hand.paired(made_up(moved_model=0.2), 3.3, 0.5), SCALE)
     assert one.model.value == pytest.approx(0.2) and one.model_share.value == pytest.approx(1.0)
 
 
 def test_statics_are_those_of_a_spring() -> None:
-    rows = {(row[0], row[1]): row[2:] for row in force._loop().rows}
+    rows = {(row[0], row[1]): row[2:] for row in hand._loop().rows}
     relaxed = rows["the cap is 3.3 N", 0.0]
     assert float(relaxed[0]) == pytest.approx(3.3 / 135.0 * 1e3, rel=0.02)
     assert float(relaxed[2]) == pytest.approx(0.1 * 4.5 * 66.0 / 135.0, rel=0.02)
@@ -99,17 +100,17 @@ def test_statics_are_those_of_a_spring() -> None:
 
 
 def test_statics_have_the_numbers_of_campaign_and_hand() -> None:
-    config = loading.load(force.CAMPAIGN, force.STUDY.variants[0].overrides)
+    config = loading.load(hand.CAMPAIGN, hand.STUDY.variants[0].overrides)
     cue = config.haptics.cues()[0]
-    assert (cue.kp, cue.cap, config.operator.scale) == (force.KP, force.CAP, force.SCALE)
+    assert (cue.kp, cue.cap, config.operator.scale) == (hand.KP, hand.CAP, hand.SCALE)
 
 
 def test_every_variant_is_a_campaign_and_every_time_has_one() -> None:
-    names = {variant.name for variant in force.STUDY.variants}
-    assert len(names) == len(force.STUDY.variants) == 3 + len(DELAYS_MS)
-    for variant in force.STUDY.variants:
+    names = {variant.name for variant in hand.STUDY.variants}
+    assert len(names) == len(hand.STUDY.variants) == 3 + len(DELAYS_MS)
+    for variant in hand.STUDY.variants:
         loading.load(variant.campaign, variant.overrides)
     assert {one.ms for one in MEASURED} | {DEFAULT_MS} == set(DELAYS_MS)
     assert all(one.source and one.applies for one in MEASURED)
     assert [one.ms for one in MEASURED] == sorted(one.ms for one in MEASURED)
-    assert {row[0] for row in force._measured().rows} == {f"{ms:g}" for ms in DELAYS_MS}
+    assert {row[0] for row in hand._measured().rows} == {f"{ms:g}" for ms in DELAYS_MS}

@@ -5,7 +5,6 @@ the whole.
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +19,10 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics
 from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import CueRecord
-from ravenjax.studies import catalogue, running
-from ravenjax.studies.detection.runs import AS_MODELLED, UNCERTAIN
-from ravenjax.studies.framework import drawing
-from ravenjax.studies.framework.study import plain
-from ravenjax.studies.haptics import choice, tables
-from ravenjax.studies.haptics import cue as haptic_cue
-from ravenjax.studies.haptics import runs as haptic_runs
-from ravenjax.studies.haptics.runs import KINDS, FaultyCues, FreeCues
+from studies import findings as findings_files
+from studies import haptic_cue
+from studies.detectors import AS_MODELLED
+from studies.haptic_cue import KINDS, FaultyCues, FreeCues
 
 CUES = tuple(
     CueRecord(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05)
@@ -47,14 +42,11 @@ def faulty(first: list[list[int]], unintended_ms: list[int]) -> FaultyCues:
         np.arange(n),
         np.arange(n),
         np.zeros(n, int),
-        np.array([f"sampled/{k}" for k in range(n)], object),
         np.zeros(n, int),
-        np.full(n, "packets", object),
         np.full(n, 100),
         began,
         np.repeat((began >= 0)[:, None], len(KINDS), axis=1),
         told,
-        np.zeros(told.shape, bool),
         np.where(told >= 0, np.array([0.02, 0.04, 0.03, 0.05, 0.05, 0.05]), 0.0),
         np.where(told >= 0, 500, 0),
         1000,
@@ -76,17 +68,13 @@ def free(count: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -
     )
 
 
-def test_the_catalogue_finds_it() -> None:
-    assert catalogue.find("haptic_cue") is haptic_cue.STUDY
-
-
 def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
     missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
-    counts = choice.counts(
+    counts = haptic_cue.counts(
         missed, units.units(np.arange(4)), np.array([[20, 1, 0]]), np.array([1.0]), np.array(["a"])
     )
-    found = choice.choose(counts, np.array([1.0, 10.0, 1000.0]))
+    found = haptic_cue.choose(counts, np.array([1.0, 10.0, 1000.0]))
     assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
     assert found.winner.tolist() == [2, 1, 0]
     assert found.wins.sum(axis=1) == pytest.approx(1.0)
@@ -95,10 +83,10 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
 def test_a_sure_choice_always_wins_and_equals_go_to_the_higher_threshold() -> None:
     missed = np.zeros((50, 3), bool)
     missed[:, 2] = True
-    counts = choice.counts(
+    counts = haptic_cue.counts(
         missed, units.units(np.arange(50)), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4)
     )
-    found = choice.choose(counts, np.array([100.0]))
+    found = haptic_cue.choose(counts, np.array([100.0]))
     assert found.winner.tolist() == [1]
     assert found.wins[0].tolist() == [0.0, 1.0, 0.0]
 
@@ -107,28 +95,28 @@ def test_an_even_choice_is_told_as_one() -> None:
     # sets 0 and 1 each miss one of two alike halves of the hazards: a coin
     half = np.arange(400) < 200
     missed = np.stack([half, ~half], axis=1)
-    counts = choice.counts(
+    counts = haptic_cue.counts(
         missed, units.units(np.arange(400)), np.zeros((2, 2)), np.ones(2), np.arange(2)
     )
-    wins = choice.choose(counts, np.array([1.0])).wins[0]
+    wins = haptic_cue.choose(counts, np.array([1.0])).wins[0]
     assert wins == pytest.approx([0.5, 0.5], abs=0.06)
     with pytest.raises(ValueError, match="needs hazards"):
-        choice.choose(counts._replace(hours=np.zeros(2)), np.array([1.0]))
+        haptic_cue.choose(counts._replace(hours=np.zeros(2)), np.array([1.0]))
 
 
 def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> None:
     # set 0 misses 5 % less; it may cost so many false cues more as no cue in the hours leaves open
     missed = np.stack([np.arange(400) < 40, np.arange(400) < 60], axis=1)
 
-    def found(hours: float) -> choice.Winners:
-        counts = choice.counts(
+    def found(hours: float) -> haptic_cue.Winners:
+        counts = haptic_cue.counts(
             missed,
             units.units(np.arange(400)),
             np.zeros((9, 2)),
             np.full(9, hours / 9),
             np.arange(9),
         )
-        return choice.choose(counts, np.array([10.0]))
+        return haptic_cue.choose(counts, np.array([10.0]))
 
     few, many = found(0.01), found(1000.0)
     assert few.winner.tolist() == many.winner.tolist() == [0]
@@ -140,9 +128,9 @@ def test_faults_of_one_kind_are_drawn_together() -> None:
     # 3 kinds of 100 runs each: were runs drawn, set 1 would win almost always
     kind = np.repeat(np.arange(3), 100)
     missed = np.stack([kind != 2, kind == 2], axis=1)
-    counts = choice.counts(missed, units.units(kind), np.ones((1, 2)), np.ones(1), np.zeros(1))
+    counts = haptic_cue.counts(missed, units.units(kind), np.ones((1, 2)), np.ones(1), np.zeros(1))
     assert counts.hazards.tolist() == [100, 100, 100]
-    wins = choice.choose(counts, np.array([1.0])).wins[0]
+    wins = haptic_cue.choose(counts, np.array([1.0])).wins[0]
     assert wins[0] == pytest.approx(
         1 / 9, abs=0.03
     )  # both of two draws are kind 2; one of them is even, to set 1
@@ -153,27 +141,27 @@ def test_what_is_felt_is_measured_from_the_first_effect() -> None:
         [[110, 150, -1], [120, 250, -1], [-1, -1, -1], [130, -1, -1]],
         unintended_ms=[200, 200, 200, -1],
     )
-    found = tables.felt(runs, PUBLISHED)
+    found = haptic_cue.felt(runs, PUBLISHED)
     assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
     assert found.others.value == 0.0
     assert found.delay_ms.value == 150  # of 50, 150 and never
     assert (
         found.before.of == found.lead_ms.of == "by definition"
     )  # 3 mm of the tip, and a cue at 3 mm
-    early = tables.felt(runs, 0)
+    early = haptic_cue.felt(runs, 0)
     assert early.before.value == pytest.approx(2 / 3) and early.lead_ms.value == 80
-    apart = tables.felt(runs._replace(rules=Rules(limit_mm=4.0)), PUBLISHED)
+    apart = haptic_cue.felt(runs._replace(rules=Rules(limit_mm=4.0)), PUBLISHED)
     assert apart.before.value == pytest.approx(1 / 3) and apart.lead_ms.value == -50
     assert found.force == "0.03 (0.03 to 0.03)"
     assert found.at_cap.value == 0.0
-    assert tables.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
-    late = tables.missed(runs, [PUBLISHED], before=True)[:, 0]
+    assert haptic_cue.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
+    late = haptic_cue.missed(runs, [PUBLISHED], before=True)[:, 0]
     assert late.tolist() == [False, True, True, True]
 
 
 def test_kinds_of_motion_are_those_of_the_result_table() -> None:
     made, frame = synthetic_results.manifest(runs=400), synthetic_results.frame(400)
-    found = haptic_runs.pooled([frame], made)
+    found = haptic_cue.pooled([frame], made)
     chosen = frame[frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")]
     assert len(found.cell) == len(chosen) > 300
     assert found.unintended.tolist() == (chosen["unintended_mm"] > 3.0).tolist()
@@ -181,37 +169,29 @@ def test_kinds_of_motion_are_those_of_the_result_table() -> None:
     apart = chosen[["unintended_mm", "unintended_off_mm"]].max(axis=1) > 3.0
     deeper = chosen["tissue_depth_mm"] - chosen["golden_tissue_depth_mm"] > 1.0
     injury = apart | deeper | chosen["jump_tip"] | chosen["jump_text"]
-    assert found.kinds[:, KINDS.index(haptic_runs.INJURY)].tolist() == injury.tolist()
+    assert found.kinds[:, KINDS.index(haptic_cue.INJURY)].tolist() == injury.tolist()
     assert injury.sum() > found.unintended.sum() > 20
 
 
 def test_a_cue_of_the_golden_run_does_not_count() -> None:
     made = synthetic_results.manifest(runs=300)
     frame = synthetic_results.frame(300)
-    plainly = haptic_runs.pooled([frame], made)
-    shared = haptic_runs.pooled([frame.assign(golden_cue0_first_ms=0)], made)
+    plainly = haptic_cue.pooled([frame], made)
+    shared = haptic_cue.pooled([frame.assign(golden_cue0_first_ms=0)], made)
     assert (plainly.first_ms[:, 0] >= 0).sum() > 20
     assert (shared.first_ms[:, 0] >= 0).sum() == 0
-    assert shared.shared[:, 0].all() and not shared.shared[:, 1].any()
     assert (shared.first_ms[:, 1:] == plainly.first_ms[:, 1:]).all()
 
 
 def test_the_sets_of_the_published_gains_rise_by_threshold() -> None:
-    assert haptic_runs.default_sets(CUES, PUBLISHED) == [0, 2, 4]
-    assert haptic_runs.sets_at(CUES, 3.0) == [2, 3]
+    assert haptic_cue.default_sets(CUES, PUBLISHED) == [0, 2, 4]
+    assert haptic_cue.sets_at(CUES, 3.0) == [2, 3]
 
 
 def test_the_time_with_a_false_cue_is_a_share_of_the_motion() -> None:
     motion = free([[20, 1, 0], [0, 1, 0]], hours=0.5)
-    assert tables.false_time(motion, 0, AS_MODELLED).startswith("20.0")
-    assert tables.false_time(motion, 4, AS_MODELLED).startswith("0.0")
-
-
-def test_the_front_names_sets_that_do_the_same_together() -> None:
-    runs = faulty([[110, 150, -1], [120, -1, -1]], unintended_ms=[200, 200])
-    shown = tables.front_table(runs, free([[5, 1, 1]]))
-    # 8 mm misses more than 3 mm with as many false cues
-    assert [(row[0], row[1]) for row in shown.rows] == [("3", "all"), ("1", "all")]
+    assert haptic_cue.false_time(motion, 0, AS_MODELLED).startswith("20.0")
+    assert haptic_cue.false_time(motion, 4, AS_MODELLED).startswith("0.0")
 
 
 @pytest.mark.parametrize("limit_mm", [0.5, 1.0, 2.0, 3.0, 5.0, 9.0])
@@ -243,45 +223,6 @@ def test_every_number_of_a_line_stands_in_the_table(limit_mm: float, seed: int) 
     assert any("1 mm: unintended motion missed" in name for name in lines)
 
 
-def test_each_kind_has_its_own_denominator() -> None:
-    runs = faulty([[110, -1, -1]] * 6 + [[-1, -1, -1]] * 2, unintended_ms=[200] * 8)
-    runs = runs._replace(
-        group=np.array(["boundary/tau_d"] * 6 + ["library/B24"] * 2, object),
-        kind=np.repeat([0, 1], [6, 2]),
-    )
-    rows = tables.kind_table(runs, [0], {"boundary/tau_d"}).rows
-    assert [row[0] for row in rows] == ["boundary/tau_d", "B24"]
-    assert (
-        rows[0][2:4] == ("6 drawn", "6 of 6")
-        and str(rows[0][4]).startswith("6 of 6")
-        and "(" in str(rows[0][4])
-    )
-    assert rows[1][2:4] == ("2 cells of the design", "2 of 2") and "(" not in str(rows[1][4])
-
-
-@pytest.mark.slow
-def test_the_findings_are_the_same_each_time_and_can_be_drawn(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    times = np.where(rng.random((80, 3)) < [0.95, 0.9, 0.6], rng.integers(110, 400, (80, 3)), -1)
-    runs = faulty(times.tolist(), np.where(rng.random(80) < 0.5, 300, -1).tolist())
-    motion = [free([[50, 4, 0]] * 6), free([[60, 9, 2]] * 6, robot=UNCERTAIN)]
-    both = motion[0]._replace(
-        **{
-            name: np.concatenate([getattr(one, name) for one in motion])
-            for name in haptic_runs._FREE_BY_RUN
-        }
-    )
-    first, second = (haptic_cue.findings(runs, both) for _ in range(2))
-    text = json.dumps(plain(first), allow_nan=False)
-    assert text == json.dumps(plain(second), allow_nan=False)
-    assert all(line.published is None for line in first.lines)
-    for table in first.tables:
-        assert all(len(row) == len(table.columns) for row in table.rows), table.title
-    for one in first.drawings:
-        drawing.save(one, tmp_path)
-        assert (tmp_path / f"{one.name}.svg").stat().st_size > 5_000
-
-
 @pytest.mark.parametrize("variant", haptic_cue.STUDY.variants, ids=lambda v: v.name)
 def test_every_variant_loads(variant: haptic_cue.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
@@ -297,7 +238,7 @@ def test_the_published_set_is_that_of_the_stage() -> None:
 
 def test_the_groups_without_faults_come_first_and_fit_the_limit() -> None:
     config = loading.load(haptic_cue.CAMPAIGN)
-    without = [group for group in config.group if group.name.startswith(haptic_runs.FREE)]
+    without = [group for group in config.group if group.name.startswith(haptic_cue.FREE)]
     assert config.group[: len(without)] == tuple(without)
     assert design.count(config.model_copy(update={"group": tuple(without)})) == haptic_cue.FREE_RUNS
 
@@ -309,7 +250,7 @@ def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         haptic_cue, "RECORDINGS", tuple((motion, 11) for motion in ("suture", "peg_transfer"))
     )
     monkeypatch.setattr(haptic_cue, "FREE_S", 20)
-    found = running.run(
+    found = findings_files.reproduce(
         dataclasses.replace(haptic_cue.STUDY, variants=haptic_cue._variants()), tmp_path
     )
     shown = next(table for table in found.tables if table.title.startswith("Thresholds"))

@@ -8,7 +8,7 @@ import pytest
 import result_rows
 
 from ravenjax.hazards import library
-from ravenjax.studies.hazards import agreement
+from studies.hazards import safecomp45
 
 STOP = {"response": "stopped"}
 JUMP = {"jump_tip": True}
@@ -18,38 +18,38 @@ SAID = {"response": "flagged"}
 LIMITED = {"response": "limited"}
 
 
-def outcome(name: str, *rows: dict[str, Any], **rules: float) -> agreement.HazardOutcome:
+def outcome(name: str, *rows: dict[str, Any], **rules: float) -> safecomp45.HazardOutcome:
     table = result_rows.frame(
         *({"group": f"list/{name}", **row} for row in rows), {"group": "fault_free"}
     )
-    (found,) = agreement.outcomes(table, (library.find(name),), **rules)
+    (found,) = safecomp45.hazard_outcomes(table, (library.find(name),), **rules)
     return found
 
 
 @pytest.mark.parametrize(
     ("name", "rows", "verdict"),
     [
-        ("K01", [STOP, STOP], agreement.AGREE),  # published: stop
-        ("K01", [STOP, {**STOP, **MOVED}], agreement.PARTLY),
-        ("K01", [STOP, {**STOP, **DROPPED}], agreement.PARTLY),
-        ("K01", [MOVED], agreement.DIFFER),
-        ("K10", [{}, SAID], agreement.AGREE),  # published: none; a message alone is without effect
-        ("K10", [{}, LIMITED], agreement.AGREE),  # nor is a limit of which nobody is told
-        ("K10", [STOP], agreement.DIFFER),
-        ("K11", [{**SAID}, STOP], agreement.AGREE),  # published: message, stop
-        ("K06", [JUMP], agreement.AGREE),
-        ("B24", [JUMP], agreement.UNPUBLISHED),
-        ("M01", [JUMP], agreement.UNPUBLISHED),  # added for completeness
-        ("K09", [], agreement.NOT_SIMULATED),
+        ("K01", [STOP, STOP], safecomp45.AGREE),  # published: stop
+        ("K01", [STOP, {**STOP, **MOVED}], safecomp45.PARTLY),
+        ("K01", [STOP, {**STOP, **DROPPED}], safecomp45.PARTLY),
+        ("K01", [MOVED], safecomp45.DIFFER),
+        ("K10", [{}, SAID], safecomp45.AGREE),  # published: none; a message alone is without effect
+        ("K10", [{}, LIMITED], safecomp45.AGREE),  # nor is a limit of which nobody is told
+        ("K10", [STOP], safecomp45.DIFFER),
+        ("K11", [{**SAID}, STOP], safecomp45.AGREE),  # published: message, stop
+        ("K06", [JUMP], safecomp45.AGREE),
+        ("B24", [JUMP], safecomp45.UNPUBLISHED),
+        ("M01", [JUMP], safecomp45.UNPUBLISHED),  # added for completeness
+        ("K09", [], safecomp45.NOT_SIMULATED),
     ],
 )
 def test_verdicts(name: str, rows: list[dict[str, Any]], verdict: str) -> None:
     found = outcome(name, *rows)
     assert found.verdict == verdict
     assert found.reason == {
-        agreement.NOT_SIMULATED: found.hazard.documented_only,
-        agreement.PARTLY: found.hazard.departure,
-        agreement.DIFFER: found.hazard.departure,
+        safecomp45.NOT_SIMULATED: found.hazard.documented_only,
+        safecomp45.PARTLY: found.hazard.departure,
+        safecomp45.DIFFER: found.hazard.departure,
     }.get(verdict, "")
 
 
@@ -57,7 +57,7 @@ def test_a_class_of_fewer_than_one_run_in_ten_is_not_shown() -> None:
     rare = [*[STOP] * 10, {**STOP, **MOVED}]
     assert outcome("K01", *rare).shown == {"stop"}
     assert outcome("K01", *rare[1:]).shown == {"stop", "displaced"}
-    assert outcome("K01", *rare, seen_share=0.0).verdict == agreement.PARTLY
+    assert outcome("K01", *rare, seen_share=0.0).verdict == safecomp45.PARTLY
 
 
 def test_only_activated_runs_with_an_outcome_count() -> None:
@@ -69,7 +69,7 @@ def test_only_activated_runs_with_an_outcome_count() -> None:
         1,
         1,
     )
-    assert found.verdict == agreement.AGREE
+    assert found.verdict == safecomp45.AGREE
     assert found.said == "stop 1"
 
 
@@ -80,5 +80,5 @@ def test_runs_that_fit_and_runs_without_effect() -> None:
 
 def test_other_limits() -> None:
     near = {**STOP, "unintended_mm": 2.0}
-    assert outcome("K01", near).verdict == agreement.AGREE
-    assert outcome("K01", near, limit_mm=1.0).verdict == agreement.PARTLY
+    assert outcome("K01", near).verdict == safecomp45.AGREE
+    assert outcome("K01", near, limit_mm=1.0).verdict == safecomp45.PARTLY

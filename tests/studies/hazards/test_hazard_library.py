@@ -10,9 +10,9 @@ import result_rows
 
 from ravenjax.campaign import loading
 from ravenjax.hazards import expansion, library, maude, naming
-from ravenjax.studies import running
-from ravenjax.studies.framework.study import Findings, Table
-from ravenjax.studies.hazards import library as hazard_library
+from studies import findings as findings_files
+from studies.hazards import library as hazard_library
+from studies.study import Findings, Table
 
 RUNNABLE = [row for row in library.rows() if row.runnable]
 
@@ -80,16 +80,6 @@ def test_report_shares_come_with_their_caveat(monkeypatch: pytest.MonkeyPatch) -
     assert [row[2] for row in shown.rows if row[0] == "video"] == ["not simulated"]
 
 
-def test_a_scenario_has_classes_and_severities_of_each_group() -> None:
-    frame = result_rows.frame(
-        {"group": "B11 command", "jump_tip": True, "response": "stopped"},
-        {"group": "B11 command", "jump_tip": True, "cue0_first_ms": 5},
-        {"group": "B11 command"},
-    )
-    (row,) = hazard_library.scenario_table("sudden jump", frame).rows
-    assert row == ("B11 command", 3, 3, "none 1, stop 1, jump 2", 1, 0, 0, 0, 2, 0, 1)
-
-
 @pytest.mark.parametrize("variant", hazard_library.STUDY.variants, ids=lambda v: v.name)
 def test_every_variant_loads_and_names_hazards(variant: hazard_library.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
@@ -102,7 +92,7 @@ def test_every_variant_loads_and_names_hazards(variant: hazard_library.Variant) 
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
-    found = running.run(hazard_library.STUDY, tmp_path)
+    found = findings_files.reproduce(hazard_library.STUDY, tmp_path)
     run = titled(found, "Every hazard")
     assert len(run.rows) == len(RUNNABLE)
     runs, activated, values = (

@@ -13,10 +13,9 @@ import result_rows
 
 from ravenjax.campaign import loading
 from ravenjax.hazards import library, naming
-from ravenjax.studies import running
-from ravenjax.studies.framework import literature
-from ravenjax.studies.framework.study import Findings
-from ravenjax.studies.hazards import agreement, safecomp45
+from studies import findings as findings_files
+from studies.hazards import safecomp45
+from studies.study import Findings, Published
 
 NOT_SIMULATED = {4, 13, 14, 32, 44, 45}
 
@@ -66,7 +65,7 @@ def test_rows_that_are_not_simulated_never_agree(monkeypatch: pytest.MonkeyPatch
     rows = findings(monkeypatch).tables[0]
     assert len(rows.rows) == 45
     place = rows.columns.index("verdict")
-    assert {row[0] for row in rows.rows if row[place] == agreement.NOT_SIMULATED} == NOT_SIMULATED
+    assert {row[0] for row in rows.rows if row[place] == safecomp45.NOT_SIMULATED} == NOT_SIMULATED
 
 
 def test_agreement_is_counted_over_simulated_rows_without_an_interval(
@@ -108,7 +107,7 @@ def test_other_rules_have_their_line(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_published_counts_are_those_of_the_list() -> None:
-    published = literature.read("safecomp")
+    published = Published("safecomp")
     assert published.value("scenarios") == len(safecomp45.injections())
     assert published.value("usb_rows") + published.value("console_rows") == 45
     assert sum(row.injected or 0 for row in safecomp45.injections().values()) <= 363
@@ -125,7 +124,7 @@ def test_the_study_runs(tmp_path: Path) -> None:
     """A pedal that flickers between two packets (C05) is seen by nobody; all other faults change
     a number.
     """
-    found = running.run(safecomp45.STUDY, tmp_path)
+    found = findings_files.reproduce(safecomp45.STUDY, tmp_path)
     rows = found.tables[0]
     activated = rows.columns.index("activated, of")
     for row in rows.rows:
@@ -133,5 +132,5 @@ def test_the_study_runs(tmp_path: Path) -> None:
             k, _, n = str(row[activated]).partition(" of ")
             assert int(k) == int(n) > 0 or (row[1] == "C05" and int(n) > int(k) > 0), row
     by_hazard = {row[1]: row[rows.columns.index("verdict")] for row in rows.rows}
-    assert by_hazard["K02"] == by_hazard["B12"] == agreement.AGREE
-    assert by_hazard["B13"] == agreement.DIFFER  # a watchdog's wave does not pass a stuck byte
+    assert by_hazard["K02"] == by_hazard["B12"] == safecomp45.AGREE
+    assert by_hazard["B13"] == safecomp45.DIFFER  # a watchdog's wave does not pass a stuck byte

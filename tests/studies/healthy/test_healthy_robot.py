@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 
 from ravenjax.stats.bootstrap import units
-from ravenjax.studies import catalogue
-from ravenjax.studies.healthy import headlines, robot
-from ravenjax.studies.healthy.headlines import FULL, HALF, OFF, ScaledFaults
+from studies import healthy_robot
+from studies.healthy_robot import FULL, HALF, OFF, ScaledFaults
 
 
 def made_up(extra: int) -> ScaledFaults:
@@ -18,7 +17,7 @@ def made_up(extra: int) -> ScaledFaults:
     for scale, more in ((OFF, 0), (HALF, 0), (FULL, extra)):
         hit = np.arange(40) % 4 == 0
         hit[np.flatnonzero(~hit)[:more]] = True
-        events[scale] = pd.DataFrame(dict.fromkeys(headlines.SHARES, hit))
+        events[scale] = pd.DataFrame(dict.fromkeys(healthy_robot.SHARES, hit))
     return ScaledFaults(events, units.units(np.arange(40) % 8))
 
 
@@ -32,25 +31,12 @@ def test_a_change_is_that_of_the_same_faults() -> None:
 
 def test_a_mean_over_robots_has_an_interval_over_robots() -> None:
     values = pd.DataFrame({"rms": np.random.default_rng(0).normal(2.0, 0.5, 100)})
-    one = headlines.mean(values, "rms")
+    one = healthy_robot.mean(values, "rms")
     assert one.low < values["rms"].mean() == pytest.approx(one.value)
     assert one.high - one.low == pytest.approx(4 * 0.05, rel=0.2)
 
 
 def test_the_tables_name_every_headline() -> None:
-    table = robot._with_faults(made_up(2))
-    assert [row[0] for row in table.rows] == list(headlines.SHARES.values())
+    table = healthy_robot._with_faults(made_up(2))
+    assert [row[0] for row in table.rows] == list(healthy_robot.SHARES.values())
     assert {row[3].partition(" ")[0] for row in table.rows} == {"30.0"}
-
-
-def test_its_campaigns_draw_robots_and_run_each_without_its_errors_too() -> None:
-    import ravenjax as rj
-
-    study = catalogue.find("healthy_robot")
-    for variant in study.variants:
-        config = rj.load_campaign(variant.campaign, variant.overrides)
-        assert config.campaign.kinematic_errors == "measured"
-        assert config.cross[headlines.SCALE].values == headlines.SCALES
-        assert (
-            tuple(cue.threshold_m * 1e3 for cue in config.haptics.cues()) == headlines.THRESHOLDS_MM
-        )

@@ -5,12 +5,12 @@ from __future__ import annotations
 import jax
 import pytest
 
-from ravenjax.studies.framework.study import Context
-from ravenjax.studies.mechanics import recordings, robot, statics
+from studies import mechanics
+from studies.study import Context
 
 
 def test_statics_by_hand_are_those_of_motor_gear_and_drum() -> None:
-    hand = statics.by_hand()
+    hand = mechanics.by_hand()
     assert hand.tension == pytest.approx(10000 / 2730 * 0.0603 * 12.25 / 5.675e-3)
     assert hand.torque == pytest.approx(hand.tension * 63.095e-3)
     assert hand.speed == pytest.approx(796.0, abs=0.1)
@@ -19,8 +19,8 @@ def test_statics_by_hand_are_those_of_motor_gear_and_drum() -> None:
 @pytest.mark.slow
 def test_the_power_consistent_robot_gives_way_as_statics_say() -> None:
     with jax.enable_x64(True):
-        ours = statics.of_robot("power_consistent")
-    hand = statics.by_hand()
+        ours = mechanics.of_robot("power_consistent")
+    hand = mechanics.by_hand()
     assert ours.given_way == pytest.approx(hand.given_way, rel=0.1)
     assert ours.tension == pytest.approx(hand.tension, rel=0.05)
     assert ours.speed < hand.speed
@@ -36,15 +36,15 @@ def test_the_power_consistent_robot_gives_way_as_statics_say() -> None:
     ],
 )
 def test_a_band_agrees_with_the_laws_inside_it(band, words) -> None:
-    assert robot._agreement(band) == words
+    assert mechanics._agreement(band) == words
 
 
 @pytest.mark.slow
 def test_without_the_recordings_it_says_what_is_missing(monkeypatch) -> None:
-    monkeypatch.delenv(recordings.DATA, raising=False)
-    findings = robot.compare(Context({}))
+    monkeypatch.delenv(mechanics.DATA, raising=False)
+    findings = mechanics.compare(Context({}))
     assert not findings.lines and len(findings.tables) == 1
-    assert recordings.SEVEN_JOINTS in findings.notes[0] and recordings.DATA in findings.notes[0]
+    assert mechanics.SEVEN_JOINTS in findings.notes[0] and mechanics.DATA in findings.notes[0]
 
 
 @pytest.mark.slow
@@ -57,7 +57,7 @@ def test_the_first_jaw_of_the_arm_of_2018_is_strung_like_its_second(shared_data)
     from ravenjax.robots.raven2.plant import robot as plant
     from ravenjax.robots.raven2.setup import RavenSetup
 
-    logged = recordings.seven_joints(shared_data(recordings.SEVEN_JOINTS))
+    logged = mechanics.seven_joints(shared_data(mechanics.SEVEN_JOINTS))
     part = logged.log.compared(2000, 10000)
     correlation = []
     for software in ("fork2015", "raven2"):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.studies.dsn16.recording import closed_loop
-from ravenjax.studies.mechanics import reaction
+from studies import mechanics
+from studies.dsn16 import recording
 
 
 @pytest.mark.slow
@@ -22,10 +22,10 @@ def test_the_regression_tells_the_two_laws_apart(law, ratio) -> None:
     )
     motors = _motors(joints)
     with jax.enable_x64(True):
-        run = closed_loop.closed_loop(motors, motors[0], np.zeros(3), law)
+        run = recording.closed_loop(motors, motors[0], np.zeros(3), law)
         angle, dac = run["mpos"][:, :3], run["dac"][:, :3].astype(float)
-        log = closed_loop.JointRecording(angle[:-1], run["mvel"][1:, :3], dac[1:])
-        shoulder = reaction.of_recording(log)[0]
+        log = recording.JointRecording(angle[:-1], run["mvel"][1:, :3], dac[1:])
+        shoulder = mechanics.of_recording(log)[0]
     assert shoulder.scale[1] - 0.1 * ratio < ratio < shoulder.scale[2] + 0.1 * ratio
     assert abs(shoulder.scale[0] - ratio) < 2.0
 
@@ -44,13 +44,13 @@ def test_a_load_that_is_there_is_predicted_by_the_model_that_has_it(monkeypatch)
     columns = rng.normal(size=(400, 5))
     columns[:, 3], columns[:, 4] = np.sign(columns[:, 2]), 1.0
     torque = columns @ np.array((2e-4, transmission.GP42, 1e-3, 0.05, 0.01))
-    joint = reaction._Joint(columns, torque, np.arange(400) / 400)
-    monkeypatch.setattr(reaction, "_moving", lambda log: [joint] * 3)
-    log = closed_loop.JointRecording(*(np.zeros((400, 3)) for _ in range(3)))
-    largest = {one.model: one.largest for one in reaction.held_out(log)}
-    rotor, authors, statics = reaction.COMPARED
+    joint = mechanics._Joint(columns, torque, np.arange(400) / 400)
+    monkeypatch.setattr(mechanics, "_moving", lambda log: [joint] * 3)
+    log = recording.JointRecording(*(np.zeros((400, 3)) for _ in range(3)))
+    largest = {one.model: one.largest for one in mechanics.held_out(log)}
+    rotor, authors, statics = mechanics.COMPARED
     exact = {statics, "the same and the load, fitted"}
-    assert set(largest) == set(reaction.MODELS) and rotor in largest and authors in largest
+    assert set(largest) == set(mechanics.MODELS) and rotor in largest and authors in largest
     for model, error in largest.items():
         assert (error < 1e-9).all() == (model in exact), model
 
@@ -60,9 +60,9 @@ def test_the_second_half_is_fitted_to_by_nothing(monkeypatch) -> None:
     rng = np.random.default_rng(4)
     columns, torque = rng.normal(size=(300, 5)), rng.normal(size=300)
     place = np.arange(300) / 300
-    one = reaction._Joint(columns, torque, place)
+    one = mechanics._Joint(columns, torque, place)
     other = one._replace(torque=np.where(place < 0.5, torque, 9.0))
-    for fitted, load in reaction.MODELS.values():
+    for fitted, load in mechanics.MODELS.values():
         np.testing.assert_array_equal(
-            reaction._predicted(one, fitted, load), reaction._predicted(other, fitted, load)
+            mechanics._predicted(one, fitted, load), mechanics._predicted(other, fitted, load)
         )

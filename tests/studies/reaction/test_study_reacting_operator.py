@@ -8,7 +8,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -18,13 +17,24 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.report.sections.reaction.pairs import EXCURSION
 from ravenjax.stats.intervals import Estimate, wilson
-from ravenjax.studies import running
-from ravenjax.studies.reaction import drawings, fault_free, measures, operator, tables, times
-from ravenjax.studies.reaction import pairs as reacting_pairs
-from ravenjax.studies.reaction.pairs import ReactionRuns
-from ravenjax.vocabulary.reactions import CORRECT, RELEASE, SLOW
+from ravenjax.vocabulary.reactions import RELEASE
+from studies import findings as findings_files
+from studies import reacting_operator
+from studies.reacting_operator import ReactionRuns
 
 ACTION = "param:reaction.action"
+FACTS: dict[str, Any] = {
+    "failed": False,
+    "faulty": True,
+    "activated": True,
+    "unintended": False,
+    "unintended_ms": -1,
+    "hazard": "none",
+    "active_ms": 1000,
+    "layer": "packets",
+}
+
+
 QUIET: dict[str, Any] = {
     "group": "sampled/a",
     "failed": "",
@@ -47,18 +57,8 @@ QUIET: dict[str, Any] = {
     "golden_cue0_first_ms": -1,
     "fault0_start_ms": 1000,
     "fault0_duration_ms": 10,
-    times.DELAY: 200.0,
+    "param:reaction.delay_ms": 200.0,
     ACTION: 0.0,
-}
-FACTS: dict[str, Any] = {
-    "failed": False,
-    "faulty": True,
-    "activated": True,
-    "unintended": False,
-    "unintended_ms": -1,
-    "hazard": "none",
-    "active_ms": 1000,
-    "layer": "packets",
 }
 
 
@@ -95,7 +95,9 @@ def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
         *[(MOVED, {**MOVED, **ACTED})] * 3,
         *[({}, {})] * 9,  # nothing was felt
     )
-    found = reacting_pairs.contrast(reacting_pairs.paired(table, RELEASE), measures.excursion(10.0))
+    found = reacting_operator.contrast_of(
+        reacting_operator.paired(table, RELEASE), reacting_operator.excursion(10.0)
+    )
     assert (found.n, found.avoided.k, found.caused, found.acted) == (20, 6, 2, 11)
     assert (found.without, found.with_, found.kinds.count) == (9, 5, 1)
     assert found.avoided[:3] == pytest.approx((6, 9, 6 / 9))
@@ -115,8 +117,8 @@ def test_a_contrast_counts_kinds_of_faults() -> None:
         for kind in range(10)
         for _ in range(4)
     ]
-    found = reacting_pairs.contrast(
-        reacting_pairs.paired(paired_runs(*rows), RELEASE), measures.excursion(10.0)
+    found = reacting_operator.contrast_of(
+        reacting_operator.paired(paired_runs(*rows), RELEASE), reacting_operator.excursion(10.0)
     )
     assert (found.kinds.count, found.affected.count, found.avoided.value) == (10, 10, 0.5)
     assert found.avoided.high - found.avoided.low > 1.6 * (
@@ -124,68 +126,21 @@ def test_a_contrast_counts_kinds_of_faults() -> None:
     )  # near sqrt(4)
     assert found.p == pytest.approx(2 / 2**5)  # five kinds that all changed one way
     assert found.needed == pytest.approx((2, 1 / found.avoided.high, 1 / found.avoided.low))
-    assert "20 of 40, 50.0\u202f%" in tables.avoided(found) and tables.avoided(found).endswith(
-        "10 kinds, few"
-    )
+    assert "20 of 40, 50.0\u202f%" in reacting_operator.avoided(
+        found
+    ) and reacting_operator.avoided(found).endswith("10 kinds, few")
 
 
 def test_needed_is_the_reciprocal_of_the_difference() -> None:
-    assert reacting_pairs.needed(Estimate(-0.1, -0.2, -0.05)) == pytest.approx((10.0, 5.0, 20.0))
-    assert reacting_pairs.needed(Estimate(-0.1, -0.2, 0.01)).high == math.inf
-    assert reacting_pairs.needed(Estimate(0.1, 0.05, 0.2)) == (math.inf, math.inf, math.inf)
+    assert reacting_operator.needed(Estimate(-0.1, -0.2, -0.05)) == pytest.approx((10.0, 5.0, 20.0))
+    assert reacting_operator.needed(Estimate(-0.1, -0.2, 0.01)).high == math.inf
+    assert reacting_operator.needed(Estimate(0.1, 0.05, 0.2)) == (math.inf, math.inf, math.inf)
 
 
 def test_only_faults_that_changed_a_bit_are_paired() -> None:
     table = paired_runs(({}, ACTED), (MOVED, ACTED))
     table.facts.loc[[0, 1], "activated"] = False
-    assert len(reacting_pairs.paired(table, RELEASE).with_frame) == 1
-
-
-def test_each_measure_sees_its_own_motion() -> None:
-    table = runs(
-        ({"peak_live_deviation_mm": 6.0}, {}),
-        (
-            {"peak_live_deviation_mm": 6.0, "golden_peak_live_deviation_mm": 6.0},
-            {},
-        ),  # the motion's, not the fault's
-        ({EXCURSION: 6.0, "unintended_off_mm": 6.0}, {}),
-        ({"jump_tip": True}, {}),
-        ({"tissue_depth_mm": 3.0, "golden_tissue_depth_mm": 2.5}, {}),
-        ({"tissue_depth_mm": 3.0}, {}),
-        ({}, {"unintended": True}),
-    )
-    hits = {
-        measure.name: np.flatnonzero(measure.hits(table.frame, table.facts)).tolist()
-        for measure in (
-            measures.live(5.0),
-            measures.excursion(5.0),
-            measures.LEAPT,
-            measures.DEEPER,
-            measures.INJURY,
-            measures.UNINTENDED,
-        )
-    }
-    assert [*hits.values()] == [[0], [2], [3], [5], [2, 3, 5], [6]]
-
-
-def test_no_table_holds_a_measure_that_is_not_fair() -> None:
-    parts = {
-        action: reacting_pairs.paired(
-            paired_runs((MOVED, ACTED), ({}, ACTED), action=action), action
-        )
-        for action in (RELEASE, SLOW, CORRECT)
-    }
-    shown = {(row[0], row[1]) for row in tables.reactions(parts).rows}
-    slow, correct = tables.words(SLOW), tables.words(CORRECT)
-    assert not any(who == slow and str(measure).startswith("unintended") for who, measure in shown)
-    assert not any(
-        who == correct and str(measure).startswith("off the model") for who, measure in shown
-    )
-    told = {str(row[0]): row[1:] for row in tables.fairness().rows}
-    assert str(told["unintended motion of more than 5 mm, live or not"][1]).startswith("no")
-    assert told["unintended motion of more than 3 mm, the hazard of the report"][2] == "fair"
-    assert str(told["off the model by more than 5 mm, live"][2]).startswith("no")
-    assert told["jump of the true tip"] == ("fair", "fair", "fair")
+    assert len(reacting_operator.paired(table, RELEASE).with_frame) == 1
 
 
 def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
@@ -203,9 +158,9 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
         ({"cue0_first_ms": 1100, "golden_cue0_first_ms": 1000}, BEGAN),  # the golden run's cue
         ({"cue0_first_ms": 1100}, {}),  # no motion
     )
-    lead = times.leads_ms(table, 0)
+    lead = reacting_operator.leads_ms(table, 0)
     np.testing.assert_array_equal(lead, [300, -100, -np.inf, -np.inf, np.nan])
-    found = times.advance(table, 0, 3.0)
+    found = reacting_operator.advance(table, 0, 3.0)
     assert (found.size_mm, found.lead.n, found.before.k, found.half_ms.value) == (10.0, 4, 1, -100)
     assert [rate.k for rate in found.late.values()] == [
         3,
@@ -217,9 +172,10 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
 def test_no_table_says_what_is_true_by_definition() -> None:
     rows = [({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)]
     listed = [
-        times.advance(timed(*rows), 0, threshold) for threshold in (1.0, 3.0, 10.0, 12.0)
+        reacting_operator.advance(timed(*rows), 0, threshold)
+        for threshold in (1.0, 3.0, 10.0, 12.0)
     ]  # motion of 10 mm
-    assert [row[0] for row in tables.advances(listed).rows] == [1.0, 3.0]
+    assert [row[0] for row in reacting_operator.advance_table(listed).rows] == [1.0, 3.0]
 
 
 def test_a_share_of_drawn_faults_has_an_interval_and_one_of_fixed_cells_has_none() -> None:
@@ -227,8 +183,8 @@ def test_a_share_of_drawn_faults_has_an_interval_and_one_of_fixed_cells_has_none
         ({**MOVED, "group": group}, {**ACTED, "group": group})
         for group in ("sampled/a", "library/B24") * 3
     ]
-    pairs = reacting_pairs.paired(paired_runs(*rows), RELEASE)
-    table = tables.sites(pairs, measures.excursion(10.0), {"sampled/a"})
+    pairs = reacting_operator.paired(paired_runs(*rows), RELEASE)
+    table = reacting_operator.sites(pairs, reacting_operator.excursion(10.0), {"sampled/a"})
     cells = {str(row[0]): (str(row[2]), str(row[4])) for row in table.rows}
     assert cells["sampled/a"][0] == "3 faults drawn" and "(" in cells["sampled/a"][1]
     assert cells["B24"] == ("3 cells of the design", "3 of 3, 100.0\u202f%")
@@ -238,58 +194,21 @@ def test_a_jump_has_its_own_time() -> None:
     table = timed(
         ({"jump_tip": True, "jump_tip_first_ms": 1050, "cue0_first_ms": 1040}, {}), ({}, BEGAN)
     )
-    np.testing.assert_array_equal(times.leads_ms(table, 0, jump=True), [10, np.nan])
-    assert times.advance(table, 0, 3.0, jump=True).size_mm is None
+    np.testing.assert_array_equal(reacting_operator.leads_ms(table, 0, jump=True), [10, np.nan])
+    assert reacting_operator.advance(table, 0, 3.0, jump=True).size_mm is None
 
 
 def test_only_faults_that_changed_a_bit_and_that_nobody_meets_are_timed() -> None:
     table = timed(({}, {}), ({ACTION: 1.0}, {}), ({}, {"activated": False}))
-    assert times.unreacted(table).frame.index.tolist() == [0]
-
-
-def test_who_had_time_was_spared() -> None:
-    """Delay 200 ms: leads of 100 and 260 ms leave -100 and 60 ms."""
-    table = paired_runs(({}, {**ACTED, EXCURSION: 12.0}), ({}, ACTED), ({}, ACTED))
-    faults = [({"cue0_first_ms": 1300}, BEGAN), ({"cue0_first_ms": 1140}, BEGAN), ({}, {})]
-    found = times.left_by_time(timed(*faults), table, reacting_pairs.paired(table, RELEASE))
-    assert {name: (spared.k, spared.n) for name, (spared, _) in found.items() if spared.n} == {
-        "none: too soon for this operator": (0, 1),
-        "50 to 200 ms": (1, 1),
-    }
-
-
-def test_other_faults_cannot_be_timed() -> None:
-    table = paired_runs(({}, ACTED), ({}, ACTED))
-    pairs = reacting_pairs.paired(table, RELEASE)
-    with pytest.raises(ValueError, match="same campaign"):
-        times.left_by_time(timed(({}, {})), table, pairs)
-    with pytest.raises(ValueError, match="same campaign"):
-        times.left_by_time(timed(({}, {}), ({"fault0_start_ms": 7}, {})), table, pairs)
-
-
-def test_classes_of_faults_are_told_by_name_and_speed() -> None:
-    table = paired_runs(({"group": "library/B24"}, {"group": "library/B24"}), ({}, {}))
-    table.facts.loc[0, ["unintended", "unintended_ms"]] = [True, 1120]
-    pairs = reacting_pairs.paired(table, RELEASE)
-    masks = {
-        **reacting_pairs.by_design(pairs),
-        **reacting_pairs.by_speed(pairs),
-        **reacting_pairs.by_scenario(pairs),
-        **reacting_pairs.by_layer(pairs),
-    }
-    told = {name: mine.tolist() for name, mine in masks.items() if mine.any()}
-    assert told["hazards of the library"] == told["after 50 to 200 ms"] == [True, False]
-    assert told["sampled faults"] == told["no unintended motion"] == [False, True]
-    assert told["scenario: sudden jump"] == [True, False]
-    assert told["packets"] == [True, True]
+    assert reacting_operator.unreacted(table).frame.index.tolist() == [0]
 
 
 def test_a_reaction_is_idle_where_no_hazard_was_coming() -> None:
     table = paired_runs(*[({}, ACTED)] * 5, ({}, {}))
     table.facts.loc[[0, 1], "hazard"] = "loss of motion"
     table.facts.loc[[2, 3], ["hazard", "unintended"]] = ["unintended motion", True]
-    pairs = reacting_pairs.paired(table, RELEASE)
-    idle, unmoved = tables.idle_rate(pairs), tables.unmoved_rate(pairs)
+    pairs = reacting_operator.paired(table, RELEASE)
+    idle, unmoved = reacting_operator.idle_rate(pairs), reacting_operator.unmoved_rate(pairs)
     assert (idle.k, idle.n) == (3, 5)
     assert (unmoved.k, unmoved.n) == (4, 5)
 
@@ -299,39 +218,16 @@ def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
         {"pedal_down_ms": 2000, "cue0_first_ms": 1500, "cue0_count": 3},
         {"pedal_down_ms": 2000, "cue0_count": 0},
     ]
-    table = runs(*[({**row, fault_free.SCALE: 0.1, "operator": "suture"}, {}) for row in rows])
-    (found,) = fault_free.free(table, (3.0,))
-    assert (found.motions.k, found.motions.n) == (1, 2)
-    assert found.first.hours == pytest.approx((500 + 2000) / 3.6e6)
-    assert (found.first.count, found.pulses.count) == (1, 3)
-    assert found.pulses.hours == pytest.approx(4000 / 3.6e6)
-
-
-def test_the_drawings_draw() -> None:
-    table = paired_runs((MOVED, ACTED), ({}, ACTED), (MOVED, {**MOVED, **ACTED}))
-    contrast = reacting_pairs.contrast(
-        reacting_pairs.paired(table, RELEASE), measures.excursion(10.0)
+    table = runs(
+        *[({**row, reacting_operator.SCALE: 0.1, "operator": "suture"}, {}) for row in rows]
     )
-    rows = [
-        drawings.ContrastRow(block, name, "lift", contrast)
-        for block in ("a", "b")
-        for name in ("x", "y")
-    ]
-    advance = times.advance(timed(({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)), 0, 3.0)
-    for draw, panels in (
-        (drawings.leads([advance]), 1),
-        (drawings.rates(rows), 2),
-        (drawings.differences(rows, "p"), 1),
-    ):
-        figure = plt.figure()
-        draw(figure)
-        assert len(figure.axes) == panels
-        assert all(axis.get_title() for axis in figure.axes)
-        plt.close(figure)
+    (found,) = reacting_operator.free_reactions(table, (3.0,))
+    assert found.first.hours == pytest.approx((500 + 2000) / 3.6e6)
+    assert found.first.count == 1
 
 
-@pytest.mark.parametrize("variant", operator.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: operator.Variant) -> None:
+@pytest.mark.parametrize("variant", reacting_operator.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: reacting_operator.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
     assert len({cue.threshold_m for cue in config.haptics.cues()}) == len(config.haptics.cues())
 
@@ -339,20 +235,22 @@ def test_every_variant_loads(variant: operator.Variant) -> None:
 def test_each_size_is_timed_by_the_campaign_that_has_it_as_its_limit() -> None:
     limits = {
         v.name: loading.load(v.campaign, v.overrides).rules.limit_mm
-        for v in operator.STUDY.variants
+        for v in reacting_operator.STUDY.variants
     }
-    sized = {f"timed_{size:g}": size for size in measures.SIZES_MM[1:]}
+    sized = {f"timed_{size:g}": size for size in reacting_operator.SIZES_MM[1:]}
     assert {name: limit for name, limit in limits.items() if name in sized} == sized
-    assert {limit for name, limit in limits.items() if name not in sized} == {measures.SIZES_MM[0]}
+    assert {limit for name, limit in limits.items() if name not in sized} == {
+        reacting_operator.SIZES_MM[0]
+    }
 
 
 def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made, frame = synthetic_results.manifest(runs=200, limit_mm=5.0), synthetic_results.frame(200)
-    monkeypatch.setattr(reacting_pairs.folder, "read_all", lambda path: frame)
-    monkeypatch.setattr(reacting_pairs.manifest, "read", lambda path: made)
-    found = reacting_pairs.read(Path("anywhere"))
+    monkeypatch.setattr(reacting_operator.folder, "read_all", lambda path: frame)
+    monkeypatch.setattr(reacting_operator.manifest, "read", lambda path: made)
+    found = reacting_operator.read(Path("anywhere"))
     assert (found.limit_mm, found.end_ms) == (5.0, 3000)
     farther = [
         max(pair) for pair in zip(frame["unintended_mm"], frame["unintended_off_mm"], strict=True)
@@ -361,16 +259,16 @@ def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(
 
 
 def test_the_limit_of_the_variants_cuts_at_the_library() -> None:
-    config = loading.load(operator.CAMPAIGN, ("cross.reaction.action=[0, 1]",))
+    config = loading.load(reacting_operator.CAMPAIGN, ("cross.reaction.action=[0, 1]",))
     sampled = design.expand(config)["group"].astype(str).str.startswith("sampled/").to_numpy()
-    assert sampled[: 2 * operator.SAMPLED].all()
-    assert not sampled[2 * operator.SAMPLED :].any()
+    assert sampled[: 2 * reacting_operator.SAMPLED].all()
+    assert not sampled[2 * reacting_operator.SAMPLED :].any()
 
 
 def test_the_haptic_sets_are_those_of_the_tables() -> None:
-    for name in (operator.CAMPAIGN, operator.FREE):
+    for name in (reacting_operator.CAMPAIGN, reacting_operator.FREE):
         thresholds = [1e3 * cue.threshold_m for cue in loading.load(name).haptics.cues()]
-        assert thresholds == pytest.approx(operator.THRESHOLDS_MM)
+        assert thresholds == pytest.approx(reacting_operator.THRESHOLDS_MM)
 
 
 @pytest.mark.slow
@@ -384,23 +282,25 @@ def test_variants_of_the_operator_have_the_same_faults() -> None:
         "fault0_start_ms",
         "fault0_duration_ms",
     ]
-    known = design.expand(loading.load(operator.CAMPAIGN, few))[inputs]
-    for variants in operator.BLOCKS.values():
+    known = design.expand(loading.load(reacting_operator.CAMPAIGN, few))[inputs]
+    for variants in reacting_operator.BLOCKS.values():
         for words, overrides in variants.values():
-            other = design.expand(loading.load(operator.CAMPAIGN, (*few, *overrides)))[inputs]
+            other = design.expand(loading.load(reacting_operator.CAMPAIGN, (*few, *overrides)))[
+                inputs
+            ]
             assert known.equals(other), words
 
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
-    found = running.run(operator.STUDY, tmp_path)
+    found = findings_files.reproduce(reacting_operator.STUDY, tmp_path)
     value = {line.quantity: line.predicted.value for line in found.lines if line.predicted}
     late = [
         value[
             f"unintended motion of {size:g} mm: came too soon for any reaction of 250 ms, cue at"
             " 1 mm"
         ]
-        for size in measures.SIZES_MM
+        for size in reacting_operator.SIZES_MM
     ]
     assert late == sorted(late, reverse=True)
     assert late[0] > 85.0

@@ -8,16 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from ravenjax.studies.framework import literature
-from ravenjax.studies.seed.burst import events
-from ravenjax.studies.seed.burst.events import (
-    EVENT_TICKS,
-    BurstEvent,
-    BurstRun,
-    criteria,
-    jump_ticks,
-    rebound,
-)
+from studies.seed import burst
+from studies.seed.burst import EVENT_TICKS, BurstEvent, BurstRun, criteria, jump_ticks, rebound
+from studies.study import Published
 
 TICKS = 20_000
 ONSETS = (2000, 10_000)
@@ -66,7 +59,7 @@ def row(**changed):
 
 
 def measured(series, **changed):
-    return events.run(row(**changed), series, np.zeros((TICKS, 3)))
+    return burst.run(row(**changed), series, np.zeros((TICKS, 3)))
 
 
 def met(run):
@@ -139,24 +132,10 @@ def test_a_jump_is_two_long_steps_in_a_row_that_the_golden_run_does_not_make():
     assert [event.jumped for event in measured(series).events] == [False, True]
 
 
-def test_series_for_a_figure_end_with_the_stop():
-    run = events.run(row(), made(), np.zeros((TICKS, 3)), drawn=True)
-    drawn = run.events[0].curves
-    assert (
-        drawn is not None and drawn.time_s[0] == -0.1 and drawn.time_s[-1] == pytest.approx(0.795)
-    )
-    assert drawn.shoulder_deg[20] == pytest.approx(
-        0.0
-    ) and drawn.shoulder_deg.min() == pytest.approx(-2.0, abs=0.1)
-    stopped = {"response": "stopped", "response_cause": "overdrive", "response_ms": ONSETS[0] + 250}
-    short = events.run(row(**stopped), made(), np.zeros((TICKS, 3)), drawn=True).events[0].curves
-    assert short is not None and short.time_s[-1] < 0.25
-
-
 GOOD = BurstEvent(0, 5.0, False, 5.0, 150.0, 0.2, 0.02, False)
 LAST = BurstEvent(0, 6.6, True, math.nan, math.nan, 0.2, 0.05, False)
 WHOLE = BurstRun("burst", 800.0, (GOOD, GOOD, GOOD, LAST), "overdrive", 32_500, 0, True)
-RULES = criteria(literature.read("seed"))
+RULES = criteria(Published("seed"))
 
 
 def test_the_published_run_meets_every_band():

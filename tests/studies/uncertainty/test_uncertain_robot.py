@@ -8,7 +8,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,12 +16,9 @@ import synthetic_results
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.report.data import facts as run_facts
-from ravenjax.stats.intervals import Rate
-from ravenjax.studies import running
-from ravenjax.studies.uncertainty import drawings, robot, search, tables
-from ravenjax.studies.uncertainty import rates as uncertain_rates
-from ravenjax.studies.uncertainty.parameters import PARAMETERS, SETS, Uncertain
-from ravenjax.studies.uncertainty.rates import EVENTS, RobotRates
+from studies import findings as findings_files
+from studies import uncertain_robot
+from studies.uncertain_robot import EVENTS, PARAMETERS, SETS, RobotRates, Uncertain
 
 FRICTION = PARAMETERS[0]
 
@@ -38,7 +34,7 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
 
 def test_ranges_and_laws_agree() -> None:
     for one in PARAMETERS:
-        (kind, values), *_ = search.drawn([one])[one.path].items()
+        (kind, values), *_ = uncertain_robot.drawn([one])[one.path].items()
         assert (min(values), max(values)) == (one.low, one.high), one.path
         assert one.low <= one.nominal <= one.high, one.path
         assert kind == "choice" or len(values) == 2
@@ -55,10 +51,10 @@ def test_a_parameter_that_is_left_alone_has_its_known_value() -> None:
 def test_ends_are_compared_on_the_same_faults() -> None:
     """Fault 2 changed a bit at the high end alone: it is left out."""
     frame = pd.DataFrame(
-        {uncertain_rates.FAULT: [0, 1, 0, 1, 2], FRICTION.column: [0.5, 0.5, 2.0, 2.0, 2.0]}
+        {uncertain_robot.FAULT_NUMBER: [0, 1, 0, 1, 2], FRICTION.column: [0.5, 0.5, 2.0, 2.0, 2.0]}
     )
     found = table(5, unintended=[0, 1, 2, 4])
-    low, high = uncertain_rates.robots(frame, found, FRICTION)
+    low, high = uncertain_robot.robots_at_ends(frame, found, FRICTION)
     assert low.events.index.tolist() == high.events.index.tolist() == [0, 1]
     assert (low.rate("unintended").k, high.rate("unintended").k) == (2, 1)
 
@@ -66,7 +62,7 @@ def test_ends_are_compared_on_the_same_faults() -> None:
 def test_events_are_those_of_the_result_table() -> None:
     made, frame = synthetic_results.manifest(runs=800), synthetic_results.frame(800)
     chosen = frame["activated"] & (frame["fault0_site"] != "") & (frame["failed"] == "")
-    found = uncertain_rates.events(frame[chosen], run_facts.of(frame, made)[chosen])
+    found = uncertain_robot.events(frame[chosen], run_facts.of(frame, made)[chosen])
     assert set(found) == {*EVENTS, "layer", "kind"}
     mine = frame[chosen]
     moved, began, cue = (
@@ -93,8 +89,8 @@ def test_events_are_those_of_the_result_table() -> None:
 
 def test_a_fault_has_the_same_number_in_every_variant() -> None:
     """Two groups of two faults, once and at two ends each, as a campaign's column `pair` tells."""
-    assert uncertain_rates.numbered(np.array([0, 1, 2, 3])).tolist() == [0, 1, 2, 3]
-    assert uncertain_rates.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [
+    assert uncertain_robot.numbered(np.array([0, 1, 2, 3])).tolist() == [0, 1, 2, 3]
+    assert uncertain_robot.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [
         0,
         1,
         0,
@@ -120,13 +116,16 @@ def ends(
 def test_an_effect_is_a_paired_difference() -> None:
     found = {
         one.event: one
-        for one in uncertain_rates.effects(ends(100, list(range(20)), list(range(10))))
+        for one in uncertain_robot.parameter_effects(ends(100, list(range(20)), list(range(10))))
     }
     moved = found["unintended"]
     assert moved.difference.value == pytest.approx(-0.1)
     assert moved.p == pytest.approx(2 * 0.5**10)
     assert math.isnan(found["jump"].p)  # no fault differs: nothing to test
-    assert [one.rejected for one in uncertain_rates.judged([moved.p, math.nan])] == [True, False]
+    assert [one.rejected for one in uncertain_robot.holm_findings([moved.p, math.nan])] == [
+        True,
+        False,
+    ]
 
 
 def test_faults_of_one_kind_are_one_witness() -> None:
@@ -137,7 +136,9 @@ def test_faults_of_one_kind_are_one_witness() -> None:
     pooled = {
         FRICTION: tuple(one._replace(events=one.events.assign(kind=kind)) for one in (low, high))
     }
-    (alike,) = [one for one in uncertain_rates.effects(pooled) if one.event == "unintended"]  # pyright: ignore
+    (alike,) = [
+        one for one in uncertain_robot.parameter_effects(pooled) if one.event == "unintended"
+    ]  # pyright: ignore
     assert alike.difference.value == pytest.approx(-0.1)
     assert alike.p == 1
     assert alike.difference.high > -1e-9  # another draw of kinds may lack that one
@@ -151,7 +152,7 @@ def test_thirds_find_the_parameter_that_decides() -> None:
     found = table(600, unintended=np.flatnonzero(values[:, 0] > 1.5).tolist())
     told = {
         (event, one.name): one
-        for event, one in uncertain_rates.thirds(frame, found, (first, second))
+        for event, one in uncertain_robot.dependences_by_thirds(frame, found, (first, second))
     }
     assert told["unintended", first.path].depends
     assert not told["unintended", second.path].depends
@@ -165,7 +166,7 @@ def test_the_range_names_its_robots() -> None:
         RobotRates("b", table(10, cue=[])),
         RobotRates("c", table(10, cue=[1, 2, 3])),
     ]
-    span = uncertain_rates.over(robots, "cue")
+    span = uncertain_robot.over(robots, "cue")
     assert (span.low_robot, span.low.k, span.high_robot, span.high.k) == ("b", 0, "c", 3)
 
 
@@ -178,8 +179,8 @@ def test_rounding_is_what_sets_the_known_robot_apart_from_itself() -> None:
             RobotRates("high", table(100, unintended=list(range(50)))),
         )
     }
-    assert uncertain_rates.rounding(known, again) == (pytest.approx(0.01), 1)
-    apart, same = uncertain_rates.rounding(known, ends(100, [1], [2]))
+    assert uncertain_robot.rounding(known, again) == (pytest.approx(0.01), 1)
+    apart, same = uncertain_robot.rounding(known, ends(100, [1], [2]))
     assert math.isnan(apart)
     assert same == 0
 
@@ -188,12 +189,14 @@ def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
     known = RobotRates("known robot", table(100, unintended=list(range(15))))
     pairs = ends(100, list(range(20)), list(range(5)))
     robots = [known, *pairs[FRICTION]]
-    shown = tables.conclusions(known, robots, uncertain_rates.effects(pairs), [], {})
+    shown = uncertain_robot.conclusion_table(
+        known, robots, uncertain_robot.parameter_effects(pairs), [], {}
+    )
     rows = {str(row[0]): row for row in shown.rows}
     assert rows[EVENTS["unintended"]][2] == "5.0\u202f% to 20.0\u202f%"
     assert rows[EVENTS["unintended"]][3] == "high; low"
     assert rows[EVENTS["unintended"]][4] == "friction (−15)"
-    assert rows[EVENTS["jump"]][4] == tables.NONE
+    assert rows[EVENTS["jump"]][4] == uncertain_robot.NONE
 
 
 def test_layers_have_places() -> None:
@@ -201,7 +204,7 @@ def test_layers_have_places() -> None:
         RobotRates("a", table(10, unintended=[1, 3])),
         RobotRates("b", table(10, unintended=[0, 2, 4, 1])),
     ]
-    rows = {str(row[0]): row for row in tables.by_layer(robots, "unintended").rows}
+    rows = {str(row[0]): row for row in uncertain_robot.layer_table(robots, "unintended").rows}
     assert rows["packets"][4:] == (1, "1 to 2")
     assert rows["USB in"][4:] == (2, "1 to 2")
 
@@ -217,7 +220,9 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
         [b, a], mu_star={"value": [1, 2], "low": [0, 1], "high": [2, 3]}, sigma={"value": [5, 6]}
     )
     shares = {"value": [0.1, 0.7], "low": [0.0, 0.6], "high": [0.2, 0.8]}
-    found = search.indices({"morris": morris, "sobol": record([a, b], ST=shares, S1=shares)})
+    found = uncertain_robot.indices(
+        {"morris": morris, "sobol": record([a, b], ST=shares, S1=shares)}
+    )
     assert [(one.parameter.path, one.total[0], one.effect[0], one.spread) for one in found] == [
         (b, 0.7, 1.0, 5.0),
         (a, 0.1, 2.0, 6.0),
@@ -225,28 +230,8 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
     assert found[0].runs == 20
 
 
-def test_the_drawings_draw() -> None:
-    known = RobotRates("known", table(10, unintended=[1]))
-    pair = (known, known)
-    index = search.Index(
-        "elbow", FRICTION, 1.0, 0.1, (1, 0, 2), 0.1, (0.5, 0.4, 0.6), (0.5, 0.4, 0.6), 9
-    )
-    rates = {"packets": [Rate(1, 10, 0.1, 0.01, 0.4), Rate(2, 10, 0.2, 0.05, 0.5)]}
-    cases = (
-        (drawings.ranges(known, {"friction": pair}, [known]), len(drawings.SHOWN)),
-        (drawings.layers(rates, "unintended"), 1),
-        (drawings.indices([index]), 1),
-    )
-    for draw, panels in cases:
-        figure = plt.figure()
-        draw(figure)
-        assert len(figure.axes) == panels
-        assert all(axis.get_xlabel() for axis in figure.axes)
-        plt.close(figure)
-
-
-@pytest.mark.parametrize("variant", robot.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: robot.Variant) -> None:
+@pytest.mark.parametrize("variant", uncertain_robot.STUDY.variants, ids=lambda v: v.name)
+def test_every_variant_loads(variant: uncertain_robot.Variant) -> None:
     config = loading.load(variant.campaign, variant.overrides)
     varied = {*config.parameters, *config.cross}
     assert varied <= {one.path for one in PARAMETERS}
@@ -265,15 +250,15 @@ def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
         "fault0_start_ms",
         "fault0_duration_ms",
     ]
-    known = design.expand(loading.load(robot.CAMPAIGN))
-    crossed = design.expand(loading.load(robot.CAMPAIGN, (FRICTION.crossed,)))
+    known = design.expand(loading.load(uncertain_robot.CAMPAIGN))
+    crossed = design.expand(loading.load(uncertain_robot.CAMPAIGN, (FRICTION.crossed,)))
     for value in (FRICTION.low, FRICTION.high):
         mine = crossed.loc[crossed[FRICTION.column] == value, inputs].reset_index(drop=True)
         assert mine.equals(known[inputs])
 
 
 def test_the_faults_are_those_of_the_quick_campaign() -> None:
-    ours, quick = (loading.load(name) for name in (robot.CAMPAIGN, "quick.toml"))
+    ours, quick = (loading.load(name) for name in (uncertain_robot.CAMPAIGN, "quick.toml"))
     theirs = {group.name: group for group in quick.group}
     missing = {*theirs} - {group.name for group in ours.group}
     assert missing == {"fault_free"}, (
@@ -291,7 +276,7 @@ def test_the_published_sets_are_all_there() -> None:
 
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
-    found = running.run(robot.STUDY, tmp_path)
+    found = findings_files.reproduce(uncertain_robot.STUDY, tmp_path)
     plain = found.tables[0]
     assert [row[0] for row in plain.rows] == [*EVENTS.values()]
     for line in found.lines:

@@ -1,0 +1,339 @@
+"""What each study claims and what that rests on: data in `claims/NAME.toml`, one file a study, as
+Markdown for a study's page and for one page over all studies.
+
+Terms and their order are those of the guidance *Assessing the Credibility of Computational Modeling
+and Simulation in Medical Device Submissions* (FDA, November 2023). What several claims rest on
+stands once, in `claims/model.toml`.
+
+A text may hold numbers of findings, each by its name in braces. `numbers` says where it is read, so
+that none is typed:
+
+    answer = "The predicted mean is {mean}, over {mean.over}; published is {mean.published}."
+    numbers.mean = { line = "mean tip error of all segments" }
+
+In patterns of a line's quantity, a table's title, a row or a column, * stands for any text.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ravenjax.errors import UserError
+from studies import cells
+from studies.study import standings
+
+Record = Mapping[str, Any]
+"""findings.json."""
+
+FOLDER = Path(__file__).parent / "claims"
+
+Category = Literal[
+    "code verification",
+    "model calibration",
+    "bench test validation",
+    "in vivo validation",
+    "population-based validation",
+    "emergent model behavior",
+    "model plausibility",
+    "calculation verification and uncertainty quantification",
+]
+CATEGORIES: tuple[Category, ...] = Category.__args__
+"""The eight categories of credibility evidence, in the guidance's order."""
+Level = Literal["low", "medium", "high"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Quotation(_Strict):
+    """Where a number of findings is read: one of a line, a cell, a target, or lines in bands."""
+
+    line: str = ""  # quantity of a line
+    table: str = ""  # title of a table; with row and column
+    row: tuple[str, ...] = ()  # first cells of the row
+    column: str = ""
+    target: str = ""  # A1: what its lines say
+    inside: str = ""  # quantities of lines, of which those inside their band are counted
+
+
+class Evidence(_Strict):
+    """Something that speaks for or against, and where to look at it."""
+
+    category: Category
+    text: str
+    tests: tuple[str, ...] = ()  # tests/... or analysis/..., a test's name behind ::
+    pages: tuple[str, ...] = ()  # docs/... or models/..., a heading's anchor behind #
+    tables: tuple[str, ...] = ()  # titles of tables of the study's findings
+
+
+class ModelEvidence(Evidence):
+    """What several claims rest on."""
+
+    name: str  # by which claims name it
+    study: str = ""  # whose findings its tables and numbers are of
+    numbers: dict[str, Quotation] = {}
+
+
+class Claim(_Strict):
+    """One answer of a study, in the guidance's order, and what would change it."""
+
+    title: str  # what is claimed about, without its number
+    question: str  # of interest
+    context_of_use: str  # what the model is used for to answer it
+    influence: Level  # of the model, beside other evidence, on the answer
+    consequence: Level  # of a wrong answer, for the decision that rests on it
+    risk: str  # why influence and consequence are so
+    answer: str
+    rests_on: tuple[str, ...]  # names of evidence of the model
+    evidence: tuple[Evidence, ...]  # of this claim alone
+    goal: str = ""  # what was set before the prediction was made; empty for nothing
+    adequate_for: str
+    not_adequate_for: str
+    what_would_change_it: str
+    numbers: dict[str, Quotation] = {}
+
+
+class _StudyFile(_Strict):
+    claim: tuple[Claim, ...]
+
+
+class _ModelFile(_Strict):
+    about: tuple[str, ...]  # paragraphs that begin the page
+    evidence: tuple[ModelEvidence, ...]
+
+
+_F = TypeVar("_F", bound=_Strict)
+
+
+def _read(model: type[_F], path: Path) -> _F:
+    try:
+        return model.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (tomllib.TOMLDecodeError, ValidationError) as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+@cache
+def of_study(name: str) -> tuple[Claim, ...]:
+    """The claims of a study; none where it has no file. Raises UserError."""
+    path = FOLDER / f"{name}.toml"
+    return _read(_StudyFile, path).claim if path.is_file() else ()
+
+
+@cache
+def _model_file() -> _ModelFile:
+    return _read(_ModelFile, FOLDER / "model.toml")
+
+
+def of_model() -> dict[str, ModelEvidence]:
+    """What several claims rest on, by its name. Raises UserError."""
+    return {row.name: row for row in _model_file().evidence}
+
+
+# --- numbers of findings in sentences ---
+
+ABSENT = "(not in these findings)"
+NOT_PREDICTED = "(not predicted)"
+"""Where a line has no prediction, as without a recording that is not in the repository."""
+_UNITS = {"1/h": "an hour", "per hour": "an hour"}
+
+
+class Quoted(NamedTuple):
+    """A number as words."""
+
+    text: str
+    over: str = ABSENT  # what it was counted over
+    published: str = ABSENT
+    band: str = ABSENT  # of agreement
+
+    def __format__(self, spec: str) -> str:
+        return format(self.text, spec)
+
+
+def filled(text: str, numbers: Mapping[str, Quotation], record: Record | None) -> str:
+    """The text with its numbers; without findings each is said to be absent."""
+    return text.format_map({name: quoted(one, record) for name, one in numbers.items()})
+
+
+def quoted(one: Quotation, record: Record | None) -> Quoted:
+    """What the findings say at that place."""
+    if record is None:
+        return Quoted(ABSENT)
+    if one.target:
+        found = [state for state in standings(record["lines"]) if state.id == one.target]
+        return Quoted(found[0].sentence if found else ABSENT)
+    if one.inside:
+        passed = [line["passed"] for line in _matching(one.inside, record["lines"], "quantity")]
+        judged = [one for one in passed if one is not None]
+        return Quoted(f"{sum(judged)} of {len(judged)}" if judged else NOT_PREDICTED)
+    if one.table:
+        return Quoted(_cell(one, record))
+    lines = _matching(one.line, record["lines"], "quantity")
+    if len(lines) != 1:
+        return Quoted(ABSENT)
+    predicted, published, band = (lines[0][key] for key in ("predicted", "published", "band"))
+    unit = str(_UNITS.get(lines[0]["unit"], lines[0]["unit"]))
+    return Quoted(
+        NOT_PREDICTED if predicted is None else cells.with_interval(predicted, unit),
+        NOT_PREDICTED if predicted is None else cells.counted_over(predicted),
+        ABSENT if published is None else cells.with_interval(published, unit),
+        ABSENT if band is None else cells.span(*band),
+    )
+
+
+def _cell(one: Quotation, record: Record) -> str:
+    tables = _matching(one.table, record["tables"], "title")
+    if len(tables) != 1:
+        return ABSENT
+    columns = [k for k, name in enumerate(tables[0]["columns"]) if fits(one.column, name)]
+    rows = [row for row in tables[0]["rows"] if all(map(fits, one.row, map(cells.cell, row)))]
+    return cells.cell(rows[0][columns[0]]) if len(columns) == len(rows) == 1 else ABSENT
+
+
+def _matching(pattern: str, rows: Sequence[Record], key: str) -> list[Record]:
+    return [row for row in rows if fits(pattern, row[key])]
+
+
+def fits(pattern: str, text: str) -> bool:
+    """Whether a text is as the pattern, in which * stands for any text."""
+    return re.fullmatch(".*".join(map(re.escape, pattern.split("*"))), text, re.DOTALL) is not None
+
+
+# --- Markdown ---
+
+
+def section(record: Record) -> str:
+    """The claims of one study, for its own page; empty where it has none."""
+    rows = of_study(record["study"]["name"])
+    about = (
+        "In the order of FDA's guidance on the credibility of computational models (November"
+        " 2023). What is said *of the model* is in credibility.md of the folder above."
+    )
+    return "\n\n".join(["## Credibility", about, *_claims(rows, record, "")]) if rows else ""
+
+
+def page(records: Mapping[str, Record], home: str = "") -> str:
+    """The page over studies, by their names in the order of the page.
+
+    home: folder of the page in the repository; pages of docs/ are then links, and code otherwise.
+    """
+    in_short = [
+        (
+            f"[{claim.title}](#{anchor(claim.title)})",
+            filled(claim.answer, claim.numbers, record),
+            f"{claim.influence}, {claim.consequence}",
+        )
+        for name, record in records.items()
+        for claim in of_study(name)
+    ]
+    parts = [
+        "# How credible each claim is",
+        *_model_file().about,
+        "## Claims in short",
+        cells.table(("claim about", "answer", "influence, consequence"), in_short),
+        "## The model",
+        "What several claims rest on. *Bench test* is a comparison with recordings of a robot in a"
+        " laboratory, or with published experiments on one.",
+        _model(records, home),
+    ]
+    for name, record in records.items():
+        if rows := of_study(name):
+            parts += [
+                f"## {record['study']['title']}",
+                f"`ravenjax reproduce {name}`; source: {record['study']['source']}.",
+                *_claims(rows, record, home),
+            ]
+    return "\n\n".join(parts) + "\n"
+
+
+def answers(record: Record) -> list[str]:
+    """One line for each claim of a study: title, answer, what that is not adequate for."""
+    return [
+        f"{claim.title}: {filled(claim.answer, claim.numbers, record)} Not adequate for "
+        f"{filled(claim.not_adequate_for, claim.numbers, record)}"
+        for claim in of_study(record["study"]["name"])
+    ]
+
+
+def anchor(heading: str) -> str:
+    """Of a heading, as the documentation's site and GitHub make it where no two are alike."""
+    return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+
+
+def _model(records: Mapping[str, Record], home: str) -> str:
+    ordered = sorted(of_model().values(), key=lambda one: CATEGORIES.index(one.category))
+    rows = []
+    for one in ordered:
+        record = records.get(one.study) if one.study else None
+        text = filled(one.text, one.numbers, record) + _pointers(one, record, home, one.study)
+        rows.append((one.category, f"*{one.name}*", text))
+    rows.append(("no evidence", "", _lacking(ordered)))
+    return cells.table(("category", "name", "evidence"), rows)
+
+
+def _claims(rows: Iterable[Claim], record: Record, home: str) -> Iterator[str]:
+    for claim in rows:
+        yield f"### {claim.title}"
+        yield f"**{filled(claim.answer, claim.numbers, record)}**"
+        yield cells.table(("step", "here"), _steps(claim, record, home))
+
+
+def _steps(claim: Claim, record: Record, home: str) -> Iterator[tuple[str, str]]:
+    def text(of: str) -> str:
+        return filled(of, claim.numbers, record)
+
+    yield "Question of interest", claim.question
+    yield "Context of use", claim.context_of_use
+    risk = f"Influence {claim.influence}, consequence {claim.consequence}. {text(claim.risk)}"
+    yield "Model risk", risk
+    shared = [of_model()[name] for name in claim.rests_on]
+    for category in CATEGORIES:
+        names = [f"*{one.name}*" for one in shared if one.category == category]
+        parts = [f"Of the model: {', '.join(names)}."] if names else []
+        parts += [
+            text(one.text) + _pointers(one, record, home)
+            for one in claim.evidence
+            if one.category == category
+        ]
+        if parts:
+            yield f"Evidence: {category}", " ".join(parts)
+    yield "No evidence", _lacking([*shared, *claim.evidence]).capitalize() + "."
+    yield "Credibility goal", text(claim.goal) or "None was set beforehand."
+    yield (
+        "Adequacy",
+        f"Adequate for {text(claim.adequate_for)} **Not adequate for"
+        f" {text(claim.not_adequate_for)}**",
+    )
+    yield "What would change it", text(claim.what_would_change_it)
+
+
+def _lacking(rows: Iterable[Evidence]) -> str:
+    present = {one.category for one in rows}
+    return ", ".join(category for category in CATEGORIES if category not in present)
+
+
+def _pointers(one: Evidence, record: Record | None, home: str, study: str = "") -> str:
+    where = f" of `ravenjax reproduce {study}`" if study else ""
+    tables = []
+    for pattern in one.tables:
+        found = _matching(pattern, record["tables"], "title") if record else []
+        title = found[0]["title"] if len(found) == 1 else pattern.replace("*", "..")
+        tables.append(f"table *{title}*{where}")
+    tests, pages = [f"`{test}`" for test in one.tests], [_link(page, home) for page in one.pages]
+    return f" ({'; '.join([*tests, *pages, *tables])})"
+
+
+def _link(page: str, home: str) -> str:
+    path, _, place = page.partition("#")
+    if not (home.startswith("docs") and path.startswith("docs")):
+        return f"`{page}`"
+    name = posixpath.basename(path).removesuffix(".md")
+    return f"[{name}]({posixpath.relpath(path, home)}{'#' * bool(place)}{place})"

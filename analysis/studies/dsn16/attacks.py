@@ -1,0 +1,643 @@
+"""What both scenarios of the targeted attacks share: runs counted by cell, packets, levers,
+variants of open questions, and what the text of the publication states.
+
+A cell is one fault (a value and a duration); the runs in it differ in the packet that it starts at.
+Values, durations and onsets are a fixed grid, so a predicted share has no interval. How long a
+packet lasts was not published: packets last as on a recorded arm, other lengths stand beside them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.campaign import plan
+from ravenjax.campaign.file.config import CampaignConfig, validated
+from ravenjax.campaign.plan import Plan
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.campaign import hands
+from ravenjax.robots.raven2.campaign.config import of_raven
+from ravenjax.robots.raven2.campaign.program import PACKET_KEY, PACKETS
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
+from ravenjax.stages import packet_clock
+from ravenjax.store import manifest
+from ravenjax.store.folder import read_all
+from studies.study import Line, StudyEstimate, Table, Variant
+
+DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
+"""Packets that a fault lasts, in both scenarios."""
+
+
+def inside(ended: np.ndarray, start: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """Whether a first jump counts for the published analysis when it only looks at packets t1 to t1
+    + d + 1.
+
+    ended: packet that ends the second long step, as the monitor notes it, 0 never; the jump's own
+    packet is two before. start, duration: packets.
+    """
+    packet = np.asarray(ended) - 2
+    return (
+        (np.asarray(ended) > 0) & (packet >= start) & (packet <= np.asarray(start) + duration + 1)
+    )
+
+
+class CellShares(NamedTuple):
+    """A share in each cell."""
+
+    values: np.ndarray  # [V] of the fault, ascending
+    durations: np.ndarray  # [D] packets, ascending
+    shares: np.ndarray  # [V, D], NaN where there is no run
+
+    def of(self, duration: int) -> np.ndarray:
+        """Of all values held for so many packets, [V]. KeyError where there is no such duration."""
+        place = np.flatnonzero(self.durations == duration)
+        if not len(place):
+            raise KeyError(
+                f"no fault lasts {duration} packets; there are {self.durations.tolist()}"
+            )
+        return self.shares[:, place[0]]
+
+    @property
+    def by_size(self) -> np.ndarray:
+        """The shares with values in the order of their magnitude, [V, D]."""
+        return self.shares[np.argsort(np.abs(self.values))]
+
+    @property
+    def alike(self) -> int:
+        """Cells whose runs all come out the same."""
+        return int(((self.shares == 0.0) | (self.shares == 1.0)).sum())
+
+
+def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShares:
+    """Share of runs with `hit` (bool [n]) in each cell of value [n] and duration [n]."""
+    values, row = np.unique(value, return_inverse=True)
+    durations, column = np.unique(duration, return_inverse=True)
+    place, size = row * len(durations) + column, len(values) * len(durations)
+    with np.errstate(invalid="ignore"):
+        shares = np.bincount(place, np.asarray(hit, float), size) / np.bincount(
+            place, minlength=size
+        )
+    return CellShares(values, durations, shares.reshape(len(values), len(durations)))
+
+
+def rate(cells: np.ndarray) -> StudyEstimate:
+    """Mean of the cells' shares [n], in %. ValueError for none."""
+    shares = np.asarray(cells, float)
+    if shares.ndim != 1 or not len(shares):
+        raise ValueError(f"a rate over cells needs shares [n], got shape {shares.shape}")
+    return StudyEstimate(100.0 * float(shares.mean()), n=len(shares), of="cells of a fixed grid")
+
+
+class Bias(NamedTuple):
+    """Signs of differences, prediction minus publication."""
+
+    above: int
+    below: int
+    p: float  # two-sided, of as uneven a split of fair signs; 1 where there is no difference at all
+
+    @property
+    def words(self) -> str:
+        """The split in words."""
+        return f"{self.above} above, {self.below} below"
+
+
+def bias(predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0) -> Bias:
+    """Exact sign test; a difference within the reading error of the publication is none."""
+    from scipy.stats import binomtest
+
+    apart = np.asarray(predicted, float) - np.asarray(published, float)
+    above, below = int((apart > reading_error).sum()), int((apart < -reading_error).sum())
+    p = float(binomtest(above, above + below).pvalue) if above + below else 1.0
+    return Bias(above, below, p)
+
+
+def in_band(value: float, band: tuple[float, float]) -> bool:
+    """Whether a value lies in a band, ends included."""
+    return bool(band[0] <= value <= band[1])
+
+
+MOTIONS: Mapping[str, tuple[str, ...]] = {
+    "peg_transfer": ("operator.motion=peg_transfer",),
+    "palpate": ("operator.motion=palpate",),
+    "circle": ("operator.motion=circle",),
+    "reach": ("operator.motion=reach",),
+    "still": ("operator.motion=still",),
+}
+"""Other motions that begin at home."""
+
+LEVERS: Mapping[str, tuple[str, ...]] = {
+    f"suture_{lever}mm": (f"operator.start.insertion_m={insertion}",)
+    for lever, insertion in ((110, 0.372), (145, 0.336), (180, 0.300))
+}
+"""The stitches of the baseline with the insertion drawn back at the start."""
+
+
+class Lever(NamedTuple):
+    """Distance of the desired tip from the first axis over some packets, mm."""
+
+    low: float
+    high: float
+
+    @property
+    def words(self) -> str:
+        """As a range."""
+        return (
+            f"{self.low:.0f} mm"
+            if round(self.low) == round(self.high)
+            else f"{self.low:.0f}-{self.high:.0f} mm"
+        )
+
+
+def lever(config: CampaignConfig, rows: np.ndarray) -> Lever:
+    """Of the gold arm's desired tip at these rows of the motion, ms. The first axis is the z axis
+    of the arm's frame 0."""
+    tips = desired_tip(config)[np.asarray(rows, int)]
+    distance = np.hypot(tips[:, 0], tips[:, 1]) * 1e3
+    return Lever(float(distance.min()), float(distance.max()))
+
+
+def desired_tip(config: CampaignConfig) -> np.ndarray:
+    """Where the operator wants the gold tip, [ms, 3] m in frame 0."""
+    from ravenjax.numbers.lazy import jax
+
+    raven = of_raven(config)
+    motion = hands.operator_motion(raven)
+    with jax.enable_x64(True):
+        start = kinematics.forward(
+            "gold", Vec(np.float64(q) for q in motion.start_jpos[0])
+        ).position
+    axes = np.array(ITP_AXES["gold"], float)
+    return (
+        np.array([float(x) for x in start])
+        + motion.position_um[:, 0] @ axes.T * raven.operator.scale * 1e-6
+    )
+
+
+CYCLES = "network.cycles_per_packet"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PacketTicks:
+    """Of the runs of a campaign, in its order, as if nothing ever stopped them; packets count
+    from 1.
+    """
+
+    ticks: np.ndarray  # int32 [runs, packets] at which each comes, ascending
+    # a packet is of the hand's place at its tick; else each is of the next row of the motion
+    by_time: bool
+
+    def packet(self, index: np.ndarray, tick: np.ndarray) -> np.ndarray:
+        """Number of the newest packet in run `index` [n] at `tick` [n] (ms); 0 where the tick is
+        negative.
+        """
+        return np.array(
+            [
+                np.searchsorted(self.ticks[row], t, side="right")
+                for row, t in zip(index, tick, strict=True)
+            ],
+            int,
+        )
+
+    def motion_row(self, index: np.ndarray, packet: np.ndarray) -> np.ndarray:
+        """Row of the motion, a row a ms, that packet `packet` [n] of run `index` [n] is made of."""
+        place = np.asarray(packet, int) - 1
+        return self.ticks[index, place] if self.by_time else place
+
+
+def packet_ticks_of(ready: Plan) -> PacketTicks:
+    """Of a campaign that is planned. ValueError where its runs have several distributions."""
+    runs, length = ready.runs, ready.config.campaign.ticks
+    if PACKETS in ready.varied:
+        raise ValueError(f"expected one distribution of packets for all runs, got varied {PACKETS}")
+    if PACKET_KEY not in ready.varied:
+        return regular(runs, length, _cycles(ready))
+    return drawn(of_raven(ready.config).campaign.packet_shares, ready.varied[PACKET_KEY], length)
+
+
+def regular(runs: int, length: int, cycles: int = 1) -> PacketTicks:
+    """Of `runs` runs of `length` ms in which each packet lasts `cycles`."""
+    ticks = np.arange(0, length, cycles, dtype=np.int32)
+    return PacketTicks(np.broadcast_to(ticks, (runs, len(ticks))), by_time=False)
+
+
+def drawn(shares: tuple[float, ...], keys: np.ndarray, length: int) -> PacketTicks:
+    """Of runs with these packet keys (uint32 [runs]) and lengths that have `shares`, for
+    `length` ms.
+    """
+    packets = jnp.arange(length, dtype=jnp.int32)  # as many as there can be
+    cycles = packet_clock.length(
+        (shares,), np.int32(0), jnp.asarray(keys)[:, None], packets[None, :]
+    )
+    after = np.cumsum(np.asarray(cycles), axis=1, dtype=np.int32)
+    ticks = np.concatenate([np.zeros((len(keys), 1), np.int32), after[:, :-1]], axis=1)
+    return PacketTicks(ticks[:, : int((ticks < length).sum(axis=1).max())], by_time=True)
+
+
+def _cycles(ready: Plan) -> int:
+    axis = ready.config.parameters.get(CYCLES)
+    return 1 if axis is None else int(axis.values[0])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class VariantRuns:
+    """One variant; arrays have one entry a faulty run."""
+
+    name: str
+    config: CampaignConfig
+    lever: Lever  # over the packets at which faults start
+    index: np.ndarray  # row of the campaign
+    value: np.ndarray  # DAC counts, or displacement in um
+    duration: np.ndarray  # packets
+    start: np.ndarray  # packet
+    jump_packet: np.ndarray  # that ends the first jump's second long step, 0: none
+    hits: Mapping[
+        str, np.ndarray
+    ]  # bool: jump, inside (the published window), stop, ik, missed (jump without a stop)
+
+    def counting(self, **hits: np.ndarray) -> VariantRuns:
+        """The same runs with more to count."""
+        return dataclasses.replace(self, hits={**self.hits, **hits})
+
+    def share(self, hit: str) -> CellShares:
+        """Share of runs with `hit` in each cell."""
+        return means(self.value, self.duration, self.hits[hit])
+
+    def percent(self, hit: str) -> np.ndarray:
+        """Of the cells of each duration, in its order."""
+        return 100.0 * self.share(hit).shares.mean(axis=0)
+
+
+def read_runs(name: str, folder: Path) -> VariantRuns:
+    """The runs of a finished folder."""
+    config = validated(manifest.read(folder).config)
+    return runs_of(name, config, read_all(folder), packet_ticks_of(plan.make_plan(config)))
+
+
+def runs_of(
+    name: str, config: CampaignConfig, table: pd.DataFrame, packets: PacketTicks
+) -> VariantRuns:
+    """The valid faulty rows of a result table. A displacement's value is the group's (its slots
+    hold shares of it).
+    """
+    columns = {str(column): table[column].to_numpy() for column in table.columns}
+    has_fault, valid = columns["fault0_site"] != "", columns["failed"] == ""
+    faulty = np.flatnonzero(has_fault & valid)
+    rows = faulty[np.argsort(columns["index"][faulty])]
+    rejected = columns["check_ik_reject_count"]
+    free = rejected[~has_fault & valid].max(initial=0)
+    start, duration = columns["fault0_start_ms"][rows], columns["fault0_duration_ms"][rows]
+    index, jump = columns["index"][rows], columns["jump_code"][rows].astype(bool)
+    ended = packets.packet(index, columns["jump_code_first_ms"][rows])
+    stop = columns["response"][rows] == "stopped"
+    value = [
+        _displacement(g, v)
+        for g, v in zip(columns["group"][rows], columns["fault0_value"][rows], strict=True)
+    ]
+    return VariantRuns(
+        name=name,
+        config=config,
+        lever=lever(config, np.unique(packets.motion_row(index, start))),
+        index=index,
+        value=np.array(value),
+        duration=duration,
+        start=start,
+        jump_packet=ended,
+        hits={
+            "jump": jump,
+            "inside": inside(ended, start, duration),
+            "stop": np.asarray(stop, bool),
+            "ik": rejected[rows] > free,
+            "missed": jump & ~np.asarray(stop, bool),
+        },
+    )
+
+
+def _displacement(group: str, value: float) -> float:
+    return float(group[1:]) if group[:1] == "d" and group[1:].isdecimal() else float(value)
+
+
+def stored(value: float, words: str = "wrap") -> int:
+    """What is left of an added DAC value where it is stored, without the small nominal command."""
+    whole = int(value)
+    if words == "wrap":
+        return (whole + 32768) % 65536 - 32768
+    return max(-32768, min(32767, whole)) if words == "saturate" else whole
+
+
+DECLARED = "as_declared"
+"""The variant that has the baseline which was declared before packets were measured."""
+
+EVERY_CYCLE = ("campaign.packets=every_cycle", "campaign.duration_s=3")
+SLOW_REPLAY = ("campaign.packets=every_cycle", "parameters.network.cycles_per_packet=2")
+
+LENGTHS = {
+    "every_cycle": (EVERY_CYCLE, "a packet each control cycle"),
+    "one_or_two": (
+        ("campaign.packets=[0.5,0.5]", "campaign.duration_s=4"),
+        "half of the packets last one cycle, half two (assumed)",
+    ),
+    "bursts": (
+        ("campaign.packets=bursts", "campaign.duration_s=7.5"),
+        "packets in bursts, as a recorded console sends",
+    ),
+    "slow_replay": (
+        SLOW_REPLAY,
+        "each packet lasts two cycles and is the motion's next row: half the speed",
+    ),
+}
+"""Other lengths of packets, by name: overrides and question. Runs are long enough for the last
+fault and 0.8 s more.
+"""
+
+DRAWS = {f"draws_{k}": (f"campaign.seed={2015 + k}",) for k in (2, 3)}
+"""The same distribution, drawn again."""
+
+
+def length_variants(campaign: str, *more: str) -> tuple[Variant, ...]:
+    """Of a campaign whose own packets last as measured; more: overrides of all."""
+    lengths = (
+        Variant(name, campaign, (*over, *more), question)
+        for name, (over, question) in LENGTHS.items()
+    )
+    draws = (
+        Variant(n, campaign, (*over, *more), "other draws of packet lengths")
+        for n, over in DRAWS.items()
+    )
+    return (*lengths, *draws)
+
+
+def spread(runs: Iterable[VariantRuns], hit: str) -> np.ndarray | None:
+    """Lowest and highest percent by duration over other lengths of packets, [2, durations]; None
+    without any.
+    """
+    percent = [one.percent(hit) for one in runs if one.name in LENGTHS]
+    return np.stack([np.min(percent, axis=0), np.max(percent, axis=0)]) if percent else None
+
+
+def lengths_note(base: VariantRuns, runs: Iterable[VariantRuns]) -> str:
+    """How far the length of packets moves the jumps, in words."""
+    shares = {
+        one.name: float(one.percent("jump").mean())
+        for one in (base, *runs)
+        if one.name in (base.name, *LENGTHS)
+    }
+    listed = ", ".join(f"{name} {share:.1f} %" for name, share in shares.items())
+    if len(shares) < 2:
+        return ""
+    return (
+        f"Runs that jump, by how long packets last: {listed}. The publication does not tell it, so"
+        f" this prediction is no narrower than {min(shares.values()):.1f} to"
+        f" {max(shares.values()):.1f} %."
+    )
+
+
+def draws_note(base: VariantRuns, runs: Iterable[VariantRuns]) -> str:
+    """How far the draws of packet lengths move the jumps, in words; empty without other draws."""
+    others = [float(one.percent("jump").mean()) for one in runs if one.name in DRAWS]
+    if not others:
+        return ""
+    own = float(base.percent("jump").mean())
+    return (
+        f" How long each packet lasts is drawn anew in each run: {own:.1f} % of all runs jump, "
+        f"{' and '.join(f'{x:.1f} %' for x in others)} with other draws."
+    )
+
+
+SENSITIVITY_NOTE = (
+    "Points are means over all cells of the fixed grid, each variant's cell against the same cell"
+    " of the baseline. A cell changes where at least half of its runs come out the other way."
+)
+
+INSIDE = "jumps only inside t1 .. t1 + d + 1"
+"""The published window of a fault that begins in packet t1 and lasts d."""
+
+
+class VariantCase(NamedTuple):
+    """One way to answer the open questions."""
+
+    runs: VariantRuns
+    question: str
+    hit: str = "jump"  # column of the runs that is counted
+    label: str = ""  # where it is not the variant's name
+
+    @property
+    def name(self) -> str:
+        """As it stands in tables."""
+        return self.label or self.runs.name
+
+
+def other_jump_rules(base: VariantRuns, leaps: np.ndarray) -> list[VariantCase]:
+    """The baseline's own runs with other rules of what a jump is; leaps: bool [runs], the
+    text's.
+    """
+    return [
+        VariantCase(base, INSIDE, "inside", "inside_window"),
+        VariantCase(
+            base.counting(leap=leaps),
+            "text's rule: the tip moves over 1 mm within two packets",
+            "leap",
+            "jump_text",
+        ),
+    ]
+
+
+def shifts(case: VariantCase, baseline: VariantRuns, hit: str = "jump") -> tuple[float, int]:
+    """Mean difference to the baseline over all cells, in points, and how many cells change sides.
+
+    NaN and 0 where the two have different numbers of cells.
+    """
+    cells, base = case.runs.share(case.hit).by_size, baseline.share(hit).by_size
+    if cells.shape != base.shape:
+        return math.nan, 0
+    return 100.0 * float((cells - base).mean()), int(((cells >= 0.5) != (base >= 0.5)).sum())
+
+
+def sensitivity_table(
+    title: str,
+    cases: Sequence[VariantCase],
+    baseline: VariantRuns,
+    published: np.ndarray | None = None,
+    bands: Sequence[tuple[float, float]] | None = None,
+    reading_error: float = 0.0,
+    hit: str = "jump",
+    note: str = "",
+) -> Table:
+    """Percent by duration of each case, and its distance from the baseline and, where it is
+    given, the publication.
+    """
+    heads = [
+        "variant",
+        "open question answered otherwise",
+        "lever",
+        *(f"{d} packets" for d in DURATIONS),
+    ]
+    heads += ["cells changed", "points from baseline"]
+    if published is not None:
+        heads += ["points from publication", "above / below", "sign test p"]
+    if bands is not None:
+        heads += ["in band"]
+    rows = []
+    if published is not None:
+        rows.append(
+            (
+                "published",
+                "",
+                "",
+                *(round(float(p), 1) for p in published),
+                *("",) * (len(heads) - 11),
+            )
+        )
+    for case in cases:
+        percent = case.runs.percent(case.hit)
+        apart, changed = shifts(case, baseline, hit)
+        row: list[str | int | float] = [case.name, case.question, case.runs.lever.words]
+        row += [round(float(p), 1) for p in percent]
+        row += [changed, _points(apart)]
+        if published is not None:
+            sign = bias(percent, published, reading_error)
+            row += [
+                f"{float(np.mean(percent - published)):+.1f}",
+                f"{sign.above} / {sign.below}",
+                round(sign.p, 3),
+            ]
+        if bands is not None:
+            row += [
+                f"{sum(in_band(p, b) for p, b in zip(percent, bands, strict=True))} of {len(bands)}"
+            ]
+        rows.append(tuple(row))
+    return Table(title, tuple(heads), tuple(rows), note)
+
+
+def _points(apart: float) -> str:
+    if math.isnan(apart):
+        return ""
+    points = round(apart, 1)
+    return f"{points:+.1f}" if points else "0"
+
+
+def ranked(cases: Iterable[VariantCase], baseline: VariantRuns) -> list[tuple[str, float, int]]:
+    """Name, mean difference in points and changed cells of each case, the largest difference
+    first.
+    """
+    differences = [(case.name, *shifts(case, baseline)) for case in cases]
+    return sorted((f for f in differences if not math.isnan(f[1])), key=lambda f: -abs(f[1]))
+
+
+SMALL_COUNTS = 800
+"""DAC: on the published trajectory the nominal shoulder command stays within it (comment in the
+fork's code).
+"""
+LARGE_COUNTS = 10000
+"""DAC: what the fork's own check lets pass to the shoulder."""
+
+
+HOLDS = " (1: holds)"
+"""How the quantity of a statement ends."""
+
+
+def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -> Line:
+    """A statement: 1 holds, 0 does not. published: whether the published counts bear it out,
+    None: there are none.
+    """
+    stated = StudyEstimate(
+        1.0,
+        of="stated" if published is None else f"stated; in the published counts: {int(published)}",
+    )
+    return Line(
+        f"{quantity}{HOLDS}", "", stated, StudyEstimate(float(predicted)), (1.0, 1.0), "", reason
+    )
+
+
+def scenario_b(
+    runs: VariantRuns, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarray
+) -> tuple[Line, ...]:
+    """The four statements on scenario B.
+
+    moved: [runs] largest step of motor velocity in the window over its fault-free 99.9 % threshold.
+    jumps, stops: published percent by duration.
+    """
+    size, duration = np.abs([stored(value) for value in runs.value]), runs.duration
+    jumped = runs.hits["jump"]
+    affected = jumped | runs.hits["stop"]
+    small = (size <= SMALL_COUNTS) & (duration <= 64)
+    short = (size <= LARGE_COUNTS) & ((duration == 2) | (duration == 4))
+    disturbed = float((moved[short] > 1.0).mean())
+    return (
+        holds(
+            "small DAC errors have no effect unless held longer than 64 ms",
+            None,
+            not affected[small].any(),
+            f"{int(affected[small].sum())} of {int(small.sum())} runs of up to {SMALL_COUNTS}"
+            " counts and 64 packets jump or stop",
+        ),
+        holds(
+            "2-4 ms bursts disturb motor velocity but not positions, unless large",
+            None,
+            disturbed > 0.5 and not jumped[short].any(),
+            f"of runs of up to {LARGE_COUNTS} counts and 2 or 4 packets {100 * disturbed:.0f} %"
+            " move the motor velocity beyond its fault-free 99.9 percentile,"
+            f" {100 * jumped[short].mean():.0f} % jump",
+        ),
+        *of_attack(runs, jumps, stops),
+    )
+
+
+def of_attack(
+    runs: VariantRuns, jumps: np.ndarray | None = None, stops: np.ndarray | None = None
+) -> tuple[Line, ...]:
+    """The two statements on either scenario; jumps, stops: published percent by duration, None
+    where withheld.
+    """
+    jumped, stopped, missed = (runs.percent(hit) for hit in ("jump", "stop", "missed"))
+    window = np.isin(DURATIONS, (2, 4, 8, 16))
+    open_at = [d for d, share in zip(DURATIONS, missed, strict=True) if share > 0]
+    lower = opened = None
+    beside = ""
+    if jumps is not None and stops is not None:
+        lower = bool((stops <= jumps).all())
+        opened = bool((jumps[window] > 0).all())
+        beside = f"; published {_listed(stops - jumps)}"
+    return (
+        holds(
+            "P(RAVEN detects) is lower than P(impact) at every duration",
+            lower,
+            bool((stopped <= jumped).all()),
+            f"E-stop minus jump by duration, points: predicted {_listed(stopped - jumped)}{beside}",
+        ),
+        holds(
+            "the attacker's undetected window is 2-16 ms",
+            opened,
+            bool((missed[window] > 0).all()),
+            "counted as: at each of 2, 4, 8 and 16 packets some runs jump without an E-stop;"
+            f" predicted for {', '.join(map(str, open_at)) or 'no'} packets, by duration"
+            f" {_listed(missed)} %",
+        ),
+    )
+
+
+def verdict(scenario: str, lines: Sequence[Line]) -> str:
+    """How a scenario fares against what the text states, in words; lines without a verdict do
+    not count.
+    """
+    judged = [line for line in lines if line.passed is not None]
+    fail = [line.quantity.removesuffix(HOLDS) for line in judged if not line.passed]
+    if not fail:
+        return (
+            f"{scenario} is as the text states it: {len(judged)} of {len(judged)} statements hold."
+        )
+    return (
+        f"{scenario} is not reproduced: {len(judged) - len(fail)} of {len(judged)} statements hold."
+        f" The prediction contradicts that {'; that '.join(fail)}."
+    )
+
+
+def _listed(numbers: np.ndarray) -> str:
+    return ", ".join(f"{x:.0f}" for x in numbers)

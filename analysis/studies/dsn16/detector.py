@@ -1,0 +1,440 @@
+"""The published detector of DSN 2016: thresholds learned from fault-free steps, the alarms that
+they raise in a run, and which joints make the jumps that it is to see.
+
+Steps are from one logged row to the next of motor position, motor velocity and joint position of
+the first three joints. An alarm is raised where, in one row, each of the three is over its
+threshold for some joint, motor velocity in that row and the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from ravenjax import threads
+from ravenjax.campaign import compile_cache, plan
+from ravenjax.campaign.file.config import validated
+from ravenjax.engines import traced
+from ravenjax.engines.cpu.engine import SimdKernel
+from ravenjax.engines.interface import Block
+from ravenjax.numbers.lazy import jax
+from ravenjax.numbers.vec import Vec
+from ravenjax.robots.raven2.arms import JOINTS as ARM_JOINTS
+from ravenjax.robots.raven2.campaign.trace import series
+from ravenjax.robots.raven2.geometry import kinematics
+from ravenjax.stats.bootstrap.resample import bootstrap
+from ravenjax.store import manifest
+from studies.dsn16.attacks import VariantRuns, holds
+from studies.study import Line, StudyEstimate, Variant
+
+T = TypeVar("T")
+Series = Mapping[str, np.ndarray]
+"""Name -> [ticks] or [ticks, k], as `store.logs.time_series` names them."""
+
+
+def measure(
+    path: Path, measured: Callable[[int, Series], T], rows: Sequence[int] | None = None
+) -> list[T]:
+    """What `measured` makes of each of these rows of the result folder `path` (None: all): of its
+    index and its series.
+
+    Each run is measured at once and dropped: its signals take about 2 MB a second of it. Raises
+    StoreError as `manifest.read`.
+    """
+    compile_cache.enable()
+    ready = plan.make_plan(validated(manifest.read(path).config))
+    kernel = SimdKernel(traced.printable(ready.program), 1, compile_cache.objects(), signals=True)
+
+    def one(row: int) -> T:
+        _, signals = kernel.run_signals(Block(*ready.lanes([row], 1), None), ready.columns)
+        return measured(row, series(ready.program.setup, signals))
+
+    return threads.mapped(one, range(ready.runs) if rows is None else rows)
+
+
+class Log(NamedTuple):
+    """One run, a row a packet."""
+
+    packet: np.ndarray  # [rows] number of each
+    mpos: np.ndarray  # [rows, 3] rad, as the control software has it
+    mvel: np.ndarray  # [rows, 3] rad/s
+    jpos: np.ndarray  # [rows, 3] rad, rad, m
+    tip: np.ndarray  # [rows, 3] um, whole
+    joints: np.ndarray  # [rows, 7] rad and m, all of them
+
+
+def log(series: Series) -> Log:
+    """Of the gold arm's time series."""
+    number = np.asarray(series["last_seq"])
+    fresh = np.flatnonzero(np.diff(number, prepend=0))
+    return Log(
+        packet=number[fresh],
+        mpos=series["gold/mpos"][fresh, :3],
+        mvel=series["gold/mvel"][fresh, :3],
+        jpos=series["gold/jpos"][fresh, :3],
+        tip=np.rint(series["gold/position"][fresh] * 1e6),
+        joints=series["gold/jpos"][fresh],
+    )
+
+
+VARIABLES = ("mpos", "mvel", "jpos")
+JOINTS = ("shoulder", "elbow", "insertion")
+UNITS = {"mpos": ("rad",) * 3, "mvel": ("rad/s",) * 3, "jpos": ("rad", "rad", "m")}
+
+FIRST_PACKET = 500
+"""Before it the hands rest and the arm settles."""
+
+TAIL = 20.0
+"""Steps that are kept for the bootstrap, times those above the percentile: no draw of runs
+leaves so few.
+"""
+RESAMPLES = 1000
+SEED = 2016
+
+
+def steps(log: Log) -> np.ndarray:
+    """|step| [rows - 1, 3 variables, 3 joints]: row i is what happens from row i of the log to the next."""  # noqa: E501
+    return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
+
+
+class Learned(NamedTuple):
+    """Steps of fault-free runs."""
+
+    pooled: np.ndarray  # [runs, rows, 3, 3] |step|
+
+    @property
+    def maxima(self) -> np.ndarray:
+        """Largest step of each run, [runs, 3, 3]."""
+        return self.pooled.max(axis=1)
+
+    def percentile(self, percent: float) -> np.ndarray:
+        """Of all steps of all runs, [3, 3]: the code's threshold."""
+        return np.percentile(self.pooled, percent, axis=(0, 1))
+
+    def percentile_of_maxima(self, percent: float) -> np.ndarray:
+        """Of the runs' maxima, [3, 3]: the text's threshold."""
+        return np.percentile(self.maxima, percent, axis=0)
+
+
+def fault_free(log: Log) -> np.ndarray:
+    """Steps [rows, 3, 3] of a fault-free run once it has begun to move."""
+    return steps(log)[log.packet[:-1] >= FIRST_PACKET]
+
+
+def learn(runs: Iterable[np.ndarray]) -> Learned:
+    """From what `fault_free` gave of runs. ValueError for none."""
+    return Learned(stacked(list(runs)))
+
+
+def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
+    """[runs, rows, ..] of a series [rows, ..] a run, each cut to the shortest: runs have more
+    packets or fewer.
+    """
+    if not series:
+        raise ValueError("thresholds are learned from at least one run, got none")
+    rows = min(map(len, series))
+    return np.stack([one[:rows] for one in series])
+
+
+def pooled_interval(values: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
+    """Percentile of `values` [runs, rows] with a block bootstrap: runs are drawn, their rows
+    stay together.
+    """
+    runs, rows = values.shape
+    flat, owner = values.ravel(), np.repeat(np.arange(runs), rows)
+    beyond = (1.0 - percent / 100.0) * flat.size
+    tail = np.argsort(flat)[::-1][: max(1, math.ceil(TAIL * beyond))]
+    largest, owner = flat[tail], owner[tail]
+
+    def quantile(indices: np.ndarray) -> np.ndarray:
+        times = np.stack(
+            [np.bincount(index, minlength=runs) for index in indices]
+        )  # how often each run was drawn
+        passed = np.cumsum(times[:, owner], axis=1)  # steps at least as large, of each resample
+        return largest[np.minimum((passed <= beyond).sum(axis=1), len(largest) - 1)]
+
+    band = bootstrap(runs, quantile, confidence, resamples=RESAMPLES, seed=SEED, batch=50)
+    return StudyEstimate(
+        float(np.percentile(flat, percent)), float(band.low), float(band.high), runs, "runs"
+    )
+
+
+def maxima_interval(maxima: np.ndarray, percent: float, confidence: float = 0.95) -> StudyEstimate:
+    """Percentile of the runs' maxima [runs] with its order-statistic interval; an end that no
+    run can give is NaN.
+    """
+    from scipy.stats import quantile_test
+
+    interval = quantile_test(maxima, p=percent / 100.0).confidence_interval(confidence)
+    low, high = (
+        float(end) if math.isfinite(end) else math.nan for end in (interval.low, interval.high)
+    )
+    return StudyEstimate(float(np.percentile(maxima, percent)), low, high, len(maxima), "runs")
+
+
+class RunAlarms(NamedTuple):
+    """Which of a run's alarms came, inside the published window and anywhere."""
+
+    inside: tuple[
+        bool, bool, bool, bool
+    ]  # motor position, motor velocity, joint position, all three in one row
+    anywhere: tuple[bool, bool, bool, bool]
+    first: int  # packets from t1 to the first fused alarm inside the window, -1: none
+
+
+def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> RunAlarms:
+    """Of one run with a fault in packets `start` to `start + duration - 1`; thresholds [3, 3]."""
+    position, velocity, joint = np.any(
+        steps(log) > thresholds, axis=2
+    ).T  # each [rows - 1]: its joints are or-ed
+    velocity = velocity & np.append(velocity[1:], False)
+    over = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
+    packet = log.packet[:-1]
+    window = (packet >= start) & (packet <= start + duration + 1)
+    settled = packet >= FIRST_PACKET
+    first = np.flatnonzero(over[:, 3] & window)
+    return RunAlarms(
+        inside=_four(over[window]),
+        anywhere=_four(over[settled]),
+        first=int(packet[first[0]] - start) if len(first) else -1,
+    )
+
+
+def _four(found: np.ndarray) -> tuple[bool, bool, bool, bool]:
+    """Which columns of bool [rows, 4] are true anywhere."""
+    return (
+        bool(found[:, 0].any()),
+        bool(found[:, 1].any()),
+        bool(found[:, 2].any()),
+        bool(found[:, 3].any()),
+    )
+
+
+TRAINING = (
+    Variant(
+        "training_suture",
+        "dsn16_thresholds.toml",
+        (),
+        "fault-free runs for the detector, first motion",
+    ),
+    Variant(
+        "training_peg_transfer",
+        "dsn16_thresholds.toml",
+        ("operator.motion=peg_transfer",),
+        "fault-free runs for the detector, second motion",
+    ),
+)
+"""Two motions of 300 runs, as the 600 of the publication."""
+
+LEAP_UM = 1000.0
+
+CHOSEN = "99.9 % of all steps"
+"""Of the thresholds, the one that single figures are given for."""
+
+
+class Watched(NamedTuple):
+    """What the detector made of the runs of one variant, in the order of its frame."""
+
+    thresholds: Mapping[str, np.ndarray]  # how they were learned -> [3, 3]
+    alarms: Mapping[str, Sequence[RunAlarms]]  # the same -> of each run
+    largest_mvel: (
+        np.ndarray
+    )  # [runs] largest step of motor velocity inside the window, over its 99.9 % threshold
+    leaps: (
+        np.ndarray
+    )  # bool [runs] the reported tip moved more than 1 mm within two packets: the text's jump
+    joints: (
+        np.ndarray
+    )  # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump
+
+
+def learn_from_folders(folders: Mapping[str, Path]) -> Learned:
+    """From the training campaigns that are there."""
+    steps: list[np.ndarray] = []
+    for variant in TRAINING:
+        if variant.name in folders:
+            steps += measure(folders[variant.name], lambda _, series: fault_free(log(series)))
+    return learn(steps)
+
+
+def thresholds(learned: Learned) -> dict[str, np.ndarray]:
+    """The published choices, by name, [3, 3] each."""
+    return {
+        "99.8 % of all steps": learned.percentile(99.8),
+        CHOSEN: learned.percentile(99.9),
+        "99.8 % of the runs' maxima": learned.percentile_of_maxima(99.8),
+        "99.9 % of the runs' maxima": learned.percentile_of_maxima(99.9),
+    }
+
+
+def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
+    """Every faulty run of a folder under the detector's eyes."""
+    columns = (runs.start.tolist(), runs.duration.tolist(), runs.jump_packet.tolist())
+    faults = dict(zip(runs.index.tolist(), zip(*columns, strict=True), strict=True))
+
+    def one(row: int, series: Series) -> tuple[list[RunAlarms], float, bool, np.ndarray]:
+        trace, (first, lasts, ended) = log(series), faults[row]
+        inside = (trace.packet[:-1] >= first) & (trace.packet[:-1] <= first + lasts + 1)
+        moved = steps(trace)[inside, 1] / thresholds[CHOSEN][1]
+        verdicts = [run_alarms(trace, threshold, first, lasts) for threshold in thresholds.values()]
+        return verdicts, float(moved.max(initial=0.0)), leaps(trace), jump_steps(trace, ended)
+
+    measured = measure(folder, one, runs.index.tolist())
+    return Watched(
+        thresholds=thresholds,
+        alarms={name: [alarms[k] for alarms, *_ in measured] for k, name in enumerate(thresholds)},
+        largest_mvel=np.array([largest for _, largest, *_ in measured]),
+        leaps=np.array([leapt for *_, leapt, _ in measured]),
+        joints=np.stack([joints for *_, joints in measured]),
+    )
+
+
+def jump_steps(found: Log, ended: int) -> np.ndarray:
+    """Joints [3, 7] in the packets of a jump's two steps, of which the second ends in packet
+    `ended`; 0: NaN.
+    """
+    if not ended:
+        return np.full((3, found.joints.shape[1]), np.nan)
+    row = int(np.searchsorted(found.packet, ended))
+    return found.joints[row - 2 : row + 1].astype(float)
+
+
+def leaps(found: Log) -> bool:
+    """Whether the reported tip moves more than 1 mm within one packet or two: the jump of the
+    publication's text.
+    """
+    return any(
+        bool((np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any())
+        for rows in (1, 2)
+    )
+
+
+POSITIONING = 3
+"""Joints that the detector watches, from the first on."""
+
+MOVERS = tuple(joint.replace("_", " ") for joint in ARM_JOINTS[:5])
+"""Joints that move the reported tip: the jaws turn about it."""
+
+
+class JumpJoints(NamedTuple):
+    """What joints do in the two long steps of each run's first jump; the joints of a run without
+    one are NaN.
+    """
+
+    shares: (
+        np.ndarray
+    )  # [runs, 5] of the steps' length, that each joint makes when it alone moves; signed
+    positioning: (
+        np.ndarray
+    )  # bool [runs], with tool joints held both steps are still over the limit
+    tool: np.ndarray  # bool [runs], with joints 1-3 held they are
+
+    @property
+    def kinds(self) -> tuple[np.ndarray, ...]:
+        """Of KINDS: bool [runs] each; runs without a jump are in none."""
+        jumped, first, last = np.isfinite(self.shares[:, 0]), self.positioning, self.tool
+        return (
+            jumped & first & ~last,
+            jumped & last & ~first,
+            jumped & first & last,
+            jumped & ~first & ~last,
+        )
+
+
+def attribute(joints: np.ndarray, limit_mm: float) -> JumpJoints:
+    """joints: [runs, 3, 7] (rad, m) of the gold arm, reported in the three packets of a jump;
+    limit of a step.
+    """
+    before, after = joints[:, :-1], joints[:, 1:]  # [runs, 2 steps, 7]
+    start = _tip(before)
+    step = _tip(after) - start
+    alone = np.stack(
+        [_tip(_moved(before, after, slice(j, j + 1))) - start for j in range(len(MOVERS))], axis=2
+    )
+    along = (alone * step[:, :, None]).sum(axis=-1) / (step**2).sum(axis=-1)[:, :, None]
+
+    def jumps(part: slice) -> np.ndarray:
+        lengths = np.linalg.norm(_tip(_moved(before, after, part)) - start, axis=-1)
+        return (lengths * 1e3 > limit_mm).all(axis=1)
+
+    return JumpJoints(
+        along.mean(axis=1), jumps(slice(0, POSITIONING)), jumps(slice(POSITIONING, None))
+    )
+
+
+def _moved(before: np.ndarray, after: np.ndarray, part: slice) -> np.ndarray:
+    result = before.copy()
+    result[..., part] = after[..., part]
+    return result
+
+
+def _tip(joints: np.ndarray) -> np.ndarray:
+    """[.., 3] m of joints [.., 7]."""
+    with jax.enable_x64(True):
+        position = kinematics.forward("gold", Vec(np.moveaxis(joints, -1, 0))).position
+    return np.stack([np.asarray(x) for x in position], axis=-1)
+
+
+class Visibility(NamedTuple):
+    """Which alarms of the detector come, inside the published window, with the CHOSEN
+    thresholds.
+    """
+
+    fused: np.ndarray  # bool [runs]: all three variables over their thresholds in one row
+    one: np.ndarray  # bool [runs]: at least one of them at some row
+
+    @classmethod
+    def of(cls, watched: Watched) -> Visibility:
+        """Of the runs that were watched."""
+        inside = np.array([alarm.inside for alarm in watched.alarms[CHOSEN]], bool).reshape(-1, 4)
+        return cls(inside[:, 3], np.any(inside[:, :3], axis=1))
+
+
+class JumpCase(NamedTuple):
+    """The runs of a variant, what makes their jumps, and what could be told of them."""
+
+    runs: VariantRuns
+    joints: JumpJoints
+    visible: Visibility
+
+
+def jump_case(runs: VariantRuns, watched: Watched, limit_mm: float) -> JumpCase:
+    """Of one variant; limit_mm: of a step that counts."""
+    return JumpCase(runs, attribute(watched.joints, limit_mm), Visibility.of(watched))
+
+
+def visible_line(one: JumpCase) -> Line:
+    """Whether the published detector can see most of the predicted jumps: what it cannot see, it
+    was not scored on.
+    """
+    jumped = np.isfinite(one.joints.shares[:, 0])
+    runs = int(jumped.sum())
+    fused, none = int((jumped & one.visible.fused).sum()), int((jumped & ~one.visible.one).sum())
+    return holds(
+        "the predicted jumps are ones that the published detector can see",
+        None,
+        2 * fused > runs,
+        f"counted as: it tells more than half of the {runs} runs that jump; it tells {fused}, and"
+        f" in {none} none of its variables passes its threshold",
+    )
+
+
+def jump_note(cases: Iterable[JumpCase]) -> str:
+    """Who makes the jumps, in words."""
+    return " ".join(_sentence(one) for one in cases)
+
+
+def _sentence(one: JumpCase) -> str:
+    jumped = np.isfinite(one.joints.shares[:, 0])
+    runs = int(jumped.sum())
+    if not runs:
+        return f"{one.runs.name}: no run jumps."
+    first, tool, both, neither = (int(kind.sum()) for kind in one.joints.kinds)
+    return (
+        f"{one.runs.name}: {runs} of {len(jumped)} runs jump, by joints 1-3 alone {first}, by the"
+        f" tool joints alone {tool}, by either {both}, by both together only {neither}."
+    )

@@ -1,0 +1,423 @@
+"""What the detector of the targeted attacks (DSN 2016) learns from fault-free runs, and how sure
+that is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from studies.dsn16 import attacks, detector
+from studies.dsn16.detector import JOINTS, UNITS, VARIABLES, Learned, Log, Series, log, measure
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Published,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
+
+BASELINE = "suture"
+NAMES = {"mpos": "motor position", "mvel": "motor velocity", "jpos": "joint position"}
+MOTORS = VARIABLES[:2]
+"""Variables whose steps were published."""
+
+SUBSTEPS = {"one": BASELINE, "four": "substeps_4", "ten": "substeps_10"}
+"""Plant steps a millisecond, and the variant that has them."""
+
+
+def deviation(values: np.ndarray) -> StudyEstimate:
+    """Standard deviation about 0 of steps [runs, rows], with its range over runs; steps have no
+    mean to speak of.
+    """
+    by_run = np.sqrt(np.mean(np.square(values, dtype=float), axis=1))
+    return StudyEstimate(
+        float(np.sqrt(np.mean(by_run**2))),
+        float(by_run.min()),
+        float(by_run.max()),
+        len(by_run),
+        "runs",
+    )
+
+
+def step_notes(
+    learned: Mapping[str, Learned], both: Learned, published: Published
+) -> tuple[str, ...]:
+    """learned: of each variant; both: of the two motions from which thresholds are learned."""
+    return tuple(
+        filter(None, (_sizes(learned, both, published), _integrator_note(learned), _build(learned)))
+    )
+
+
+def _deviations(one: Learned) -> np.ndarray:
+    """[2, 3] of motor position and velocity, by joint."""
+    return np.array(
+        [[deviation(one.pooled[:, :, v, j]).value for j in range(3)] for v in range(len(MOTORS))]
+    )
+
+
+def _sizes(learned: Mapping[str, Learned], both: Learned, published: Published) -> str:
+    spread = np.array(
+        [[published.value(f"step.{name}.{joint}") for joint in JOINTS] for name in MOTORS]
+    )
+    base = _deviations(learned[BASELINE])
+    others = [
+        _deviations(one) / base
+        for name, one in learned.items()
+        if name in ("peg_transfer", "palpate", "reach")
+    ]
+    motions = (
+        f"; other motions have {_words_of_range(np.array(others))} times those of the baseline"
+        if others
+        else ""
+    )
+    text = both.percentile_of_maxima(99.9) / both.percentile(99.9)
+    largest = [
+        published.value(f"largest.{key}") / published.value(f"step.{key}")
+        for key in ("mpos.shoulder", "mvel.shoulder")
+    ]
+    return (
+        f"Standard deviations of steps are {_words_of_range(base / spread)} times the published"
+        f" ones, joint by joint{motions}. The published trajectories are not at hand, so no"
+        " threshold here is that of the publication. The text's thresholds are"
+        f" {_words_of_range(text)} times the code's at 99.9 %, on generated hands; the largest"
+        f" published steps of the shoulder's motor are {_words_of_range(np.array(largest), 0)}"
+        " standard deviations."
+    )
+
+
+def _integrator_note(learned: Mapping[str, Learned]) -> str:
+    velocity = {
+        words: _deviations(learned[name])[1, 2]
+        for words, name in SUBSTEPS.items()
+        if name in learned
+    }
+    if len(velocity) < 2:
+        return ""
+    steps = ", ".join(f"{value:.3g} with {words}" for words, value in velocity.items())
+    return (
+        "Integrator: the standard deviation of the insertion's velocity steps is, in rad/s,"
+        f" {steps} plant steps a millisecond. The plant is stepped implicitly. A rebuild with"
+        " explicit Euler steps of 1 ms had 0.115 against 0.017 rad/s converged, on another"
+        " trajectory."
+    )
+
+
+def _build(learned: Mapping[str, Learned]) -> str:
+    if "build_robot" not in learned:
+        return ""
+    position, velocity = _deviations(learned["build_robot"]) / _deviations(learned[BASELINE])
+    return (
+        "With encoders of 4000 counts and the velocity filter (build_robot) steps of motor"
+        f" velocity are {_words_of_range(velocity)} times as large, those of motor position"
+        f" {_words_of_range(position)} times."
+    )
+
+
+def _words_of_range(numbers: np.ndarray, digits: int = 2) -> str:
+    return f"{numbers.min():.{digits}f} to {numbers.max():.{digits}f}"
+
+
+CAMPAIGN = "dsn16_thresholds.toml"
+SECOND = "peg_transfer"
+PERCENTILES = (99.8, 99.9)
+FEW = "group.fault_free.repeats=40"
+
+ABLATIONS = (
+    Variant("palpate", CAMPAIGN, ("operator.motion=palpate", FEW), "another motion"),
+    Variant("reach", CAMPAIGN, ("operator.motion=reach", FEW), "another motion"),
+    Variant("circle", CAMPAIGN, ("operator.motion=circle", FEW), "another motion"),
+    *(
+        Variant(name, CAMPAIGN, (*over, FEW), "the same stitches, a longer lever")
+        for name, over in attacks.LEVERS.items()
+    ),
+    Variant("substeps_4", CAMPAIGN, ("campaign.substeps=4", FEW), "four plant steps a millisecond"),
+    Variant(
+        "substeps_10", CAMPAIGN, ("campaign.substeps=10", FEW), "ten plant steps a millisecond"
+    ),
+    Variant(
+        "build_robot",
+        CAMPAIGN,
+        ("campaign.build=robot", FEW),
+        "encoders and velocity filter instead of the model",
+    ),
+    *attacks.length_variants(CAMPAIGN, FEW),
+    *(
+        Variant(
+            f"plant_{name}",
+            CAMPAIGN,
+            (f"campaign.parameter_set={name}", FEW),
+            f"the authors' law and their set {name}",
+        )
+        for name in ("traj3", "B", "matlab_main")
+    ),
+)
+
+
+def variants() -> tuple[Variant, ...]:
+    """Two motions of 300 runs, and fewer runs of everything else."""
+    return (
+        Variant(BASELINE, CAMPAIGN),
+        Variant(
+            SECOND, CAMPAIGN, ("operator.motion=peg_transfer",), "the second motion of the 600 runs"
+        ),
+        *ABLATIONS,
+    )
+
+
+def compare(context: Context) -> Findings:
+    """Fault-free steps beside the published ones; thresholds, which were not published."""
+    published = Published("dsn16")
+    learned, tips, runs_of = {}, {}, {}
+    for variant in variants():
+        if variant.name in context.folders:
+            measured = measure(context.folders[variant.name], _measured)
+            learned[variant.name] = detector.learn(one.steps for one in measured)
+            tips[variant.name] = detector.stacked([one.tip for one in measured])
+            runs_of[variant.name] = measured
+    both = _joined([learned[name] for name in (BASELINE, SECOND) if name in learned])
+    questions = {variant.name: variant.question for variant in variants()}
+    lines = [
+        *_spread(learned, tips, published),
+        *_largest(learned, published),
+        *_integrator(learned, published),
+    ]
+    lines += _tracking(runs_of, published)
+    title = "What moves fault-free steps and thresholds"
+    tables = [_thresholds(both), _sensitivity(title, learned, tips, questions, published)]
+    notes = step_notes(learned, both, published)
+    return Findings(tuple(lines), tuple(tables), notes)
+
+
+def _joined(motions: Sequence[Learned]) -> Learned:
+    """Runs of all motions together."""
+    return detector.learn(run for motion in motions for run in motion.pooled)
+
+
+class FaultFree(NamedTuple):
+    """What is measured of one run once it has begun to move."""
+
+    steps: np.ndarray  # [rows, 3 variables, 3 joints] |step|
+    tip: np.ndarray  # [rows, 3] um, steps of the reported tip
+    error: np.ndarray  # [3] rad, root mean square of desired minus measured motor position
+    dac: np.ndarray  # [3] counts, standard deviation of the commands
+    distance_mm: tuple[float, float]  # of the reported tip from the desired one: mean, largest
+
+
+def _measured(row: int, series: Series) -> FaultFree:
+    """Of one run."""
+    trace, moving = log(series), np.asarray(series["last_seq"]) >= detector.FIRST_PACKET
+    error = (series["gold/mpos_d"] - series["gold/mpos"])[moving, :3]
+    distance = (
+        np.linalg.norm((series["gold/position_d"] - series["gold/position"])[moving], axis=1) * 1e3
+    )
+    return FaultFree(
+        steps=detector.fault_free(trace),
+        tip=tip_steps(trace),
+        error=np.sqrt(np.mean(np.square(error, dtype=float), axis=0)),
+        dac=np.std(series["gold/dac_cnt"][moving, :3].astype(float), axis=0),
+        distance_mm=(float(distance.mean()), float(distance.max())),
+    )
+
+
+def tip_steps(found: Log) -> np.ndarray:
+    """Steps of the reported tip [rows, 3] um, of a fault-free run once it has begun to move."""
+    return np.diff(found.tip, axis=0)[found.packet[:-1] >= detector.FIRST_PACKET]
+
+
+def _spread(
+    learned: Mapping[str, Learned], tips: Mapping[str, np.ndarray], published: Published
+) -> Iterator[Line]:
+    """Standard deviations of steps, beside those of the fork's fault-free runs."""
+    for name in (name for name in (BASELINE, SECOND) if name in learned):
+        for v in ("mpos", "mvel"):
+            for j, joint in enumerate(JOINTS):
+                predicted = deviation(learned[name].pooled[:, :, VARIABLES.index(v), j])
+                reference = published.estimate(f"step.{v}.{joint}")
+                yield Line(
+                    f"standard deviation of a step, {NAMES[v]}, {joint}; {name}",
+                    UNITS[v][j],
+                    reference,
+                    predicted,
+                    reason=(
+                        f"{predicted.value / reference.value:.2f} of the published one: another"
+                        " motion"
+                    ),
+                )
+        tip = tips[name]
+        predicted = deviation(tip.reshape(len(tip), -1))
+        yield Line(
+            f"standard deviation of a step, tip, per axis; {name}",
+            "um",
+            published.estimate("step.tip"),
+            predicted,
+        )
+
+
+def _largest(learned: Mapping[str, Learned], published: Published) -> Iterator[Line]:
+    for key in ("mpos.shoulder", "mvel.shoulder", "mvel.elbow", "mvel.insertion"):
+        v, joint = key.split(".")
+        j = JOINTS.index(joint)
+        maxima = learned[BASELINE].maxima[:, VARIABLES.index(v), j]
+        yield Line(
+            f"largest step, {NAMES[v]}, {joint}; {BASELINE}",
+            UNITS[v][j],
+            published.estimate(f"largest.{key}"),
+            StudyEstimate(
+                float(maxima.max()), float(maxima.min()), float(maxima.max()), len(maxima), "runs"
+            ),
+            reason=(
+                "generated hands move smoothly; the published trajectories have steps of their own"
+            ),
+        )
+
+
+def _integrator(learned: Mapping[str, Learned], published: Published) -> Iterator[Line]:
+    """Velocity steps of the insertion by plant steps a millisecond, beside a rebuild's by
+    integrator.
+    """
+    for name, key in ((BASELINE, "euler"), ("substeps_4", "rk4"), ("substeps_10", "converged")):
+        if name in learned:
+            yield Line(
+                f"standard deviation of a step, motor velocity, insertion; {name} beside {key}",
+                "rad/s",
+                published.estimate(f"integrator.{key}"),
+                deviation(learned[name].pooled[:, :, VARIABLES.index("mvel"), 2]),
+                reason=(
+                    "an implicit step, not explicit Euler: these steps are the motion's, whatever"
+                    " the plant's step"
+                ),
+            )
+
+
+def _tracking(runs_of: Mapping[str, Sequence[FaultFree]], published: Published) -> Iterator[Line]:
+    """How well motors and tip follow, beside a rebuild that followed the recording of one
+    published trajectory.
+    """
+    reason = "another motion"
+    for name in (name for name in (BASELINE, SECOND) if name in runs_of):
+        for j, joint in enumerate(JOINTS):
+            key, error, dac = published.estimate(f"rms.{joint}"), *_over(runs_of[name], j)
+            yield Line(
+                f"motor error, root mean square, {joint}; {name}", "rad", key, error, reason=reason
+            )
+            reference = published.estimate(f"dac.{joint}")
+            yield Line(
+                f"DAC command, standard deviation, {joint}; {name}",
+                "counts",
+                reference,
+                dac,
+                reason=reason,
+            )
+        for k, key in enumerate(("mean", "largest")):
+            values = [one.distance_mm[k] for one in runs_of[name]]
+            reference = published.estimate(f"tip_error.{key}")
+            yield Line(
+                f"tip from desired tip, {key}; {name}",
+                "mm",
+                reference,
+                _range(values),
+                reason=reason,
+            )
+
+
+def _over(runs: Sequence[FaultFree], joint: int) -> tuple[StudyEstimate, StudyEstimate]:
+    """Motor error and DAC spread of a joint over runs."""
+    return _range([float(one.error[joint]) for one in runs]), _range(
+        [float(one.dac[joint]) for one in runs]
+    )
+
+
+def _range(values: Sequence[float]) -> StudyEstimate:
+    return StudyEstimate(float(np.mean(values)), min(values), max(values), len(values), "runs")
+
+
+def _thresholds(learned: Learned) -> Table:
+    rows = []
+    for v, variable in enumerate(VARIABLES):
+        for j, joint in enumerate(JOINTS):
+            values = learned.pooled[:, :, v, j]
+            for percent in PERCENTILES:
+                pooled = detector.pooled_interval(values, percent)
+                text = detector.maxima_interval(learned.maxima[:, v, j], percent)
+                middle = detector.maxima_interval(learned.maxima[:, v, j], 50.0)
+                rows.append(
+                    (
+                        f"{NAMES[variable]}, {joint}, {UNITS[variable][j]}",
+                        percent,
+                        *(_shown(e) for e in (pooled, text, middle)),
+                        f"{text.value / pooled.value:.3f}",
+                    )
+                )
+    heads = (
+        "step of",
+        "percentile",
+        "of all steps (the code), 95 % block bootstrap by run",
+        "of the runs' maxima (the text), 95 % order statistics",
+        "median of the runs' maxima",
+        "text / code",
+    )
+    runs = len(learned.pooled)
+    note = (
+        f"{runs} fault-free runs on two motions, packets from {detector.FIRST_PACKET} on. The"
+        " published values are not known. Runs of one motion differ by torque noise and by how"
+        " long each packet lasts, so the intervals say how well this campaign knows its own"
+        " percentile; two motions are two facts, and the table of sensitivities says how far the"
+        f" choice of motion moves it. An order statistic of {runs} runs has no upper end at these"
+        " percentiles (-)."
+    )
+    return Table("Thresholds, predicted blind", heads, tuple(rows), note)
+
+
+def _shown(estimate: StudyEstimate) -> str:
+    ends = ["-" if math.isnan(end) else f"{end:.4g}" for end in (estimate.low, estimate.high)]
+    return f"{estimate.value:.4g} [{ends[0]}, {ends[1]}]"
+
+
+def _sensitivity(
+    title: str,
+    learned: Mapping[str, Learned],
+    tips: Mapping[str, np.ndarray],
+    questions: Mapping[str, str],
+    published: Published,
+) -> Table:
+    heads = ["variant", "question", "runs"]
+    heads += [f"sd {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS] + [
+        "sd tip, um"
+    ]
+    heads += [f"99.9 % {NAMES[v]}, {joint}" for v in ("mpos", "mvel") for joint in JOINTS]
+    reference = [published.value(f"step.{v}.{joint}") for v in ("mpos", "mvel") for joint in JOINTS]
+    rows: list[tuple[str | int | float, ...]] = [
+        ("published", "", "", *reference, published.value("step.tip"), *("not published",) * 6)
+    ]
+    for name, one in learned.items():
+        spread = [deviation(one.pooled[:, :, v, j]).value for v in (0, 1) for j in range(3)]
+        tip = deviation(tips[name].reshape(len(tips[name]), -1)).value
+        level = one.percentile(99.9)[:2].ravel()
+        numbers = (float(f"{x:.3g}") for x in (*spread, tip, *level))
+        rows.append((name, questions[name], len(one.pooled), *numbers))
+    note = "Standard deviations of signed steps about 0, rad, rad/s and um a packet."
+    return Table(title, tuple(heads), tuple(rows), note)
+
+
+STUDY = Study(
+    name="dsn16_thresholds",
+    title="Targeted attacks: the detector's thresholds from fault-free runs",
+    source=(
+        'Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016;'
+        " CSLDepend/raven2_sim"
+    ),
+    question=(
+        "How far do motors and joints move from packet to packet when nothing is wrong, and how"
+        " sure is that?"
+    ),
+    variants=variants(),
+    compare=compare,
+    minutes=1.5,
+)

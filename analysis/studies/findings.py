@@ -1,0 +1,263 @@
+"""Runs a study, and writes and reads its files: findings as JSON, Markdown and HTML. The same
+findings give the same bytes, and neither times nor places are in them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shlex
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path, PurePath
+from typing import Any
+
+from ravenjax.campaign import loading, runner
+from ravenjax.campaign.faults import design
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.progress.counts import OnProgress, Status
+from ravenjax.document import html
+from ravenjax.errors import StoreError
+from ravenjax.report import wording
+from ravenjax.store import manifest
+from ravenjax.store.files import parsed, require_writable, write_aside
+from studies import cells, claims
+from studies.study import Context, Findings, Study, Variant, plain, standings, targets
+
+Record = Mapping[str, Any]
+"""findings.json."""
+
+JSON, PAGE, HTML, CREDIBILITY = "findings.json", "findings.md", "findings.html", "credibility.md"
+RUNS = "runs"
+"""Folder of a study's campaigns, inside the study's own."""
+
+
+def reproduce(
+    study: Study, out: Path, engine: str = "auto", on_progress: OnProgress | None = None
+) -> Findings:
+    """Run a study, or finish it where OUT/NAME holds a part of it, and write its findings there.
+
+    on_progress: told how far all campaigns of the study are together. Raises UserError and
+    StoreError for what the user can mend; finished parts stay.
+    """
+    folder = out / study.name
+    configs = {
+        variant.name: loading.load(variant.campaign, variant.overrides)
+        for variant in study.variants
+    }
+    if len(configs) < len(study.variants):
+        raise ValueError(f"study {study.name}: two variants share a name, and so a folder")
+    runs = [design.due(config) for config in configs.values()]
+    latest: dict[int, Status] = {}
+
+    def tell(phase: str) -> None:
+        if on_progress is None or not latest:
+            return
+        parts, total = list(latest.values()), sum(runs)
+        share = sum(runs[k] * one.progress for k, one in latest.items()) / max(1, total)
+        together = dataclasses.replace(
+            parts[-1],
+            phase=phase,
+            total=total,
+            progress=1.0 if phase == "compare" else share,
+            **{
+                name: sum(getattr(one, name) for one in parts)
+                for name in ("done", "compile_s", "run_s", "failed")
+            },
+        )
+        on_progress(together)
+
+    folders = {}
+    for number, (variant, config) in enumerate(configs.items()):
+
+        def of_campaign(status: Status, number: int = number) -> None:
+            latest[number] = status
+            tell("run")
+
+        folders[variant] = folder / RUNS / variant
+        runner.run_campaign(config, folders[variant], engine, on_progress=of_campaign)
+    tell("compare")
+    findings = study.compare(Context(folders, engine))
+    write(study, findings, _provenance(study, configs, folders), folder)
+    return findings
+
+
+def _provenance(
+    study: Study, configs: Mapping[str, CampaignConfig], folders: Mapping[str, Path]
+) -> dict[str, Any]:
+    """Everything that decides a study's findings."""
+    records = {name: manifest.read(folder) for name, folder in folders.items()}
+    first = next(iter(records.values()), None)
+
+    def campaign(variant: Variant) -> dict[str, Any]:
+        record, shown = records[variant.name], [_without_folder(o) for o in variant.overrides]
+        words = ["ravenjax", "run", variant.campaign]
+        words += [word for text in shown for word in ("--set", text)]
+        return {
+            "variant": variant.name,
+            "campaign": variant.campaign,
+            "overrides": shown,
+            "question": variant.question,
+            "runs": record.due,
+            "seconds": record.duration_ms / 1e3,
+            "seed": record.seed,
+            "config_hash": record.config_hash,
+            "command": shlex.join(words),
+        }
+
+    return {
+        "engine": first.engine if first else "",
+        "device": first.device if first else "",
+        "code_hash": manifest.code_hash(),
+        "lock_hash": manifest.lock_hash(),
+        "versions": first.versions if first else manifest.package_versions(),
+        "campaigns": [campaign(variant) for variant in study.variants],
+    }
+
+
+def _without_folder(text: str) -> str:
+    """An override without the folders of this machine: an absolute path becomes the file's name."""
+    key, equals, value = text.partition("=")
+    bare = value.strip("\"'")
+    return f"{key}{equals}{PurePath(bare).name}" if bare.startswith(("/", "~")) else text
+
+
+# --- files ---
+
+
+def write(study: Study, findings: Findings, made: Record, folder: Path) -> None:
+    """Write all files of these findings into `folder`. Raises StoreError where the disk refuses."""
+    require_writable(folder)
+    about = {
+        name: plain(getattr(study, name))
+        for name in ("name", "title", "source", "question", "targets")
+    }
+    record = {"study": about, **plain(findings), "provenance": made}
+    text = page(record, with_claims=True)
+    _write(folder / PAGE, text)
+    _write(folder / HTML, html.from_markdown(text, {}))
+    _write(folder / JSON, _json(record))
+
+
+def keep(source: Path, target: Path) -> None:
+    """Copy the findings in folder `source` into folder `target`. Raises StoreError."""
+    record = read(source)
+    require_writable(target)
+    _write(target / PAGE, page(record, with_claims=False))
+    _write(target / JSON, _json(record))
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """The record of findings that a folder holds. Raises StoreError."""
+    try:
+        return parsed((folder / JSON).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StoreError(
+            f"{folder / JSON}: no findings there ({error}); run `ravenjax reproduce` first"
+        ) from None
+
+
+def records(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Those of the studies that the folder holds, in the order of `names`. Raises StoreError."""
+    return {name: read(folder / name) for name in names if (folder / name / JSON).is_file()}
+
+
+def write_credibility(folder: Path, names: Iterable[str]) -> Path:
+    """Write the page over the studies that the folder holds. Raises StoreError."""
+    path = folder / CREDIBILITY
+    _write(path, claims.page(records(folder, names)))
+    return path
+
+
+def _json(record: Record) -> str:
+    return json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    write_aside(path, lambda target: target.write_bytes(text.encode()))
+
+
+# --- text ---
+
+BRIEF_COLUMNS = ("quantity", "published", "predicted", "band", "inside")
+INSIDE = {True: "yes", False: "NO", None: ""}
+_LEGEND = (
+    "A number is followed by its interval and by what it was counted over or read from. *Band* is"
+    " the acceptance band of the predicted value."
+)
+
+
+def line_rows(findings: Findings) -> list[tuple[str, ...]]:
+    """The lines as a terminal has room for them, columns as in BRIEF_COLUMNS: numbers without
+    their origin.
+    """
+    return [
+        tuple(cell.partition(";")[0] for cell in _line(line)[:-1])
+        for line in plain(findings)["lines"]
+    ]
+
+
+def page(record: Record, with_claims: bool) -> str:
+    """The Markdown page of a record.
+
+    with_claims: with what the study's claims rest on; findings that are kept leave them to the page
+    over all studies.
+    """
+    study, lines = record["study"], record["lines"]
+    standing = standings(lines)
+    parts = [f"# {study['title']}", study["question"], f"Source: {study['source']}"]
+    if standing:
+        parts.append(f"**{'. '.join(one.sentence for one in standing)}.**")
+        parts.append("\n".join(f"- {targets()[one.id].definition}" for one in standing))
+    if lines:
+        compared = any(line["published"] for line in lines)
+        parts.append("## Published and predicted" if compared else "## In numbers")
+        heads = (*BRIEF_COLUMNS, "likely reason of a difference")
+        parts += [_LEGEND, cells.table(heads, map(_line, lines))]
+    if record["notes"]:
+        parts += ["## Notes", *record["notes"]]
+    for table in record["tables"]:
+        rows = (tuple(map(cells.cell, row)) for row in table["rows"])
+        parts += [f"## {table['title']}", cells.table(table["columns"], rows), table["note"]]
+    parts += [
+        claims.section(record) if with_claims else "",
+        *_made_by(study["name"], record["provenance"]),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _line(line: Record) -> tuple[str, ...]:
+    def estimate(one: Record | None) -> str:
+        if one is None:
+            return wording.DASH
+        text, over = cells.with_interval(one), cells.counted_over(one)
+        return f"{text}; {over}" if over else text
+
+    return (
+        (f"{line['target']}: " if line["target"] else "")
+        + line["quantity"]
+        + (f", {line['unit']}" if line["unit"] else ""),
+        estimate(line["published"]),
+        estimate(line["predicted"]),
+        "" if line["band"] is None else cells.span(*line["band"]),
+        INSIDE[line["passed"]],
+        line["reason"],
+    )
+
+
+def _made_by(name: str, made: Record) -> Iterator[str]:
+    yield "## How it was made"
+    yield f"```\nravenjax reproduce {name}\n```"
+    rows = [
+        (
+            c["variant"],
+            wording.count(c["runs"]),
+            wording.number(c["seconds"]),
+            c["question"],
+            f"`{c['command']}`",
+        )
+        for c in made["campaigns"]
+    ]
+    yield cells.table(("campaign", "runs", "length, s", "what it answers otherwise", "alone"), rows)
+    versions = ", ".join(f"{package} {version}" for package, version in made["versions"].items())
+    engine = f"Engine {made['engine']} on {made['device']}; code" if made["engine"] else "Code"
+    yield f"{engine} {made['code_hash'][:16]}; {versions}."

@@ -1,0 +1,836 @@
+"""The haptic cue: what is felt of which fault, when, how strongly, how often for nothing, and at
+which threshold.
+
+All sets of threshold and gains are felt in the same runs; nobody reacts. A cue of a faulty run
+counts from the fault's first effect on, and only where the golden run had none by then. A threshold
+costs weight x (share of hazards missed) + false cues an hour; the weight is not known, so it is
+swept, and kinds of faults and recordings are drawn anew to tell how sure a choice is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.hazards import severity
+from ravenjax.outcomes import events
+from ravenjax.outcomes.events import Rules
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.report import wording
+from ravenjax.report.data import facts as run_facts
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.bootstrap.units import units as units_of
+from ravenjax.store import folder, manifest
+from ravenjax.store.manifest import CueRecord, Manifest
+from studies import kinds, motions_alike
+from studies.detectors import (
+    AS_MODELLED,
+    BY_DEFINITION,
+    CLUTCHED,
+    FREE,
+    MOVED,
+    SCALE,
+    UNCERTAIN,
+    hundred,
+    median_times,
+    per_hour,
+    percent,
+    plain,
+    rate,
+    share,
+)
+from studies.motions_alike import MOTIONS, RECORDINGS, Activated
+from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
+
+RESAMPLES = 2000
+WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
+"""In tables."""
+SURE = 0.95
+"""Share of resamples that a set must win to be named."""
+
+
+class Counts(NamedTuple):
+    """Sums of each unit that is drawn anew: kinds of faults [kinds, sets] and recordings
+    [recordings, sets].
+    """
+
+    missed: np.ndarray
+    hazards: np.ndarray  # [kinds]
+    kinds: Units  # each a row, by stratum
+    false: np.ndarray
+    hours: np.ndarray  # [recordings]
+
+
+class Winners(NamedTuple):
+    """The choice at each weight."""
+
+    weight: np.ndarray  # [weights]
+    winner: np.ndarray  # [weights], number of the set
+    wins: np.ndarray  # [weights, sets], share of resamples in which it wins; sums to 1
+    cost: np.ndarray  # [weights, sets], false cues an hour
+
+    @property
+    def sure(self) -> np.ndarray:
+        """Whether the choice at each weight is sure enough to be named, bool [weights]."""
+        return self.wins[np.arange(len(self.weight)), self.winner] >= SURE
+
+
+def counts(
+    missed: np.ndarray, faults: Units, false: np.ndarray, hours: np.ndarray, recording: np.ndarray
+) -> Counts:
+    """Sums of missed (bool [hazards, sets]) by kind of fault and of false cues [runs, sets] by
+    recording.
+    """
+    free = units_of(recording)
+    return Counts(
+        _by(faults, missed.astype(float)),
+        _by(faults, np.ones(len(missed))),
+        Units(np.arange(faults.count), faults.stratum),
+        _by(free, false),
+        _by(free, hours),
+    )
+
+
+def choose(
+    found: Counts, weights: np.ndarray, resamples: int = RESAMPLES, seed: int = 0
+) -> Winners:
+    """The cheapest set at each weight, the highest-numbered of equals (the highest threshold, where
+    sets rise).
+
+    Resampling knows nothing of a rate of which no event was seen: such a rate is drawn from what a
+    Poisson count of 0 leaves open, an exponential distribution of mean 1 / hours, whose 97.5 % are
+    the end of the exact interval. ValueError without hazards or hours.
+    """
+    if not len(found.hazards) or not found.hours.sum() > 0:
+        raise ValueError("a choice needs hazards and motion without a fault")
+    weight = np.asarray(weights, float)
+    share, rate = (
+        found.missed.sum(axis=0) / found.hazards.sum(),
+        found.false.sum(axis=0) / found.hours.sum(),
+    )
+    rng = np.random.default_rng(seed)
+    faults = found.kinds.weights(resamples, seed)
+    recordings = rng.multinomial(
+        len(found.hours), np.full(len(found.hours), 1 / len(found.hours)), resamples
+    )
+    shares = (faults @ found.missed) / (faults @ found.hazards)[:, None]
+    counts, hours = recordings @ found.false, (recordings @ found.hours)[:, None]
+    rates = np.where(counts > 0, counts, rng.exponential(size=counts.shape)) / hours
+    wins = np.stack(
+        [_won(_cheapest(one * shares + rates), found.missed.shape[1]) for one in weight]
+    )
+    cost = weight[:, None] * share + rate
+    return Winners(weight, _cheapest(cost), wins, cost)
+
+
+def _cheapest(cost: np.ndarray) -> np.ndarray:
+    """Last of the cheapest [..., sets]; equal but for rounding is equal."""
+    near = cost <= cost.min(axis=-1, keepdims=True) * (1 + 1e-12)
+    return cost.shape[-1] - 1 - np.argmax(near[..., ::-1], axis=-1)
+
+
+def _won(chosen: np.ndarray, sets: int) -> np.ndarray:
+    return np.bincount(chosen, minlength=sets) / len(chosen)
+
+
+def _by(among: Units, values: np.ndarray) -> np.ndarray:
+    """Sums [units, ...] of values [n, ...]."""
+    total = np.zeros((among.count, *values.shape[1:]))
+    np.add.at(total, among.unit, values)
+    return total
+
+
+UNINTENDED, INJURY, JUMP = "unintended motion", "injury-capable motion", "jump of the true tip"
+KINDS = (UNINTENDED, INJURY, JUMP)
+"""What a cue is to tell; the first is a hazard of `ravenjax.outcomes`."""
+
+
+class FaultyCues(NamedTuple):
+    """Activated faulty runs, one entry a run; times in ms from the start of the run, -1: never."""
+
+    cues: tuple[CueRecord, ...]
+    published: int  # number of the published set
+    cell: np.ndarray  # int, equal for runs of one fault
+    kind: np.ndarray  # int, equal for runs of one kind of fault (`kinds`)
+    family: np.ndarray  # int, stratum of the kind
+    motion: np.ndarray  # int, number of the campaign that it is of
+    active_ms: np.ndarray
+    unintended_ms: np.ndarray  # when the unintended motion began
+    kinds: np.ndarray  # bool [runs, KINDS]
+    first_ms: np.ndarray  # [runs, cues], felt because of the fault
+    force: np.ndarray  # [runs, cues], largest, device units
+    felt_ms: np.ndarray  # [runs, cues], how long
+    duration_ms: int
+    rules: Rules  # of the words
+
+    @property
+    def unintended(self) -> np.ndarray:
+        """Which runs had an unintended motion."""
+        return self.kinds[:, KINDS.index(UNINTENDED)]
+
+    @property
+    def faults(self) -> Units:
+        """Kinds of faults of the runs, over which intervals are."""
+        return units_of(self.kind, self.family)
+
+    def where(self, chosen: np.ndarray) -> FaultyCues:
+        """Those of `chosen`, a mask or indices."""
+        return self._replace(**{name: getattr(self, name)[chosen] for name in _BY_RUN})
+
+    def once(self) -> FaultyCues:
+        """One run of each fault, the motions in turn."""
+        return self.where(motions_alike.one_of_each_fault(self.cell, self.motion))
+
+
+_BY_RUN = (
+    "cell",
+    "kind",
+    "family",
+    "motion",
+    "active_ms",
+    "unintended_ms",
+    "kinds",
+    "first_ms",
+    "force",
+    "felt_ms",
+)
+
+
+class FreeCues(NamedTuple):
+    """Runs without a fault, one entry a run."""
+
+    cues: tuple[CueRecord, ...]
+    robot: np.ndarray  # words
+    recording: np.ndarray  # words, motion and seed
+    scale: np.ndarray
+    hours: np.ndarray  # in pedal-down
+    count: np.ndarray  # [runs, cues], separate pulses
+    felt_hours: np.ndarray  # [runs, cues], how long
+
+    def where(self, chosen: np.ndarray) -> FreeCues:
+        """Those of `chosen`."""
+        return self._replace(**{name: getattr(self, name)[chosen] for name in _FREE_BY_RUN})
+
+
+_FREE_BY_RUN = ("robot", "recording", "scale", "hours", "count", "felt_hours")
+
+
+def default_sets(cues: Sequence[CueRecord], published: int) -> list[int]:
+    """Numbers of the sets with the published gains, by rising threshold."""
+    own = cues[published]
+    alike = [k for k, cue in enumerate(cues) if _gains(cue) == _gains(own)]
+    return sorted(alike, key=lambda k: cues[k].threshold_mm)
+
+
+def sets_at(cues: Sequence[CueRecord], threshold_mm: float) -> list[int]:
+    """Numbers of the sets of one threshold."""
+    return [k for k, cue in enumerate(cues) if cue.threshold_mm == threshold_mm]
+
+
+def read_faulty(folders: Sequence[Path]) -> FaultyCues:
+    """Activated faulty runs of campaigns that differ in their motion alone. ValueError where
+    their faults differ.
+    """
+    read = [(folder.read_all(path), manifest.read(path)) for path in folders]
+    return pooled([frame for frame, _ in read], read[0][1])
+
+
+def pooled(frames: Sequence[pd.DataFrame], made: Manifest) -> FaultyCues:
+    """As `faulty`, of result tables at hand; `made`: manifest of the first."""
+    parts = [_faulty(one, made) for one in motions_alike.activated(frames, made)]
+    return parts[0]._replace(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_RUN}
+    )
+
+
+def _faulty(runs: Activated, made: Manifest) -> FaultyCues:
+    frame, facts = runs.frame, runs.facts
+    active, every = facts["active_ms"].to_numpy(), range(len(made.cues))
+
+    def columns(name: str) -> np.ndarray:
+        return np.stack([frame[name.format(k)].to_numpy() for k in every], axis=1)
+
+    own = np.stack([run_facts.warned(frame, k) for k in every], axis=1)
+    return FaultyCues(
+        cues=made.cues,
+        published=made.verdict_cue,
+        cell=runs.cell,
+        kind=runs.kind,
+        family=runs.family,
+        motion=np.full(len(frame), runs.motion),
+        active_ms=active,
+        unintended_ms=facts["unintended_ms"].to_numpy(),
+        kinds=np.stack(
+            [
+                facts["unintended"].to_numpy(bool),
+                severity.injury_capable(frame).to_numpy(bool),
+                frame["jump_tip"].to_numpy(bool),
+            ],
+            axis=1,
+        ),
+        first_ms=np.where(own >= active[:, None], own, -1),
+        force=columns("cue{}_peak_force").astype(float),
+        felt_ms=columns("cue{}_ms"),
+        duration_ms=made.duration_ms,
+        rules=made.rules,
+    )
+
+
+def read_free(folders: Sequence[tuple[str, Path]]) -> FreeCues:
+    """Runs without a fault of campaigns, each with the name of its recording."""
+    parts = [alone(folder.read_all(path), manifest.read(path), name) for name, path in folders]
+    return parts[0]._replace(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _FREE_BY_RUN}
+    )
+
+
+def alone(frame: pd.DataFrame, made: Manifest, recording: str) -> FreeCues:
+    """As `free`, of one result table at hand; its faulty runs are left out."""
+    frame = frame.loc[frame["group"].astype(str).str.startswith(FREE) & (frame["failed"] == "")]
+    return FreeCues(
+        made.cues,
+        frame["group"].astype(str).str.removeprefix(FREE).to_numpy(object),
+        np.full(len(frame), recording, object),
+        frame[SCALE].to_numpy(float),
+        frame["pedal_down_ms"].to_numpy(float) / 3.6e6,
+        np.stack([frame[f"cue{k}_count"].to_numpy() for k in range(len(made.cues))], axis=1),
+        np.stack(
+            [frame[f"cue{k}_ms"].to_numpy(float) / 3.6e6 for k in range(len(made.cues))], axis=1
+        ),
+    )
+
+
+def _gains(cue: CueRecord) -> tuple[float, float]:
+    return cue.kp_per_mm, cue.kd_s_per_mm
+
+
+AT_CAP = 0.999
+"""Share of the cap from which on a force is at it: forces are stored as float32."""
+SLOW = 0.1
+"""Largest scale of motion that is called slow."""
+SHOWN_MM = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Thresholds in the table of false cues by motion."""
+
+
+class CueResult(NamedTuple):
+    """One set. Rates are fractions, times ms."""
+
+    missed: StudyEstimate  # of runs with unintended motion, never felt
+    before: StudyEstimate  # of those, felt before it began
+    others: StudyEstimate  # of the other faulty runs, felt
+    delay_ms: StudyEstimate  # median, from the fault's first effect
+    lead_ms: StudyEstimate  # median, over the unintended motion
+    force: str  # median and quartiles of the largest where felt
+    at_cap: StudyEstimate  # of the unintended motions that are felt, those at the cap
+    felt_ms: str  # median and quartiles of the time with force where felt
+
+
+def missed(faulty: FaultyCues, sets: Sequence[int], before: bool = False) -> np.ndarray:
+    """Which runs were never told by each set, or not `before` their unintended motion: bool
+    [runs, sets].
+    """
+    first = faulty.first_ms[:, list(sets)]
+    late = (first >= faulty.unintended_ms[:, None]) & (faulty.unintended_ms >= 0)[:, None]
+    return (first < 0) | late if before else first < 0
+
+
+def sums(
+    faulty: FaultyCues, free: FreeCues, sets: Sequence[int], kind: str, before: bool = False
+) -> Counts:
+    """What a choice among `sets` is made of, for hazards of one of KINDS; `before`: a cue after
+    it began is missed.
+    """
+    hazards = faulty.where(faulty.kinds[:, KINDS.index(kind)])
+    return counts(
+        missed(hazards, sets, before),
+        hazards.faults,
+        free.count[:, list(sets)],
+        free.hours,
+        free.recording,
+    )
+
+
+def by_definition(faulty: FaultyCues, k: int) -> bool:
+    """Whether set number k fires at the limit of the unintended motion or beyond: but for what the
+    reported tip differs from the true one, its cue comes as the motion begins or later, by the
+    definitions alone."""
+    return faulty.cues[k].threshold_mm >= faulty.rules.limit_mm
+
+
+def felt(faulty: FaultyCues, k: int) -> CueResult:
+    """What set number k tells of faults that make an unintended motion."""
+    moved = faulty.unintended
+    first = faulty.first_ms[:, k]
+    cued = first >= 0
+    once = faulty.where(moved).once()
+    mine = faulty.where(moved & cued)
+    cap = faulty.cues[k].cap
+    at_cap = mine.force[:, k] >= AT_CAP * cap if cap is not None else np.zeros(len(mine.cell), bool)
+    end = float(faulty.duration_ms)
+    delay, lead = median_times(
+        once.first_ms[:, k], once.active_ms, once.unintended_ms, end, once.faults
+    )
+    late = by_definition(faulty, k)
+    return CueResult(
+        share(~cued, moved, faulty.faults, MOVED),
+        (
+            BY_DEFINITION
+            if late
+            else share(cued & (first < faulty.unintended_ms), moved, faulty.faults, MOVED)
+        ),
+        share(cued, ~moved, faulty.faults, "other faulty runs"),
+        delay,
+        BY_DEFINITION if late else lead,
+        _quartiles(mine.force[:, k]),
+        share(at_cap, np.ones(len(at_cap), bool), mine.faults, "felt runs"),
+        _quartiles(mine.felt_ms[:, k]),
+    )
+
+
+def false_cues(free: FreeCues, k: int, robot: str) -> StudyEstimate:
+    """False cues an hour of set k with one robot."""
+    mine = free.where(free.robot == robot)
+    return per_hour(mine.count[:, k], mine.hours, mine.recording, "cues")
+
+
+def false_time(free: FreeCues, k: int, robot: str) -> str:
+    """Share of motion without a fault in which set k pulls, with one robot."""
+    mine = free.where(free.robot == robot)
+    hours = float(mine.hours.sum())
+    value = float(mine.felt_hours[:, k].sum()) / hours
+    band = units.ratio(mine.felt_hours[:, k], mine.hours, units_of(mine.recording))
+    if not value or np.isnan(band.low):
+        return f"{wording.percent(value)} of {hours:.1f} h"
+    return (
+        f"{wording.percent(value)} ({wording.percent(band.low)} to {wording.percent(band.high)}) of"
+        f" {hours:.1f} h"
+    )
+
+
+def threshold_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Table:
+    """What each threshold does, with the published gains."""
+    rows = []
+    for k in sets:
+        result = felt(faulty, k)
+        rows.append(
+            (
+                faulty.cues[k].threshold_mm,
+                percent(result.missed),
+                percent(result.before),
+                percent(result.others),
+                plain(result.delay_ms),
+                plain(result.lead_ms),
+                result.force,
+                percent(result.at_cap),
+                result.felt_ms,
+                rate(false_cues(free, k, AS_MODELLED)),
+                false_time(free, k, AS_MODELLED),
+                rate(false_cues(free, k, UNCERTAIN)),
+            )
+        )
+    return Table(
+        "Thresholds, with the published gains",
+        (
+            "threshold, mm",
+            "missed",
+            "felt before it began",
+            "felt, of the other faulty runs",
+            "median delay, ms",
+            "median lead, ms",
+            "largest force",
+            "at the cap",
+            "time felt, ms",
+            "false cues an hour",
+            "time with one",
+            "false cues with an uncertain robot",
+        ),
+        tuple(rows),
+        "Missed, and felt before it began: of runs with unintended motion. Delay: from the fault's"
+        " first effect; lead over the unintended motion: positive where the cue comes first; one"
+        " run of each fault that made one, runs without a cue censored at their end. A dash about"
+        " the motion's beginning: the cue fires at the motion's distance from the model or beyond,"
+        " and is no warning of it; a lead is a dash, too, where fewer than half of the faults have"
+        f" a cue. {kinds.NOTE} Force (device units) and time: of unintended motions that are felt."
+        " False cues: pulses on motion without a fault at scales 0.05 to 0.2, interval over"
+        " recordings. Uncertain robot: friction x 0.7 to 1.4, mass x 0.8 to 1.25, cable stiffness"
+        " x 0.5 to 2, motor constant x 0.9 to 1.1.",
+    )
+
+
+def choice_table(faulty: FaultyCues, sets: Sequence[int], winners: Winners) -> Table:
+    """What the data choose at each weight, and how sure that is."""
+    published = sets.index(faulty.published)
+    rows = []
+    for weight, winner, wins, cost, sure in zip(*winners, winners.sure, strict=True):
+        mm = faulty.cues[sets[winner]].threshold_mm
+        others = [
+            f"{faulty.cues[sets[j]].threshold_mm:g} mm {100 * wins[j]:.0f} %"
+            for j in np.argsort(-wins, kind="stable")
+            if j != winner and wins[j] >= 0.01
+        ]
+        rows.append(
+            (
+                f"{weight:,.0f}",
+                mm if sure else f"cannot be said; {mm:g} costs least",
+                f"{100 * wins[winner]:.0f} %",
+                ", ".join(others),
+                float(f"{cost[winner]:.3g}"),
+                float(f"{cost[published]:.3g}"),
+                f"{100 * wins[published]:.0f} %",
+            )
+        )
+    return Table(
+        "The threshold that the data would choose",
+        (
+            "a missed unintended motion an hour weighs so many false cues",
+            "threshold, mm",
+            "wins",
+            "else wins",
+            "cost, false cues an hour",
+            f"cost of {faulty.cues[faulty.published].threshold_mm:g} mm",
+            "it wins",
+        ),
+        tuple(rows),
+        "Cost: weight x share missed + false cues an hour. Wins: of 2 000 draws of kinds of faults"
+        f" and of recordings with replacement; a threshold is named from {100 * SURE:.0f} %"
+        " on. Among thresholds with the published gains; of equals the highest.",
+    )
+
+
+def rules_table(faulty: FaultyCues, free: FreeCues, sets: Sequence[int]) -> Table:
+    """What is chosen where what is to be told, a miss or the motion without a fault is something
+    else.
+    """
+    modelled = free.where(free.robot == AS_MODELLED)
+    slow = modelled.where(modelled.scale <= SLOW + 1e-9)
+    still_down = slow.where(~np.char.startswith(slow.recording.astype(str), CLUTCHED))
+    conditions = (
+        *((kind, "never felt", "every motion and scale", modelled) for kind in KINDS),
+        (UNINTENDED, "not felt before it", "every motion and scale", modelled),
+        (UNINTENDED, "never felt", f"scales up to {SLOW:g}", slow),
+        (UNINTENDED, "never felt", f"scales up to {SLOW:g}, no clutching", still_down),
+        (UNINTENDED, "not felt before it", f"scales up to {SLOW:g}, no clutching", still_down),
+        (UNINTENDED, "never felt", UNCERTAIN, free.where(free.robot == UNCERTAIN)),
+    )
+    rows = []
+    for kind, miss, motion, mine in conditions:
+        before = miss != "never felt"
+        hazard = faulty.kinds[:, KINDS.index(kind)]
+        if not hazard.any() or not mine.hours.sum() > 0:
+            continue
+        never = share(missed(faulty, [faulty.published], before)[:, 0], hazard, faulty.faults, "")
+        if before and by_definition(faulty, faulty.published):
+            never = BY_DEFINITION
+        winners = choose(sums(faulty, mine, sets, kind, before), np.array(WEIGHTS))
+        names = [
+            f"{'' if sure else 'undecided: '}{faulty.cues[sets[k]].threshold_mm:g}"
+            f" ({100 * wins[k]:.0f} %)"
+            for k, wins, sure in zip(winners.winner, winners.wins, winners.sure, strict=True)
+        ]
+        rows.append((kind, miss, motion, percent(never), *names))
+    return Table(
+        "What the choice hangs on: threshold in mm, and how often it wins",
+        (
+            "what is to be told",
+            "missed is",
+            "false cues on",
+            f"missed at {faulty.cues[faulty.published].threshold_mm:g} mm",
+            *(f"weight {weight:,.0f}" for weight in WEIGHTS),
+        ),
+        tuple(rows),
+        "Injury-capable motion: a jump of the true tip, an unintended motion of more than"
+        f" {LIMIT_MM:g} mm (live or not), or more than 1 mm deeper in the tissue. Hazards are at"
+        " scale 0.1, robot as modelled. 8 mm is the highest threshold that was tried: where it"
+        " wins, a higher one, or no cue at all, might.",
+    )
+
+
+def gain_table(faulty: FaultyCues, modelled: FreeCues, numbers: Sequence[int]) -> Table:
+    """What the gains change at some sets' thresholds."""
+    rows = []
+    for mm in dict.fromkeys(faulty.cues[k].threshold_mm for k in numbers):
+        for k in sets_at(faulty.cues, mm):
+            result, cue = felt(faulty, k), faulty.cues[k]
+            false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
+            rows.append(
+                (
+                    mm,
+                    cue.kp_per_mm,
+                    damper(cue),
+                    percent(result.missed),
+                    plain(result.delay_ms),
+                    result.force,
+                    percent(result.at_cap),
+                    result.felt_ms,
+                    rate(false),
+                )
+            )
+    return Table(
+        "Gains",
+        (
+            "threshold, mm",
+            "Kp, per mm",
+            "Kd, per mm/s",
+            "missed",
+            "median delay, ms",
+            "largest force",
+            "at the cap",
+            "time felt, ms",
+            "false cues an hour",
+        ),
+        tuple(rows),
+        "Missed: of runs with unintended motion. Force in device units, cap 0.05. The gains were"
+        " not published: 0.0045 per mm was read off Figure 5 of IROS 2016, the damper made out of"
+        " its third pulse.",
+    )
+
+
+def motion_table(free: FreeCues, sets: Sequence[int]) -> Table:
+    """False cues an hour by motion and scale."""
+    modelled = free.where(free.robot == AS_MODELLED)
+    columns = [k for k in sets if free.cues[k].threshold_mm in SHOWN_MM]
+    motion = np.array([name.rpartition(" ")[0] for name in modelled.recording], object)
+    rows = []
+    for name in dict.fromkeys(motion.tolist()):
+        for scale in np.unique(modelled.scale):
+            mine = modelled.where((motion == name) & np.isclose(modelled.scale, scale))
+            cells = [
+                _with_count(per_hour(mine.count[:, k], mine.hours, mine.recording)) for k in columns
+            ]
+            rows.append(
+                (
+                    name,
+                    float(scale),
+                    len(np.unique(mine.recording)),
+                    round(float(mine.hours.sum()), 3),
+                    *cells,
+                )
+            )
+    return Table(
+        "False cues an hour, by motion and scale, robot as modelled",
+        (
+            "motion",
+            "scale",
+            "recordings",
+            "hours",
+            *(f"{free.cues[k].threshold_mm:g} mm" for k in columns),
+        ),
+        tuple(rows),
+        "Published gains; an hour, and pulses seen. Where no cue came: exact Poisson, 95 %, as if"
+        " the hours were independent; few hours each, so that the bound is high. Else no interval:"
+        " one or two recordings are no sample of motions. With clutching the distance to the model"
+        " grows from clutch to clutch and stays.",
+    )
+
+
+def _with_count(value: StudyEstimate) -> str:
+    """12 (10 to 15); 8 of them."""
+    return f"{plain(value)}; {wording.count(value.n)}"
+
+
+def damper(cue: CueRecord) -> str:
+    """Damping in device units per mm/s, without an exponent."""
+    return np.format_float_positional(cue.kd_s_per_mm, trim="-")
+
+
+def _quartiles(values: np.ndarray) -> str:
+    """Median (first to third quartile)."""
+    if not len(values):
+        return wording.DASH
+    low, middle, high = (wording.number(float(one)) for one in np.percentile(values, [25, 50, 75]))
+    return f"{middle} ({low} to {high})"
+
+
+CAMPAIGN = "haptic_sweep.toml"
+FREE_RUNS, FREE_S = 32, 120
+EARLY_MM = 1.0
+"""A threshold below the limit of the unintended motion, which is compared whatever the choice."""
+
+
+class _Choice(NamedTuple):
+    """Sets that are compared: those with the published gains, by rising threshold, and the
+    winners among them.
+    """
+
+    sets: list[int]
+    winners: Winners
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the sets that win at any weight of the tables, by rising threshold."""
+        return [self.sets[k] for k in np.unique(self.winners.winner)]
+
+
+def compare(context: Context) -> Findings:
+    """All sets over the same runs."""
+    faulty = read_faulty([context.folders[name] for name in MOTIONS])
+    free = read_free([(f"{m} {s}", context.folders[f"free_{m}_{s}"]) for m, s in RECORDINGS])
+    return findings(faulty, free)
+
+
+def findings(faulty: FaultyCues, free: FreeCues) -> Findings:
+    """As `compare`, of runs at hand."""
+    modelled = free.where(free.robot == AS_MODELLED)
+    sets = default_sets(faulty.cues, faulty.published)
+    choice = _Choice(
+        sets,
+        choose(sums(faulty, modelled, sets, UNINTENDED), np.array(WEIGHTS)),
+    )
+    early = [k for k in sets if faulty.cues[k].threshold_mm == EARLY_MM]
+    compared = list(dict.fromkeys([faulty.published, *early, *choice.numbers]))
+    return Findings(
+        lines=tuple(_lines(faulty, modelled, choice, compared)),
+        tables=(
+            threshold_table(faulty, free, sets),
+            choice_table(faulty, choice.sets, choice.winners),
+            rules_table(faulty, free, sets),
+            gain_table(faulty, modelled, compared[:2]),
+            motion_table(free, sets),
+        ),
+        notes=_notes(faulty, modelled),
+    )
+
+
+def _lines(
+    faulty: FaultyCues, modelled: FreeCues, choice: _Choice, compared: Sequence[int]
+) -> list[Line]:
+    moved = faulty.unintended
+    cells = StudyEstimate(
+        len(np.unique(faulty.cell)), of=f"{kinds.count(faulty.faults)}, {len(MOTIONS)} motions"
+    )
+    lines = [
+        Line("faults, distinct", "", None, cells),
+        Line(
+            "faulty runs with unintended motion",
+            "runs",
+            None,
+            StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design"),
+        ),
+        Line(
+            "motion without a fault, robot as modelled",
+            "h",
+            None,
+            StudyEstimate(round(float(modelled.hours.sum()), 2)),
+        ),
+    ]
+    for k in compared:
+        words = f"{faulty.cues[k].threshold_mm:g} mm" + (
+            " (published)" if k == faulty.published else ""
+        )
+        never = missed(faulty, [k])[:, 0]
+        before = (faulty.first_ms[:, k] >= 0) & (faulty.first_ms[:, k] < faulty.unintended_ms)
+        rates = {"unintended motion missed": never}
+        if not by_definition(faulty, k):
+            rates["unintended motion felt before it began"] = before
+        lines += [
+            Line(f"{words}: {what}", "%", None, hundred(share(hit, moved, faulty.faults, MOVED)))
+            for what, hit in rates.items()
+        ]
+        if not by_definition(faulty, k):
+            lines.append(
+                Line(
+                    f"{words}: median lead over the motion",
+                    "ms",
+                    None,
+                    felt(faulty, k).lead_ms,
+                )
+            )
+        false = per_hour(modelled.count[:, k], modelled.hours, modelled.recording, "cues")
+        lines.append(Line(f"{words}: false cues", "1/h", None, false))
+    for weight, winner, wins, sure in zip(*choice.winners[:3], choice.winners.sure, strict=True):
+        mm, wins_often = (
+            faulty.cues[choice.sets[winner]].threshold_mm,
+            f"wins {100 * wins[winner]:.0f} % of resamples",
+        )
+        threshold = StudyEstimate(
+            mm if sure else np.nan,
+            *_range([faulty.cues[k].threshold_mm for k in choice.sets], wins),
+            of=wins_often if sure else f"cannot be said: {mm:g} mm {wins_often}",
+        )
+        lines.append(
+            Line(
+                f"threshold chosen where a missed unintended motion an hour weighs {weight:,.0f}"
+                " false cues",
+                "mm",
+                None,
+                threshold,
+            )
+        )
+    return lines
+
+
+def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
+    """Between which values 95 % of the resamples chose."""
+    below = np.cumsum(wins)
+    low, high = (int(np.searchsorted(below, end - 1e-9)) for end in (0.025, 0.975))
+    return values[low], values[min(high, len(values) - 1)]
+
+
+def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
+    return (
+        (
+            f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that"
+            " distance of the reported tip from the model, or beyond, is no warning of it: the"
+            " motion begins at that distance from the same model. Only of lower thresholds is it a"
+            " finding whether they come before it. What the choice hangs on asks again for motion"
+            " that could injure and for jumps of the true tip alone."
+        ),
+        (
+            "An unintended motion counts as missed where the cue never came, or the golden run had"
+            " it by then: a surgeon who feels it in normal motion, too, learns nothing from it."
+        ),
+        (
+            f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of"
+            f" {len(np.unique(modelled.recording))} recordings at four scales each. A pulse that"
+            " flickers about the threshold counts each time, one that stays counts once: after a"
+            " minute of clutching the cue pulls on and on, which the time with one tells. Real"
+            " motion has tails that a generated one lacks, and a real robot is not its own model."
+        ),
+        (
+            "The weight of a missed unintended motion holds two things that no source tells: how"
+            " many false cues it is worth, and how many of them come in an hour. The choice is"
+            " therefore shown over six decades, not made."
+        ),
+        (
+            "Which faults there are is a design: the library's own values and sampled ones about"
+            " the boundary of unintended motion. Another mix would move the share missed, and so"
+            " the choice."
+        ),
+        kinds.NOTE,
+        (
+            "Gains change how strongly a cue is felt, and when only through the damper: where the"
+            " robot closes in fast enough that the pull would be negative there is no cue. Nobody"
+            " reacts to the cue here."
+        ),
+    )
+
+
+def _variants() -> tuple[Variant, ...]:
+    return (
+        *motions_alike.faulty(CAMPAIGN),
+        *(
+            motions_alike.fault_free(
+                CAMPAIGN, motion, seed, FREE_RUNS, FREE_S, "How often is there a cue for nothing?"
+            )
+            for motion, seed in RECORDINGS
+        ),
+    )
+
+
+STUDY = Study(
+    name="haptic_cue",
+    title="At which distance should the haptic cue pull, and how strongly?",
+    source="a study of our own; the cue of IROS 2016, 3 mm and a cap of 0.05",
+    question=(
+        "What is felt of which fault, when, how strongly, how often for nothing, and which"
+        " threshold would the data choose?"
+    ),
+    variants=_variants(),
+    compare=compare,
+    minutes=2.0,
+)

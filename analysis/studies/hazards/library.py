@@ -1,0 +1,278 @@
+"""The hazard library run through: outcome classes of every row, severities, and risk by hazard,
+class and reports.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.hazards import expansion, library, maude
+from ravenjax.hazards.library import Hazard
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.report import wording
+from ravenjax.report.sections import risk
+from ravenjax.report.sections.risk import Pool, PoolRisk
+from ravenjax.stats.bootstrap.units import FEW, FEWEST
+from ravenjax.stats.intervals import Estimate
+from ravenjax.store import folder
+from studies.hazards import safecomp45
+from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome, normal
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Published,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
+
+BASELINE = "library"
+MANIFEST: dict[str, tuple[str, ...]] = {
+    "network": ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
+    "get_usb": ("B01", "B02", "B03", "B23"),
+    "put_usb": ("B07", "B08", "B10"),
+    "put_usb_jumps": ("B11",),
+    "in_range": ("C06",),
+}
+"""Published shares of MCPS 2015 -> the rows of the library that are injected alike."""
+
+
+def compare(context: Context) -> Findings:
+    """Every row of the library, and its risk."""
+    frame = folder.read_all(context.folders[BASELINE])
+    outcomes = safecomp45.hazard_outcomes(frame)
+    counts = risk.counts(frame)
+    return Findings(
+        lines=tuple(_lines(outcomes, Published("hazard_library"))),
+        tables=(
+            row_table(outcomes, {one.hazard.id: documented(frame, one.hazard) for one in outcomes}),
+            documented_only_table(),
+            pool_table(
+                "Risk by category of adverse event reports", report_risk(counts), maude.CAVEAT
+            ),
+        ),
+        notes=NOTES,
+    )
+
+
+def report_risk(counts: risk.Counts) -> list[PoolRisk]:
+    """Categories of adverse event reports, and all that are simulated together; beside it
+    belongs `maude.CAVEAT`.
+    """
+    pools = [
+        Pool(one.name, one.source, tuple(row.id for row in one.rows), one.share)
+        for one in maude.reports().category
+    ]
+    meaning = "all simulated categories, by their shares; a hazard of two categories counts in both"
+    return [
+        *(risk.by_pool(counts, pool) for pool in pools),
+        risk.together(counts, pools, "all", meaning),
+    ]
+
+
+def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
+    """Runs of a row whose faults all have a value that the library documents, and all its runs."""
+    if not row.runnable:
+        return 0, 0
+    ids = frame["group"].astype(str).str.rpartition("/")[2]
+    inside = total = 0
+    for group in expansion.expand({"name": "library", "hazards": row.id}):
+        runs = frame.loc[ids == group["name"].rpartition("/")[2]]
+        within = pd.Series(True, runs.index)
+        for slot, fault in enumerate(group["fault"]):
+            within &= _within(runs[f"fault{slot}_value"], fault.get("value"))
+        inside, total = inside + int(within.sum()), total + len(runs)
+    return inside, total
+
+
+def row_table(found: Sequence[HazardOutcome], values: dict[str, tuple[int, int]]) -> Table:
+    """One line a row that is run."""
+    return Table(
+        "Every hazard that is run",
+        (
+            "hazard",
+            "layer",
+            "what",
+            "source",
+            "runs",
+            "activated",
+            "values as documented",
+            "values against normal",
+            "expected classes",
+            "predicted classes (runs)",
+            "verdict",
+            "why",
+        ),
+        tuple(
+            (
+                one.hazard.id,
+                one.hazard.layer,
+                one.hazard.title,
+                one.hazard.source,
+                one.runs,
+                one.activated,
+                "{} of {}".format(*values[one.hazard.id]),
+                normal(one.hazard),
+                ", ".join(one.hazard.expected_class),
+                one.said,
+                one.verdict,
+                one.reason,
+            )
+            for one in found
+            if one.verdict != NOT_SIMULATED
+        ),
+        "Activated: runs in which the fault changed a bit of a signal; a value that is what the"
+        " signal has anyway does not. Values against normal: where the struck signal may lie,"
+        " beside its measured fault-free range. Where no outcome was published, the classes are"
+        " what was to be expected.",
+    )
+
+
+def documented_only_table() -> Table:
+    """Rows that cannot be run, and why."""
+    return Table(
+        "Documented only",
+        ("hazard", "layer", "what", "source", "published outcome", "why it is not run"),
+        tuple(
+            (row.id, row.layer, row.title, row.source, row.expected, row.documented_only)
+            for row in library.rows()
+            if not row.runnable
+        ),
+    )
+
+
+def pool_table(title: str, rows: Sequence[PoolRisk], caveat: str = "") -> Table:
+    """Risk of classes or categories; one without a simulated hazard is listed as such."""
+    return Table(
+        title,
+        ("class", "meaning", "hazards", "weight", "mean severity", "injury-capable", "no alarm"),
+        tuple(
+            (
+                row.pool.name,
+                row.pool.meaning,
+                ", ".join(dict.fromkeys(row.pool.hazards)) or NOT_SIMULATED,
+                "" if math.isnan(row.pool.weight) else wording.percent(row.pool.weight),
+                "" if math.isnan(row.mean) else round(row.mean, 2),
+                _mean(row.injury),
+                _mean(row.silent),
+            )
+            for row in rows
+        ),
+        f"{caveat} The hazards of a class count alike. Intervals, 95 %: bootstrap over hazards,"
+        f" which are what was chosen; none with fewer than {FEWEST} of them, and too narrow with"
+        f" fewer than {FEW}.".strip(),
+    )
+
+
+def _within(values: pd.Series, documented_values: object) -> pd.Series:
+    """Which values are among those that a plain group writes, or between the ends of what it
+    draws.
+    """
+    if documented_values is None:
+        return values.isna()
+    if isinstance(documented_values, dict):
+        (kind, numbers), *_ = documented_values.items()
+        return (
+            values.isin(numbers) if kind == "choice" else values.between(min(numbers), max(numbers))
+        )
+    listed = (
+        documented_values if isinstance(documented_values, list | tuple) else [documented_values]
+    )
+    return values.isin(listed)
+
+
+def _lines(found: Sequence[HazardOutcome], published: Published) -> Iterator[Line]:
+    by_id = {one.hazard.id: one for one in found}
+    runnable = [one for one in found if one.verdict != NOT_SIMULATED]
+
+    def count(quantity: str, holds: Callable[[HazardOutcome], bool]) -> Line:
+        value = StudyEstimate(sum(map(holds, runnable)), n=len(runnable), of="rows that can be run")
+        return Line(quantity, "rows", None, value)
+
+    yield count("rows that ran", lambda one: one.runs > 0)
+    yield count("rows with at least one activated run", lambda one: one.activated > 0)
+    yield count("rows whose every run was activated", lambda one: 0 < one.runs == one.activated)
+    words = {
+        "network": "operator's packets: injections with an effect",
+        "get_usb": "USB read: injections with an effect",
+        "put_usb": "USB write: injections with an effect",
+        "put_usb_jumps": "USB write, motor commands: injections with a jump",
+        "in_range": "operator's packets in their range: injections with an effect",
+    }
+    for key, ids in MANIFEST.items():
+        rows = [by_id[name] for name in ids if name in by_id and by_id[name].valid]
+        predicted = _manifest(rows, "jump" if key == "put_usb_jumps" else "")
+        reason = "published: drawn values; here every value and hazard counts alike"
+        yield Line(words[key], "%", published.estimate(key), predicted, reason=reason)
+
+
+def _manifest(rows: Sequence[HazardOutcome], name: str) -> StudyEstimate | None:
+    """Share of activated runs that have a class (""; any but `none` and `message` alone), each row
+    counting alike; its interval is over rows."""
+    if not rows:
+        return None
+    hits = [one.counts[name] if name else one.valid - one.without_effect for one in rows]
+    runs = [one.valid for one in rows]
+    ids = [one.hazard.id for one in rows]
+    rate = risk.mean_over(np.divide(hits, runs), ids, np.ones(len(rows)))
+    return StudyEstimate(
+        100 * rate.value, 100 * rate.low, 100 * rate.high, sum(runs), f"runs of {', '.join(ids)}"
+    )
+
+
+def _mean(mean: Estimate | None) -> str:
+    if mean is None:
+        return ""
+    if math.isnan(mean.low):
+        return wording.percent(mean.value)
+    return (
+        f"{wording.percent(mean.value)} ({wording.percent(mean.low)} to"
+        f" {wording.percent(mean.high)})"
+    )
+
+
+NOTES = (
+    (
+        "A severity is of one run and given its fault. Nothing here says how often a fault strikes:"
+        " no source does. The values of a hazard are those of its source, so that a share of its"
+        " runs has no sampling interval."
+    ),
+    (
+        "Runs that changed no bit are no misses of the injection but values that the signal had"
+        " anyway, and windows in which it was not there."
+    ),
+    (
+        "A restart is taken to meet a fault again that lasts until the end of the run or comes"
+        " again and again. One of the software clears some of these, so severity 3 is an upper"
+        " bound of what needs a conversion."
+    ),
+    (
+        "Injury-capable motion is a jump of the true tip, an unintended motion of more than"
+        f" {LIMIT_MM:g} mm (live or not), or a tip more than 1 mm deeper in the tissue than its"
+        " golden run's. Whether it injures depends on where it happens; nothing here knows."
+    ),
+    (
+        "The weighted risk hangs on one row: broken instruments are almost half of the reports,"
+        " and a weak or broken cable (M01) alone stands for them, unseen by encoders on the"
+        " motors' side and so by checks and cue. Most of those reported are other parts that broke."
+    ),
+    "Jaws are not seen: C08 and C12 change their opening alone, which moves no tip.",
+)
+
+STUDY = Study(
+    name="hazard_library",
+    title="Every hazard of the library: outcome, severity, risk",
+    source=(
+        "SAFECOMP 2015, DSN 2016, MCPS 2015, IROS 2016, PLOS ONE 2016 and others, as each row says"
+    ),
+    question="What does each known hazard do to the simulated robot, and which are worst?",
+    variants=(Variant(BASELINE, "hazard_library.toml"),),
+    compare=compare,
+    minutes=0.5,
+)

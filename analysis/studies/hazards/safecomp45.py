@@ -1,0 +1,478 @@
+"""The list of 45 injections into the Raven-II that supplements SAFECOMP 2015, run again: outcome
+class of each row.
+
+How classes are compared, the same for every row of the library: a row *shows* a class where at
+least one activated run in ten has it. `message` alone counts as `none`, but where a message was
+published. Equal sets `agree`; sets with a class in common agree `partly`; others `differ`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from ravenjax.hazards import classes, library, ranges
+from ravenjax.hazards.library import Hazard
+from ravenjax.hazards.naming import hazards_of
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.store import folder
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Published,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
+
+AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
+NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
+SEEN_SHARE = 0.1
+EFFECTS = tuple(name for name in classes.CLASSES if name not in ("none", "message"))
+"""Classes in which the fault had an effect on the robot."""
+_NO_OUTCOME = {"withheld", "unpublished"}
+
+
+@dataclass(frozen=True)
+class HazardOutcome:
+    """What the runs of one row of the library did."""
+
+    hazard: Hazard
+    runs: int
+    activated: int
+    failed: int
+    counts: Mapping[str, int]  # class -> activated, valid runs that have it
+    fitting: (
+        int  # activated, valid runs with a published class and no other; 0 where none is published
+    )
+    without_effect: int  # activated, valid runs of class `none`, or of `message` alone
+    seen_share: float = SEEN_SHARE
+
+    @property
+    def valid(self) -> int:
+        """Activated runs with an outcome: what the counts are of."""
+        return self.activated - self.failed
+
+    @property
+    def shown(self) -> frozenset[str]:
+        """Classes that it shows."""
+        return _counted(
+            {name for name, k in self.counts.items() if k and k >= self.seen_share * self.valid},
+            self._published,
+        )
+
+    @property
+    def verdict(self) -> str:
+        """One of the words above."""
+        if not self.hazard.runnable:
+            return NOT_SIMULATED
+        if self._published & _NO_OUTCOME or "completion" in self.hazard.source:
+            return UNPUBLISHED
+        if self.shown == self._published:
+            return AGREE
+        return PARTLY if self.shown & self._published else DIFFER
+
+    @property
+    def reason(self) -> str:
+        """Why it was not simulated, or the likely reason of a difference."""
+        if self.verdict == NOT_SIMULATED:
+            return self.hazard.documented_only
+        return self.hazard.departure if self.verdict in (PARTLY, DIFFER) else ""
+
+    @property
+    def said(self) -> str:
+        """Its classes with their counts, most frequent first."""
+        listed = sorted(self.counts.items(), key=lambda item: -item[1])
+        return ", ".join(f"{name} {k}" for name, k in listed if k)
+
+    @property
+    def _published(self) -> frozenset[str]:
+        return frozenset(self.hazard.expected_class)
+
+
+def hazard_outcomes(
+    frame: pd.DataFrame,
+    rows: Sequence[Hazard] | None = None,
+    limit_mm: float = LIMIT_MM,
+    seen_share: float = SEEN_SHARE,
+) -> list[HazardOutcome]:
+    """One a row of the library, in its order, of the result table of a campaign whose groups are
+    named by hazards.
+
+    rows: only these; None: the whole library. Rows without runs have zeros. limit_mm: as in
+    `classes.classify`.
+    """
+    class_flags = classes.classify(frame, limit_mm)
+    ids = [hazards_of(group) for group in frame["group"].astype(str)]
+    listed = library.rows() if rows is None else rows
+    return [
+        _outcome(
+            row,
+            frame,
+            class_flags,
+            pd.Series([row.id in has for has in ids], frame.index, bool),
+            seen_share,
+        )
+        for row in listed
+    ]
+
+
+def _outcome(
+    row: Hazard, frame: pd.DataFrame, class_flags: pd.DataFrame, mine: pd.Series, seen_share: float
+) -> HazardOutcome:
+    active = mine & frame["activated"].astype(bool)
+    own = class_flags.loc[active & (frame["failed"] == "")]
+    expected = frozenset(row.expected_class)
+    sets = [
+        _counted({name for name in own if has[name]}, expected) for has in own.to_dict("records")
+    ]
+    return HazardOutcome(
+        row,
+        int(mine.sum()),
+        int(active.sum()),
+        int(active.sum()) - len(own),
+        {name: int(own[name].sum()) for name in classes.CLASSES},
+        sum(bool(names) and names <= expected for names in sets),
+        int((~own[[*EFFECTS]].any(axis=1)).sum()),
+        seen_share,
+    )
+
+
+def _counted(shown: set[str], expected: frozenset[str]) -> frozenset[str]:
+    """The classes that are compared, of those that are there."""
+    if "message" in expected or "message" not in shown:
+        return frozenset(shown)
+    return frozenset(shown - {"message"} or {"none"})
+
+
+CAMPAIGN = "safecomp45.toml"
+BASELINE = "list"
+LENGTHS = ("every_cycle", "draws_2")
+"""Variants with other lengths of packets, and with others drawn."""
+FIRST_USB = 24
+"""INJ 24 to 45 are USB and PLC, those before console and control software."""
+FIRST_PLC = 35
+"""INJ 35 to 45 act on the link to the PLC."""
+OTHER_RULES: dict[str, dict[str, float]] = {
+    "displaced from 1 mm": {"limit_mm": 1.0},
+    "displaced from 5 mm": {"limit_mm": 5.0},
+    "every class that is seen once": {"seen_share": 0.0},
+    "classes of at least every second run": {"seen_share": 0.5},
+}
+"""Other limits of the comparison, to show how much hangs on them."""
+_UNSPOKEN = ("", "watchdog", "plc")
+"""First responses of a run in which no check of the control software spoke: the PLC alone, or
+nothing.
+"""
+_DAC_CHECKS = ("overdrive", "hard_counter")
+"""Causes of a stop by the overdrive detection."""
+
+
+def compare(context: Context) -> Findings:
+    """Rows of the list beside the runs of each variant."""
+    rows = injections()
+    published = Published("safecomp")
+    frames = {name: folder.read_all(path) for name, path in context.folders.items()}
+    listed = tuple(rows.values())
+    outcomes = {name: hazard_outcomes(frame, listed) for name, frame in frames.items()}
+    baseline = outcomes[BASELINE]
+    for words, rule in OTHER_RULES.items():
+        outcomes[f"{BASELINE}, {words}"] = hazard_outcomes(frames[BASELINE], listed, **rule)
+    return Findings(
+        lines=(*_agreement_lines(baseline), *_total_lines(frames[BASELINE], baseline, published)),
+        tables=(row_table(baseline), verdict_table(outcomes)),
+        notes=(*_notes(baseline), _packets_note(outcomes)),
+    )
+
+
+def injections() -> dict[int, Hazard]:
+    """Number in the list -> row of the library, in the list's order."""
+    numbered = {number_of(row): row for row in library.rows() if row.source.startswith("INJ ")}
+    return dict(sorted(numbered.items()))
+
+
+def number_of(row: Hazard) -> int:
+    """A row's number in the list."""
+    return int(row.source.removeprefix("INJ "))
+
+
+def row_table(found: Sequence[HazardOutcome]) -> Table:
+    """One line a row of the list."""
+    return Table(
+        "The 45 rows, published and predicted",
+        (
+            "INJ",
+            "hazard",
+            "what",
+            "values against normal",
+            "published outcome",
+            "published, of",
+            "published classes",
+            "activated, of",
+            "predicted classes (runs)",
+            "runs that fit",
+            "verdict",
+            "why",
+        ),
+        tuple(_row(outcome) for outcome in found),
+        "Several classes can hold for a run. Published, of: injections with an effect on the robot,"
+        " of those injected; some numbers are of several rows together, as the outcome's words say."
+        " Activated: runs in which the fault changed a bit. Fit: runs with a published class and no"
+        " other. Values against normal: where the struck signal may lie, beside its measured"
+        " fault-free range.",
+    )
+
+
+def verdict_table(found: dict[str, list[HazardOutcome]]) -> Table:
+    """How many rows have each verdict in each variant, and which rows change theirs."""
+    baseline = {one.hazard.id: one.verdict for one in found[BASELINE]}
+    rows = []
+    for name, outcomes in found.items():
+        counts = [
+            sum(one.verdict == verdict for one in outcomes)
+            for verdict in (AGREE, PARTLY, DIFFER, NOT_SIMULATED)
+        ]
+        changed = [
+            f"{one.hazard.id} {one.verdict}"
+            for one in outcomes
+            if one.verdict != baseline[one.hazard.id]
+        ]
+        rows.append((name, *counts, ", ".join(changed)))
+    return Table(
+        "Rows by verdict",
+        ("campaign", AGREE, PARTLY, DIFFER, NOT_SIMULATED, "other verdict than list"),
+        tuple(rows),
+    )
+
+
+def normal(row: Hazard) -> str:
+    """Where a row's values lie beside the normal ranges of what they strike; "" where it is not
+    run.
+    """
+    verdicts = {ranges.verdict(fault) for case in row.case for fault in case.fault}
+    return verdicts.pop() if len(verdicts) == 1 else ranges.EITHER if verdicts else ""
+
+
+def unintended(outcome: HazardOutcome) -> bool:
+    """Whether a row shows motion that nobody asked for."""
+    return bool({"jump", "displaced"} & outcome.shown)
+
+
+def _row(one: HazardOutcome) -> tuple[str | int | float, ...]:
+    row = one.hazard
+    simulated = one.verdict != NOT_SIMULATED
+    return (
+        number_of(row),
+        row.id,
+        row.title,
+        normal(row),
+        row.expected,
+        f"{row.activated} of {row.injected}" if row.injected else "",
+        ", ".join(row.expected_class),
+        f"{one.activated} of {one.runs}" if simulated else "",
+        one.said,
+        f"{one.fitting} of {one.valid}" if simulated else "",
+        one.verdict,
+        one.reason,
+    )
+
+
+def _agreement_lines(found: Sequence[HazardOutcome]) -> tuple[Line, ...]:
+    simulated = [one for one in found if one.verdict != NOT_SIMULATED]
+    software = [one for one in simulated if number_of(one.hazard) < FIRST_PLC]
+
+    def share(
+        quantity: str, of: Sequence[HazardOutcome], verdicts: tuple[str, ...], words: str
+    ) -> Line:
+        rows = sum(
+            one.verdict in verdicts for one in of
+        )  # every row of the list: nothing is sampled
+        value = StudyEstimate(100 * rows / len(of), n=len(of), of=words)
+        return Line(quantity, "%", None, value, target="A7")
+
+    return (
+        share("rows whose classes agree", simulated, (AGREE,), "simulated rows"),
+        share(
+            "rows whose classes agree at least partly", simulated, (AGREE, PARTLY), "simulated rows"
+        ),
+        share(
+            "rows whose classes agree, link to the PLC left out",
+            software,
+            (AGREE,),
+            "simulated rows",
+        ),
+    )
+
+
+def _total_lines(
+    frame: pd.DataFrame, found: Sequence[HazardOutcome], published: Published
+) -> tuple[Line, ...]:
+    causes = frame.assign(
+        id=[ids[0] if (ids := hazards_of(g)) else "" for g in frame["group"].astype(str)]
+    )
+    console = [one for one in found if number_of(one.hazard) < FIRST_USB]
+    usb = [one for one in found if number_of(one.hazard) >= FIRST_USB]
+
+    def mostly(one: HazardOutcome, of: Sequence[str]) -> bool:
+        """Whether most activated runs of a row that is unavailable stopped for one of these
+        causes.
+        """
+        mine = causes.loc[
+            (causes["id"] == one.hazard.id) & causes["activated"], "response_cause"
+        ].astype(str)
+        return len(mine) > 0 and bool(mine.isin(of).mean() > 0.5)
+
+    def line(
+        quantity: str,
+        key: str,
+        rows: Sequence[HazardOutcome],
+        holds: Callable[[HazardOutcome], bool],
+    ) -> Line:
+        simulated = [one for one in rows if one.verdict != NOT_SIMULATED]
+        predicted = sum(holds(one) for one in simulated)
+        left = len(rows) - len(simulated)
+        reason = f"{left} of the {len(rows)} rows are not simulated" if left else ""
+        value = StudyEstimate(predicted, n=len(simulated), of="simulated rows")
+        return Line(quantity, "rows", published.estimate(key), value, reason=reason)
+
+    def unavailable(one: HazardOutcome) -> bool:
+        return bool({"stop", "unresponsive"} & one.shown)
+
+    return (
+        line("unintended motion (a jump, or displaced)", "unintended", found, unintended),
+        line(
+            "USB and PLC: stopped or unresponsive, and no check of the software spoke in most runs",
+            "usb_unresponsive",
+            usb,
+            lambda one: unavailable(one) and mostly(one, _UNSPOKEN),
+        ),
+        line("console and control: unintended motion", "console_harmful", console, unintended),
+        line(
+            "console and control: no impact",
+            "console_none",
+            console,
+            lambda one: one.shown == {"none"},
+        ),
+        line(
+            "console and control: stopped by the overdrive check in most runs, no unintended"
+            " motion",
+            "console_overdrive",
+            console,
+            lambda one: not unintended(one) and mostly(one, _DAC_CHECKS),
+        ),
+        line(
+            "console and control: stopped or unresponsive otherwise, no unintended motion",
+            "console_hang",
+            console,
+            lambda one: unavailable(one) and not unintended(one) and not mostly(one, _DAC_CHECKS),
+        ),
+    )
+
+
+def _notes(found: Sequence[HazardOutcome]) -> tuple[str, ...]:
+    missing = [
+        f"INJ {number_of(one.hazard)} ({one.hazard.id})"
+        for one in found
+        if one.verdict == NOT_SIMULATED
+    ]
+    failed = sum(one.failed for one in found)
+    return (
+        (
+            "How classes are told is in ravenjax/hazards/classes.py, how they are compared in"
+            " this study: a row shows a class where at least one activated run in ten has"
+            " it; equal sets agree, sets with a class in common agree partly."
+        ),
+        (
+            "Not blind: the rules were set while outcomes of the library's runs were in view. An"
+            " arm coasts by 1 to 1.6 mm between a software E-stop and its brakes; with 1 mm for"
+            " `displaced` most stops would count as both; the table of verdicts shows other limits,"
+            " too. The overdrive limits are those of the years of the experiments, the length of 7"
+            " s lets time-outs and counters come, and a fault that is there from the start was"
+            " added where the source says permanent; these were decided after a first run, for"
+            " these reasons. A first rule, by which 15 ms out of pedal-down made a stop, was"
+            " dropped: it summed flickers in which no brake closes."
+        ),
+        (
+            "Not simulated, and counted neither as agreeing nor as differing:"
+            f" {', '.join(missing)}. Of rows that were injected in homing and after it, what"
+            " happened after it is run alone."
+        ),
+        (
+            f"INJ {FIRST_PLC} to 45 strike the link to a PLC whose program nobody published. The"
+            " simulated one is an assumption made from the same papers, so that agreement there"
+            " says little; a line leaves them out."
+        ),
+        (
+            "The published outcomes are what people saw in one to forty injections of a row;"
+            " values, joints and times are only partly told. The runs here are a design over all of"
+            " them, and each value counts alike. The interval of the agreement takes the rows for"
+            " independent, which rows of one variable are not."
+        ),
+        (
+            "A row's published outcome is a phrase, read here as one to four classes. A run that"
+            " stops after it has run away shows both; where the source tells the stop alone, the"
+            " row agrees partly."
+        ),
+        *([f"{failed} runs gave no valid outcome and are in no count."] if failed else []),
+    )
+
+
+def _packets_note(found: Mapping[str, Sequence[HazardOutcome]]) -> str:
+    """What hangs on how long packets last, in words."""
+    agreed = {
+        name: sum(one.verdict == AGREE for one in found[name])
+        for name in (BASELINE, *LENGTHS)
+        if name in found
+    }
+    return (
+        "How long a packet lasted is not told; packets last as on a recorded arm, while the hand"
+        " keeps its speed. Rows that agree:"
+        f" {', '.join(f'{name} {count}' for name, count in agreed.items())}."
+    )
+
+
+STUDY = Study(
+    name="safecomp45",
+    title="45 injections into the Raven-II, by outcome class",
+    source=(
+        "Alemzadeh et al., SAFECOMP 2015 (arXiv 1504.07135), and its supplementary list of"
+        " injections"
+    ),
+    question="Does the simulated robot fail in the ways in which the real one was seen to fail?",
+    variants=(
+        Variant(BASELINE, CAMPAIGN),
+        Variant(
+            "present_limits",
+            CAMPAIGN,
+            ("campaign.level=moderate", "parameters.control.overdrive.max_inst_dac=20000"),
+            "Which overdrive limits? Those of the present raven2, not those of the years of the"
+            " experiments.",
+        ),
+        Variant(
+            "palpation",
+            CAMPAIGN,
+            ("operator.motion=palpate",),
+            "What did the operator do? Small taps instead of stitches.",
+        ),
+        Variant(
+            LENGTHS[0],
+            CAMPAIGN,
+            ("campaign.packets=every_cycle",),
+            "How long did a packet last? One control cycle, as was assumed before, not as measured"
+            " on a recorded arm.",
+        ),
+        Variant(
+            LENGTHS[1],
+            CAMPAIGN,
+            ("campaign.seed=2017",),
+            "other draws of packet lengths and of drawn values",
+        ),
+    ),
+    compare=compare,
+    targets=("A7",),
+    minutes=0.5,
+)

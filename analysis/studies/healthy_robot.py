@@ -1,0 +1,378 @@
+"""How wrong is a healthy robot's report, and what does it change? A recording, drawn robots, and
+headlines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.analyses.calibration import arm_errors, camera_log, tip_error
+from ravenjax.analyses.calibration.camera_log import CameraLog
+from ravenjax.analyses.calibration.tip_error import ErrorSize
+from ravenjax.hazards import severity
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.report.data import facts as run_facts
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.store import folder, manifest
+from studies import kinds
+from studies.dsn16 import recording
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
+
+SCALE = "plant.kinematic_errors.scale"
+COLUMN = f"param:{SCALE}"
+OFF, HALF, FULL = SCALES = (0.0, 0.5, 1.0)
+
+SHARES = {
+    "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
+    "evaded": "evades the checks: unintended motion, and nobody is told",
+    "stopped": "a check stops the robot",
+    "misreport": "false report",
+    "cue3": "cue at 3 mm",
+    "cue1": "cue at 1 mm",
+    "missed3": "unintended motion before the cue of 3 mm, or without one",
+    "deeper": f"more than {severity.DEPTH_MM:g} mm deeper in the tissue than the golden run",
+}
+"""Of faults that changed a bit."""
+
+
+class ScaledFaults(NamedTuple):
+    """The same faults at every scale."""
+
+    events: Mapping[float, pd.DataFrame]  # scale -> bool [faults], columns SHARES
+    faults: Units  # kinds of the faults
+
+    def share(self, event: str, scale: float) -> Rate:
+        """Of the faults, with its interval over kinds."""
+        return units.rate(self.events[scale][event].to_numpy(), self.faults)
+
+    def change(self, event: str, scale: float) -> Estimate:
+        """Share at a scale minus share without kinematic errors, of pairs; its interval over
+        kinds.
+        """
+        return kinds.difference(
+            self.events[scale][event].to_numpy(), self.events[OFF][event].to_numpy(), self.faults
+        )
+
+
+def scaled_faults(path: Path) -> ScaledFaults:
+    """Of a result folder with faults, those that changed a bit at every scale."""
+    frame, header = folder.read_all(path), manifest.read(path)
+    facts = run_facts.of(frame, header)
+    valid = (facts["activated"] & facts["faulty"] & ~facts["failed"]).to_numpy()
+    events = _events(frame, facts).assign(
+        scale=frame[COLUMN], pair=frame["pair"], kind=kinds.names(frame["group"])
+    )
+    by_scale = {
+        scale: events[valid & np.isclose(events["scale"], scale)].set_index("pair")
+        for scale in SCALES
+    }
+    common = sorted(set.intersection(*(set(part.index) for part in by_scale.values())))
+    parts = {scale: part.loc[common] for scale, part in by_scale.items()}
+    return ScaledFaults(parts, units.units(parts[OFF]["kind"].to_numpy()))
+
+
+def _events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
+    """SHARES of each run."""
+    warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
+    return pd.DataFrame(
+        {
+            "unintended": facts["unintended"],
+            "evaded": facts["evaded"],
+            "stopped": facts["response"] == "stopped",
+            "misreport": facts["misreport"],
+            "cue3": frame["cue0_first_ms"] >= 0,
+            "cue1": frame["cue1_first_ms"] >= 0,
+            "missed3": facts["unintended"] & ~warned,
+            "deeper": (
+                frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"] > severity.DEPTH_MM
+            ),
+        }
+    )
+
+
+def measured_robots(path: Path) -> dict[float, pd.DataFrame]:
+    """MEASURES of each robot [robots], by scale, of a result folder without faults."""
+    frame = folder.read_all(path)
+    measures = pd.DataFrame(
+        {
+            "largest": frame["peak_live_deviation_mm"],
+            "rms": frame["rms_model_deviation_mm"],
+            "cue3": 100.0 * (frame["cue0_first_ms"] >= 0),
+            "cue1": 100.0 * (frame["cue1_first_ms"] >= 0),
+            "depth": frame["tissue_depth_mm"],
+        }
+    ).set_index(frame["pair"])
+    return {scale: measures.loc[np.isclose(frame[COLUMN], scale)] for scale in SCALES}
+
+
+def mean(robots: pd.DataFrame, measure: str) -> Estimate:
+    """Of a measure over robots, with a 95 % bootstrap interval over them."""
+    values = robots[measure].to_numpy(float)
+    band = units.ratio(values, 1.0, units.units(np.arange(len(values))))
+    return Estimate(band.value, band.low, band.high)
+
+
+FREE, FAULTS = "free", "faults"
+ROBOTS = 500
+EVERY, EVERY_OF_FIT = 60, 4
+"""Rows of the log between those that robots are compared at, and those that the arm's errors are
+fitted to: rows of one motion are 25 ms apart."""
+BAND = (0.1, 0.9)
+"""Quantiles of robots."""
+
+
+def compare(context: Context) -> Findings:
+    """Data against prediction, where the recording is at hand, and headlines without and with
+    kinematic errors.
+    """
+    path = recording.locate(camera_log.FILE)
+    log = None if path is None else camera_log.read(path)
+    pairs, free = scaled_faults(context.folders[FAULTS]), measured_robots(context.folders[FREE])
+    absent = (f"Not at hand: {camera_log.FILE}. Set {recording.DATA} to its folder.",)
+    return Findings(
+        lines=(*(() if log is None else _report_lines(log)), *_headline_lines(pairs, free)),
+        tables=(
+            *(() if log is None else (_report(log), _explained(log))),
+            _with_faults(pairs),
+        ),
+        notes=(*(absent if log is None else ()), *_NOTES),
+    )
+
+
+# --- the report of a recorded arm, and of drawn ones ---
+
+
+def _report_lines(log: CameraLog) -> Iterator[Line]:
+    """Of the half that was kept back: what cameras saw, and the middle robot with those of most
+    others.
+    """
+    _, second = tip_error.errors_of(log, log.camera)
+    _, errors = tip_error.predicted(log.rows(slice(None, None, EVERY)), tip_error.draw(ROBOTS))
+    medians, shares = np.median(errors, axis=1), (errors > tip_error.LIMIT_M).mean(axis=1)
+    camera = tip_error.size(second)
+    of = "robots drawn, 10 to 90 % of them"
+    for quantity, unit, value, robots in (
+        (
+            "tip error after registration, median, second half",
+            "mm",
+            1e3 * camera.quantiles[1],
+            1e3 * medians,
+        ),
+        ("tip errors above 3 mm, second half", "%", 100 * camera.beyond, 100 * shares),
+    ):
+        low, middle, high = np.quantile(robots, (BAND[0], 0.5, BAND[1]))
+        yield Line(
+            quantity, unit, StudyEstimate(value), StudyEstimate(middle, low, high, ROBOTS, of)
+        )
+
+
+def _report(log: CameraLog) -> Table:
+    thin = log.rows(slice(None, None, EVERY))
+    robots = tip_error.draw(ROBOTS)
+    first, second = tip_error.errors_of(log, log.camera)
+    gauss = tip_error.size(tip_error.gaussian(log))
+    zero = ErrorSize(np.zeros(len(tip_error.QUANTILES)), 0.0, 0.0)
+    rows = [
+        _row("cameras, first half", tip_error.size(first)),
+        _row("cameras, second half", tip_error.size(second)),
+        *_drawn_rows("drawn robots", tip_error.predicted(thin, robots)[1]),
+        *_drawn_rows("drawn robots, half the errors", tip_error.predicted(thin, HALF * robots)[1]),
+        _row("null: no errors, or a rigid displacement", zero),
+        _row("null: isotropic Gaussian of the first half's rms", gauss),
+    ]
+    columns = (
+        "tip error after one rigid motion",
+        "25 %, mm",
+        "median, mm",
+        "75 %, mm",
+        "95 %, mm",
+        "above 3 mm, %",
+        "rms, mm",
+    )
+    note = (
+        f"The rigid motion is of the first half, for cameras and robots alike. Robots: {ROBOTS}"
+        " drawn, at the joints that the recorded arm reported in its second half, all rows of all"
+        " robots together; below them the 10 and 90 % of robots. The distribution's common factor"
+        f" was fitted to the first half; fitted anew it is {tip_error.factor(thin, robots):.2f}"
+        " times the one in use. Cables are not stretched here."
+    )
+    return Table("The report of a real arm, and of drawn robots", columns, tuple(rows), note)
+
+
+def _row(name: str, one: ErrorSize) -> tuple[str, ...]:
+    return (
+        name,
+        *(f"{1e3 * x:.2f}" for x in one.quantiles),
+        f"{100 * one.beyond:.0f}",
+        f"{1e3 * one.rms:.2f}",
+    )
+
+
+def _drawn_rows(name: str, errors: np.ndarray) -> Iterator[tuple[str, ...]]:
+    """All robots' errors together, and the band of robots; errors [robots, rows]."""
+    yield _row(name, tip_error.size(errors.ravel()))
+    sizes = [tip_error.size(one) for one in errors]
+    columns = np.array([[*1e3 * one.quantiles, 100 * one.beyond, 1e3 * one.rms] for one in sizes])
+    low, high = np.quantile(columns, BAND, axis=0)
+    digits = (2, 2, 2, 2, 0, 2)
+    yield (
+        "  10 to 90 % of robots",
+        *(f"{a:.{d}f} to {b:.{d}f}" for a, b, d in zip(low, high, digits, strict=True)),
+    )
+
+
+_PARTS = {
+    "rigid motion alone": (),
+    "and the point that the camera looks at": arm_errors.POINT,
+    "and joint offsets": ("joint_offset",),
+    "and drums": ("ratio_error",),
+    "and links": ("links",),
+    "and all errors of the arm": ("joint_offset", "ratio_error", "links"),
+    "and all of these": ("joint_offset", "ratio_error", "links", *arm_errors.POINT),
+}
+
+
+def _explained(log: CameraLog) -> Table:
+    rows = []
+    for name, parts in _PARTS.items():
+        one = arm_errors.fit(log.rows(slice(None, None, EVERY_OF_FIT)), parts)
+        first, second = (tip_error.size(errors) for errors in one.left)
+        rows.append(
+            (
+                name,
+                f"{1e3 * first.quantiles[1]:.2f}",
+                f"{1e3 * second.quantiles[1]:.2f}",
+                f"{100 * second.beyond:.0f}",
+                f"{1e3 * float(np.median(one.own[1])):.2f}",
+            )
+        )
+    columns = (
+        "fitted to the first half",
+        "left, median, first half, mm",
+        "second half, mm",
+        "above 3 mm, %",
+        "the arm's own error, mm",
+    )
+    note = (
+        "What is left of the tip errors that cameras saw, and (last column) the median error on the"
+        " second half of an arm that has the fitted errors, after registration. The camera's point"
+        " explains as much as the arm does: the two look alike where the instrument's direction"
+        " hardly changes. So of the median that cameras saw, the arm's own part is at least the"
+        " last row's and at most the whole."
+    )
+    return Table("What one arm's own errors explain", columns, tuple(rows), note)
+
+
+# --- headlines ---
+
+
+def _headline_lines(pairs: ScaledFaults, free: Mapping[float, pd.DataFrame]) -> Iterator[Line]:
+    of = f"faults of this design, {kinds.count(pairs.faults)}"
+    for event, words in SHARES.items():
+        for scale, name in ((OFF, "no kinematic errors"), (FULL, "measured")):
+            rate = pairs.share(event, scale)
+            value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
+            yield Line(f"{words}, {name}", "%", None, value)
+    for scale, name in ((OFF, "no kinematic errors"), (FULL, "measured")):
+        one = mean(free[scale], "rms")
+        value = StudyEstimate(one.value, one.low, one.high, len(free[scale]), "robots drawn")
+        yield Line(
+            f"true tip from the nominal model without a fault, rms, {name}", "mm", None, value
+        )
+
+
+def _with_faults(pairs: ScaledFaults) -> Table:
+    rows = tuple(
+        (
+            words,
+            *(_percent(pairs.share(event, scale)) for scale in SCALES),
+            *(_points(pairs.change(event, scale)) for scale in (HALF, FULL)),
+        )
+        for event, words in SHARES.items()
+    )
+    columns = (
+        "share of the faults, %",
+        "none",
+        "half",
+        "measured",
+        "half minus none",
+        "measured minus none",
+    )
+    note = (
+        f"The faults of quick.toml that changed a bit at every scale, {len(pairs.events[OFF])},"
+        " each with a robot of its own, the same at every scale, and with its own golden run."
+        f" {kinds.NOTE}"
+    )
+    return Table("Headlines without and with kinematic errors", columns, rows, note)
+
+
+def _percent(rate: Rate) -> str:
+    return f"{100 * rate.value:.1f} ({100 * rate.low:.1f} to {100 * rate.high:.1f})"
+
+
+def _points(one: Estimate) -> str:
+    return f"{100 * one.value:+.1f} ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
+
+
+_NOTES = (
+    (
+        "The recording is of one arm. It says how large the errors of that arm are; how much robots"
+        " differ is not in it. The distribution has one fitted number, its common factor; that its"
+        " errors are normal, independent and as large beside each other as they are is assumed."
+    ),
+    (
+        "Cameras err, too, and by how much nobody says. The distribution gives all of what they saw"
+        " to the arm, an upper bound. A fit of the arm's errors explains about half of it where"
+        " nothing was fitted: plant.kinematic_errors.scale = 0.5."
+    ),
+    (
+        "A rigid displacement of the whole arm cannot be told from the camera's place, nor does a"
+        " surgeon who looks through a camera see it. Recording and robots are therefore judged"
+        " after registration, and an offset of the shoulder, which turns the frame and does nothing"
+        " else, is left out."
+    ),
+    (
+        "The cue compares the report with the nominal model, and both know nothing of kinematic"
+        " errors: what the cue says stays the same while the true tip moves away from it."
+    ),
+)
+
+
+STUDY = Study(
+    name="healthy_robot",
+    title="How wrong is a healthy robot's report?",
+    source="a study of our own; recording: UC Berkeley, 2014, public repository rll/raven_2",
+    question=(
+        "How far is a healthy robot's true tip from its report, and what does that change in what"
+        " campaigns say?"
+    ),
+    variants=(
+        Variant(FREE, "healthy_robot.toml"),
+        Variant(
+            FAULTS,
+            "quick.toml",
+            (
+                "campaign.kinematic_errors=measured",
+                "cross.plant.kinematic_errors.scale=[0, 0.5, 1]",
+                "haptics.threshold_mm=[3, 1]",
+            ),
+        ),
+    ),
+    compare=compare,
+    minutes=2.0,
+)

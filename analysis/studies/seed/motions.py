@@ -1,0 +1,62 @@
+"""The operators of the training-simulator studies: the paper shows one unknown hand, these are
+generated motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from studies.study import StudyEstimate
+
+Motion = tuple[str, int]
+"""Kind and seed."""
+
+MOTIONS: tuple[Motion, ...] = (
+    ("suture", 1),
+    ("suture", 2),
+    ("peg_transfer", 1),
+    ("peg_transfer", 2),
+    ("palpate", 1),
+    ("palpate", 2),
+    ("reach", 1),
+    ("reach", 2),
+    ("circle", 1),
+)
+"""Every generated motion with the pedal down throughout and the hand moving; the circle draws
+nothing.
+"""
+
+CONFIDENCE = 0.95
+
+
+def overrides(motion: Motion) -> tuple[str, str]:
+    """That make a campaign run with this motion."""
+    return f"operator.motion={motion[0]}", f"operator.seed={motion[1]}"
+
+
+def variant(motion: Motion, setting: str = "") -> str:
+    """Name of the variant with this motion and, if any, this setting."""
+    return "_".join([f"{motion[0]}_{motion[1]}", *setting.split()])
+
+
+def over_kinds(values: Mapping[tuple[str, int], float]) -> StudyEstimate:
+    """Mean over kinds of motion of the mean over their seeds, with its t interval; `values` by
+    (kind, seed).
+
+    Kinds are the independent units: seeds of one kind differ less among themselves than kinds do.
+    """
+    from scipy import stats
+
+    kinds: dict[str, list[float]] = {}
+    for (kind, _), value in values.items():
+        kinds.setdefault(kind, []).append(value)
+    means = np.array([np.mean(of_kind) for of_kind in kinds.values()])
+    n, of = len(means), f"kinds of motion ({len(values)} motions)"
+    if n < 2:
+        return StudyEstimate(float(means.mean()), n=n, of=of)
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, n - 1) * means.std(ddof=1) / np.sqrt(n))
+    return StudyEstimate(
+        float(means.mean()), float(means.mean()) - half, float(means.mean()) + half, n, of
+    )

@@ -1,0 +1,221 @@
+"""What a study is: a published experiment as campaigns, and its findings beside what was published.
+
+What was published is data in `published/*.toml`, each number with its source. A finding never says
+"right" or "wrong": it holds both numbers, both intervals, the acceptance band where there is one,
+and, where the two differ, the likely reason.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ravenjax.errors import suggestion
+from ravenjax.stats.intervals import Rate
+
+HERE = Path(__file__).parent
+Cell = str | int | float
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """One campaign of a study: the baseline, or that with one open question answered otherwise."""
+
+    name: str  # also its folder
+    campaign: str  # file name of a bundled campaign
+    overrides: tuple[str, ...] = ()  # key.path=value, as --set takes them
+    question: str = ""  # what this variant answers otherwise; "" for the baseline
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyEstimate:
+    """A number with its interval, and what it was counted over."""
+
+    value: float
+    low: float = math.nan  # NaN: no interval is known
+    high: float = math.nan
+    n: int = 0  # independent units behind it; 0: not a count
+    of: str = ""  # what n counts: "runs", "cells", "read off Figure 9, about +-1 count"
+
+
+def in_percent(rate: Rate | StudyEstimate, of: str) -> StudyEstimate:
+    """A fraction of `of` in percent."""
+    return StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """One published quantity beside the prediction."""
+
+    quantity: str  # "P(jump), 8 ms"
+    unit: str  # "", "mm", "%", ...
+    published: StudyEstimate | None
+    predicted: StudyEstimate | None
+    band: tuple[float, float] | None = None  # of acceptance, ends included
+    target: str = ""  # acceptance target, "A1"
+    reason: str = ""  # likely reason where both differ
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the prediction is in its band; None without band or prediction."""
+        if self.band is None or self.predicted is None:
+            return None
+        return bool(self.band[0] <= self.predicted.value <= self.band[1])
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """Anything that is more than one number a quantity."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""  # one paragraph below it
+
+
+def table(title: str, rows: Iterable[Mapping[str, Cell]], note: str = "") -> Table:
+    """A table of rows, each column name -> cell; all rows have the same columns."""
+    listed = list(rows)
+    return Table(title, tuple(listed[0]), tuple(tuple(row.values()) for row in listed), note)
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """What a study found."""
+
+    lines: tuple[Line, ...]
+    tables: tuple[Table, ...] = ()
+    notes: tuple[str, ...] = ()  # paragraphs: assumptions, what is not reproduced
+
+
+@dataclasses.dataclass(frozen=True)
+class Context:
+    """What a study's comparison gets: one finished result folder a variant."""
+
+    folders: Mapping[str, Path]
+    engine: str = "auto"
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """A published experiment, or a question of our own."""
+
+    name: str
+    title: str
+    source: str
+    question: str
+    variants: tuple[Variant, ...]
+    compare: Callable[[Context], Findings]
+    targets: tuple[str, ...] = ()  # acceptance targets that it prints
+    minutes: float = 1.0  # on two cores, roughly
+
+
+def plain(value: Any) -> Any:
+    """A finding as JSON can hold it: dataclasses as tables, NaN as null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return fields | {"passed": value.passed} if isinstance(value, Line) else fields
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Published:
+    """The published numbers and acceptance bands of `published/NAME.toml`, by key.
+
+    A number that stands in print has a `source`; one that was read off a plot also has the reading
+    `error`, or `low` and `high`. A band is what counts as agreement; its `source` says who set it.
+    """
+
+    def __init__(self, name: str) -> None:
+        content = tomllib.loads((HERE / "published" / f"{name}.toml").read_text(encoding="utf-8"))
+        self.numbers = {row["key"]: row for row in content.get("number", ())}
+        self.bands = {row["key"]: row for row in content.get("band", ())}
+
+    def value(self, key: str) -> float:
+        """A published number. KeyError where there is none of that key."""
+        return _at(self.numbers, key)["value"]
+
+    def estimate(self, key: str) -> StudyEstimate:
+        """A published number with its interval and source. KeyError as `value`."""
+        row = _at(self.numbers, key)
+        value, error = row["value"], row.get("error", math.nan)
+        low, high = row.get("low", value - error), row.get("high", value + error)
+        return StudyEstimate(value, low, high, of=row["source"])
+
+    def band(self, key: str) -> tuple[float, float]:
+        """Low and high end. KeyError where there is no band of that key."""
+        return _at(self.bands, key)["low"], _at(self.bands, key)["high"]
+
+
+def _at(rows: Mapping[str, Mapping[str, Any]], key: str) -> Mapping[str, Any]:
+    if key not in rows:
+        raise KeyError(f"no published number or band is named {key!r}{suggestion(key, rows)}")
+    return rows[key]
+
+
+# --- acceptance targets ---
+#
+# A target is met where every line of a study that belongs to it and has a band is inside the band;
+# one without such a line, or without a prediction on any of them, is not judged.
+
+
+class Target(NamedTuple):
+    """A published result that is to be reproduced."""
+
+    id: str  # "A1"
+    title: str
+    source: str
+    band: str  # in words
+    judged_by: str  # studies, or the command that measures it
+
+    @property
+    def definition(self) -> str:
+        """`A1: share of runs with a jump, ... (DSN 2016, Figure 9 b). Band: ...`."""
+        return f"{self.id}: {self.title} ({self.source}). Band: {self.band}."
+
+
+@cache
+def targets() -> dict[str, Target]:
+    """Every target, by its id."""
+    tables = tomllib.loads((HERE / "targets.toml").read_text(encoding="utf-8"))
+    return {name: Target(name, **row) for name, row in tables.items()}
+
+
+class TargetStanding(NamedTuple):
+    """How the lines of a target stand."""
+
+    id: str
+    inside: int
+    judged: int  # lines with a band and a prediction
+    bands: int  # lines with a band
+
+    @property
+    def sentence(self) -> str:
+        """`A1 not met: 6 of 9 lines inside their band`."""
+        if not self.judged:
+            why = "with a band has a prediction" if self.bands else "has a band"
+            return f"{self.id} not judged: no line of it {why}"
+        met = "met" if self.inside == self.judged else "not met"
+        lines = "line inside its band" if self.judged == 1 else "lines inside their band"
+        return f"{self.id} {met}: {self.inside} of {self.judged} {lines}"
+
+
+def standings(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
+    """Each target that lines (as in findings.json) belong to, in the order of the lines."""
+    found = []
+    for name in dict.fromkeys(line["target"] for line in lines if line["target"]):
+        mine = [line for line in lines if line["target"] == name]
+        judged = [line["passed"] for line in mine if line["passed"] is not None]
+        bands = sum(line["band"] is not None for line in mine)
+        found.append(TargetStanding(name, sum(judged), len(judged), bands))
+    return found

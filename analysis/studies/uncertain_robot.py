@@ -1,0 +1,913 @@
+"""Which conclusions depend on the robot? The same faults on robots that differ in what nobody
+knows exactly.
+
+The published sets are eight hand-tuned descriptions of the same joints by the same authors; what
+they disagree about measures what is not known. Where they agree, or say nothing, a range is an
+assumption and says so.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ravenjax.analyses.search import runner
+from ravenjax.analyses.search.file import loading
+from ravenjax.campaign.file import bounds
+from ravenjax.hazards import severity
+from ravenjax.outcomes.verdict import LIMIT_MM
+from ravenjax.report import wording
+from ravenjax.report.data import facts as run_facts
+from ravenjax.robots.raven2 import ROBOT
+from ravenjax.robots.raven2.layers import LAYERS
+from ravenjax.robots.raven2.plant import published
+from ravenjax.stats.bootstrap import units
+from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.comparison.clustered import exchange_p
+from ravenjax.stats.inputs.association import Dependence, dependences
+from ravenjax.stats.intervals import Estimate, Rate, share
+from ravenjax.stats.multiplicity import Finding, holm
+from ravenjax.store import folder, manifest
+from studies import kinds
+from studies.kinds import difference
+from studies.reacting_operator import rate
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+)
+
+
+class Uncertain(NamedTuple):
+    """One parameter of the robot that is not known exactly."""
+
+    path: str  # as a campaign names it
+    words: str
+    law: str  # distribution, as a campaign file writes it
+    low: float  # ends of the range, at which it is tried alone
+    high: float
+    nominal: float  # the value of the robot as it is known
+    source: str
+
+    @property
+    def unit(self) -> str:
+        """As the robot's record says."""
+        return bounds.of(ROBOT, self.path)[0].unit
+
+    @property
+    def column(self) -> str:
+        """Of the result table."""
+        return f"param:{self.path}"
+
+    @property
+    def drawn(self) -> str:
+        """Override that draws it for each run."""
+        return f"parameters.{self.path}={self.law}"
+
+    @property
+    def crossed(self) -> str:
+        """Override that runs every fault at both ends."""
+        return f"cross.{self.path}=[{self.low:g}, {self.high:g}]"
+
+    def values(self, frame: pd.DataFrame) -> np.ndarray:
+        """Its value in each run of a result table."""
+        nominal = pd.Series(self.nominal, frame.index)
+        return (
+            frame[self.column].fillna(self.nominal) if self.column in frame else nominal
+        ).to_numpy(float)
+
+
+PARAMETERS = (
+    Uncertain(
+        "plant.friction_scale",
+        "friction",
+        "{loguniform=[0.5, 2]}",
+        0.5,
+        2.0,
+        1.0,
+        "published sets: Coulomb friction of the motors 0.45 to 2 times the base (insertion to 5)",
+    ),
+    Uncertain(
+        "plant.cable_stiffness_scale",
+        "cable stiffness",
+        "{loguniform=[0.5, 2]}",
+        0.5,
+        2.0,
+        1.0,
+        "published sets: elbow 1 to 3 times the base (here 2 is 1); the lower end, for worn cables,"
+        " is assumed",
+    ),
+    Uncertain(
+        "plant.cable_damping.shoulder",
+        "cable damping, shoulder",
+        "{loguniform=[1000, 4000]}",
+        1000.0,
+        4000.0,
+        4000.0,
+        "published sets: 0.25 to 1 times the base",
+    ),
+    Uncertain(
+        "plant.cable_damping.elbow",
+        "cable damping, elbow",
+        "{loguniform=[1380, 4140]}",
+        1380.0,
+        4140.0,
+        1380.0,
+        "published sets: 1 to 3 times the base",
+    ),
+    Uncertain(
+        "plant.cable_damping.insertion",
+        "cable damping, insertion",
+        "{loguniform=[400, 560]}",
+        400.0,
+        560.0,
+        400.0,
+        "published sets: 1 to 1.4 times the base",
+    ),
+    Uncertain(
+        "plant.motor_constant_scale",
+        "motor constant",
+        "{uniform=[0.85, 1.15]}",
+        0.85,
+        1.15,
+        1.0,
+        "published torque a count 0.94 to 1 of this one, gains 0.8 to 1; widened to both sides by"
+        " assumption",
+    ),
+    Uncertain(
+        "plant.mass_scale",
+        "mass of the links",
+        "{uniform=[0.8, 1.2]}",
+        0.8,
+        1.2,
+        1.0,
+        "assumed: tools of different mass, masses from drawings",
+    ),
+    Uncertain(
+        "usb.command_delay",
+        "delay of a command",
+        "{choice=[0, 1, 2, 3]}",
+        0.0,
+        3.0,
+        0.0,
+        "assumed: none as in the authors' simulator, to three frames of 1 ms of full-speed USB",
+    ),
+    Uncertain(
+        "network.cycles_per_packet",
+        "control cycles a packet",
+        "{choice=[1, 2]}",
+        1.0,
+        2.0,
+        1.0,
+        "not told for the published experiments, 1 to 2; on a recorded robot two in 93 of 100",
+    ),
+    Uncertain(
+        "plant.encoder_noise",
+        "encoder noise",
+        "{uniform=[0, 2]}",
+        0.0,
+        2.0,
+        0.0,
+        "assumed: up to two counts; quadrature encoders err by about one",
+    ),
+    Uncertain(
+        "plant.torque_noise",
+        "torque noise",
+        "{uniform=[0, 0.01]}",
+        0.0,
+        0.01,
+        0.0,
+        "assumed: up to an eighth of the elbow motor's Coulomb friction",
+    ),
+    Uncertain(
+        "plant.brakes.engage_ticks",
+        "delay of the brakes",
+        "{choice=[5, 10, 15, 25, 50]}",
+        5.0,
+        50.0,
+        15.0,
+        "assumed: power-off brakes of this size close within 5 to 50 ms",
+    ),
+)
+
+SETS = tuple(published.SETS)
+"""The published sets, with the authors' law of motor and cable."""
+
+
+EVENTS = {
+    "evaded": "evades the checks: unintended motion, and nobody is told",
+    "cue": "the cue fires",
+    "stopped": "a check stops the robot",
+    "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
+    "unwarned": "unintended motion before the cue, or without one",
+    "loss": "loss of motion",
+    "misreport": "false report",
+    "jump": "jump of the reported tip",
+    "injury": "injury-capable motion",
+}
+"""What is concluded of a fault; each is a rate over the faults that changed a bit."""
+
+
+FAULT_NUMBER = "fault"
+
+
+class RobotRates(NamedTuple):
+    """One robot under the same faults as every other."""
+
+    name: str
+    events: (
+        pd.DataFrame
+    )  # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault
+
+    @property
+    def faults(self) -> Units:
+        """Kinds of the faults."""
+        return units.units(self.events["kind"].to_numpy())
+
+    def rate(self, event: str) -> Rate:
+        """Share of the faults with that event, its interval over kinds of faults."""
+        return units.rate(self.events[event].to_numpy(), self.faults)
+
+    def where(self, layer: str) -> RobotRates:
+        """Faults of one layer."""
+        return self._replace(events=self.events.loc[self.events["layer"] == layer])
+
+
+class ParameterEffect(NamedTuple):
+    """An event at the ends of one parameter, all else alike."""
+
+    event: str
+    parameter: Uncertain
+    low: Rate
+    high: Rate
+    difference: Estimate  # high minus low, fraction, of pairs; its interval over kinds of faults
+    p: float  # exact, both ends exchanged kind by kind
+
+
+def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Result table and events of a folder: runs with a fault that changed a bit, and a valid
+    outcome.
+
+    The table has a column more, `fault`: which of the campaign's faults it is, the same number in
+    every variant.
+    """
+    frame, header = folder.read_all(path), manifest.read(path)
+    frame[FAULT_NUMBER] = numbered(frame["pair"].to_numpy())
+    facts = run_facts.of(frame, header)
+    mask = facts["activated"] & facts["faulty"] & ~facts["failed"]
+    return frame.loc[mask], events(frame.loc[mask], facts.loc[mask])
+
+
+def numbered(pair: np.ndarray) -> np.ndarray:
+    """Faults by their order in the campaign, from 0, of the column `pair`: runs of one fault
+    share a number.
+    """
+    return np.unique(pair, return_inverse=True)[1]
+
+
+def events(frame: pd.DataFrame, facts: pd.DataFrame) -> pd.DataFrame:
+    """EVENTS of each run, its `layer` and the `kind` of its fault."""
+    warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
+    return pd.DataFrame(
+        {
+            "evaded": facts["evaded"],
+            "cue": facts["cued"],
+            "stopped": facts["response"] == "stopped",
+            "unintended": facts["unintended"],
+            "unwarned": facts["unintended"] & ~warned,
+            "loss": facts["loss"],
+            "misreport": facts["misreport"],
+            "jump": facts["jump"],
+            "injury": severity.injury_capable(frame),
+            "layer": facts["layer"],
+            "kind": kinds.names(frame["group"]),
+        }
+    )
+
+
+def robots_at_ends(
+    frame: pd.DataFrame, found: pd.DataFrame, parameter: Uncertain
+) -> tuple[RobotRates, RobotRates]:
+    """The robots at both ends of a parameter that was crossed, on faults that changed a bit in
+    both.
+    """
+    values = parameter.values(frame)
+
+    def at(value: float) -> pd.DataFrame:
+        mine = np.isclose(values, value)
+        return found.loc[mine].set_axis(pd.Index(frame.loc[mine, FAULT_NUMBER]))
+
+    low, high = at(parameter.low), at(parameter.high)
+    both = low.index.intersection(high.index)
+    return (
+        RobotRates(f"{parameter.words} {parameter.low:g}", low.loc[both]),
+        RobotRates(f"{parameter.words} {parameter.high:g}", high.loc[both]),
+    )
+
+
+def parameter_effects(
+    ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]],
+) -> list[ParameterEffect]:
+    """Of every event and parameter."""
+    return [
+        ParameterEffect(
+            event,
+            parameter,
+            low.rate(event),
+            high.rate(event),
+            difference(high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults),
+            exchange_p(
+                high.events[event].to_numpy(), low.events[event].to_numpy(), low.faults.unit
+            ),
+        )
+        for event in EVENTS
+        for parameter, (low, high) in ends.items()
+    ]
+
+
+def holm_findings(p: Sequence[float]) -> list[Finding]:
+    """Holm over all of them together."""
+    return list(holm({str(k): one for k, one in enumerate(p)}).values())
+
+
+def dependences_by_thirds(
+    frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]
+) -> list[tuple[str, Dependence]]:
+    """Each event by thirds of each parameter, of robots all of whose parameters were drawn; p by
+    Holm over all.
+    """
+    inputs = {one.path: one.values(frame) for one in parameters}
+    tests = [
+        (event, one) for event in EVENTS for one in dependences(flags[event].to_numpy(), inputs)
+    ]
+    findings = holm_findings([one.p for _, one in tests])
+    return [
+        (event, one._replace(adjusted=finding.adjusted, depends=finding.rejected))
+        for (event, one), finding in zip(tests, findings, strict=True)
+    ]
+
+
+def rounding(
+    known: RobotRates, ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]
+) -> tuple[float, int]:
+    """Largest difference of a rate (fraction) between the known robot and ends that are the known
+    robot, and how many such ends there are: what rounding alone decides, of runs at the edge of an
+    event. NaN and 0 without such an end."""
+    same = [
+        robot
+        for one, pair in ends.items()
+        for robot, value in zip(pair, (one.low, one.high), strict=True)
+        if value == one.nominal
+    ]
+    apart = []
+    for robot in same:
+        both = known.events.index.intersection(robot.events.index)
+        for event in EVENTS:
+            here, there = (part.events.loc[both, event].to_numpy(float) for part in (known, robot))
+            apart.append(abs(float((here - there).mean())))
+    return max(apart, default=math.nan), len(same)
+
+
+class RateRange(NamedTuple):
+    """Lowest and highest rate of an event over robots, and which robots have them."""
+
+    low: Rate
+    low_robot: str
+    high: Rate
+    high_robot: str
+
+
+def over(listed: Sequence[RobotRates], event: str) -> RateRange:
+    """Of one event."""
+    rates = [(robot.rate(event), robot.name) for robot in listed]
+    low, high = min(rates, key=lambda one: one[0].value), max(rates, key=lambda one: one[0].value)
+    return RateRange(*low, *high)
+
+
+def rates_by_layer(listed: Sequence[RobotRates], event: str) -> dict[str, list[Rate]]:
+    """Rate of an event by layer of the fault, one a robot, in the robot's order of layers."""
+    rates = {}
+    for name in LAYERS.values():
+        parts = [robot.events.loc[robot.events["layer"] == name, event] for robot in listed]
+        if all(len(part) for part in parts):
+            rates[name] = [robot.where(name).rate(event) for robot in listed]
+    return rates
+
+
+OUTCOME = "peak_golden_deviation_mm"
+SEARCHED_FAULT = {
+    "site": "usb_out",
+    "channel": ["shoulder", "elbow", "insertion"],
+    "effect": "latch_offset",
+    "value": 4000,
+    "start_ms": 1000,
+    "duration_ms": 32,
+}
+"""An addition to the motor command behind every check, held for 32 ms, on each positioning joint: a
+fault that moves the instrument by its size and not by how long it lasts."""
+SEARCHES: dict[str, dict[str, Any]] = {
+    "morris": {"kind": "morris", "trajectories": 60, "levels": 8},
+    "sobol": {"kind": "sobol", "n": 128},
+}
+
+
+class Index(NamedTuple):
+    """Indices of one parameter for one fault: value, and ends of the 95 % interval."""
+
+    case: str  # joint that the fault strikes
+    parameter: Uncertain
+    mean_mm: float  # of the outcome over robots
+    deviation_mm: float
+    effect: tuple[float, float, float]  # Morris: mean |effect|, mm over the range
+    spread: float  # Morris: its deviation, mm
+    total: tuple[float, float, float]  # Sobol: total index
+    first: tuple[float, float, float]  # Sobol: first order
+    runs: int  # of both
+
+
+def find(out: Path, engine: str) -> list[Index]:
+    """Run both searches into folders inside `out`; indices of every joint and parameter. Raises
+    UserError.
+    """
+    records: dict[str, dict[str, Any]] = {}
+    for name, search in SEARCHES.items():
+        result = runner.run(loading.from_dict(_template(search)), out / name, engine)
+        records[name] = {
+            "results": result.findings.numbers["results"],
+            "points": result.findings.numbers["points"],
+            "inputs": [one["name"] for one in result.findings.numbers["inputs"]],
+        }
+    return indices(records)
+
+
+def indices(records: Mapping[str, Mapping[str, Any]]) -> list[Index]:
+    """Of the records of both searches, by joint in their order and by total index, greatest
+    first.
+    """
+    by_path = {one.path: one for one in PARAMETERS}
+    morris, sobol = records["morris"], records["sobol"]
+    result = []
+    for screen, shares in zip(morris["results"], sobol["results"], strict=True):
+        if screen["indices"] is None or shares["indices"] is None:
+            continue
+        case = str(screen["case"]["fault0_channel"])
+        mine = [
+            Index(
+                case,
+                by_path[path],
+                float(shares["mean"]),
+                float(shares["deviation"]),
+                _at(screen["indices"]["mu_star"], morris["inputs"].index(path)),
+                float(screen["indices"]["sigma"]["value"][morris["inputs"].index(path)]),
+                _at(shares["indices"]["ST"], place),
+                _at(shares["indices"]["S1"], place),
+                morris["points"] + sobol["points"],
+            )
+            for place, path in enumerate(sobol["inputs"])
+        ]
+        result += sorted(mine, key=lambda one: -one.total[0])
+    return result
+
+
+def _template(search: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "campaign": {
+            "name": "uncertain_robot_search",
+            "seed": 2016,
+            "duration_s": 2.0,
+            "noise": True,
+        },
+        "operator": {"motion": "suture", "scale": 0.1, "seed": 1},
+        "parameters": drawn(PARAMETERS),
+        "search": {**search, "outcomes": [OUTCOME]},
+        "group": [{"name": "unchecked", "fault": [SEARCHED_FAULT]}],
+    }
+
+
+def drawn(parameters: Sequence[Uncertain]) -> dict[str, Any]:
+    """Path -> distribution, as a campaign's table `parameters` has it."""
+    return {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in parameters}
+
+
+def _at(index: Mapping[str, Sequence[float]], place: int) -> tuple[float, float, float]:
+    value, low, high = (float(index[key][place]) for key in ("value", "low", "high"))
+    return value, low, high
+
+
+NONE = "none of those tried"
+
+
+def parameter_table(listed: Sequence[Uncertain]) -> Table:
+    """Ranges and their sources."""
+    return Table(
+        "What is not known of the robot",
+        (
+            "parameter",
+            "path",
+            "range",
+            "known robot",
+            "unit",
+            "drawn",
+            "where the range comes from",
+        ),
+        tuple(
+            (
+                one.words,
+                one.path,
+                f"{one.low:g} to {one.high:g}",
+                one.nominal,
+                one.unit,
+                one.law,
+                one.source,
+            )
+            for one in listed
+        ),
+    )
+
+
+def conclusion_table(
+    known: RobotRates,
+    listed: Sequence[RobotRates],
+    found: Sequence[ParameterEffect],
+    drawn: Sequence[tuple[str, Dependence]],
+    words: Mapping[str, str],
+) -> Table:
+    """Each conclusion, its range over robots, and what it depends on. words: path -> parameter
+    in words.
+    """
+    judged = holm_findings([one.p for one in found])
+    rows = []
+    for event, words_of in EVENTS.items():
+        span = over(listed, event)
+        mine = [
+            (one, finding)
+            for one, finding in zip(found, judged, strict=True)
+            if one.event == event and finding.rejected
+        ]
+        mine.sort(key=lambda item: -abs(item[0].difference.value))
+        alone = [f"{one.parameter.words} ({signed(one.difference.value)})" for one, _ in mine]
+        together = [words[one.name] for name, one in drawn if name == event and one.depends]
+        rows.append(
+            (
+                words_of,
+                rate(known.rate(event)),
+                f"{percent(span.low)} to {percent(span.high)}",
+                f"{span.low_robot}; {span.high_robot}",
+                ", ".join(alone) or NONE,
+                ", ".join(together) or NONE,
+            )
+        )
+    return Table(
+        "Which conclusions depend on the robot",
+        (
+            "share of faults",
+            "known robot",
+            f"lowest and highest of {len(listed)} robots",
+            "on which robots",
+            "depends on (same faults, one parameter from its low to its high end, points)",
+            "depends on (all drawn together, thirds)",
+        ),
+        tuple(rows),
+        f"The {len(listed)} robots: the known one, each parameter at each end of its range, the"
+        " published sets; the same faults on all. Depends: p below 0.05 after Holm over all"
+        " conclusions and parameters of that column; on the same faults exact, both ends exchanged"
+        " kind by kind; on drawn robots Mann-Whitney and chi-squared over thirds. That a"
+        " conclusion is not seen to depend on a parameter is no proof: differences below some"
+        f" points do not show among so many kinds of faults. {kinds.NOTE}",
+    )
+
+
+def ends_table(found: Sequence[ParameterEffect]) -> Table:
+    """Every rate at both ends of every parameter."""
+    judged = holm_findings([one.p for one in found])
+    return Table(
+        "One parameter at a time, the same faults",
+        (
+            "share of faults",
+            "parameter",
+            "faults",
+            "at the low end",
+            "at the high end",
+            "difference, points",
+            "p (Holm)",
+        ),
+        tuple(
+            (
+                EVENTS[one.event],
+                f"{one.parameter.words}, {one.parameter.low:g} to {one.parameter.high:g}",
+                one.low.n,
+                rate(one.low),
+                rate(one.high),
+                points(one.difference),
+                wording.number(finding.adjusted, 2),
+            )
+            for one, finding in zip(found, judged, strict=True)
+        ),
+        "Difference: high minus low end, pairs of the same fault and random numbers. p: both ends"
+        " exchanged kind by kind, exact, Holm over the table; – where no fault came out"
+        f" differently. {kinds.NOTE}",
+    )
+
+
+def thirds_table(drawn: Sequence[tuple[str, Dependence]], words: Mapping[str, str]) -> Table:
+    """Rates by thirds of each parameter."""
+    rows = []
+    for event, one in drawn:
+        by_level = {level.name: rate(share(level.rate.k, level.rate.n)) for level in one.levels}
+        cells = [
+            by_level.get(name, wording.DASH)
+            for name in ("lowest third", "middle third", "highest third")
+        ]
+        rows.append(
+            (
+                EVENTS[event],
+                words[one.name],
+                *cells,
+                points(one.difference),
+                wording.number(one.adjusted, 2),
+            )
+        )
+    return Table(
+        "All parameters drawn together: rates by thirds",
+        (
+            "share of faults",
+            "parameter",
+            "lowest third",
+            "middle third",
+            "highest third",
+            "highest minus lowest, points",
+            "p (Holm)",
+        ),
+        tuple(rows),
+        "Every run has its own fault and its own robot, whose parameters were drawn for it; of the"
+        " difference, 95 %. p: twice the lesser of Mann-Whitney and chi-squared over thirds, Holm"
+        " over the table. A parameter of few values has thirds of unequal size.",
+    )
+
+
+def layer_table(listed: Sequence[RobotRates], event: str) -> Table:
+    """Whether the order of layers depends on the robot."""
+    rates_of = rates_by_layer(listed, event)
+    places: dict[str, list[int]] = {name: [] for name in rates_of}
+    for k in range(len(listed)):
+        order = sorted(rates_of, key=lambda name: -rates_of[name][k].value)
+        for name in rates_of:
+            places[name].append(order.index(name) + 1)
+    return Table(
+        f"Does the order of layers depend on the robot? Share of faults with: {EVENTS[event]}",
+        (
+            "layer",
+            "known robot, of the layer's faults",
+            f"lowest of {len(listed)} robots",
+            "highest",
+            "place on the known robot",
+            "places on all robots",
+        ),
+        tuple(
+            (
+                name,
+                rate(rates[0]),
+                percent(min(rates, key=lambda one: one.value)),
+                percent(max(rates, key=lambda one: one.value)),
+                places[name][0],
+                f"{min(places[name])} to {max(places[name])}",
+            )
+            for name, rates in rates_of.items()
+        ),
+        "Place 1 is the layer whose faults do it most often. The first robot is the known one."
+        " Intervals as in the table before: none with fewer than 5 kinds of faults.",
+    )
+
+
+def sensitivity_table(found: Sequence[Index], outcome: str) -> Table:
+    """Morris and Sobol."""
+    return Table(
+        "What decides how far an unchecked command throws the tip",
+        (
+            "joint",
+            "mean ± deviation over robots, mm",
+            "parameter",
+            "Sobol, total",
+            "Sobol, first order",
+            "Morris, mean |effect|, mm",
+            "Morris, deviation, mm",
+            "runs",
+        ),
+        tuple(
+            (
+                one.case,
+                f"{wording.number(one.mean_mm)} ± {wording.number(one.deviation_mm, 2)}",
+                one.parameter.words,
+                number(Estimate(*one.total)),
+                number(Estimate(*one.first)),
+                number(Estimate(*one.effect)),
+                wording.number(one.spread, 2),
+                one.runs,
+            )
+            for one in found
+        ),
+        f"`{outcome}` of 4000 counts added behind every check for 32 ms. Total: share of the"
+        " variance over robots that the parameter causes, alone and together with others. Mean"
+        " |effect|: change over the whole range. 95 %, bootstrap. First orders scatter about 0"
+        " where there is nothing. Totals do not: every run draws its own noise, which no parameter"
+        " explains and every total contains; the delay of the brakes, which close in none of these"
+        " runs, shows how much.",
+    )
+
+
+# --- cells ---
+
+
+def percent(found: Rate) -> str:
+    """12.3 %."""
+    return wording.percent(found.value)
+
+
+def points(difference: Estimate) -> str:
+    """A difference of rates in points, with its interval."""
+    return number(Estimate(*(100.0 * value for value in difference)))
+
+
+def signed(difference: float) -> str:
+    """+1.2, in points."""
+    text = wording.number(100.0 * difference, 2)
+    return f"+{text}" if difference > 0 else text
+
+
+def number(found: Estimate) -> str:
+    """A number with its interval."""
+    if math.isnan(found.value):
+        return wording.DASH
+    value, low, high = (wording.number(end + 0.0, 2) for end in found)
+    return value if math.isnan(found.low) else f"{value} ({low} to {high})"
+
+
+CAMPAIGN = "uncertain_robot.toml"
+KNOWN = "known"
+SEEDS = (1, 2, 3)
+"""Of as many draws of faults and robots together."""
+LAYER_EVENT = "unintended"
+WORDS = {one.path: one.words for one in PARAMETERS}
+
+
+def compare(context: Context) -> Findings:
+    """Rates on every robot, one parameter at a time and all together, and what decides how far a
+    fault throws.
+    """
+    frame, flags = read(context.folders[KNOWN])
+    base = RobotRates("known robot", flags.set_axis(pd.Index(frame[FAULT_NUMBER])))
+    ends = {one: robots_at_ends(*read(context.folders[_alone(one)]), one) for one in PARAMETERS}
+    sets = [_set(context, name) for name in SETS]
+    robots = [base, *(robot for pair in ends.values() for robot in pair), *sets]
+    effects = parameter_effects(ends)
+    thirds = _thirds(context)
+    decided = find(context.folders[KNOWN].parent.parent / "searches", context.engine)
+    return Findings(
+        lines=tuple(_lines(base, robots, effects)),
+        tables=(
+            conclusion_table(base, robots, effects, thirds, WORDS),
+            layer_table(robots, LAYER_EVENT),
+            parameter_table(PARAMETERS),
+            ends_table(effects),
+            thirds_table(thirds, WORDS),
+            sensitivity_table(decided, OUTCOME),
+        ),
+        notes=_notes(len(robots), *rounding(base, ends)),
+    )
+
+
+def _alone(parameter: Uncertain) -> str:
+    """Variant in which a parameter is at both ends."""
+    return "alone_" + parameter.path.removeprefix("plant.").replace(".", "_")
+
+
+def _set(context: Context, name: str) -> RobotRates:
+    frame, flags = read(context.folders[f"set_{name}"])
+    return RobotRates(f"set {name}", flags.set_axis(pd.Index(frame[FAULT_NUMBER])))
+
+
+def _thirds(context: Context) -> list[tuple[str, Dependence]]:
+    parts = [read(context.folders[f"drawn_{seed}"]) for seed in SEEDS]
+    columns = [one.column for one in PARAMETERS]
+    frame = pd.DataFrame(pd.concat([frame[columns] for frame, _ in parts], ignore_index=True))
+    return dependences_by_thirds(
+        frame, pd.concat([flags for _, flags in parts], ignore_index=True), PARAMETERS
+    )
+
+
+def _lines(
+    known: RobotRates, robots: Sequence[RobotRates], effects: Sequence[ParameterEffect]
+) -> Iterator[Line]:
+    for event, words in EVENTS.items():
+        rate = known.rate(event)
+        of = f"faults of this design, {kinds.count(known.faults)}, the known robot"
+        value = StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
+        yield Line(words, "%", None, value)
+        span = over(robots, event)
+        many = StudyEstimate(
+            100 * rate.value,
+            100 * span.low.value,
+            100 * span.high.value,
+            len(robots),
+            "robots, extremes",
+        )
+        yield Line(f"{words}, over robots", "%", None, many)
+    judged = holm_findings([one.p for one in effects])
+    for parameter in PARAMETERS:
+        depends = [
+            f.rejected for one, f in zip(effects, judged, strict=True) if one.parameter == parameter
+        ]
+        value = StudyEstimate(sum(depends), n=len(EVENTS), of="conclusions")
+        yield Line(f"conclusions that depend on: {parameter.words}", "", None, value)
+
+
+def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
+    return (
+        (
+            "One parameter at a time, every fault is run at both ends under the same random"
+            " numbers, so a difference is the parameter's. All parameters drawn together, each run"
+            " has a fault and a robot of its own: that shows whether a dependence survives among"
+            " all others, and needs far larger effects to be seen."
+        ),
+        (
+            f"The range over {robots} robots is of robots that differ in one parameter, and of the"
+            " published sets, which differ in many. A robot at several ends at once can lie"
+            " outside."
+        ),
+        (
+            "The nominal model, and with it the cue, stays that of the known robot, as a"
+            " simulator's does when the real robot changes: a part of each dependence is the"
+            " model's misfit rather than the fault's doing. Each run is judged against the golden"
+            " run of its own robot."
+        ),
+        (
+            "Two control cycles a packet make the operator's increments come at half the rate, so"
+            " that the hand moves at half its speed; that is another task and not only another"
+            " robot. And the jump rule counts steps from packet to packet, which are then twice as"
+            " long: what it says depends on the rate of packets by its definition."
+        ),
+        (
+            f"{same} of the robots are the known one again, as one end of a range is the known"
+            f" value: their rates differ from its by up to {100 * rounding:.2g} points. Nothing but"
+            " rounding differs there (a value that is varied enters the computation in another way"
+            " than one that is fixed), and decides runs at the very edge of an event. Differences"
+            " of that size are nothing."
+        ),
+        (
+            "A delay of commands acts between the boards and the motors, behind every check;"
+            " encoders are read without one."
+        ),
+        (
+            "Faults are drawn as in the quick campaign: shares are of its design, not of what"
+            " occurs, and hide that sites differ far more than robots do; the table of layers shows"
+            " that."
+        ),
+    )
+
+
+def _variants() -> Iterator[Variant]:
+    yield Variant(KNOWN, CAMPAIGN)
+    for one in PARAMETERS:
+        yield Variant(
+            _alone(one),
+            CAMPAIGN,
+            (one.crossed,),
+            f"{one.words}: {one.low:g} or {one.high:g} {one.unit}".rstrip(),
+        )
+    for name in SETS:
+        yield Variant(
+            f"set_{name}",
+            CAMPAIGN,
+            (f"campaign.parameter_set={name}",),
+            f"the published set {name}",
+        )
+    for seed in SEEDS:
+        overrides = (f"campaign.seed={seed}", *(one.drawn for one in PARAMETERS))
+        yield Variant(f"drawn_{seed}", CAMPAIGN, overrides, f"every run another robot, draw {seed}")
+
+
+STUDY = Study(
+    name="uncertain_robot",
+    title="Which conclusions depend on the robot?",
+    source=(
+        "a study of our own; parameters: the published sets of raven2_sim, and assumptions as the"
+        " table says"
+    ),
+    question=(
+        "Which rates of the quick campaign would be others on a robot that differs in what nobody"
+        " knows exactly?"
+    ),
+    variants=tuple(_variants()),
+    compare=compare,
+    minutes=2.0,
+)

@@ -1,1 +1,0 @@
-"""Published experiments run again: what was published, what ravenjax predicts, side by side."""

@@ -1,1 +1,0 @@
-"""Which detector knows first, and how often it alarms for nothing."""

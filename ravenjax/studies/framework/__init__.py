@@ -1,1 +1,0 @@
-"""What every study is made of: its campaigns, its comparison with published numbers, its files."""

@@ -1,1 +1,0 @@
-"""The haptic cue: threshold, gains, what is missed and what disturbs."""

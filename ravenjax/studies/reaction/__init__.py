@@ -1,1 +1,0 @@
-"""Whether the cue would have helped: the same faults with an operator who reacts and without."""

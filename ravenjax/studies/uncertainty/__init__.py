@@ -1,1 +1,0 @@
-"""Which conclusions depend on what nobody knows exactly of the robot."""

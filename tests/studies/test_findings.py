@@ -1,0 +1,197 @@
+"""Running a study, its files, its targets, and the page of claims over all studies."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import pytest
+
+import studies
+from ravenjax.bundled import resources
+from ravenjax.cli import main
+from ravenjax.errors import UserError
+from ravenjax.store import manifest
+from studies import claims, findings
+from studies.claims import Quotation
+from studies.study import (
+    Findings,
+    Line,
+    Published,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+    plain,
+    standings,
+    targets,
+)
+
+ROOT = resources.bundled("campaigns", "quick.toml")[0].parents[1]
+REFERENCE = ROOT / "results/reference"
+FOUND = Findings(
+    lines=(
+        Line("peak | first", "mm", StudyEstimate(2.1, 2.0, 2.2), StudyEstimate(1.5, 1.25, 1.75, 9)),
+        Line(
+            "mean",
+            "mm",
+            StudyEstimate(0.8),
+            StudyEstimate(0.506, n=12345, of="runs"),
+            (0.7, 2.5),
+            "A6",
+            "it is colder",
+        ),
+        Line("slope", "", StudyEstimate(7.2), StudyEstimate(7.0), (6.0, 8.0), "A6"),
+        Line("stops", "", None, StudyEstimate(3, n=9, of="runs"), (1, math.inf), "A4"),
+        Line("not measured", "s", StudyEstimate(0.2), None, (0.1, 0.3), "A5"),
+    ),
+    tables=(
+        Table("Settings", ("what", "mm"), (("a", 1.25), ("b", math.nan), ("c", 3)), "Below it."),
+    ),
+    notes=("Nothing was fitted.",),
+)
+STUDY = Study("fake", "A fake", "Nobody, 2026", "Is it so?", (), lambda context: FOUND, ("A6",))
+SHORT = ("campaign.duration_s=0.03", "campaign.limit=2")
+
+
+def count_runs(context):
+    rows = [manifest.read(folder).done for folder in context.folders.values()]
+    return Findings((Line("runs", "", None, StudyEstimate(sum(rows))),))
+
+
+TWO = dataclasses.replace(
+    STUDY,
+    compare=count_runs,
+    variants=(
+        Variant("base", "seed_fault_free.toml", SHORT),
+        Variant("faster", "seed_fault_free.toml", (*SHORT, "operator.seed=2"), "another motion"),
+    ),
+)
+
+
+def test_every_study_is_found_by_its_name():
+    assert [studies.find(name).name for name in studies.NAMES] == list(studies.NAMES)
+    with pytest.raises(UserError, match="seed_burst"):
+        studies.find("seed_brust")
+
+
+def test_a_study_without_campaigns_is_compared_and_written_and_kept(tmp_path):
+    assert findings.reproduce(STUDY, tmp_path) is FOUND
+    folder = tmp_path / "fake"
+    record = json.loads((folder / "findings.json").read_text())
+    assert record["provenance"]["campaigns"] == [] and record["lines"][4]["predicted"] is None
+    assert record["tables"][0]["rows"][1] == ["b", None]
+    assert "<table" in (folder / "findings.html").read_text()
+    findings.keep(folder, tmp_path / "kept")
+    page = (tmp_path / "kept/findings.md").read_text()
+    assert (tmp_path / "kept/findings.json").read_bytes() == (folder / "findings.json").read_bytes()
+    assert r"| peak \| first, mm | 2.1 (2 to 2.2) | 1.5 (1.25 to 1.75); 9 |  |  |  |" in page
+    assert "| A6: mean, mm | 0.8 | 0.506; 12 345 runs | 0.7 to 2.5 | NO | it is colder |" in page
+    assert "| A4: stops | – | 3; 9 runs | at least 1 | yes |  |" in page
+
+
+@pytest.mark.slow
+def test_campaigns_run_once_and_their_findings_come_out_the_same(tmp_path):
+    told = []
+    assert findings.reproduce(TWO, tmp_path, "simd", told.append).lines[0].predicted.value == 4
+    runs = tmp_path / "fake" / "runs"
+    assert told[-1].phase == "compare" and told[-1].done == told[-1].total == 4
+    shares = [status.progress for status in told]
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    first = (tmp_path / "fake" / "findings.json").read_bytes()
+    made = json.loads(first)["provenance"]
+    assert [c["variant"] for c in made["campaigns"]] == ["base", "faster"]
+    assert len({c["config_hash"] for c in made["campaigns"]}) == 2
+    parts = {path: path.stat().st_mtime_ns for path in runs.rglob("*.parquet")}
+    findings.reproduce(TWO, tmp_path, "simd")
+    assert {path: path.stat().st_mtime_ns for path in runs.rglob("*.parquet")} == parts
+    assert (tmp_path / "fake" / "findings.json").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("variants", "error", "words"),
+    [
+        ((TWO.variants[0], TWO.variants[0]), ValueError, "share a name"),
+        (
+            (Variant("base", "seed_fault_free.toml", ("campaign.sed=1",)),),
+            UserError,
+            r"campaign\.sed",
+        ),
+    ],
+)
+def test_wrong_variants_are_refused_before_anything_runs(tmp_path, variants, error, words):
+    with pytest.raises(error, match=words):
+        findings.reproduce(dataclasses.replace(TWO, variants=variants), tmp_path)
+    assert not (tmp_path / "fake").exists()
+
+
+def test_a_target_is_met_where_every_line_with_a_band_is_inside_it():
+    assert [state.sentence for state in standings(plain(FOUND)["lines"])] == [
+        "A6 not met: 1 of 2 lines inside their band",
+        "A4 met: 1 of 1 line inside its band",
+        "A5 not judged: no line of it with a band has a prediction",
+    ]
+    (bare,) = standings([{"target": "A7", "band": None, "passed": None}])
+    assert bare.sentence == "A7 not judged: no line of it has a band"
+
+
+def test_every_target_of_a_study_is_defined_and_names_the_study():
+    for study in map(studies.find, studies.NAMES):
+        for name in study.targets:
+            assert study.name in targets()[name].judged_by.split(", "), (study.name, name)
+
+
+def test_published_numbers_have_the_interval_of_their_reading():
+    published = Published("dsn16")
+    assert all(low <= high for low, high in map(published.band, published.bands))
+    for estimate in map(published.estimate, published.numbers):
+        assert estimate.of and not estimate.low > estimate.value
+        assert not estimate.high < estimate.value
+    with pytest.raises(KeyError, match="no published number"):
+        published.value("b.jmup.1ms")
+
+
+@pytest.mark.parametrize(
+    ("quotation", "words"),
+    [
+        (Quotation(line="mean"), "0.506 mm"),
+        (Quotation(target="A6"), "A6 not met: 1 of 2 lines inside their band"),
+        (Quotation(inside="*"), "2 of 3"),
+        (Quotation(table="Sett*", row=("a",), column="mm"), "1.25"),
+        (Quotation(line="not measured"), claims.NOT_PREDICTED),
+        (Quotation(line="no such line"), claims.ABSENT),
+        (Quotation(table="Settings", row=("d",), column="mm"), claims.ABSENT),
+    ],
+)
+def test_a_number_of_a_claim_is_read_from_the_findings(quotation, words):
+    assert claims.quoted(quotation, plain(FOUND)).text == words
+
+
+@pytest.mark.parametrize("name", studies.NAMES)
+def test_kept_findings_are_a_page_and_hold_every_number_and_table_of_their_claims(name):
+    record = findings.read(REFERENCE / name)
+    page = (REFERENCE / name / "findings.md").read_text(encoding="utf-8")
+    assert page == findings.page(record, with_claims=False)
+    section = claims.section(record)
+    assert section and claims.ABSENT not in section
+    titles = [table["title"] for table in record["tables"]]
+    for pattern in (p for c in claims.of_study(name) for e in c.evidence for p in e.tables):
+        assert any(claims.fits(pattern, title) for title in titles), pattern
+
+
+def test_the_kept_pages_over_all_studies_are_those_of_the_kept_findings(tmp_path):
+    records = findings.records(REFERENCE, studies.NAMES)
+    kept = (REFERENCE / "credibility.md").read_text(encoding="utf-8")
+    assert kept == claims.page(records) and claims.ABSENT not in kept
+    out = tmp_path / "page.md"
+    assert main(["credibility", str(REFERENCE), "--out", str(out)]) == 0
+    assert out.read_text(encoding="utf-8") == kept
+    written = (ROOT / "docs/explanation/credibility.md").read_text(encoding="utf-8")
+    assert written == claims.page(records, "docs/explanation")
+
+
+def test_outside_a_checkout_the_command_says_what_is_missing(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("ravenjax.__file__", str(tmp_path / "ravenjax/__init__.py"))
+    assert main(["reproduce"]) == 2
+    assert "this is no checkout" in capsys.readouterr().err

@@ -1,0 +1,51 @@
+"""Series of many runs at once are those of a replay, bit for bit, with and without varied
+parameters.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ravenjax.campaign import loading, runner
+from ravenjax.campaign.inspection import replay
+from studies.series import SIGNALS, Recorder, rises
+
+FAULT = {
+    "site": "usb_out",
+    "channel": "shoulder",
+    "effect": "overwrite",
+    "value": [-9000, 4000, 9000],
+    "start_ms": 210,
+    "duration_ms": 40,
+}
+PLAIN = {"campaign": {"name": "x", "duration_s": 0.3}, "group": [{"name": "g", "fault": [FAULT]}]}
+VARIED = {**PLAIN, "parameters": {"operator.scale": [0.1, 0.2]}}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "raw", [pytest.param(PLAIN, id="alike"), pytest.param(VARIED, id="varied")]
+)
+def test_series_are_those_of_a_replay(tmp_path, raw):
+    config = loading.from_dict(raw)
+    runner.run_campaign(config, tmp_path, "simd")
+    recorder = Recorder()
+    runs = recorder.measure(
+        tmp_path, lambda row, series: (row["index"], row["fault0_value"], dict(series))
+    )
+    assert [index for index, _, _ in runs] == list(range(len(runs))) and len(runs) in (3, 6)
+    last, value, found = runs[-1]
+    assert value == 9000.0 and set(found) == set(SIGNALS)
+    alone = replay.replay(config, int(last), "simd").series
+    for name, values in found.items():
+        wanted = alone["fault0_active"] if name == "fault_active" else alone[f"gold/{name}"]
+        wanted = wanted[:, 0] if name == "cue_force" else wanted
+        assert np.array_equal(values, np.asarray(wanted)), name
+    assert rises(found["fault_active"]) == [210]
+    assert recorder.measure(tmp_path, lambda row, _: row["index"], lambda table: [2, 0]) == [2, 0]
+
+
+def test_rises_are_where_a_signal_begins():
+    assert rises(np.array([1, 1, 0, 0, 1, 0, 1], bool)) == [0, 4, 6]
+    assert rises(np.zeros(3, bool)) == []
