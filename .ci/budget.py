@@ -14,7 +14,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {"tokens": 720_000, "lines": 116_000, "modules": 765, "lines of tests": 77_000}
+LIMITS = {"tokens": 567_500, "lines": 89_500, "modules": 573, "lines of tests": 66_000}
 COUNTED = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
 
 

@@ -513,7 +513,7 @@ def _hazards() -> Iterator[str]:
 
 def _python() -> Iterator[str]:
     import ravenjax
-    from ravenjax.notebook.table_classes import CLASSES
+    from ravenjax.campaign.file.section import Section
 
     yield "# Python API"
     yield _WRITTEN
@@ -526,9 +526,10 @@ def _python() -> Iterator[str]:
     for name in ravenjax.__all__:
         thing = getattr(ravenjax, name)
         yield f"## {name}"
-        if name in CLASSES:
+        if inspect.isclass(thing) and issubclass(thing, Section) and name != "CampaignConfig":
             keys = ", ".join(f"`{key}`" for key in inspect.signature(thing).parameters)
-            yield f"{_prose(thing).partition(chr(10))[0]} Its [keys](campaigns.md): {keys}."
+            summary = _prose(thing).partition("\n\n")[0].replace("\n", " ")
+            yield f"{summary} Its [keys](campaigns.md): {keys}."
             continue
         plain = inspect.isclass(thing) and issubclass(thing, BaseModel | Exception)
         if not plain:

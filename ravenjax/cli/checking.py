@@ -39,7 +39,7 @@ def check(
     out
         result folder that is meant; default results/NAME
     engine
-        auto, cuda, simd, wasm, xla or mjx
+        auto, cuda, simd, xla or mjx
     limit
         as for run: only the first runs
     as_json

@@ -57,7 +57,7 @@ def counterfactual(
     confirm
         also run the chosen checks as detectors, with another seed of the faults
     engine
-        auto, cuda, simd, wasm, xla or mjx
+        auto, cuda, simd, xla or mjx
     """
     from ravenjax.analyses.monitors.counterfactual import confirmation, finding, output, words
     from ravenjax.analyses.monitors.counterfactual.question import Question

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 monitor = App(
     name="monitor", help="Monitors with a stated false-alarm rate: calibrate, check for a shift."
 )
-Engine = Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")]
+Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 
 
 @monitor.command

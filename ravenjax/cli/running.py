@@ -41,9 +41,9 @@ def run(
 ) -> None:
     """Run a campaign, or finish it where OUT holds a part of it.
 
-    Exit codes: 0 done, 2 something to mend (the campaign file, a full disk, workers that die), 128
-    + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP. Whatever ends it, finished parts are
-    kept and the same command goes on.
+    Exit codes: 0 means done. 2 means that you can correct what is wrong: the campaign file, a full
+    disk, workers that die. A signal ends it with 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP).
+    Finished parts are kept in every case, and the same command continues.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def run(
     out
         result folder; default results/NAME of the campaign
     engine
-        auto, cuda, simd, wasm, xla or mjx
+        auto, cuda, simd, xla or mjx
     chunk
         runs per part of the result
     limit
@@ -156,7 +156,7 @@ def fault_free(
         Hours of fault-free motion in pedal-down to have in all; the report says how many it
         needs.
     engine
-        auto, cuda, simd, wasm, xla or mjx; auto is a CPU engine: motions run one at a time
+        auto, cuda, simd, xla or mjx; auto is a CPU engine: motions run one at a time
     report
         write the result's report.html anew at the end
     """
@@ -243,7 +243,7 @@ def search(
     out
         folder; default results/NAME of the search
     engine
-        auto, cuda, simd, wasm, xla or mjx
+        auto, cuda, simd, xla or mjx
     """
     from ravenjax.analyses.search import output, runner
     from ravenjax.analyses.search.file import loading

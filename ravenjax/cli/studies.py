@@ -39,7 +39,7 @@ def reproduce(
     out: Annotated[Path, Parameter(help="folder; each study has one inside")] = Path(
         "results/reproduce"
     ),
-    engine: Annotated[str, Parameter(help="auto, cuda, simd, wasm, xla or mjx")] = "auto",
+    engine: Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")] = "auto",
     keep: Annotated[
         Path | None, Parameter(help="also copy the findings, without pictures, into this folder")
     ] = None,
