@@ -1,13 +1,15 @@
 """Do all bundled campaigns still give the same code and the same results?
 
     python analysis/outcomes/fingerprints.py                     # compare with fingerprints.json
-    python analysis/outcomes/fingerprints.py --write             # replace it
-    python analysis/outcomes/fingerprints.py quick dsn16_a       # compare these alone
+    python analysis/outcomes/fingerprints.py --write             # write a new fingerprints.json
+    python analysis/outcomes/fingerprints.py quick dsn16_a       # compare only these campaigns
 
-Runs each campaign on engine simd. A fingerprint is the sha256 of the printed LLVM IR, of the CUDA C
-printed from the same program, and of the result table. The vector width is part of the IR, so the
-file names it: on a CPU of another width only CUDA C and tables are compared. Large campaigns run
-with a limit, see LIMIT.
+Runs each campaign on engine simd and takes three SHA-256 hashes: of the generated LLVM IR, of the
+CUDA C generated from the same program, and of the result table. Of a large campaign only the first
+LIMIT runs are computed. Prints "equal" or the names of the hashes that differ.
+
+The LLVM IR depends on the SIMD width of the CPU. fingerprints.json records the width it was made
+with; on a CPU with another width the script skips the IR and compares the other two.
 """
 
 from __future__ import annotations
