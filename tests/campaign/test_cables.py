@@ -116,7 +116,7 @@ def test_engine_cuda_has_the_bits_of_engine_simd(monkeypatch, tmp_path):
         ({"cables": "brake"}, "campaign.cables"),
         (
             {"parameters": {"plant.cable_strength": 900.0}},
-            'take parameter_set = "power_consistent"',
+            "nothing reads it but with parameter_set = 'power_consistent'",
         ),
         (
             {"stop": {"half_width": 0.1, "rates": ["cable_overload"]}},

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.stop import strata
+from ravenjax.campaign.stop.event_bitmaps import group_draws
 from ravenjax.errors import UserError
 from ravenjax.hazards import library
 
@@ -233,7 +233,7 @@ def beginnings(config, table):
     """Of a campaign that may stop, the beginning of each group's rows is so many whole draws of
     that group.
     """
-    draws = strata.draws(config)
+    draws = group_draws(config)
     assert [of.first for of in draws] == [
         (table["group"] == group.name).argmax() for group in config.group
     ]
