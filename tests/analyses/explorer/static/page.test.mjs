@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { load } from "../../browser_scripts.mjs";
+import { load } from "../../../browser_scripts.mjs";
 
 const scripts = "ravenjax/analyses/explorer/static/";
 const { levels } = await load(`${scripts}field.js`);
