@@ -281,7 +281,6 @@ def test_scenario_b_end_to_end(tmp_path: Path) -> None:
         "slow_replay",
         "build_robot",
     }
-    assert len(next(t for t in found.tables if t.title.startswith("By injected value")).rows) == 17
 
 
 @pytest.mark.slow
