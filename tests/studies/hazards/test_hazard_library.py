@@ -102,4 +102,3 @@ def test_the_study_runs(tmp_path: Path) -> None:
         assert row[runs] and row[activated], f"{row[0]}: never activated"
         k, _, n = str(row[values]).partition(" of ")
         assert k == n == str(row[runs]), f"{row[0]}: values that are not documented"
-    assert sum(one.title.startswith("Training scenario") for one in found.tables) == 3

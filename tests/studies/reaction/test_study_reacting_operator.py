@@ -311,10 +311,3 @@ def test_the_study_runs(tmp_path: Path) -> None:
         "3 mm: came too soon" in name and "cue at 3 mm" in name for name in value
     )  # true by definition
     assert all(line.published is None for line in found.lines)
-    spared = next(one for one in found.tables if one.title.startswith("Who was spared"))
-    assert [row[1] == row[2] for row in spared.rows][:2] == [
-        True,
-        True,
-    ]  # who had no time was not spared
-    assert all(float(row[2]) <= float(row[1]) for row in spared.rows)
-    assert (tmp_path / "reacting_operator" / "leads.svg").is_file()
