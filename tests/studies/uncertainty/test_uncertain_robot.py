@@ -286,4 +286,3 @@ def test_the_study_runs(tmp_path: Path) -> None:
             assert line.predicted.low <= line.predicted.value <= line.predicted.high
     decided = next(one for one in found.tables if one.title.startswith("What decides"))
     assert len(decided.rows) == 3 * len(PARAMETERS)
-    assert (tmp_path / "uncertain_robot" / "ranges.svg").is_file()
