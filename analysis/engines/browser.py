@@ -1,7 +1,7 @@
 """Engine wasm beside simd: speed in a browser and natively by threads, size of a page's code,
 agreement of verdicts.
 
-    python analysis/engines/browser.py       # some minutes; needs chromium and pip install 'ravenjax[wasm]' playwright
+    python analysis/engines/browser.py       # some minutes; needs chromium and pip install playwright
 
 Prints tables in Markdown; `wasm.md` keeps them.
 """  # noqa: E501

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.errors import suggestion
-from ravenjax.stats.intervals import Rate
 
 HERE = Path(__file__).parent
 Cell = str | int | float
@@ -43,11 +42,6 @@ class StudyEstimate:
     high: float = math.nan
     n: int = 0  # independent units behind it; 0: not a count
     of: str = ""  # what n counts: "runs", "cells", "read off Figure 9, about +-1 count"
-
-
-def in_percent(rate: Rate | StudyEstimate, of: str) -> StudyEstimate:
-    """A fraction of `of` in percent."""
-    return StudyEstimate(100 * rate.value, 100 * rate.low, 100 * rate.high, rate.n, of)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -55,9 +55,3 @@ def look(height: int) -> dict[str, Any]:
 def json_of(traces: list[dict[str, Any]], layout: dict[str, Any]) -> str:
     """The figure as JSON text; numbers must be finite."""
     return json.dumps({"data": traces, "layout": layout}, allow_nan=False)
-
-
-def faded(colour: str) -> str:
-    """#rrggbb as a see-through fill."""
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return f"rgba({red},{green},{blue},0.16)"

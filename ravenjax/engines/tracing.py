@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,12 +55,40 @@ def trace(
         [number((), real)] * functions.series,
         tuple(number(column.shape, column.dtype) for column in motion),
     )
-    with x64(program.setup), leaks_refused():
-        first, state = jax.make_jaxpr(functions.begin, return_shape=True)(*lane)
-        middle, (_, _, signals) = jax.make_jaxpr(functions.step, return_shape=True)(
-            *lane, state, *of_tick
+    with x64(program.setup):
+        traced = trace_loop(
+            functions.begin, functions.step, functions.finish, lane, of_tick, origin
         )
-        last, outcomes = jax.make_jaxpr(functions.finish, return_shape=True)(*lane, state)
+    signals = traced.leaving[1]
+    return TracedTick(traced.loop, traced.outcomes, functions.series, signals)
+
+
+class TracedLoop(NamedTuple):
+    """A loop, and the dtypes of what it remembers and of what leaves a tick, in their structure."""
+
+    loop: TimeLoop
+    state: Any
+    leaving: tuple[Any, ...]
+    outcomes: tuple[str, ...]
+
+
+def trace_loop(
+    begin: Callable[..., Any],
+    step: Callable[..., tuple[Any, ...]],
+    finish: Callable[..., dict[str, Any]],
+    lane: tuple[Any, ...],
+    entering: tuple[Any, ...],
+    origin: lowering.Origin | None = None,
+) -> TracedLoop:
+    """Trace `begin(*lane)`, `step(*lane, state, *entering)` and `finish(*lane, state)`.
+
+    begin returns the state, step the new state and whatever leaves a tick, finish named numbers.
+    lane, entering: shapes. origin: as for `lowering.lower`.
+    """
+    with leaks_refused():
+        first, state = jax.make_jaxpr(begin, return_shape=True)(*lane)
+        middle, (_, *leaving) = jax.make_jaxpr(step, return_shape=True)(*lane, state, *entering)
+        last, outcomes = jax.make_jaxpr(finish, return_shape=True)(*lane, state)
     programs = [contract(lowering.lower(jaxpr, origin)) for jaxpr in (first, middle, last)]
-    dtypes = tree.mapped(lambda leaf: np.dtype(leaf.dtype), signals)
-    return TracedTick(TimeLoop(*programs), tuple(sorted(outcomes)), functions.series, dtypes)
+    state, leaving = tree.mapped(lambda leaf: np.dtype(leaf.dtype), (state, tuple(leaving)))
+    return TracedLoop(TimeLoop(*programs), state, leaving, tuple(sorted(outcomes)))

@@ -3,7 +3,7 @@
 jit-like calls are inlined, look-ups clamped to their table. What is not an operation on single
 numbers, or on 1-D tables read at one index, is refused by name.
 
-Operations of JAX's that take several of the intermediate representation's.
+`sign`, `power` and `nearest` write operations of JAX as several of the intermediate representation.
 """
 
 from __future__ import annotations

@@ -4,11 +4,8 @@
 jnp`, `from jax import lax`. Within `at_once()` functions of NumPy stand for `jnp` and `lax`: code
 of the tick then runs on plain numbers, without JAX.
 
-The functions that the tick's code calls, in NumPy: for plain numbers, each result of the type
-JAX would give it.
-
-Results are those of XLA on a CPU, bit for bit, but for sine and cosine of float32: those here are
-correctly rounded.
+NumPy's results have the types and the bits that XLA gives on a CPU. Sine and cosine of float32 are
+the exception: NumPy's are correctly rounded.
 """
 
 from __future__ import annotations

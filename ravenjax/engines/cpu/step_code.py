@@ -11,7 +11,7 @@ import dataclasses
 import json
 import zlib
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -19,10 +19,12 @@ from pydantic import TypeAdapter, ValidationError
 from ravenjax.engines import sources, trace_key, traced_tick
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.kernel import VectorKernel, print_kernel
-from ravenjax.ir.builder import contract
-from ravenjax.ir.time_loop import TimeLoop, split
+from ravenjax.ir.time_loop import split
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jax
+
+if TYPE_CHECKING:
+    from ravenjax.engines import tracing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,22 +106,19 @@ def _place(types: StepTypes, key: str) -> str:
 
 
 def _made(functions: StepFunctions, types: StepTypes) -> StepForm:
-    loop, state, out, names = _traced(functions, types)
+    traced = _traced(functions, types)
+    out = tree.leaves(traced.leaving)
     if any(dtype != np.float32 for dtype in out):
         raise TypeError("what goes out of a tick is float32")
-    parts = split(loop, (), (0,))
+    parts = split(traced.loop, (), (0,))
     kernel = print_kernel(parts, 1, jit.host().features)
-    return StepForm(
-        state, names, len(out), kernel, (*parts.lane_state, *parts.held_state), parts.shared_state
-    )
+    lane_state = (*parts.lane_state, *parts.held_state)
+    return StepForm(traced.state, traced.outcomes, len(out), kernel, lane_state, parts.shared_state)
 
 
-_Traced = tuple[TimeLoop, Any, list[np.dtype], tuple[str, ...]]
-"""Loop, structure of the state with its dtypes, dtypes of what goes out, names of the outcomes."""
-
-
-def _traced(functions: StepFunctions, types: StepTypes) -> _Traced:
-    from ravenjax.ir import lowering  # imports JAX
+def _traced(functions: StepFunctions, types: StepTypes) -> tracing.TracedLoop:
+    # Imports JAX, which a process that finds its code on disk does without.
+    from ravenjax.engines import tracing
 
     number = jax.ShapeDtypeStruct
     inputs, entering = (
@@ -127,17 +126,7 @@ def _traced(functions: StepFunctions, types: StepTypes) -> _Traced:
         for part in (types.inputs, types.entering)
     )
     columns = tuple(number((length,), np.float32) for length in types.tables)
-    first, state = jax.make_jaxpr(functions.begin, return_shape=True)(inputs)
-    tick = number((), np.int32)
-    middle, (_, out) = jax.make_jaxpr(functions.step, return_shape=True)(
-        inputs, state, tick, entering, columns
-    )
-    last, outcomes = jax.make_jaxpr(functions.finish, return_shape=True)(inputs, state)
-    loop = TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in (first, middle, last)))
-    structure = tree.mapped(lambda leaf: np.dtype(leaf.dtype), state)
-    return (
-        loop,
-        structure,
-        [np.dtype(leaf.dtype) for leaf in tree.leaves(out)],
-        tuple(sorted(outcomes)),
+    per_tick = (number((), np.int32), entering, columns)
+    return tracing.trace_loop(
+        functions.begin, functions.step, functions.finish, (inputs,), per_tick
     )

@@ -1,14 +1,7 @@
 """Printed LLVM IR to a WebAssembly module: vectors of 128 bits, no fused multiply-add, no
 imports but its memory.
 
-An object file of LLVM's for WebAssembly made a module that runtimes load: what a linker does,
-for one object.
-
-Our code calls nothing outside of it, holds no data and needs no stack: all that it imports is its
-memory. So the object's sections of types, imports, functions and code stand as they are, calls
-between functions have their final numbers, and only exports are missing. Anything else is refused
-rather than left wrong. Format: the WebAssembly core specification, binary format; the custom
-sections "linking" and "reloc.CODE": WebAssembly tool conventions, Linking.md.
+LLVM writes an object file. `link` makes it a module that runtimes load, as a linker would.
 """
 
 from __future__ import annotations
@@ -81,7 +74,12 @@ def number(value: int) -> bytes:
 
 
 def link(code: bytes, names: Sequence[str]) -> bytes:
-    """The module of an object file, its functions `names` exported. Raises Unlinkable."""
+    """The module of an object file, its functions `names` exported. Raises Unlinkable.
+
+    The code calls nothing outside, holds no data and needs no stack: it imports its memory alone.
+    So the sections of types, imports, functions and code are kept, and only exports are added.
+    Format: the WebAssembly core specification; WebAssembly tool conventions, Linking.md.
+    """
     if code[: len(MAGIC)] != MAGIC:
         raise Unlinkable("this is no WebAssembly object of version 1")
     sections, custom = _sections(code)

@@ -49,11 +49,6 @@ class FreeMotion(NamedTuple):
         """How many operators were sampled."""
         return len(self.hours)
 
-    @property
-    def hours_a_motion(self) -> float:
-        """Of one run of a motion, their mean."""
-        return float(self.hours.mean(axis=1).mean()) if self.motions else math.nan
-
 
 class MotionSchedule(NamedTuple):
     """Which motions there will be."""

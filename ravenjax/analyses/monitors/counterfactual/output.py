@@ -1,8 +1,7 @@
 """What a counterfactual leaves: the table of candidates, the figure, and the set as a campaign
 of its own.
 
-How early: the share of faults that are seen at least so long before harm, of the set and of
-others.
+The figure shows the share of faults that are seen at least so many milliseconds before harm.
 """
 
 from __future__ import annotations

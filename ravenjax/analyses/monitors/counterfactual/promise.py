@@ -6,12 +6,6 @@ the least of `MARGINS` whose expected rate on one motion more is at most what is
 risk control (Angelopoulos, Bates, Fisch, Lei, Schuster, 2022) on motions that chose neither scales
 nor candidates. What is *stated* are alarms in motions that served nothing else, and faults that
 selected nothing.
-
-A small set of candidates that covers much: greedy, then pruned.
-
-In each step the candidate that covers most of what is left is taken; coverage is submodular, so a
-greedy set of k covers at least 1 - 1/e of what the best k do (Nemhauser, Wolsey, Fisher, Math.
-Program. 14, 1978). Then whatever the others have made superfluous is left out again.
 """
 
 from __future__ import annotations
@@ -42,6 +36,10 @@ def greedy(
     covered: bool [runs, candidates]. weight: of each run, at least 0; None: 1. Of candidates that
     add the same the earlier is taken. Nothing is taken that adds nothing, or less than the share
     `least` of all weight.
+
+    Each step takes the candidate that covers most of what is left. Coverage is submodular, so a
+    greedy set of k covers at least 1 - 1/e of what the best k do (Nemhauser, Wolsey, Fisher, Math.
+    Program. 14, 1978). Candidates that the others make superfluous are left out in the end.
     """
     runs, candidates = covered.shape
     value = np.ones(runs) if weight is None else np.asarray(weight, float)

@@ -4,8 +4,7 @@ of its lists.
 Subset simulation, and beside it plain Monte Carlo over the same cube: where that meets the event
 often enough, both must agree; where it does not, it bounds the answer from above.
 
-Figure of a rare event: how likely it is to come that near to it, by plain Monte Carlo and by
-subset simulation.
+The figure shows how likely each distance to the event is, by both methods.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Its code is the printed code of `ControlSoftware` and `VirtualRobot`, so it has 
 CPU: each operation is one IEEE operation and functions are the C library's. A call reads and writes
 the four structs that it is handed, and nothing else: no allocation, no globals, no locks.
 
-Records of numbers as plain C structs, which lie in memory as compiled code finds them.
+The structs lie in memory as the compiled code finds them.
 """
 
 from __future__ import annotations

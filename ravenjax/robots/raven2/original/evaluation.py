@@ -5,12 +5,6 @@ There are two writings of each function. The one that nearly everything uses sha
 constants; it is an order of magnitude cheaper, and as exact. The other repeats the original
 operation for operation, and is only of use where results are rounded as the original rounds them:
 float32 stored, float64 evaluated. `ORIGINAL` precision is that.
-
-Gravity compensation with the operations of the original in their order, double for double.
-
-Source: raven2 `src/raven/grav_comp.cpp`; `gravity` computes the same with fewer operations.
-Rotations are inverted by cofactors, and transmission ratios are the float32 numbers that
-`defines.h` casts them to.
 """
 
 from __future__ import annotations
@@ -36,7 +30,12 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 def gravity_torque(arm: str, jpos: Vec) -> Vec:
     """tau_g: capstan torque (3, Nm) of the compensating joint efforts, as `gravity.gravity_torque`
-    under the float32 gravity that the original holds."""
+    under the float32 gravity that the original holds.
+
+    The operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are
+    inverted by cofactors. Transmission ratios are the float32 numbers to which `defines.h` casts
+    them.
+    """
     theta1, theta2, d3, *_ = thetas(arm, Vec((*jpos[:5], yaw(jpos))))
     t01, t12, t23 = link1(arm, theta1), link2(jnp.cos(theta2), jnp.sin(theta2)), link3(arm, d3)
 
