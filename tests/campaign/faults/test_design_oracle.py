@@ -165,7 +165,7 @@ def campaigns(draw):
 
 
 class NothingToSay:
-    """In place of `ravenjax.campaign.copies`."""
+    """In place of `ravenjax.campaign.lint`."""
 
     @staticmethod
     def complaints(config):
@@ -193,12 +193,12 @@ FAULT = {"site": "usb_out", "arm": "gold", "channel": "elbow", "effect": "overwr
     }
 )
 def test_columns_are_those_written_out_row_by_row(campaign):
-    """Also of campaigns that `copies` refuses: that some runs are alike is no reason to expand
+    """Also of campaigns that `lint` refuses: that some runs are alike is no reason to expand
     them wrongly.
     """
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(loading, "copies", NothingToSay)
+            patch.setattr(loading, "lint", NothingToSay)
             config = loading.from_dict(campaign)
     except UserError:
         assume(False)
