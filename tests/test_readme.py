@@ -29,7 +29,7 @@ def calls(program):
 
 
 def test_every_snippet_is_looked_at():
-    assert {one.language for one in snippets.snippets(TEXT)} == {"", "bash", "toml", "python"}
+    assert {one.language for one in snippets.snippets(TEXT)} == {"bash", "text", "toml", "python"}
     assert len(blocks("bash")) >= 4 and len(blocks("toml")) >= 2 and len(blocks("python")) == 1
 
 
