@@ -16,7 +16,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from ravenjax.bench import commands, machine, process, tables, timing, workload
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from bench import commands, machine, process, suite, workload
 from ravenjax.campaign import compile_cache
 
 BESIDE_RUNS, BESIDE_TICKS = 4096, 3000
@@ -50,7 +52,7 @@ def compare(there: Path, seconds: float, here: Path = process.ROOT) -> list[dict
                     times.setdefault(what, {}).setdefault(side, []).append(spent)
         sides.reverse()
 
-    timing.repeat(run_both, seconds)
+    workload.repeat(run_both, seconds)
     return [
         {"what": what, "ratio_of_best": min(both["here"]) / min(both["there"]), **both}
         for what, both in times.items()
@@ -83,8 +85,8 @@ def main(there: str, seconds: str = "300") -> None:
     """Print the seconds of both."""
     rows = compare(Path(there).resolve(), float(seconds))
     print(
-        tables.write_markdown(
-            "Two commits", f"beside.py {there}", tables.make_tables({"beside": rows})
+        suite.write_markdown(
+            "Two commits", f"beside.py {there}", suite.make_tables({"beside": rows})
         )
     )
 

@@ -18,7 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import tick_operations as operations
 
-from ravenjax.bench.workload import PATTERN_RUNS, Workload, campaign
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from bench.workload import PATTERN_RUNS, Workload, campaign
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 

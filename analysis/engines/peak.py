@@ -13,13 +13,16 @@ from __future__ import annotations
 import ctypes
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tick_operations
 
-from ravenjax.bench import engines, machine, timing
-from ravenjax.bench.workload import Workload
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from bench import engines, machine, workload
+from bench.workload import Workload
 from ravenjax.engines.cpu import jit
 
 CHAINS = 12
@@ -54,7 +57,7 @@ def measure_cpu(seconds: float, rounds: int = 1_000_000) -> float:
             list(pool.map(lambda room: peak(room.ctypes.data, rounds), rooms))
 
         work()
-        best_s = min(timing.repeat(work, seconds, 500))
+        best_s = min(workload.repeat(work, seconds, 500))
     return threads * rounds * CHAINS * width / best_s
 
 
@@ -81,7 +84,7 @@ def measure_gpu(seconds: float, device: Any) -> float:
             session.finish(session.mark(session.main))
 
         work()
-        best_s = min(timing.repeat(work, seconds, 5))
+        best_s = min(workload.repeat(work, seconds, 5))
     return _GPU_LAUNCHES * blocks * _GPU_THREADS * _GPU_ROUNDS * CHAINS / best_s
 
 

@@ -7,11 +7,15 @@ python analysis/engines/software_alone.py
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
-from ravenjax.bench import timing
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from bench import workload
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console.packet import Packet, encode
@@ -40,7 +44,7 @@ def measure(seconds: float, cycles: int = 2000, interpreted_cycles: int = 200) -
         if in_a_call:
             work = lambda: software.run(encoders, datagrams, PINS)  # noqa: E731
         work()
-        return cycles / min(timing.repeat(work, seconds / 3))
+        return cycles / min(workload.repeat(work, seconds / 3))
 
     return {
         "step": rate("compiled", cycles, False),

@@ -7,14 +7,17 @@ python analysis/engines/tick_operations.py
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections import Counter
 from collections.abc import Mapping
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 from jax.extend import core
 
-from ravenjax.bench.workload import Workload
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from bench.workload import Workload
 from ravenjax.engines import traced
 from ravenjax.ir.regions import Region, arrange
 from ravenjax.ir.time_loop import Split, split

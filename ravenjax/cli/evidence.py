@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from ravenjax.cli import console, studies
+from ravenjax.cli import checkout, console
 from ravenjax.cli.console import AsJson
-
-if TYPE_CHECKING:
-    from ravenjax.evidence.credibility import ModelCredibility
-    from ravenjax.evidence.record import EvidenceRecord
 
 
 def evidence(
@@ -53,8 +49,8 @@ def evidence(
         What `ravenjax run` wrote, one folder or several.
     """
     from ravenjax.errors import UserError
-    from ravenjax.evidence import writing
 
+    writing = checkout.load_module("evidence.writing")
     if check is not None:
         if folders or out is not None or xlsx or credibility is not None:
             raise UserError(
@@ -80,22 +76,23 @@ def evidence(
     return 0
 
 
-def _of_model(folder: Path) -> ModelCredibility:
+def _of_model(folder: Path) -> Any:
     """What studies say of the simulator, its numbers from their findings in `folder`. Raises
     UserError.
     """
-    import ravenjax
     from ravenjax.errors import UserError
-    from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
 
-    claims, findings = studies.load("claims"), studies.load("findings")
-    records = findings.records(folder, studies.load().NAMES)
+    studies, claims, findings, credibility = map(
+        checkout.load_module,
+        ("studies", "studies.claims", "studies.findings", "evidence.credibility"),
+    )
+    records = findings.records(folder, studies.NAMES)
     if not records:
         raise UserError(
             f"--credibility {folder}: no findings of a study there; a checkout has some in"
             f" results/reference, `ravenjax reproduce NAME --out {folder}` makes them"
         )
-    root = Path(ravenjax.__file__).resolve().parents[1]
+    root = checkout.ROOT
     statements = []
     for one in claims.of_model().values():
         places = [
@@ -104,13 +101,12 @@ def _of_model(folder: Path) -> ModelCredibility:
         tables = [folder.resolve() / one.study / findings.JSON] if one.tables or one.numbers else []
         text = claims.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
         files = tuple(dict.fromkeys([*places, *tables]))
-        statements.append(CredibilityStatement(one.category, one.name, text, files))
-    return ModelCredibility(claims.CATEGORIES, tuple(statements), root)
+        statements.append(credibility.CredibilityStatement(one.category, one.name, text, files))
+    return credibility.ModelCredibility(claims.CATEGORIES, tuple(statements), root)
 
 
-def _tell_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> None:
+def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:
     """What the results say, and which files tell more."""
-    from ravenjax.evidence import record
     from ravenjax.store.files import sha256
 
     digest = sha256(paths[-1])
@@ -122,10 +118,10 @@ def _tell_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> Non
     for node in result.of_status("open"):
         console.note(f"{node.name} is open: {node.reason}")
     console.say("\n".join(f"  wrote    {path}" for path in paths))
-    return console.say(f"  sha256 of {record.FILE}: {digest}")
+    return console.say(f"  sha256 of {paths[-1].name}: {digest}")
 
 
-def _tell_check(place: Path, result: EvidenceRecord, as_json: bool) -> None:
+def _tell_check(place: Path, result: Any, as_json: bool) -> None:
     """How many checksums hold, and each that does not."""
     if as_json:
         return console.emit_json(_plain(result))
@@ -150,5 +146,5 @@ def _tell_check(place: Path, result: EvidenceRecord, as_json: bool) -> None:
     return None
 
 
-def _plain(one: EvidenceRecord) -> dict:
+def _plain(one: Any) -> dict:
     return one.model_dump(mode="json")

@@ -36,10 +36,10 @@ def bench(
     Each part runs in a process of its own. What no longer fits into the time is left out and
     named. Exit code 1: nothing could be measured.
     """
-    from ravenjax.bench import suite, tables
-    from ravenjax.cli import terminal
+    from ravenjax.cli import checkout, terminal
     from ravenjax.errors import UserError
 
+    suite = checkout.load_module("bench.suite")
     if markdown is not None and not markdown.absolute().parent.is_dir():
         raise UserError(
             f"--markdown {markdown}: the folder does not exist, expected a file in a folder that"
@@ -53,12 +53,12 @@ def bench(
 
     total_s = seconds or (suite.QUICK_S if quick else suite.FULL_S)
     found = suite.measure(total_s, quick, only or (), tell)
-    every = tables.make_tables(found)
+    every = suite.make_tables(found)
     if markdown is not None:
         words = [f"--only {' '.join(only)}"] if only else []
         words += ["--quick"] * quick + ([f"--seconds {seconds:g}"] if seconds is not None else [])
         command = " ".join(["ravenjax bench", *words, "--markdown FILE"])
-        markdown.write_text(tables.write_markdown("How fast the engines are", command, every))
+        markdown.write_text(suite.write_markdown("How fast the engines are", command, every))
     if json:
         console.emit_json(found)
     else:

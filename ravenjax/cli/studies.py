@@ -1,36 +1,18 @@
 """Commands on the studies of a checkout, `analysis/studies`: `reproduce` runs them, `credibility`
 tells what each of their claims rests on.
-
-The package comes without them; they are loaded by path when a command asks for them.
 """
 
 from __future__ import annotations
 
-import importlib
-import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
-import ravenjax
 from ravenjax.cli import console
+from ravenjax.cli.checkout import load_module
 from ravenjax.cli.console import Listing
 from ravenjax.errors import UserError
-
-
-def load(name: str = "") -> Any:
-    """Module `name` of `analysis/studies`, or the whole. Raises UserError outside of a checkout."""
-    folder = Path(ravenjax.__file__).resolve().parents[1] / "analysis"
-    if not (folder / "studies" / "__init__.py").is_file():
-        raise UserError(
-            "the studies are no part of the installed package, and this is no checkout:"
-            f" {folder / 'studies'} is missing; clone the repository and install it with"
-            " `pip install -e .`"
-        )
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
-    return importlib.import_module(f"studies.{name}" if name else "studies")
 
 
 def reproduce(
@@ -60,9 +42,9 @@ def reproduce(
     """
     from ravenjax.cli import terminal
 
-    studies, files, claims = load(), load("findings"), load("claims")
+    studies, files, claims = map(load_module, ("studies", "studies.findings", "studies.claims"))
     targets, plain, standings = (
-        getattr(load("study"), name) for name in ("targets", "plain", "standings")
+        getattr(load_module("studies.study"), name) for name in ("targets", "plain", "standings")
     )
     if name is None:
         rows = [
@@ -127,13 +109,13 @@ def credibility(
     """
     from ravenjax.store.files import write_aside
 
-    records = load("findings").records(folder, load().NAMES)
+    records = load_module("studies.findings").records(folder, load_module("studies").NAMES)
     if not records:
         raise UserError(
             f"{folder}: no findings of a study there; run `ravenjax reproduce NAME --out {folder}`"
             " first"
         )
-    text = load("claims").page(records, out.parent.as_posix() if out else "")
+    text = load_module("studies.claims").page(records, out.parent.as_posix() if out else "")
     if out is None:
         print(text, end="")
         return

@@ -9,17 +9,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.bench import (
+from bench import (
     campaigns,
     commands,
     engines,
     peers,
     process,
     scaling,
-    timing,
     workload,
 )
-from ravenjax.bench.workload import PATTERN_RUNS, Workload
+from bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading, plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdEngine
@@ -94,9 +93,9 @@ def test_an_engine_that_is_not_there_is_named_with_its_reason():
 
 @pytest.mark.parametrize(("seconds", "times"), [(0.0, 1), (3.9, 1), (4.1, 2), (7.0, 3), (100.0, 5)])
 def test_repeats_are_as_many_as_fit_and_one_at_least(monkeypatch, seconds, times):
-    monkeypatch.setattr(timing, "measure_once", lambda work: (work(), 2.0)[1])
+    monkeypatch.setattr(workload, "measure_once", lambda work: (work(), 2.0)[1])
     done = []
-    assert timing.repeat(lambda: done.append(1), seconds, 5) == [2.0] * times
+    assert workload.repeat(lambda: done.append(1), seconds, 5) == [2.0] * times
     assert len(done) == times
 
 
@@ -199,7 +198,7 @@ def test_commands_are_timed_in_rounds_with_a_cache_of_their_own(monkeypatch):
         return process.Finished("", 2.0 + count, 1.0 + count, 100.0 - count)
 
     monkeypatch.setattr(commands, "run_command", run_command)
-    monkeypatch.setattr(commands.timing, "repeat", lambda work, seconds: (work(), work()))
+    monkeypatch.setattr(commands.workload, "repeat", lambda work, seconds: (work(), work()))
     rows = commands.measure(1.0)
     cold = rows[0]
     assert cold["command"] == "ravenjax run quick, nothing cached"

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from ravenjax.bench import machine
+from bench import machine
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from ravenjax.bench import engines, machine, process, scaling
+from bench import engines, machine, process, scaling
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -13,8 +13,8 @@ from typing import get_args
 import bench_work
 import pytest
 
-from ravenjax.bench import process, suite, tables
-from ravenjax.bench.suite import Part
+from bench import process, suite
+from bench.suite import Part
 from ravenjax.cli import machine as commands
 from ravenjax.cli import main
 
@@ -135,10 +135,10 @@ def test_ratios_are_those_of_the_best():
 
 def test_tables_have_every_key_and_escape_bars():
     found = {"cores": [{"cores": 1, "rate": 12345.6}, {"cores": 2, "s": [1.0, 0.5]}], "peers": []}
-    ((title, columns, rows),) = tables.make_tables(found)
+    ((title, columns, rows),) = suite.make_tables(found)
     assert title.startswith("Cores") and columns == ("cores", "rate", "s")
     assert rows == [("1", "12,346", ""), ("2", "", "2 times, 0.5 to 1")]
-    page = tables.write_markdown("T", "command", [("A", ("x",), [(tables._text("a|b"),)])])
+    page = suite.write_markdown("T", "command", [("A", ("x",), [(suite._text("a|b"),)])])
     assert "| a\\|b |" in page and "Written by `command`." in page
 
 
@@ -162,4 +162,4 @@ def test_a_part_asked_for_alone(name, capsys, tmp_path):
     lacking = {part.name for part in due if part.gpus > len(gpus)}
     assert {row["part"] for row in found["absent"]} == lacking and found[name]
     assert {row["part"] for row in found["clocks"]} == {part.name for part in due} - lacking
-    assert f"## {tables.TITLES[name]}" in page.read_text()
+    assert f"## {suite.TITLES[name]}" in page.read_text()

@@ -11,11 +11,11 @@ import shutil
 import pytest
 import synthetic_results as synthetic
 
+from evidence import argument as drawn_argument
+from evidence import record, writing
+from evidence.record import NOTICE, EvidenceRecord, Node
 from ravenjax import cli
 from ravenjax.errors import StoreError
-from ravenjax.evidence import argument as drawn_argument
-from ravenjax.evidence import record, writing
-from ravenjax.evidence.record import NOTICE, EvidenceRecord, Node
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import sha256
 from ravenjax.store.folder import PARTS, ResultFolder

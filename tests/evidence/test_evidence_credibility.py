@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import synthetic_results as synthetic
 
+from evidence import credibility, record, writing
+from evidence.credibility import CredibilityStatement, ModelCredibility
+from evidence.record import NOTICE
 from ravenjax import cli
-from ravenjax.evidence import credibility, record, writing
-from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
-from ravenjax.evidence.record import NOTICE
 from ravenjax.store.files import sha256
 from ravenjax.store.folder import ResultFolder
 from studies import claims

@@ -12,11 +12,11 @@ import reacting_results as reacting
 import synthetic_results as synthetic
 from rendered_page import Page, words
 
+from evidence import argument, control_actions, failure_modes, trace
+from evidence.control_actions import count_control_actions
+from evidence.failure_modes import count_failure_modes
+from evidence.sources import ENUMERATED, SAMPLED, Source, identify, opened
 from ravenjax.errors import UserError
-from ravenjax.evidence import argument, control_actions, failure_modes, trace
-from ravenjax.evidence.control_actions import count_control_actions
-from ravenjax.evidence.failure_modes import count_failure_modes
-from ravenjax.evidence.sources import ENUMERATED, SAMPLED, Source, identify, opened
 from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables

@@ -11,9 +11,9 @@ import zipfile
 import pytest
 import synthetic_results as synthetic
 
+from evidence import workbook, writing
+from evidence.record import NOTICE
 from ravenjax import cli
-from ravenjax.evidence import workbook, writing
-from ravenjax.evidence.record import NOTICE
 from ravenjax.store.folder import ResultFolder
 
 RUNS = 120

@@ -59,7 +59,9 @@ def run_command(
     environment: variables beside those of this process. Raises RuntimeError, in one line, for a
     command that fails or takes longer than `limit_s` seconds.
     """
-    path = os.pathsep.join(filter(None, [str(root), os.environ.get("PYTHONPATH")]))
+    path = os.pathsep.join(
+        filter(None, [str(root), str(root / "analysis"), os.environ.get("PYTHONPATH")])
+    )
     process = subprocess.Popen(
         [sys.executable, "-S", "-c", _LAUNCHER, *command],
         env={**os.environ, "PYTHONPATH": path, **environment},

@@ -9,8 +9,8 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from ravenjax.evidence.record import NOTICE, EvidenceRecord, Item, Node
-from ravenjax.evidence.sources import Source, identify
+from evidence.record import NOTICE, EvidenceRecord, Item, Node
+from evidence.sources import Source, identify
 from ravenjax.report import wording
 from ravenjax.report.sections import tables
 from ravenjax.store import manifest as manifests

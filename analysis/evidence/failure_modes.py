@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from ravenjax.evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
+from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.hazards import naming, titles
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables

@@ -11,8 +11,8 @@ import functools
 import os
 from typing import Any, NamedTuple
 
-from ravenjax.bench import machine, timing, workload
-from ravenjax.bench.workload import Workload
+from bench import machine, workload
+from bench.workload import Workload
 from ravenjax.campaign import compile_cache, runner
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
@@ -80,8 +80,8 @@ def _measure(
     run_kernel()
     run_campaign()
     kernel_s, campaign_s = (
-        timing.repeat(run_kernel, 0.4 * seconds),
-        timing.repeat(run_campaign, 0.4 * seconds),
+        workload.repeat(run_kernel, 0.4 * seconds),
+        workload.repeat(run_campaign, 0.4 * seconds),
     )
     return {
         "kernel_ticks_per_s": lanes * blocks * work.kernel_ticks / min(kernel_s),

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ravenjax.evidence.sources import Source
+from evidence.sources import Source
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
 from ravenjax.report.data.facts import FACTS

@@ -12,8 +12,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from evidence.record import NOTICE
 from ravenjax.errors import UserError
-from ravenjax.evidence.record import NOTICE
 from ravenjax.outcomes import verdict
 
 FILE = "tables.xlsx"

@@ -10,8 +10,8 @@ from typing import Any
 
 import tomlkit
 
-from ravenjax.bench import process, timing, workload
-from ravenjax.bench.process import ROOT, Finished
+from bench import process, workload
+from bench.process import ROOT, Finished
 from ravenjax.campaign import compile_cache
 
 OTHER_VALUES = ("--set", "campaign.seed=7")
@@ -79,7 +79,7 @@ def _measure(
             for what, tokens in list_commands(Path(folder)).items():
                 runs.setdefault(what, []).append(run_command(Path(folder), *tokens))
 
-    timing.repeat(run_all, seconds)
+    workload.repeat(run_all, seconds)
     return [
         {
             "command": f"ravenjax {what}",

@@ -8,8 +8,8 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-from ravenjax.bench import timing
-from ravenjax.bench.workload import Workload
+from bench import workload
+from bench.workload import Workload
 from ravenjax.engines import selection, traced
 from ravenjax.engines.interface import Engine, Kernel
 from ravenjax.numbers.setup import CAMPAIGN
@@ -49,7 +49,7 @@ def measure_batches(
             work.run, kernel, work.blocks(kernel, runs, kernel.lanes), engine.threads
         )
         run()
-        times = timing.repeat(run, seconds / len(sizes))
+        times = workload.repeat(run, seconds / len(sizes))
         rows.append(
             {
                 "engine": engine.name,
@@ -67,11 +67,11 @@ def measure_batches(
 def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> dict[str, float]:
     """Seconds until the first kernel is ready; and those of a kernel whose tick is traced."""
     block = work.golden_runs(kernel.lanes)
-    start = {"start_s": timing.measure_once(lambda: kernel.prepare(block, work.motion))}
+    start = {"start_s": workload.measure_once(lambda: kernel.prepare(block, work.motion))}
     if engine.name in PRINTING:
         # Kernels of printing engines name the program that they print.
         again: Any = engine.compile(work.program, runs)
         traced.forget()
         traced.forms(again.program, block, work.motion)
-        start["ready_s"] = timing.measure_once(lambda: again.prepare(block, work.motion))
+        start["ready_s"] = workload.measure_once(lambda: again.prepare(block, work.motion))
     return start

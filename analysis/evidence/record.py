@@ -9,12 +9,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
+import jinja2
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field
 
+from evidence.sources import identify
 from ravenjax import threads
 from ravenjax.errors import StoreError
-from ravenjax.evidence.sources import identify
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import parsed, sha256, write_aside
 from ravenjax.store.folder import READERS
@@ -73,6 +74,16 @@ class EvidenceRecord(BaseModel):
     def of_status(self, status: Status) -> list[Node]:
         """Nodes of a status, in order."""
         return [node for node in self.nodes if node.status == status]
+
+
+def fill_template(name: str, **values: object) -> str:
+    """A page in Markdown from the template of that name in this folder."""
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    return templates.get_template(name).render(notice=NOTICE, **values)
 
 
 def read_record(folder: Path) -> EvidenceRecord:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ravenjax.evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
+from evidence.sources import EXAMPLE_RUNS, Source, interval_in_words
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from ravenjax.bench import machine, timing, workload
+from bench import machine, workload
 from ravenjax.campaign import loading, runner
 from ravenjax.engines import selection
 from ravenjax.numbers.setup import CAMPAIGN
@@ -30,7 +30,10 @@ def measure_sizes(seconds: float) -> list[dict[str, Any]]:
     for runs in SIZES[name]:
         config = workload.campaign(runs, TICKS[name])
         run = functools.partial(runner.run_campaign, config, None, name)
-        first_s, times = timing.measure_once(run), timing.repeat(run, seconds / len(SIZES[name]))
+        first_s, times = (
+            workload.measure_once(run),
+            workload.repeat(run, seconds / len(SIZES[name])),
+        )
         row = {"engine": name, "runs": runs, "ticks": TICKS[name], "first_s": first_s}
         rows.append(row | {"seconds": times, "us_per_run": 1e6 * min(times) / runs})
     return rows
@@ -57,7 +60,7 @@ def measure_fault_times(seconds: float, runs: int = 0) -> list[dict[str, Any]]:
         if start == STARTS_MS[0]:
             # traces and compiles
             run()
-        times = timing.repeat(run, 0.8 * seconds / len(ways))
+        times = workload.repeat(run, 0.8 * seconds / len(ways))
         row = {"engine": name, "runs": runs, "fault_at_ms": start, "observe_ms": observe}
         rows.append(row | {"us_per_run": 1e6 * min(times) / runs, "seconds": times})
     return rows

@@ -19,7 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ravenjax.bench import machine, timing
+from bench import machine, workload
 from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
@@ -117,7 +117,7 @@ def _measure(
 ) -> list[dict[str, Any]]:
     """steps: of all robots, in `work` once."""
     work()
-    times = timing.repeat(work, seconds)
+    times = workload.repeat(work, seconds)
     row = {"peer": name, "device": device, "steps_per_s": steps / min(times)}
     return [
         row | {"us_per_step": 1e6 * min(times) / steps, "seconds": times, "compile_s": compile_s}

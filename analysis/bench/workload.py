@@ -7,7 +7,8 @@ clean packet, the nominal model) is computed once for all of them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
@@ -100,3 +101,20 @@ class Workload:
         with ThreadPoolExecutor(threads) as pool:
             for _ in pool.map(lambda block: kernel.run(block, self.motion), blocks):
                 pass
+
+
+def measure_once(work: Callable[[], object]) -> float:
+    """Seconds that `work` takes this once."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def repeat(work: Callable[[], object], seconds: float, most: int = 9) -> list[float]:
+    """Seconds of `work`, done as often as it fits into `seconds`; once at least, `most` times at
+    most.
+    """
+    times: list[float] = []
+    while not times or (len(times) < most and sum(times) + times[-1] <= seconds):
+        times.append(measure_once(work))
+    return times

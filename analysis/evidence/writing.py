@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ravenjax.evidence import argument, control_actions, credibility, failure_modes, trace, workbook
-from ravenjax.evidence import record as records
-from ravenjax.evidence.credibility import ModelCredibility
-from ravenjax.evidence.record import NOTICE, EvidenceRecord
-from ravenjax.evidence.sources import Source, opened
+from evidence import argument, control_actions, credibility, failure_modes, trace, workbook
+from evidence import record as records
+from evidence.credibility import ModelCredibility
+from evidence.record import EvidenceRecord, fill_template
+from evidence.sources import opened
 from ravenjax.report import downloads
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import require_writable, sha256, write_aside
@@ -88,7 +88,17 @@ def write(
             sentences=tuple(line for source in sources for line in argument.say_all(source)),
             nodes=tuple(argument.build_argument(sources, place, goals, links)),
         )
-        write_aside(place / README, _writer_of("\n".join(_readme(sources, evidence)) + "\n"))
+        readme = fill_template(
+            "README.md.j2",
+            evidence=evidence,
+            sources=sources,
+            goals=GOALS,
+            kinds=control_actions.KINDS,
+            json=JSON,
+            mermaid=MERMAID,
+            record=records.FILE,
+        )
+        write_aside(place / README, _writer_of(readme))
     _write_argument(place, evidence)
     records.write_record(place, evidence)
     return evidence
@@ -118,38 +128,3 @@ def _writer_of(text: str) -> Callable[[Path], object]:
 def _write_argument(place: Path, evidence: EvidenceRecord) -> None:
     write_aside(place / JSON, _writer_of(argument.write_json(evidence)))
     write_aside(place / MERMAID, _writer_of(argument.write_mermaid(evidence)))
-
-
-def _readme(sources: Sequence[Source], evidence: EvidenceRecord) -> Iterator[str]:
-    yield (
-        f"# Evidence, {evidence.written}\n\n**{NOTICE}**\n\nThe sentence holds for each file of"
-        " this folder.\n"
-    )
-    yield "## Results\n"
-    for source in sources:
-        record_of = source.record
-        yield (
-            f"- {source.name}: `{source.folder}`, campaign {record_of.campaign}, configuration "
-            f"{record_of.config_hash}, code {record_of.code_hash}, engine {record_of.engine}"
-        )
-    yield "\n" + "\n".join(f"- {line}" for line in evidence.sentences)
-    yield "\n## Tables\n\n" + "\n".join(f"- `{name}`: {goal}" for name, goal in GOALS.items())
-    yield (
-        "\nRates are over distinct faults: the first valid run of each in which nobody reacts, by"
-        " the first fault of a run. They have Wilson's 95 % interval where the group's faults were"
-        " drawn, and none where they were enumerated. A run without a valid outcome is in no rate;"
-        " `failed_runs_of_group` counts it. Delays are medians in ms after the fault's first"
-        " effect, over the runs in which the event came."
-    )
-    yield (
-        "\n## How runs are mapped to unsafe control actions\n\nThe first line that applies"
-        " decides:\n"
-    )
-    for number, kind in enumerate(control_actions.KINDS, start=1):
-        yield f"{number}. {kind.meaning}: *{kind.name}*"
-    yield (
-        f"\n## Argument\n\n`{JSON}` has its nodes, `{MERMAID}` is a drawing of them for Mermaid."
-        " `ravenjax evidence --check FOLDER` computes each checksum again and turns red what no"
-        f" longer holds. `{records.FILE}`"
-        " is what it goes by: keep its own sha256 where nobody can change it."
-    )

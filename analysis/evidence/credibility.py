@@ -1,0 +1,67 @@
+"""What the simulator's own credibility rests on, by category of evidence, each statement with the
+files that it is of.
+
+Categories are those of FDA's guidance *Assessing the Credibility of Computational Modeling and
+Simulation in Medical Device Submissions* (November 2023). Who calls brings the statements; here
+each file is sought and its checksum taken.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from evidence.record import Item, fill_template
+from evidence.sources import Source
+from ravenjax.store.files import sha256
+
+FILE = "credibility.md"
+GOAL = (
+    "What the simulator's credibility rests on is stated by category, each statement with its"
+    " files."
+)
+
+
+class CredibilityStatement(NamedTuple):
+    """What is known of the model, and where."""
+
+    category: str
+    name: str
+    text: str
+    files: tuple[Path, ...]
+
+
+class ModelCredibility(NamedTuple):
+    """All that is known of the model."""
+
+    categories: tuple[str, ...]  # all there are, in the guidance's order
+    statements: tuple[CredibilityStatement, ...]
+    root: Path  # of the repository; files are named from there
+
+
+def link_files(model: ModelCredibility, place: Path) -> tuple[Item, ...]:
+    """Each file that is there, once, from the folder of the evidence, with its checksum."""
+    files = dict.fromkeys(file for one in model.statements for file in one.files if file.is_file())
+    return tuple(
+        Item(file=Path(os.path.relpath(file, place)).as_posix(), sha256=sha256(file))
+        for file in files
+    )
+
+
+def write_report(model: ModelCredibility, sources: Sequence[Source], place: Path) -> str:
+    """The report, in Markdown; `place` is the folder of the evidence."""
+
+    def name_file(file: Path) -> str:
+        inside = file.is_relative_to(model.root)
+        return file.relative_to(model.root).as_posix() if inside else file.name
+
+    return fill_template(
+        "credibility.md.j2",
+        model=model,
+        sources=sources,
+        name_file=name_file,
+        link=lambda file: Path(os.path.relpath(file, place)).as_posix(),
+        sha256=sha256,
+    )

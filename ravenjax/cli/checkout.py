@@ -1,0 +1,32 @@
+"""Loads what only a checkout of the repository has: studies, benchmark and evidence, in `analysis`.
+
+The package comes without them; they are loaded by path when a command asks for them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import ravenjax
+from ravenjax.errors import UserError
+
+ROOT = Path(ravenjax.__file__).resolve().parents[1]
+
+
+def load_module(name: str) -> Any:
+    """Module `name` of the folder `analysis`, as "studies.claims". Raises UserError outside of a
+    checkout.
+    """
+    analysis = ROOT / "analysis"
+    folder = analysis / name.partition(".")[0]
+    if not (folder / "__init__.py").is_file():
+        raise UserError(
+            f"this command needs a checkout of the repository, and this is none: {folder} is"
+            " missing; clone the repository and install it with `pip install -e .`"
+        )
+    if str(analysis) not in sys.path:
+        sys.path.insert(0, str(analysis))
+    return importlib.import_module(name)
