@@ -22,11 +22,11 @@ import jax.numpy as jnp
 import numpy as np
 import virtual_log
 
-from ravenjax.analyses.calibration import fit, parameters, replay_loop, replays
-from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration import fit, parameters, replays
+from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.analyses.calibration.position_loop import LoopParams
-from ravenjax.analyses.calibration.replay_loop import ReplayParams, ReplaySetup
+from ravenjax.analyses.calibration.replays import ReplayParams, ReplaySetup
 from ravenjax.document.tables import markdown_table
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, TickProgram
@@ -72,11 +72,11 @@ def _reals(tree: Any) -> tuple[tuple[Scalar, ...], Callable[[tuple[Scalar, ...]]
 
 
 def init(setup: ReplaySetup, params: TangentParams) -> TangentState:
-    """As `replay_loop.init`."""
+    """As `replays.init`."""
     values, back = _reals(params.replay)
     along, _ = _reals(params.along)
-    state, change = jax.jvp(lambda *v: _reals(replay_loop.init(setup, back(v)))[0], values, along)
-    _, whole = _reals(replay_loop.init(setup, params.replay))
+    state, change = jax.jvp(lambda *v: _reals(replays.init(setup, back(v)))[0], values, along)
+    _, whole = _reals(replays.init(setup, params.replay))
     return TangentState(whole(state), change)
 
 
@@ -89,32 +89,30 @@ def advance(
     motion: Any,
     golden: Any,
 ) -> tuple[TangentState, tuple[Scalar, ...], tuple[()]]:
-    """As `replay_loop.advance`; what goes out are derivatives of the joints."""
+    """As `replays.advance`; what goes out are derivatives of the joints."""
     values, back = _reals(params.replay)
     along, _ = _reals(params.along)
     reals, state_back = _reals(state.replay)
 
     def step(values: Any, reals: Any) -> Any:
-        after, series, _ = replay_loop.advance(
+        after, series, _ = replays.advance(
             setup, back(values), faults, state_back(reals), now, motion, golden
         )
         return _reals(after)[0], series
 
     (_, _), (change, series) = jax.jvp(step, (values, reals), (along, state.change))
-    after, _, _ = replay_loop.advance(
-        setup, params.replay, faults, state.replay, now, motion, golden
-    )
+    after, _, _ = replays.advance(setup, params.replay, faults, state.replay, now, motion, golden)
     return TangentState(after, change), tuple(series), ()
 
 
 def series_length(setup: ReplaySetup) -> int:
     """Joints."""
-    return replay_loop.series_length(setup)
+    return replays.series_length(setup)
 
 
 def outcomes(setup: ReplaySetup, params: TangentParams, state: TangentState) -> dict[str, Any]:
     """None but that it has run."""
-    return replay_loop.outcomes(setup, params.replay, state.replay)
+    return replays.outcomes(setup, params.replay, state.replay)
 
 
 # --- three ways to a slope ---
@@ -157,10 +155,10 @@ def by_scan(
         params = ReplayParams(
             parameters.apply(base, wanted, steps), Vec(jnp.float32(x) for x in log.start)
         )
-        reals, back = _reals(replay_loop.init(setup, params))
+        reals, back = _reals(replays.init(setup, params))
 
         def tick(state: Any, now: Any) -> Any:
-            after, series, _ = replay_loop.advance(setup, params, (), state, now, motion, None)
+            after, series, _ = replays.advance(setup, params, (), state, now, motion, None)
             return after, jnp.stack(series)
 
         return jax.lax.scan(tick, back(reals), jnp.arange(len(log.desired), dtype=jnp.int32))[1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ravenjax.analyses.calibration import parameters, position_loop, replays
 from ravenjax.analyses.calibration.calibrate import LoggedRobot
-from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.analyses.calibration.position_loop import LoopParams
 from ravenjax.robots.raven2.setup import RavenSetup

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.calibration import position_loop, table_file, tables
-from ravenjax.analyses.calibration.calibrate import Calibration, LoggedRobot
-from ravenjax.analyses.calibration.judgement import FollowingError
+from ravenjax.analyses.calibration import joint_log, position_loop, tables
+from ravenjax.analyses.calibration.calibrate import Calibration, FollowingError, LoggedRobot
 from ravenjax.analyses.calibration.parameters import unknowns
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import REFERENCE
@@ -51,7 +50,7 @@ def three_joints(path: Path) -> LoggedRobot:
     """The authors' arm in teleoperation, 21 s at 1 kHz; what it was asked for is found from its
     PD law.
     """
-    log = table_file.read(
+    log = joint_log.read_joint_log(
         path, "gold", LOG_SETUP.tools[0], LOG_SETUP.software, position_loop.FORK2015, period_ms=1.0
     )
     return LoggedRobot(log, LOG_SETUP, "gold", position_loop.FORK2015)
@@ -59,7 +58,7 @@ def three_joints(path: Path) -> LoggedRobot:
 
 def seven_joints(path: Path) -> LoggedRobot:
     """Another arm, driven along circles by its own controller with today's gains, 40 s."""
-    log = table_file.read(
+    log = joint_log.read_joint_log(
         path,
         "gold",
         LOG_SETUP.tools[0],

@@ -64,10 +64,10 @@ def calibrate(
     """
     from ravenjax.analyses.calibration import (
         drawing,
+        joint_log,
         parameters,
         position_loop,
         robot_file,
-        table_file,
     )
     from ravenjax.analyses.calibration.calibrate import LoggedRobot
     from ravenjax.errors import UserError
@@ -82,7 +82,10 @@ def calibrate(
     setup = RavenSetup(software=software, arms=(arm,), tools=(tool,))
     controller = position_loop.CONTROLLERS[gains or software]
     logged = LoggedRobot(
-        table_file.read(log, arm, tool, software, controller, period_ms), setup, arm, controller
+        joint_log.read_joint_log(log, arm, tool, software, controller, period_ms),
+        setup,
+        arm,
+        controller,
     )
     wanted = parameters.unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
     calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)

@@ -8,9 +8,12 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, UserError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def write_aside(path: Path, write: Callable[[Path], object]) -> None:
@@ -56,6 +59,27 @@ def parsed(text: str) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError("lists or tables are nested too deeply") from None
+
+
+TABLES = (".csv", ".parquet")
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """The table in a CSV or Parquet file. UserError where it cannot be read."""
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        if path.suffix.lower() == ".csv":
+            return pd.read_csv(path, skipinitialspace=True)
+        return pq.read_table(path).to_pandas(ignore_metadata=True)
+    # ValueErrors are also those of pandas and of text that is not UTF-8.
+    except (ValueError, OSError, pa.ArrowException) as error:
+        raise UserError(
+            f"{path}: no {path.suffix} table that can be read, perhaps truncated:"
+            f" {str(error).strip() or type(error).__name__}. Copy or record it again"
+        ) from None
 
 
 def _sync_folder(folder: Path) -> None:

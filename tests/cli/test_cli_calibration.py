@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import bags
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 import tiny_campaign
 
 from ravenjax import cli
-from ravenjax.analyses.calibration import parameters, position_loop, replay, table_file
+from ravenjax.analyses.calibration import joint_log, parameters, position_loop, replays
 from ravenjax.analyses.calibration.parameters import JOINTS
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
@@ -37,11 +35,11 @@ def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
     wanted = parameters.unknowns(range(3), ("friction", "offsets"))
     steps = np.array([hidden.get(one.path, 0.0) for one in wanted])
     base = position_loop.params(robot.params(setup, "gold", "power_consistent"))
-    run = replay.replay(setup, "gold", position_loop.RAVEN2)
-    arrays = (jnp.asarray(x, "float32") for x in (steps, desired[0], desired))
-    joints = np.asarray(
-        jax.jit(lambda s, f, d: run(parameters.apply(base, wanted, s).plant, f, d))(*arrays)
+    every_cycle = joint_log.JointLog(
+        desired[0], desired, np.full((cycles, 7), np.nan), np.arange(cycles)
     )
+    replay_setup = replays.setup_of(setup, "gold", position_loop.RAVEN2, wanted)
+    (joints,) = replays.robots(replay_setup, [parameters.apply(base, wanted, steps)], every_cycle)
     before = np.vstack([desired[:1], joints[:-1]])  # a row is read before its cycle's command
     table = {"time_s": seconds[::4, 0]}
     for j, word in enumerate(JOINTS[:3]):
@@ -53,7 +51,7 @@ def write_log(path: Path, cycles: int, hidden: dict[str, float]) -> bags.Motion:
 def assert_same_log(table: Path, bag: Path) -> None:
     """Joints 1-3 of both."""
     one, other = (
-        table_file.read(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2)
+        joint_log.read_joint_log(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2)
         for path in (table, bag)
     )
     assert one.cycles.tolist() == other.cycles.tolist()

@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.analyses.calibration import position_loop, replay
+from ravenjax.analyses.calibration import position_loop
 from ravenjax.analyses.calibration.position_loop import Controller, LoopState
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.setup import REFERENCE
@@ -133,7 +133,7 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
     compiled.
 
     rows: what is in them; the tool's motors are held at home by their controller. cables: times the
-    stiffness and damping of every cable; 0 with `replay.bare_rotors`.
+    stiffness and damping of every cable; 0 with `position_loop.bare_rotors`.
     """
     of_loop = replace(position_loop.params(params), cables=cables)
     pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
@@ -246,7 +246,8 @@ def virtual_robots(setup: RavenSetup, arm: ArmName) -> list[Model]:
     sets = {name: robot.params(setup, arm, name) for name in SETS}
     robots = [Model(f"virtual robot, {name}", params, 1.0) for name, params in sets.items()]
     rotors = [
-        Model(f"{ROTORS}, {name}", replay.bare_rotors(params), 0.0) for name, params in sets.items()
+        Model(f"{ROTORS}, {name}", position_loop.bare_rotors(params), 0.0)
+        for name, params in sets.items()
     ]
     return [*robots, *rotors]
 

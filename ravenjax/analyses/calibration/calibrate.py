@@ -6,17 +6,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ravenjax.analyses.calibration import fit as fitting
-from ravenjax.analyses.calibration import judgement, parameters, position_loop, replays
-from ravenjax.analyses.calibration.judgement import FollowingError
-from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration import parameters, position_loop, replays
+from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.analyses.calibration.position_loop import Controller, LoopParams
-from ravenjax.analyses.calibration.replay import bare_rotors
-from ravenjax.analyses.calibration.replay_loop import ReplaySetup
+from ravenjax.analyses.calibration.replays import ReplaySetup
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.arms import ArmName
@@ -40,6 +39,16 @@ UNLIKELY = 3.0
 more than is asked.
 """
 LOG, ROTOR = "the recording", "null: bare rotors"
+
+
+class FollowingError(NamedTuple):
+    """Root mean squares over one part of a log, [7]; rad and m, nan where the log has no such
+    joint.
+    """
+
+    model: str
+    following: np.ndarray  # of measured or replayed minus desired joints
+    residual: np.ndarray  # of replayed minus measured joints
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,14 +163,19 @@ class LoggedRobot:
         of the first.
         """
         first = next(iter(robots.values()))
-        rotors = replace(position_loop.params(bare_rotors(first.plant)), cables=0.0)
+        rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
         joints = self.replayed(part, [*robots.values(), rotors])
-        return judgement.following(
-            LOG,
-            part.measured,
-            part.desired[part.cycles],
-            dict(zip((*robots, ROTOR), joints, strict=True)),
-        )
+        desired, there = part.desired[part.cycles], ~np.isnan(part.measured)
+
+        def rms(errors: np.ndarray) -> np.ndarray:
+            count = there.sum(axis=0)
+            total = np.square(np.where(there, errors, 0.0)).sum(axis=0)
+            return np.sqrt(np.where(count > 0, total / count.clip(1), np.nan))
+
+        return [
+            FollowingError(model, rms(shown - desired), rms(shown - part.measured))
+            for model, shown in zip((LOG, *robots, ROTOR), (part.measured, *joints), strict=True)
+        ]
 
     def replayed(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
         """[K, n, 7] joints of robots where the log was measured, rad and m."""

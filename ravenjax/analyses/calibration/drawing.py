@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, SETTLING, Calibration
-from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.tables import PER_UNIT, UNITS
 from ravenjax.document.figure_style import STYLE
 from ravenjax.robots.raven2.arms import JOINTS

@@ -85,28 +85,29 @@ def params(plant: robot.PlantParams) -> LoopParams:
     return LoopParams(plant, 0.0, 0.0, 1.0)
 
 
+def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
+    """The null model of a robot: its motors with viscous friction alone. To be replayed with all
+    `cables` cut.
+    """
+    free = Vec.full(JOINTS, 0.0)
+    return replace(params, actuators=replace(params.actuators, coulomb=free, bias=free))
+
+
 def start(
     setup: RavenSetup,
     arm: ArmName,
     controller: Controller,
     plant: robot.PlantState,
-    speed: Vec | None = None,
-    integral: Vec | None = None,
     whole: bool = True,
 ) -> LoopState:
-    """Of a robot whose motors have turned at `speed` (rad/s) and whose controller has integrated
-    `integral` (rad s).
-    """
-    dtype = setup.precision.real
-    zero = Vec(jnp.asarray(0.0, dtype) for _ in range(JOINTS))
-    new = readings(setup, arm, plant, whole)
-    turned = zero if speed is None else speed * robot.TICK_S
-    past = tuple(new - turned * float(k) for k in range(READINGS))
+    """Of a robot that stands still and whose controller has integrated nothing."""
+    zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
+    past = (readings(setup, arm, plant, whole),) * READINGS
     return LoopState(
         plant=plant,
         readings=past if controller.filtered else past[:1],
         outputs=past if controller.filtered else (),
-        integral=zero if integral is None else integral,
+        integral=zero,
         commands=(zero,) * setup.command_delay,
     )
 

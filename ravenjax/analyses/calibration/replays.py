@@ -1,29 +1,106 @@
 """Replays of one log with many parameters side by side, on the fastest engine of the machine's
 processor.
+
+This module is a `ravenjax.engines.interface.Loop`, which every engine runs: the motion's seven
+columns are the desired joints, a row a cycle; the series that goes out of a cycle are the joints
+that the motors then show.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from ravenjax import threads
-from ravenjax.analyses.calibration import parameters, replay_loop
+from ravenjax.analyses.calibration import parameters, position_loop
 from ravenjax.analyses.calibration.fit import Predictor
-from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
-from ravenjax.analyses.calibration.position_loop import Controller, LoopParams
-from ravenjax.analyses.calibration.replay_loop import ReplayParams, ReplaySetup
+from ravenjax.analyses.calibration.position_loop import (
+    JOINTS,
+    RAVEN2,
+    Controller,
+    LoopParams,
+    LoopState,
+)
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, Kernel, TickProgram
 from ravenjax.numbers import paths
-from ravenjax.numbers.lazy import jax
-from ravenjax.numbers.vec import Vec
+from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers.vec import Scalar, Vec, record, replace
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 ENGINE = "simd"
+
+
+@dataclasses.dataclass(frozen=True)
+class ReplaySetup(RavenSetup):
+    """What picks the code of a replay of one arm."""
+
+    controller: Controller = RAVEN2
+    shifted: bool = False  # whether the log's desired joints may be late
+    whole: bool = (
+        True  # encoders and DAC count in whole numbers; without, a replay has a derivative
+    )
+
+
+@record
+class ReplayParams:
+    """Of one replay."""
+
+    loop: LoopParams
+    first: Vec  # joints where the log begins, rad and m
+
+
+def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
+    """At rest at the joints first measured, brakes off."""
+    (arm,) = setup.arms
+    plant = robot.init(setup, arm, params.loop.plant, params.first)
+    plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
+    return position_loop.start(setup, arm, setup.controller, plant, whole=setup.whole)
+
+
+def advance(
+    setup: ReplaySetup,
+    params: ReplayParams,
+    faults: Any,
+    state: LoopState,
+    now: Scalar,
+    motion: tuple[Any, ...],
+    golden: Any,
+) -> tuple[LoopState, tuple[Scalar, ...], tuple[()]]:
+    """One cycle; see `ravenjax.engines.interface.Loop`. There are no faults and no golden run."""
+    (arm,), (tool,) = setup.arms, setup.tools
+    row = Vec(column[now] for column in motion)
+    if setup.shifted:
+        before = Vec(column[jnp.maximum(now - 1, 0)] for column in motion)
+        row = row - (row - before) * params.loop.setpoint_delay
+
+    def desired(insertion: Scalar) -> Vec:
+        return transmission.motor_from_joint(arm, tool, row, insertion, setup.software)
+
+    state, _, _ = position_loop.cycle(
+        setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole
+    )
+    motors = position_loop.readings(setup, arm, state.plant, setup.whole)
+    joints = transmission.joint_from_motor(arm, tool, motors, setup.software)
+    return state, tuple(joints), ()
+
+
+def series_length(setup: ReplaySetup) -> int:
+    """Joints that go out of a cycle."""
+    return JOINTS
+
+
+def outcomes(setup: ReplaySetup, params: ReplayParams, state: LoopState) -> dict[str, Any]:
+    """None but that it has run."""
+    return {"ticks": state.plant.tick}
 
 
 def setup_of(
@@ -73,7 +150,7 @@ class _Replays:
         params = ReplayParams(_plain(base), Vec(np.float32(x) for x in first))
         self._base, self._log, self._varied = base, log, varied
         self._program = TickProgram(
-            replay_loop.__name__,
+            __name__,
             setup,
             params,
             tuple(f"loop.{path}" for path in varied),

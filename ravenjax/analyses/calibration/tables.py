@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.calibration.calibrate import Calibration
-from ravenjax.analyses.calibration.judgement import FollowingError
+from ravenjax.analyses.calibration.calibrate import Calibration, FollowingError
 from ravenjax.robots.raven2.arms import JOINTS
 
 PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)

@@ -19,12 +19,14 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from ravenjax.errors import StoreError, UserError
+from ravenjax.robots.raven2.arms import JOINTS
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys.store import Typestore
 
 Ros = Literal[1, 2]
+SUFFIXES = (".bag", ".mcap", ".db3")
 RECORDING = "session.mcap"
 """Name of a recording in the folder of a session."""
 HEADER, ONLY_ROS2 = "std_msgs/msg/Header", "rcl_interfaces/msg/Log"
@@ -46,6 +48,44 @@ class TopicMessages(NamedTuple):
     def stamps_run(self) -> bool:
         """Whether headers carry times: where nobody fills them they are all alike."""
         return bool(self.stamped_ns.max() > self.stamped_ns.min())
+
+    @property
+    def time_ns(self) -> np.ndarray:
+        """When each message was sampled: by its header, where headers carry times."""
+        return self.stamped_ns if self.stamps_run else self.arrived_ns
+
+
+class Joints(NamedTuple):
+    """A topic of sensor_msgs/JointState."""
+
+    messages: TopicMessages
+    joints: np.ndarray  # [n, 7], rad and m; nan where the messages have no such joint
+
+    @property
+    def time_ns(self) -> np.ndarray:
+        """As of its messages."""
+        return self.messages.time_ns
+
+
+def read_joints(path: Path, reader: AnyReader, topic: str) -> Joints:
+    """Joints by the names that ravenjax writes, else seven in their order. UserError."""
+    states = read_topic(path, reader, topic)
+    first = states.messages[0]
+    places = {
+        joint: first.name.index(word) for joint, word in enumerate(JOINTS) if word in first.name
+    }
+    if not places:
+        places = dict(enumerate(range(len(JOINTS))))
+    joints = np.full((len(states.messages), len(JOINTS)), np.nan)
+    try:
+        for joint, place in places.items():
+            joints[:, joint] = [one.position[place] for one in states.messages]
+    except IndexError:
+        raise UserError(
+            f"{path}: a message of {topic} has other joints than {', '.join(first.name)}; expected"
+            f" some of {', '.join(JOINTS)}, or seven in this order"
+        ) from None
+    return Joints(states, joints)
 
 
 def read_topic(path: Path, reader: AnyReader, topic: str) -> TopicMessages:

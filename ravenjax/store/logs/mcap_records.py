@@ -2,9 +2,9 @@
 missing.
 
 The library's seeking reader needs the index at the end of a file, and its other one ends at the
-first damaged byte; this one walks from the beginning. A chunk whose content does not match its
-checksum is left out and counted. Where the chain of records breaks, for a length may be what is
-damaged, it goes on at the next chunk that is whole.
+first damaged byte; this one reads record by record with the library. A record whose content does
+not match its length or checksum is left out and counted, and reading goes on at the next whole
+chunk.
 
 `recover` writes a truncated file anew, with the index that other tools need.
 """
@@ -18,271 +18,125 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
-    AttachmentIndex,
     Channel,
     Chunk,
-    ChunkIndex,
-    DataEnd,
+    Footer,
     Header,
+    McapRecord,
+    Message,
     Metadata,
-    MetadataIndex,
     Schema,
-    Statistics,
-    SummaryOffset,
 )
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from ravenjax.errors import StoreError
 from ravenjax.store.files import write_aside
 
-_HEAD = struct.Struct("<BQ")  # of a record: opcode, length
-_FOOTER = struct.Struct("<QQI")  # where the summary begins, its offsets, checksum
-_INDEX = struct.Struct(
-    "<HI"
-)  # of a message index, before its entries of 16 bytes: channel, bytes of the entries
+_HEAD, _FOOTER = 9, 29
+"""Bytes of a record's opcode and length, and of a whole footer."""
 _CHUNK = re.compile(rb"\x06.{6}\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd)", re.DOTALL)
 """A chunk's opcode, length, times, size, checksum and compression."""
-_ANY_MESSAGE = re.compile(rb"\x05.{6}\0\0", re.DOTALL)
-_MESSAGE = struct.Struct("<HIQQ")  # of a message, before its data
-_KINDS: dict[int, Any] = {
-    Opcode.HEADER: Header,
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.STATISTICS: Statistics,
-    Opcode.METADATA: Metadata,
-    Opcode.METADATA_INDEX: MetadataIndex,
-    Opcode.SUMMARY_OFFSET: SummaryOffset,
-    Opcode.DATA_END: DataEnd,
-}
-_OPCODES = frozenset(int(opcode) for opcode in Opcode)
-
-Bytes = bytes | mmap.mmap
-
-Message = tuple[int, int, int, int, bytes]
-"""Channel, sequence number, log time and publish time in ns, data."""
 
 
 @dataclass
 class Scan:
     """A file's records; the file stays mapped, so that a long one does not fill the memory."""
 
-    data: Bytes = field(repr=False)
+    data: mmap.mmap = field(repr=False)
     profile: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: list[Channel] = field(default_factory=list)
+    channels: dict[int, Channel] = field(default_factory=dict)
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
-    parts: list[tuple[int, int, int]] = field(
-        default_factory=list
-    )  # opcode, first byte, end of chunks and messages
+    places: list[int] = field(default_factory=list)  # where chunks, and messages beside them, begin
     complete: bool = False  # the footer and the closing magic are there
     lost_bytes: int = 0  # of no whole record: of damaged ones, and behind the last
 
     def messages(self) -> Iterator[Message]:
         """Every message in the order of the file."""
-        for opcode, start, end in self.parts:
-            body = self.data[start:end]
-            if opcode == Opcode.MESSAGE:
-                yield _message(body, 0, len(body))
-                continue
-            records = _content(body)
-            for inner, first, last in _walk(records):
-                if inner == Opcode.MESSAGE:
-                    yield _message(records, first, last)
+        for place in self.places:
+            for record in _read_record(self.data, place)[0]:
+                if isinstance(record, Message):
+                    yield record
 
 
 def scan(path: Path) -> Scan:
     """Read a file, whole or cut short. StoreError where it cannot be read or is no MCAP file."""
-    data: Bytes = b""
     try:
         with open(path, "rb") as file:
-            if file.seek(0, io.SEEK_END):
+            begins = file.read(len(MCAP0_MAGIC))
+            if begins == MCAP0_MAGIC:
                 data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except OSError as error:
         raise StoreError(f"{path}: cannot be read ({error.strerror or error})") from error
-    magic = len(MCAP0_MAGIC)
-    if data[:magic] != MCAP0_MAGIC:
+    if begins != MCAP0_MAGIC:
         raise StoreError(
             f"{path}: is no MCAP file, it does not begin with the magic bytes; expected one, whole"
             " or cut"
         )
-    result = Scan(data)
-    foot = len(data) - magic - _HEAD.size - _FOOTER.size
-    result.complete = foot >= magic and data[-magic:] == MCAP0_MAGIC and data[foot] == Opcode.FOOTER
-    if not result.complete:
-        result.lost_bytes = _take_all(result, magic, len(data))
-        return result
-    summary, _, _ = _FOOTER.unpack_from(data, foot + _HEAD.size)
-    summary = summary if magic <= summary <= foot else foot
-    result.lost_bytes = _take_all(result, magic, summary)
-    _take_all(
-        result, summary, foot
-    )  # what the summary repeats is missed only where the data are damaged, too
-    return result
-
-
-def _take_all(found: Scan, at: int, until: int) -> int:
-    """Take every whole record of these bytes; how many bytes are of none.
-
-    What is no record that holds together is passed over where another follows it. Elsewhere its
-    length may be what is damaged, and the search goes on right behind its first byte.
-    """
-    lost = 0
-    while at < until:
-        record = _record(found.data, at, until)
-        if record is not None and _take(found, *record):
-            at = record[2]
+    scanned, place, end = Scan(data), len(MCAP0_MAGIC), len(data)
+    foot = end - len(MCAP0_MAGIC) - _FOOTER
+    scanned.complete = (
+        foot > 0 and data[-len(MCAP0_MAGIC) :] == MCAP0_MAGIC and data[foot] == Opcode.FOOTER
+    )
+    summary = int.from_bytes(data[foot + _HEAD : foot + _HEAD + 8], "little")
+    while place < end:
+        try:
+            records, after = _read_record(data, place)
+        except _damage():
+            chunk = _CHUNK.search(data, place + 1)
+            resumed = chunk.start() if chunk else end
+            if chunk is None and scanned.complete and place < summary < end:
+                resumed = summary
+            scanned.lost_bytes += resumed - place
+            place = resumed
             continue
-        end = until if record is None else record[2]
-        if record is None or not _holds(found, end, until):
-            end = _next(found, at + 1, until)
-        lost += end - at
-        at = end
-    return lost
+        if data[place] in (Opcode.CHUNK, Opcode.MESSAGE):
+            scanned.places.append(place)
+        for record in records:
+            if isinstance(record, Header):
+                scanned.profile = record.profile
+            elif isinstance(record, Schema):
+                scanned.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                scanned.channels[record.id] = record
+            elif isinstance(record, Metadata):
+                scanned.metadata.append(record)
+            elif isinstance(record, Attachment):
+                scanned.attachments.append(record)
+        place = end if isinstance(records[0], Footer) else after
+    return scanned
 
 
-def _record(data: Bytes, at: int, until: int) -> tuple[int, int, int] | None:
-    """Opcode, first byte and end of the record that begins here; None where it would not end in
-    time.
+def _read_record(data: mmap.mmap, place: int) -> tuple[list[McapRecord], int]:
+    """The record that begins at `place`, or those of the chunk that does, and where it ends.
+
+    Raises what `_damage` lists where its bytes do not hold together: a record that is written again
+    has the same length.
     """
-    if at + _HEAD.size > until:
-        return None
-    opcode, length = _HEAD.unpack_from(data, at)
-    start = at + _HEAD.size
-    return (opcode, start, start + length) if start + length <= until else None
-
-
-def _holds(found: Scan, at: int, until: int) -> bool:
-    """Whether the data end here, or a record begins that holds together."""
-    record = _record(found.data, at, until)
-    return at == until or (
-        record is not None and _take(Scan(found.data, channels=found.channels), *record)
-    )
-
-
-def _next(found: Scan, at: int, until: int) -> int:
-    """Where the next whole chunk begins, in a file without chunks the next message; `until`
-    where there is none.
-    """
-    chunked = not found.parts or any(opcode == Opcode.CHUNK for opcode, _, _ in found.parts)
-    look = _CHUNK if chunked else _ANY_MESSAGE
-    while (match := look.search(found.data, at, until)) is not None:
-        if _holds(found, match.start(), until):
-            return match.start()
-        at = match.start() + 1
-    return until
-
-
-def _walk(data: Bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
-    """Opcode, first byte and end of each whole record."""
-    while at + _HEAD.size <= len(data):
-        opcode, length = _HEAD.unpack_from(data, at)
-        start, at = at + _HEAD.size, at + _HEAD.size + length
-        if at > len(data):
-            return
-        yield opcode, start, at
-
-
-def _message(records: bytes, start: int, end: int) -> Message:
-    return (*_MESSAGE.unpack_from(records, start), records[start + _MESSAGE.size : end])
-
-
-def _content(body: bytes) -> bytes:
-    """The records of a chunk; raises what `_damage` lists."""
-    stream, length = get_chunk_data_stream(
-        Chunk.read(ReadDataStream(io.BytesIO(body))), validate_crc=True
-    )
-    return stream.read(length)
+    end = place + _HEAD + int.from_bytes(data[place + 1 : place + _HEAD], "little")
+    content = io.BytesIO(data[place:end])
+    record = next(StreamReader(content, skip_magic=True, emit_chunks=True).records)
+    again = RecordBuilder()
+    record.write(again)
+    if len(again.end()) != end - place:
+        raise ValueError("the record has another length than it says")
+    return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record], end
 
 
 def _damage() -> tuple[type[Exception], ...]:
-    """What a damaged chunk makes the library and its decompressors raise; RuntimeError is lz4's."""
+    """What damage makes the library and its decompressors raise; RuntimeError is lz4's."""
     import zstandard
 
     return McapError, ValueError, RuntimeError, struct.error, zstandard.ZstdError
-
-
-def _take(found: Scan, opcode: int, start: int, end: int) -> bool:
-    """Take a record; False where its bytes do not hold together, or it is of no kind that is
-    known.
-    """
-    if opcode == Opcode.CHUNK:
-        return _take_chunk(found, start, end)
-    if opcode == Opcode.MESSAGE:
-        return _take_message(found, start, end)
-    if opcode == Opcode.MESSAGE_INDEX:
-        return (
-            end - start >= _INDEX.size
-            and _INDEX.unpack_from(found.data, start)[1] == end - start - _INDEX.size
-        )
-    kind = _KINDS.get(opcode)
-    if kind is None:
-        return False
-    stream = ReadDataStream(io.BytesIO(found.data[start:end]))
-    try:
-        record = kind.read(stream)
-    except _damage():
-        return False
-    if stream.count != end - start:
-        return False
-    if isinstance(record, Header):
-        found.profile = record.profile
-    elif isinstance(record, Metadata):
-        found.metadata.append(record)
-    elif isinstance(record, Attachment):
-        found.attachments.append(record)
-    else:
-        _take_definition(found, record)
-    return True
-
-
-def _take_message(found: Scan, start: int, end: int) -> bool:
-    """A message beside the chunks: nothing proves it but that its channel is known and a record
-    follows.
-    """
-    if end - start < _MESSAGE.size:
-        return False
-    channel = _MESSAGE.unpack_from(found.data, start)[0]
-    if all(channel != one.id for one in found.channels):
-        return False
-    if end < len(found.data) and found.data[end] not in _OPCODES:
-        return False
-    found.parts.append((Opcode.MESSAGE, start, end))
-    return True
-
-
-def _take_chunk(found: Scan, start: int, end: int) -> bool:
-    try:
-        records = _content(found.data[start:end])
-        inside = list(_walk(records))
-        for opcode, first, last in inside:
-            if opcode != Opcode.MESSAGE and (kind := _KINDS.get(opcode)) is not None:
-                _take_definition(found, kind.read(ReadDataStream(io.BytesIO(records[first:last]))))
-    except _damage():
-        return False
-    if (inside[-1][2] if inside else 0) != len(records):
-        return False
-    found.parts.append((Opcode.CHUNK, start, end))
-    return True
-
-
-def _take_definition(found: Scan, record: Any) -> None:
-    """Schemas and channels, which the summary of a whole file repeats."""
-    if isinstance(record, Schema):
-        found.schemas.setdefault(record.id, record)
-    elif isinstance(record, Channel) and all(record.id != one.id for one in found.channels):
-        found.channels.append(record)
 
 
 class Recovered(NamedTuple):
@@ -319,15 +173,14 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
     step. Raises StoreError where the file cannot be read, holds no whole message, or the disk
     refuses.
     """
-    path = Path(path)
-    out = recovered_path(path) if out is None else Path(out)
-    parts = scan(path)
-    if next(parts.messages(), None) is None:
+    out = recovered_path(path) if out is None else out
+    scanned = scan(path)
+    if next(scanned.messages(), None) is None:
         raise StoreError(
-            f"{path}: holds no whole message, {parts.lost_bytes} bytes of an unfinished chunk;"
+            f"{path}: holds no whole message, {scanned.lost_bytes} bytes of an unfinished chunk;"
             " nothing can be recovered"
         )
-    if not parts.channels:
+    if not scanned.channels:
         raise StoreError(
             f"{path}: the chunk that names its channels is damaged, and so is the index that"
             " repeats them; nothing can be recovered"
@@ -337,24 +190,31 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
     def fill(target: Path) -> None:
         with open(target, "wb") as file:
             writer = Writer(file)
-            writer.start(profile=parts.profile, library="ravenjax")
-            for metadata in parts.metadata:
+            writer.start(profile=scanned.profile, library="ravenjax")
+            for metadata in scanned.metadata:
                 writer.add_metadata(metadata.name, metadata.metadata)
             schemas = {0: 0} | {
                 number: writer.register_schema(schema.name, schema.encoding, schema.data)
-                for number, schema in sorted(parts.schemas.items())
+                for number, schema in sorted(scanned.schemas.items())
             }
             channels = {
-                one.id: writer.register_channel(
+                number: writer.register_channel(
                     one.topic, one.message_encoding, schemas.get(one.schema_id, 0), one.metadata
                 )
-                for one in parts.channels
+                for number, one in scanned.channels.items()
             }
-            for channel, number, log_time, publish_time, data in parts.messages():
-                if channel in channels:  # not where the chunk that defined it is damaged
-                    writer.add_message(channels[channel], log_time, data, publish_time, number)
-                    times.append(log_time)
-            for one in parts.attachments:
+            for message in scanned.messages():
+                # The chunk that defined the channel may be damaged.
+                if message.channel_id in channels:
+                    writer.add_message(
+                        channels[message.channel_id],
+                        message.log_time,
+                        message.data,
+                        message.publish_time,
+                        message.sequence,
+                    )
+                    times.append(message.log_time)
+            for one in scanned.attachments:
                 writer.add_attachment(
                     one.create_time, one.log_time, one.name, one.media_type, one.data
                 )
@@ -362,4 +222,4 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
 
     write_aside(out, fill)
     seconds = (max(times, default=0) - min(times, default=0)) * 1e-9
-    return Recovered(out, len(times), seconds, parts.lost_bytes, parts.complete)
+    return Recovered(out, len(times), seconds, scanned.lost_bytes, scanned.complete)

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.analyses.calibration import position_loop, table_file
-from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration import joint_log, position_loop
+from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.store.logs.session.log import SessionWriter
@@ -31,7 +31,9 @@ GOLD, GREEN = motion(0.0), motion(2.0)
 
 
 def read(path: Path, arm: ArmName = "gold", period_ms: float | None = None) -> JointLog:
-    return table_file.read(path, arm, "r_grasper", "raven2", position_loop.RAVEN2, period_ms)
+    return joint_log.read_joint_log(
+        path, arm, "r_grasper", "raven2", position_loop.RAVEN2, period_ms
+    )
 
 
 def of_csv(folder: Path, one: bags.Motion) -> JointLog:
@@ -115,4 +117,4 @@ def test_metadata_of_another_shape_are_refused(tmp_path, before, after, words) -
     assert before in metadata.read_text()
     metadata.write_text(metadata.read_text().replace(before, after))
     with pytest.raises(UserError, match=words):
-        table_file.read(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2)
+        joint_log.read_joint_log(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2)

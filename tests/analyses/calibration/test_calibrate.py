@@ -10,7 +10,7 @@ from scipy.stats import binom
 from ravenjax.analyses.calibration import drawing, parameters, position_loop
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration
 from ravenjax.analyses.calibration.fit import Fit
-from ravenjax.analyses.calibration.log import JointLog
+from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.cli import calibration
 from ravenjax.errors import UserError

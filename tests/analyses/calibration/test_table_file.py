@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.analyses.calibration import position_loop, table_file
+from ravenjax.analyses.calibration import joint_log, position_loop
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
@@ -18,7 +18,7 @@ ARM, TOOL, SOFTWARE = "gold", "r_grasper", "fork2015"
 
 
 def read(path: Path, period_ms: float | None = 2.0):
-    return table_file.read(path, ARM, TOOL, SOFTWARE, position_loop.FORK2015, period_ms)
+    return joint_log.read_joint_log(path, ARM, TOOL, SOFTWARE, position_loop.FORK2015, period_ms)
 
 
 def joints(rows: int = 5) -> np.ndarray:
@@ -133,7 +133,7 @@ def test_what_is_no_table_is_refused(tmp_path, name, content) -> None:
         ({"time_s": ["a"] * 5}, "column time_s holds other things than numbers"),
         ({"time_s": np.arange(5) * 1e9}, "lasts 4e[+]09 s, expected seconds of motion"),
         ({"time_s": np.arange(5) * 1e-9}, "lasts 4e-09 s, expected seconds of motion"),
-        ({"time_s": [0.0, np.nan, 0.2, 0.3, 0.4]}, "time_s does not increase at row 1"),
+        ({"time_s": [0.0, np.nan, 0.2, 0.3, 0.4]}, "time does not increase at row 1"),
     ],
 )
 def test_columns_that_hold_no_numbers_or_no_times_are_refused(tmp_path, change, words) -> None:

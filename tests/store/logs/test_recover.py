@@ -173,4 +173,4 @@ def test_any_mcap_file_is_recovered(tmp_path, compression, chunked):
     assert 5 < len(found) < 50 and found == [
         (1000 * i, 1000 * i + 7, b"{}" * 10) for i in range(len(found))
     ]
-    assert mcap_records.scan(told.path).channels[0].metadata == {"unit": "none"}
+    assert mcap_records.scan(told.path).channels[channel].metadata == {"unit": "none"}

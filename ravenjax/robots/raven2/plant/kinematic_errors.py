@@ -111,8 +111,8 @@ MEASURED = {
 
 How large they are beside each other is *assumed*: homing against stops leaves more than machining
 does. Their common factor is fitted to the first half of a recording,
-`ravenjax.analyses.calibration.tip_error`. A recording of one arm in a part of its workspace cannot
-tell them one by one: what is told is the tip's error after registration. The shoulder has no
+`analysis/studies/healthy_robot/tip_error.py`. A recording of one arm in a part of its workspace
+cannot tell them one by one: what is told is the tip's error after registration. The shoulder has no
 offset, which would turn the frame and nothing else; the jaws have none, since they do not move
 their axis.
 """

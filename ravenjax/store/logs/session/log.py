@@ -165,18 +165,17 @@ def read(path: Path) -> SessionLog:
             " session's folder"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
-    kinds = {channel.id: channel.topic for channel in content.channels}
     width = 4 * len(names)
     numbers: list[int] = []
     data: list[bytes] = []
     events: list[dict[str, Any]] = []
-    for channel, number, _, _, message in content.messages():
-        topic = kinds.get(channel)
-        if topic == SIGNALS:
-            numbers.append(number)
-            data.append(message[-width:])
-        elif topic == EVENTS:
-            events.append(topics.event_of(message))
+    for message in content.messages():
+        channel = content.channels.get(message.channel_id)
+        if channel is not None and channel.topic == SIGNALS:
+            numbers.append(message.sequence)
+            data.append(message.data[-width:])
+        elif channel is not None and channel.topic == EVENTS:
+            events.append(topics.event_of(message.data))
     rows = np.frombuffer(b"".join(data), "<f4").reshape(-1, len(names))
     return SessionLog(
         header,

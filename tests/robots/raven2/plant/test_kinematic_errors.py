@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from plant_runs import N, columns, constant, setup, simulate
 
-from ravenjax.analyses.calibration import rigid
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import built_links, kinematics, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import kinematic_errors, registration, robot
 from ravenjax.robots.raven2.plant.coupling import built, coupling
 from ravenjax.robots.raven2.plant.kinematic_errors import KinematicErrors
+from studies.healthy_robot import rigid
 
 START = Vec((0.6, 1.4, 0.37, 0.3, 0.2, 0.7, 0.9))
 EXACT = kinematic_errors.exact()
@@ -159,7 +159,7 @@ def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
 
 
 def _drawn(rng: np.random.Generator) -> KinematicErrors:
-    from ravenjax.analyses.calibration import tip_error
+    from studies.healthy_robot import tip_error
 
     with jax.enable_x64(True):
         return tip_error.with_values(

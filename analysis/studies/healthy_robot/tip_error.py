@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.calibration import rigid
-from ravenjax.analyses.calibration.camera_log import ARM, CameraLog
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 from ravenjax.robots.raven2.plant import kinematic_errors
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED, KinematicErrors
+from studies.healthy_robot import rigid
+from studies.healthy_robot.camera_log import ARM, CameraLog
 
 LIMIT_M = 3e-3
 QUANTILES = (0.25, 0.5, 0.75, 0.95)

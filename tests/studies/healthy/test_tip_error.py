@@ -7,8 +7,8 @@ import made_up_camera
 import numpy as np
 import pytest
 
-from ravenjax.analyses.calibration import arm_errors, camera_log, tip_error
 from ravenjax.errors import UserError
+from studies.healthy_robot import arm_errors, camera_log, tip_error
 
 NONE = np.zeros(len(tip_error.PATHS))
 ELBOW = tip_error.PATHS.index("joint_offset.elbow")

@@ -6,9 +6,9 @@ import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ravenjax.analyses.calibration import tip_error
-from ravenjax.analyses.calibration.camera_log import ARM, CameraLog
 from ravenjax.robots.raven2.geometry import arrays
+from studies.healthy_robot import tip_error
+from studies.healthy_robot.camera_log import ARM, CameraLog
 
 LOW, HIGH = (0.35, 1.1, 0.30, -0.7, 0.1, -0.3, -0.3), (1.1, 2.0, 0.38, 0.7, 0.6, 0.3, 0.3)
 MOTIONS, ROWS = 40, 10

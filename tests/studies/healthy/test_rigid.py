@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ravenjax.analyses.calibration import rigid
+from studies.healthy_robot import rigid
 
 
 def test_a_rigid_motion_is_found_again_for_each_of_many_sets() -> None:

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.calibration import rigid, tip_error
-from ravenjax.analyses.calibration.camera_log import CameraLog
-from ravenjax.analyses.calibration.tip_error import PATHS, SPREAD
 from ravenjax.numbers.lazy import jax, jnp
+from studies.healthy_robot import rigid, tip_error
+from studies.healthy_robot.camera_log import CameraLog
+from studies.healthy_robot.tip_error import PATHS, SPREAD
 
 POINT_M = 0.01  # assumed: how far from the jaw axis a camera's point may be
 NOISE_M = 2e-3  # about the median of what is left
