@@ -3,58 +3,76 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from typing import Annotated, Any
+
+import pydantic
+from pydantic import BeforeValidator
 
 
-@dataclasses.dataclass(frozen=True)
+def _number_or_none(value: Any) -> float | None:
+    try:
+        number = math.nan if value in (None, "") else float(value)
+    except ValueError:
+        raise ValueError("expected a number or nothing") from None
+    return number if math.isfinite(number) else None
+
+
+Number = Annotated[float | None, BeforeValidator(_number_or_none)]
+Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
+Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
+
+
+@pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
 class HazardRow:
-    """One row. Times are ms since the session began, None where it never happened; sizes None
-    where not measured.
+    """One row, from cells of a table or from numbers. Times are ms since the session began, None
+    where it never happened; sizes None where not measured.
     """
 
-    session: str
-    participant: str
-    group: str
-    scenario: str
-    seed: str
-    cue: str  # on, off
-    blinded: bool = dataclasses.field(default=False, kw_only=True)
+    session: Text = ""
+    participant: Text = ""
+    group: Text = ""
+    scenario: Text = ""
+    seed: Text = ""
+    cue: Text = ""  # on, off
+    blinded: Flag = False
     number: int
-    hazard: str  # id in the library
-    title: str
-    arm: str
-    armed_ms: float | None
-    struck_ms: float | None
-    knowable_ms: float | None
-    knowable_by: str
-    cue_ms: float | None
-    alarm_ms: float | None  # first check that told a person or stopped the robot
-    alarm: str
+    hazard: Text = ""  # id in the library
+    title: Text = ""
+    arm: Text = ""
+    armed_ms: Number = None
+    struck_ms: Number = None
+    knowable_ms: Number = None
+    knowable_by: Text = ""
+    cue_ms: Number = None
+    alarm_ms: Number = None  # first check that told a person or stopped the robot
+    alarm: Text = ""
     # first check that changed a command or dropped a packet: nobody was told
-    limited_ms: float | None
-    limited: str
-    check_response: str  # one of outcomes.verdict.RESPONSES; "" where it never struck
-    check_cause: str  # first check that did so
-    motion_hazard: str  # one of outcomes.verdict.HAZARDS
-    limit_mm: float | None  # of hazards and harm: the scenario's
-    unintended_mm: float | None
-    unintended_first_ms: float | None
-    unintended_off_mm: float | None
-    loss_mm: float | None
-    loss_first_ms: float | None
-    halted_ms: float | None
-    golden_halted_ms: float | None
-    false_report_mm: float | None
-    false_report_first_ms: float | None
-    peak_error_mm: float | None  # of the reported tip from the model, which the cue acts on
-    deepest_mm: float | None
-    response: str  # the operator's
-    response_ms: float | None
-    reaction_ms: float | None
-    right_response: str
-    response_ok: bool
-    halted: bool  # the robot left pedal-down by itself
-    outcome: str
-    score: float | None
+    limited_ms: Number = None
+    limited: Text = ""
+    check_response: Text = ""  # one of outcomes.verdict.RESPONSES; "" where it never struck
+    check_cause: Text = ""  # first check that did so
+    motion_hazard: Text = ""  # one of outcomes.verdict.HAZARDS
+    limit_mm: Number = None  # of hazards and harm: the scenario's
+    unintended_mm: Number = None
+    unintended_first_ms: Number = None
+    unintended_off_mm: Number = None
+    loss_mm: Number = None
+    loss_first_ms: Number = None
+    halted_ms: Number = None
+    golden_halted_ms: Number = None
+    false_report_mm: Number = None
+    false_report_first_ms: Number = None
+    peak_error_mm: Number = None  # of the reported tip from the model, which the cue acts on
+    deepest_mm: Number = None
+    response: Text = ""  # the operator's
+    response_ms: Number = None
+    reaction_ms: Number = None
+    right_response: Text = ""
+    response_ok: Flag = False
+    halted: Flag = False  # the robot left pedal-down by itself
+    outcome: Text = ""
+    score: Number = None
 
     @property
     def after(self) -> dict[str, float]:
@@ -80,9 +98,5 @@ class HazardRow:
 
 COLUMNS = tuple(one.name for one in dataclasses.fields(HazardRow))
 """Of hazards.csv, in order."""
-OF_SESSION = ("session", "participant", "group", "scenario", "seed", "blinded")
-"""Columns that are the same in every row of a session."""
 OF_LIST = ("hazard", "title", "right_response")
 """Columns that stand in the session's list of hazards, too."""
-TOLD = tuple(name for name in COLUMNS if name not in (*OF_SESSION, *OF_LIST))
-"""Columns of the event "hazard_row", in order: with session.json they make the row again."""

@@ -21,7 +21,7 @@ from typing import Any
 
 from ravenjax.outcomes import verdict
 from ravenjax.train.judge.episode import PEAKS, SEEN_MM, Episode
-from ravenjax.train.judge.row import COLUMNS, TOLD
+from ravenjax.train.judge.row import COLUMNS, OF_LIST
 from ravenjax.train.judge.slowdown_detector import SlowdownDetector
 from ravenjax.train.judge.trips import Trip, Trips
 from ravenjax.train.protocol.frame import Frame
@@ -379,7 +379,8 @@ class Judge:
         row = episode.row()
         names = ("number", "check_response", "motion_hazard", "halted", "outcome", "score")
         self._tell(tick, "hazard_over", **{name: row.get(name) for name in names})
-        self._tell(tick, "hazard_row", row=[row.get(name) for name in TOLD])
+        known = {name: row[name] for name in row if row[name] is not None and name not in OF_LIST}
+        self._tell(tick, "hazard_row", row=known)
 
 
 class _Arm:

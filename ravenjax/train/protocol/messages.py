@@ -47,7 +47,8 @@ Events of a session have "tick" (ms since the session began, pauses left out) an
     response (number, what, ok, ms): of the operator
     interrupted (number, by): the hazard was cut off by what is not the operator's, and is not scored
     hazard_over (number, check_response, motion_hazard, halted, outcome, score)
-    hazard_row (row): the hazard's row of hazards.csv (`judge.row.TOLD`), for a recording that is cut short
+    hazard_row (row): what the hazard's row of hazards.csv says beyond the session's list, for a recording that is
+        cut short
     level (level, of, title, within_s, in_a_row, needs, took_ms, within): which level the operator is at, from 1, what
         it asks, and how long the round before took, null before the first of all
     target (target), object (held, at), task_done, note (text), overrun (late_ticks), trouble (text),

@@ -86,7 +86,7 @@ class Ring:
             self._memory.unlink()
 
 
-EVENT_BYTES = 1024
+EVENT_BYTES = 2048
 """Room of one event as JSON."""
 COMMAND_BYTES = 4096
 """Room of one command to a session."""

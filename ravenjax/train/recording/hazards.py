@@ -5,14 +5,15 @@ killed before it could write the table.
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from ravenjax.errors import StoreError
-from ravenjax.train.judge.row import COLUMNS, TOLD, HazardRow
+from ravenjax.train.judge.row import COLUMNS, OF_LIST, HazardRow
 from ravenjax.train.recording.reader import Recording
 
 FILE = "hazards.csv"
@@ -51,9 +52,13 @@ def read_table(folder: Path) -> list[HazardRow]:
     rows = []
     for number, line in enumerate(lines, start=2):
         try:
-            rows.append(_hazard({name: line[name] or "" for name in COLUMNS}))
-        except ValueError as error:
-            raise StoreError(f"{path}: line {number}: {error}") from None
+            cells: dict[str, Any] = {name: line[name] for name in COLUMNS}
+            rows.append(HazardRow(**cells))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            cell = f"{first['loc'][0]} is {first['input']!r}"
+            expected = first["msg"].removeprefix("Value error, ")
+            raise StoreError(f"{path}: line {number}: {cell}, {expected}") from None
     return sorted(rows, key=lambda row: (row.struck_ms is None, row.struck_ms or 0.0, row.number))
 
 
@@ -66,28 +71,22 @@ def from_recording(recording: Recording, header: Mapping[str, Any]) -> list[Haza
     scenario = header.get("scenario")
     table: dict[str, Any] = scenario if isinstance(scenario, dict) else {"name": scenario or ""}
     listed = {hazard.get("number"): hazard for hazard in header.get("hazards") or []}
-    same = {name: header.get(name, "") for name in ("participant", "group", "seed", "blinded")}
-    same |= {"session": header.get("name", ""), "scenario": table.get("name", "")}
+    same = {name: header.get(name) for name in ("participant", "group", "seed", "blinded")}
+    same |= {"session": header.get("name"), "scenario": table.get("name")}
+    same |= {"cue": "on" if header.get("cue") else "off"}
+    same |= {"limit_mm": (table.get("harm") or {}).get("excursion_mm")}
     rows: list[dict[str, Any]] = []
     for event in recording.events:
         if event["kind"] == "hazard_armed":
             hazard = listed.get(event["number"], {})
-            rows.append(
-                same
-                | {name: hazard.get(name, "") for name in ("hazard", "title")}
-                | {"right_response": " ".join(hazard.get("right_response", []))}
-                | {"number": event["number"], "armed_ms": event["tick"]}
-                | {"cue": "on" if header.get("cue") else "off"}
-                | {"limit_mm": (table.get("harm") or {}).get("excursion_mm")}
-            )
+            known = {name: hazard.get(name) for name in OF_LIST}
+            known["right_response"] = " ".join(hazard.get("right_response", []))
+            rows.append(same | known | {"number": event["number"], "armed_ms": event["tick"]})
         elif event["kind"] == "hazard_struck" and rows:
             rows[-1]["struck_ms"] = event["tick"]
         elif event["kind"] == "hazard_row" and rows:
-            rows[-1] |= zip(TOLD, event["row"], strict=True)
-    return [
-        _hazard({name: "" if row.get(name) is None else str(row[name]) for name in COLUMNS})
-        for row in rows
-    ]
+            rows[-1] |= event["row"]
+    return [HazardRow(**row) for row in rows]
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
@@ -97,24 +96,3 @@ def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return out.getvalue()
-
-
-def _hazard(cells: dict[str, str]) -> HazardRow:
-    values: dict[str, Any] = dict(cells)
-    for field in dataclasses.fields(HazardRow):
-        text = cells[field.name].strip()
-        if field.type == "bool":
-            values[field.name] = text.lower() in ("true", "1", "yes")
-        elif field.type in ("int", "float | None"):
-            try:
-                number = float(text) if text else None
-            except ValueError:
-                raise ValueError(
-                    f"{field.name} is {cells[field.name]!r}, expected a number or nothing"
-                ) from None
-            is_finite = number is not None and abs(number) < float("inf")
-            values[field.name] = number if is_finite else None
-    if values["number"] is None:
-        raise ValueError("number is empty, expected the hazard's number in session.json")
-    values["number"] = int(values["number"])
-    return HazardRow(**values)

@@ -33,7 +33,7 @@ from ravenjax.robots.raven2.loop import connections, observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.robot import ARMS, E_STOP
-from ravenjax.train.robot_link.joint_record import JointReport
+from ravenjax.train.robot_link.joint_report import JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 from ravenjax.train.session import blueprint as of_session
 from ravenjax.train.session.blueprint import Blueprint, hazard_distances
@@ -90,9 +90,6 @@ class DistantRobot:
         self.row[self._shown] = self._out[:count]
         self._sequence += 1
         report = self.remote.exchange(self._datagram(self._out[count:].tolist()))
-        for answer in self.remote.answers():
-            if isinstance(answer.get("checks"), dict):
-                self._take_checks(answer["checks"])
         if report is not None and not self.remote.stale:
             self._take(report)
         else:
@@ -178,27 +175,22 @@ class DistantRobot:
         ]
         self._enter([*numbers, report.runlevel, stopped])
         frame["live"] = observers.live(report.runlevel, stopped)
-        for check, trips in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
-            if trips and not self._stopped[check]:
-                self._outcomes.setdefault(f"check_{check}_first_ms", self.now)
-                count = f"check_{check}_count"
-                self._outcomes[count] = self._outcomes.get(count, 0) + 1
-                self._frame["trips"] = self._frame.number("trips") + 1
-            self._stopped[check] = trips
-
-    def _take_checks(self, told: dict[str, Any]) -> None:
-        """What the robot's process says of its checks: name -> how often, and how many ms ago
-        first.
-        """
-        for name, numbers in told.items():
-            is_pair = isinstance(numbers, list) and [type(n) for n in numbers] == [int, int]
-            if name not in _CHECKS or not is_pair:
-                continue  # of another version, or no robot of ours
-            key = f"check_{name}_count"
-            self._outcomes[key] = max(self._outcomes.get(key, 0), min(numbers[0], _MOST_TRIPS))
-            self._outcomes.setdefault(f"check_{name}_first_ms", max(self.now - numbers[1], 0))
+        for check, is_stopped in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
+            if is_stopped and not self._stopped[check]:
+                self._note(check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.now)
+            self._stopped[check] = is_stopped
+        for check, (count, first_tick) in report.checks.items():
+            # Another version's robot may have other checks.
+            if check in _CHECKS:
+                self._note(check, count, max(self.now - (report.tick - first_tick), 0))
         counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
-        self._frame["trips"] = sum(counts)
+        frame["trips"] = sum(counts)
+
+    def _note(self, check: str, count: int, first_ms: int) -> None:
+        """A check has tripped so often, if it has not more often, and first at this time."""
+        key = f"check_{check}_count"
+        self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MOST_TRIPS))
+        self._outcomes.setdefault(f"check_{check}_first_ms", first_ms)
 
     def _lose(self) -> None:
         """Nothing is heard of the robot: it counts as stopped, and nobody is pulled toward it."""

@@ -32,6 +32,12 @@ class Increments(NamedTuple):
             tuple(table["grasp_mrad"] for table in tables),
         )
 
+    @staticmethod
+    def still(arms: int) -> Increments:
+        """The pedal is up, and nothing moves."""
+        level = ((0.0, 0.0, 0.0, 1.0),) * arms
+        return Increments(0, 0, ((0, 0, 0),) * arms, level, (0,) * arms)
+
     def message(self, arms: Sequence[str]) -> dict[str, Any]:
         """The command "increments" of `messages` for these arms."""
         each = zip(arms, self.delta_um, self.quat, self.grasp_mrad, strict=True)

@@ -1,9 +1,9 @@
 """The robot's joint state over TCP, and orders back: one server, several listeners, and nobody is
 waited for.
 
-To a listener: `joint_record.RECORD`s, one a millisecond, and text records that greet it and answer
-its orders. One that reads too slowly loses whole records, never parts of one. From a listener:
-orders, one JSON object a line,
+To a listener: one JSON object a line, which greet it, report (`joint_report`) once a millisecond
+and answer its orders. One that reads too slowly loses whole lines, never parts of one. From a
+listener: orders, one JSON object a line,
 
     {"order": "arm", "number": 3, "token": "..."}     other orders: disarm, estop, reset
 
@@ -22,12 +22,12 @@ import socket
 from typing import Any
 
 from ravenjax.errors import UserError
-from ravenjax.train.robot_link.joint_record import encode_text
+from ravenjax.train.robot_link.joint_report import encode_line
 
 JOINT_PORT = 36002
 """Beside the console's UDP port 36000; 36001 is that of raven2's packet generator."""
 MOST_CLIENTS = 8
-BUFFER_BYTES = 1 << 15
+BUFFER_BYTES = 1 << 17
 """For one listener, here and again in the kernel: a tenth of a second."""
 LONGEST_LINE = 1024
 _NOT_ALLOWED = "not from this machine: start the robot with a token and give the same one here"
@@ -57,10 +57,10 @@ class JointServer:
     def __init__(
         self, greeting: dict[str, Any], host: str, port: int = JOINT_PORT, token: str | None = None
     ) -> None:
-        """greeting: the first text record of each listener. port 0: any free one. UserError
+        """greeting: the first line to each listener. port 0: any free one. UserError
         where it cannot be had.
         """
-        self._greeting, self._token = encode_text(greeting), token
+        self._greeting, self._token = encode_line(greeting), token
         try:
             self._socket = socket.create_server((host, port), backlog=MOST_CLIENTS)
         except (OSError, OverflowError) as error:
@@ -82,22 +82,19 @@ class JointServer:
         self._accept()
         return [order for listener in list(self.listeners) for order in self._orders(listener)]
 
-    def publish(self, record: bytes) -> None:
-        """Send a record to every listener; one that has no room left loses it."""
+    def publish(self, line: bytes) -> None:
+        """Send a line to every listener; one that has no room left loses it."""
         for listener in list(self.listeners):
-            sent = self._push(listener, record)
+            sent = self._push(listener, line)
             self.counts["records" if sent else "records_dropped"] += 1
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
         """Tell who gave an order that it was carried out, or why not."""
         kind = order.content.get("order")
-        reply: dict[str, Any] = {
-            "answer": kind if isinstance(kind, str) else None,
-            "ok": error is None,
-        }
-        if error is not None:
-            reply["error"] = error
-        self._push(order.listener, encode_text(reply))
+        reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
+        self._push(
+            order.listener, encode_line(reply if error is None else reply | {"error": error})
+        )
 
     def close(self) -> None:
         """End all connections and give the port back."""
@@ -122,11 +119,11 @@ class JointServer:
         self.counts["listeners"] += 1
         self._push(listener, self._greeting)
 
-    def _push(self, listener: Listener, record: bytes) -> bool:
-        """Append a whole record where there is room, and send what the kernel takes."""
-        fits = len(listener.waiting) + len(record) <= BUFFER_BYTES
+    def _push(self, listener: Listener, line: bytes) -> bool:
+        """Append a whole line where there is room, and send what the kernel takes."""
+        fits = len(listener.waiting) + len(line) <= BUFFER_BYTES
         if fits:
-            listener.waiting += record
+            listener.waiting += line
         try:
             del listener.waiting[: listener.socket.send(listener.waiting)]
         except BlockingIOError:

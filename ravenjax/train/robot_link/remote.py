@@ -2,7 +2,7 @@
 waits.
 
 The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a program beside it that
-sends `joint_record.RECORD`s over TCP.
+sends its reports (`joint_report`) over TCP.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot import UDP_PORT, ArmName
-from ravenjax.train.robot_link.joint_record import Decoder, JointReport
+from ravenjax.train.robot_link.joint_report import JointReport, encode_line
 from ravenjax.train.robot_link.joint_server import JOINT_PORT
 
 PATIENCE_S = 10.0
@@ -70,12 +70,6 @@ class RobotLink(abc.ABC):
     def order(self, content: dict[str, Any]) -> None:
         """Send an order of `joint_server` to the robot."""
 
-    def answers(self) -> list[dict[str, Any]]:
-        """What the robot answered to orders since the last call: {"answer": order, "ok": ...,
-        "error": ...}.
-        """
-        return []
-
     @property
     def stale(self) -> bool:
         """Whether nothing has come for `STALE_MS`: what is shown of the robot is then old."""
@@ -106,15 +100,15 @@ class RemoteRobot(RobotLink):
         UserError where nobody is there, or the robot lacks an arm.
         """
         super().__init__(host, itp_port, clock)
-        self._token, self._decoder = token, Decoder()
-        self._answers: list[dict[str, Any]] = []
-        self._orders = bytearray()
+        self._token = token
+        self._heard, self._orders = bytearray(), bytearray()
         self._resets = 0  # that were not answered yet
         self._stream: socket.socket | None = None
         try:
             self._connect(host, joint_port)
             # The robot's first words: its arms, scenario, seed and hazards.
-            self.greeting = self._greeted(f"{host}:{joint_port}")
+            self.greeting: dict[str, Any] = {}
+            self._await_greeting(f"{host}:{joint_port}")
             there = self.greeting.get("arms", [])
             if missing := [arm for arm in arms if arm not in there]:
                 raise UserError(
@@ -134,12 +128,8 @@ class RemoteRobot(RobotLink):
             self._resets += 1
             self.report = None
         request = content if self._token is None else content | {"token": self._token}
-        self._orders += json.dumps(request, separators=(",", ":")).encode() + b"\n"
+        self._orders += encode_line(request)
         self._write_orders()
-
-    def answers(self) -> list[dict[str, Any]]:
-        answers, self._answers = self._answers, []
-        return answers
 
     def close(self) -> None:
         super().close()
@@ -162,18 +152,27 @@ class RemoteRobot(RobotLink):
         try:
             content = self._stream.recv(READ_BYTES)
             self.lost = not content
-            records = self._decoder.feed(content)
+            *lines, self._heard = (self._heard + content).split(b"\n")
+            for line in lines:
+                self._take(line)
         except BlockingIOError:
-            records = []
+            pass
         except (OSError, ValueError):
-            records, self.lost = [], True
-        for record in records:
-            if not isinstance(record, JointReport):
-                self._answers.append(record)
-                self._resets -= record.get("answer") == "reset"
-            elif not self._resets:
-                self._arrived(record)
+            self.lost = True
         self._write_orders()
+
+    def _take(self, line: bytearray) -> None:
+        """A line that is whole. ValueError where it is none of a robot's."""
+        if line.startswith(b'{"tick"'):
+            if not self._resets:
+                self._arrived(JointReport.model_validate_json(line))
+            return
+        content = json.loads(line)
+        if not isinstance(content, dict):
+            raise ValueError("no JSON object")
+        self._resets -= content.get("answer") == "reset"
+        if content.get("robot") == "ravenjax":
+            self.greeting = content
 
     def _write_orders(self) -> None:
         if self._orders and self._stream is not None and not self.lost:
@@ -184,19 +183,15 @@ class RemoteRobot(RobotLink):
             except OSError:
                 self.lost = True
 
-    def _greeted(self, address: str) -> dict[str, Any]:
-        """Wait for the robot's first words."""
+    def _await_greeting(self, address: str) -> None:
+        """Wait for the robot's first words. UserError where none come."""
         deadline = time.monotonic() + PATIENCE_S
-        while not self._answers and not self.lost and time.monotonic() < deadline:
+        while not self.greeting and not self.lost and time.monotonic() < deadline:
             self._read()
             time.sleep(0.005)
-        answers = self.answers()
-        for answer in answers:
-            if answer.get("robot") == "ravenjax":
-                return answer
-        silent = not (answers or self.lost)
-        heard = f"was silent for {PATIENCE_S:g} s" if silent else "said something else, or hung up"
-        raise UserError(
-            f"{address} takes connections but is no ravenjax robot, or a busy one (it {heard}):"
-            " start one there with `ravenjax robot`"
-        )
+        if not self.greeting:
+            heard = "hung up" if self.lost else f"said nothing of itself for {PATIENCE_S:g} s"
+            raise UserError(
+                f"{address} takes connections but is no ravenjax robot, or a busy one (it {heard}):"
+                " start one there with `ravenjax robot`"
+            )

@@ -3,36 +3,35 @@ goes out.
 
 What a console sends within one millisecond is added up, as the original's network thread does
 before the control loop looks; the robot gets it as one packet, numbered anew so that its own rules
-see a stream without gaps: the gate has applied them. The pedal of a console that was silent for
-`STALE_MS`, or that held it down while the robot was stopped or set back, counts as up until it was
-seen up. Beside the console of ITP there may be one of CRTK: while the pedal of the one is down
-nobody hears the other, and a pedal that was pressed meanwhile counts as up until it was seen up,
-too.
+see a stream without gaps: the gate has applied them. Beside the console of ITP there may be one of
+CRTK. Which one is heard, and whether its pedal counts, says `session.console_arbiter`; but here
+nobody has the seat while its pedal is up.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ravenjax.errors import UserError, shown
 from ravenjax.robots.raven2.stages.teleoperation import NO_PACKET_SEQUENCE
-from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.realtime.loop import Console
 from ravenjax.train.robot_link.increments import Increments, merge
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.joint_record import Reporter, encode_text
+from ravenjax.train.robot_link.joint_report import encode_report
 from ravenjax.train.robot_link.joint_server import JointServer
-from ravenjax.train.session import pedal
+from ravenjax.train.session.console_arbiter import ConsoleArbiter
+from ravenjax.train.session.pedal import NETWORK, PedalReasons
 from ravenjax.train.session.simulation import PacketRobot
 from ravenjax.vocabulary import checks
 
 ITP, CRTK = "itp", "crtk"
 """Consoles that a robot may have."""
 CHECKS_EVERY = 100
-"""Ticks between two reports of what the robot's own checks did, at least."""
+"""Ticks between two looks at what the robot's own checks did, at least."""
 
 
 class Station:
@@ -54,14 +53,10 @@ class Station:
         self.armed: int | None = None
         self.ticks = 0
         self._hazards, self._estop_row = hazards, estop_row
-        self._reporter = Reporter(FrameLayout.of(machine.arms))
         self._number = 0  # of the robot's newest packet
-        self._lifted: set[str] = set()  # consoles whose pedal was seen up since it had to be
-        self._advised: set[str] = set()  # consoles whose user was told to lift it
-        self._heard: dict[str, int] = {}  # tick of each console's last packet
-        self._driver: str | None = None  # whose pedal is down
-        self._news: list[str] = []
-        self._trips, self._reported = 0.0, 0  # of the checks at their last report, and its tick
+        self._arbiter, self._pedals = ConsoleArbiter(), PedalReasons()
+        self._checks: dict[str, tuple[int, int]] = {}  # as the joint reports have them
+        self._trips, self._looked = 0.0, 0  # of the checks at the last look, and its tick
         self._last_seq = NO_PACKET_SEQUENCE  # of the console's packet that the robot took last
 
     def tick(self) -> Frame:
@@ -82,9 +77,9 @@ class Station:
         took_it = frame.number("last_seq") == float(np.float32(self._number))
         if increments is not None and took_it and console == ITP:
             self._last_seq = increments.sequence
-        self.joints.publish(self._reporter.encode(frame, self.ticks, self._last_seq))
-        self._report_checks(frame)
-        drives = self._driver != CRTK
+        self._look(frame)
+        self.joints.publish(encode_report(frame, self.ticks, self._last_seq, self._checks))
+        drives = self._arbiter.owner != CRTK
         forces = {
             arm: frame[f"{arm}/force"].tolist() if drives else (0.0, 0.0, 0.0)
             for arm in self.machine.arms
@@ -100,79 +95,56 @@ class Station:
         """What a user should be told since the last call: of the console's packets, and of its
         pedal.
         """
-        news, self._news = self._news, []
-        return [*self.itp.gate.news(), *news]
+        return [*self.itp.gate.news(), *self._pedals.news()]
 
     def _choose(self) -> tuple[str, Increments | None]:
-        """Which console is heard in this tick, and what it asks for: whose pedal is down keeps
-        the other one out.
-        """
+        """Which console is heard in this tick, and what it asks for."""
         requests = {ITP: self.itp.receive()}
         if self.crtk is not None:
             requests[CRTK] = self._poll_crtk(self.crtk)
-        counted = {
-            name: self._with_counted_pedal(name, one)
-            for name, one in requests.items()
-            if one is not None
-        }
-        driver = self._driver
-        if driver is not None and self.ticks - self._heard[driver] > STALE_MS:
-            self._driver = None
-            if driver == CRTK:  # its process is gone: nobody holds the pedal
-                arms = len(self.machine.arms)
-                level = ((0.0, 0.0, 0.0, 1.0),) * arms
-                return CRTK, Increments(0, 0, ((0, 0, 0),) * arms, level, (0,) * arms)
-        elif driver is None:
-            self._driver = next((name for name, one in counted.items() if one.pedal), None)
-        name = self._driver or next(iter(counted), ITP)
-        for other, one in counted.items():
-            if other != name and one.pedal:
-                if other in self._lifted:
-                    self._news.append(f"{other}: {pedal.rival(name)}")
-                self._lifted.discard(other)
-        request = counted.get(name)
-        if request is not None and not request.pedal:
-            self._driver = None
-        return name, request
+        chosen: tuple[str, Increments | None] = ITP, None
+        if self._arbiter.vacate(self.ticks) == CRTK:
+            # Its process is gone: nobody holds the pedal.
+            chosen = CRTK, Increments.still(len(self.machine.arms))
+        for console, request in requests.items():
+            if request is None:
+                continue
+
+            def take(counted: Mapping[str, Any], request: Increments = request) -> bool:
+                nonlocal chosen
+                if chosen[1] is None or counted["pedal"]:
+                    chosen = counted["console"], request._replace(pedal=int(counted["pedal"]))
+                return True
+
+            self._arbiter.hear({"console": console, "pedal": bool(request.pedal)}, take, self.ticks)
+        self._arbiter.events()
+        self._pedals.look({name: self._arbiter.why_not(name, self.ticks) for name in NETWORK})
+        return chosen
 
     def _poll_crtk(self, console: Console) -> Increments | None:
         """What CRTK asks for: orders are obeyed at once."""
         requests: list[Increments] = []
         for command in console.poll():
             if command["type"] == "unheard":
-                self._news.append(f"{CRTK}: {command['why']}")
+                self._pedals.once(CRTK, command["why"])
             elif command["type"] == "operator":
                 self.obey({"order": {"estop": "estop", "restart": "reset"}[command["do"]]})
             else:
                 requests.append(Increments.of(command, self.machine.arms))
         return merge(requests)
 
-    def _with_counted_pedal(self, console: str, increments: Increments) -> Increments:
-        """As they count: without a pedal that was down all the time."""
-        if self.ticks - self._heard.get(console, 0) > STALE_MS:
-            self._lifted.discard(console)
-        self._heard[console] = self.ticks
-        if not increments.pedal:
-            self._lifted.add(console)
-            self._advised.discard(console)
-        elif console not in self._lifted and console not in self._advised:
-            self._advised.add(console)
-            self._news.append(f"{console}: {pedal.LIFT}")
-        return increments if console in self._lifted else increments._replace(pedal=0)
-
-    def _report_checks(self, frame: Frame) -> None:
-        """How often each check of the robot has tripped so far, and how long ago it first did."""
+    def _look(self, frame: Frame) -> None:
+        """How often each check of the robot has tripped so far, and when it first did."""
         trips = frame.number("trips")
-        if trips == self._trips or self.ticks - self._reported < CHECKS_EVERY:
+        if trips == self._trips or self.ticks - self._looked < CHECKS_EVERY:
             return
-        self._trips, self._reported = trips, self.ticks
-        outcomes, now = self.machine.outcomes(), int(frame.number("tick"))
-        report = {
-            name: [count, now - int(outcomes[f"check_{name}_first_ms"])]
+        self._trips, self._looked = trips, self.ticks
+        outcomes, began = self.machine.outcomes(), self.ticks - int(frame.number("tick"))
+        self._checks = {
+            name: (count, began + int(outcomes[f"check_{name}_first_ms"]))
             for name in checks.names(outcomes)
             if (count := int(outcomes[f"check_{name}_count"])) > 0
         }
-        self.joints.publish(encode_text({"checks": report}))
 
     def obey(self, content: dict[str, Any]) -> None:
         """Carry out an order of `joint_server`. UserError where it cannot be."""
@@ -190,11 +162,11 @@ class Station:
             self.armed = None
         elif kind == "estop":
             self.machine.press(self._estop_row)
-            self._lifted.clear()
+            self._arbiter.rearm("", self.ticks)
         elif kind == "reset":
             self.machine.reset()
             self.armed, self._number = None, 0
-            self._lifted.clear()
-            self._trips = 0.0
+            self._arbiter.rearm("restart", self.ticks)
+            self._trips, self._checks = 0.0, {}
         else:
             raise UserError(f"order is {shown(kind)}, expected one of arm, disarm, estop, reset")

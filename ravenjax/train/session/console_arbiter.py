@@ -124,6 +124,18 @@ class ConsoleArbiter:
         self._hand_to(NOBODY, "silent", tick)
         return True
 
+    def vacate(self, tick: int) -> str:
+        """Once a tick where pedals alone decide: nobody keeps the seat whose pedal is up, or whose
+        console was silent for `STALE_MS`; that one is returned. A pedal that was pressed meanwhile
+        must be seen up first.
+        """
+        is_silent = self.owner != NOBODY and tick - self._heard[self.owner] > STALE_MS
+        silent = self.owner if is_silent else ""
+        if is_silent or not self._down:
+            self._armed -= {console for console, is_down in self._foot.items() if is_down}
+            self.owner, self._down = NOBODY, False
+        return silent
+
     def rearm(self, why: str, tick: int) -> None:
         """Whatever pedal is down now no longer counts, until it was seen up."""
         if self._armed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import shutil
@@ -20,7 +21,6 @@ from ravenjax.train.debrief import course as debrief_course
 from ravenjax.train.debrief import figures as debrief_figures
 from ravenjax.train.debrief import page as debrief
 from ravenjax.train.debrief import words as debrief_words
-from ravenjax.train.judge.row import TOLD
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 
@@ -276,7 +276,7 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
         {"tick": 1500, "kind": "hazard_armed", "number": 0},
         {"tick": 2000, "kind": "hazard_struck", "number": 0},
         {"tick": 3400, "kind": "hazard_over", "number": 0, "outcome": MET.outcome},
-        {"tick": 3400, "kind": "hazard_row", "row": [getattr(MET, name) for name in TOLD]},
+        {"tick": 3400, "kind": "hazard_row", "row": dataclasses.asdict(MET)},
         {"tick": 3900, "kind": "hazard_armed", "number": 0},
         {"tick": 3950, "kind": "hazard_struck", "number": 0},
     ]

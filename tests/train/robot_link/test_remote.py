@@ -23,7 +23,7 @@ from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot_link import process as robot_process
 from ravenjax.train.robot_link import remote
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.joint_record import Reporter
+from ravenjax.train.robot_link.joint_report import encode_report
 from ravenjax.train.robot_link.joint_server import JointServer
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.session.advance import Session
@@ -49,7 +49,7 @@ class StandIn:
         self.joints = JointServer(
             greeting or {"robot": "ravenjax", "arms": ["gold"]}, "127.0.0.1", 0, token
         )
-        self.reporter, self.frame = Reporter(FrameLayout.of(GOLD)), Frame(FrameLayout.of(GOLD))
+        self.frame = Frame(FrameLayout.of(GOLD))
         self.orders, self.tick = [], 0
         self._over = threading.Event()
         self._lock = threading.Lock()
@@ -70,7 +70,7 @@ class StandIn:
     def publish(self):
         self.tick += 1
         with self._lock:
-            self.joints.publish(self.reporter.encode(self.frame, self.tick, 0))
+            self.joints.publish(encode_report(self.frame, self.tick, 0, {}))
 
     def close(self):
         self._over.set()
@@ -110,26 +110,16 @@ def test_packets_go_out_and_the_newest_report_comes_in_and_grows_old(robot, sess
     assert session.stale
 
 
-def test_orders_are_answered(robot, session):
-    session.order({"order": "arm", "number": 1})
-    answers = []
-    until(lambda: answers, lambda: (session.exchange(b""), answers.extend(session.answers())))
-    assert robot.orders == [{"order": "arm", "number": 1}]
-    assert answers == [{"answer": "arm", "ok": True}]
-    assert session.answers() == []
-
-
 def test_after_a_reset_only_reports_of_the_reset_robot_count(robot, session):
     robot.publish()
     until(lambda: session.report is not None, lambda: session.exchange(b""))
     with robot._lock:  # the order waits while two more of the old reports come
         session.order({"order": "reset"})
         for tick in (2, 3):
-            robot.joints.publish(robot.reporter.encode(robot.frame, tick, 0))
+            robot.joints.publish(encode_report(robot.frame, tick, 0, {}))
         assert session.report is None
-    seen = []
-    until(lambda: session.answers(), lambda: seen.append(session.exchange(b"")))
-    assert seen == [None] * len(seen)
+    until(lambda: robot.orders, lambda: session.exchange(b""))
+    assert session.report is None
     robot.tick = 3
     robot.publish()
     until(lambda: session.report is not None, lambda: session.exchange(b""))

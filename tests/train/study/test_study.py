@@ -21,7 +21,6 @@ from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.comparison import independent
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.judge.row import TOLD
 from ravenjax.train.protocol.frame import FrameLayout
 from ravenjax.train.study import assignment, comparison, report
 from ravenjax.train.study import table as study_table
@@ -181,7 +180,7 @@ def killed(base, participant, group):
         [
             {"tick": 900, "kind": "hazard_armed", "number": 0},
             {"tick": 1000, "kind": "hazard_struck", "number": 0},
-            {"tick": 2500, "kind": "hazard_row", "row": [getattr(answered, name) for name in TOLD]},
+            {"tick": 2500, "kind": "hazard_row", "row": dataclasses.asdict(answered)},
             {"tick": 6000, "kind": "hazard_armed", "number": 1},
             {"tick": 6100, "kind": "hazard_struck", "number": 1},
         ],

@@ -28,7 +28,7 @@ from ravenjax.train.robot import (
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import Transport
 from ravenjax.train.robot_link.crtk.interpreter import RAVEN_STATE_PLACES
-from ravenjax.train.robot_link.joint_record import RECORD, JointReport, flags_of
+from ravenjax.train.robot_link.joint_report import ArmReport, JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 
 _COMMANDS = {"estop": "disable", "reset": "home"}
@@ -54,8 +54,10 @@ class RosRobot(RobotLink):
         super().__init__(host, itp_port, clock)
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
-        self._record = np.zeros(1, RECORD)
-        self._record["flags"] = flags_of(arms)
+        zeros = dict.fromkeys(("jpos", "jpos_d", "mpos", "mvel", "dac"), [0.0] * 7)
+        self._joints: dict[ArmName, ArmReport] = {
+            arm: ArmReport(position=[0.0] * 3, **zeros) for arm in arms
+        }
         self._motor_rates = {  # of joint rates, [7, 7]: the cables couple them
             arm: np.array([motors_of_joints(arm, tool, row) for row in np.eye(7)]).T
             for arm, tool in zip(arms, tools, strict=True)
@@ -95,21 +97,24 @@ class RosRobot(RobotLink):
                 self._take(name, message)
 
     def _take_raven_state(self, message: Any) -> None:
-        for arm in self._arms.values():
-            slot, there = ARMS.index(arm), self._record[0]["arms"][ARMS.index(arm)]
+        for arm, joints in self._joints.items():
+            slot = ARMS.index(arm)
             places = 8 * slot + RAVEN_STATE_PLACES
             for name in ("jpos", "jpos_d", "mpos", "mvel"):
-                there[name] = np.radians(np.asarray(getattr(message, name))[places])
-            there["position_um"] = np.asarray(message.pos)[3 * slot : 3 * slot + 3]
+                setattr(
+                    joints, name, np.radians(np.asarray(getattr(message, name))[places]).tolist()
+                )
+            position_um = np.asarray(message.pos)[3 * slot : 3 * slot + 3]
+            joints.position = (1e-6 * position_um).tolist()
             # Versions of the message name the counts differently, or lack them.
             counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
-            there["dac"] = np.asarray(counts)[places]
+            joints.dac = np.asarray(counts)[places].tolist()
         self._complete(message.hdr, int(message.runlevel), int(message.last_seq))
 
     def _take(self, name: str, message: Any) -> None:
         alias, _, word = name.partition("/")
         arm = self._arms[alias]
-        there = self._record[0]["arms"][ARMS.index(arm)]
+        joints = self._joints[arm]
         if word == "operating_state":
             self._levels[arm] = _runlevel(message)
         else:
@@ -117,12 +122,12 @@ class RosRobot(RobotLink):
             if jpos is None:
                 return
             if word == "setpoint_js":
-                there["jpos_d"] = jpos
+                joints.jpos_d = jpos.tolist()
             else:
                 rates, jvel = self._motor_rates[arm], messages.numbers_of(message.velocity, 7)
-                there["jpos"], there["mpos"] = jpos, rates @ jpos
-                there["mvel"] = 0.0 if jvel is None else rates @ jvel
-                there["position_um"] = np.rint(tip_pose(arm, jpos)[0] * 1e6)
+                joints.jpos, joints.mpos = jpos.tolist(), (rates @ jpos).tolist()
+                joints.mvel = [0.0] * 7 if jvel is None else (rates @ jvel).tolist()
+                joints.position = tip_pose(arm, jpos)[0].tolist()
         was_missing = name in self._missing
         self._missing.discard(name)
         is_last = word == "measured_js" and alias == list(self._arms)[-1]
@@ -133,11 +138,14 @@ class RosRobot(RobotLink):
         """The record is whole."""
         stamp_ns = messages.stamp_ns(header)
         self._began_ns = self._began_ns or stamp_ns
-        record = self._record[0]
-        record["tick"] = max(stamp_ns - self._began_ns, 0) // 10**6 % 2**32
-        record["runlevel"], record["surgeon_mode"] = runlevel & 3, runlevel == PEDAL_DOWN
-        record["last_seq"] = last_seq % 2**32
-        self._arrived(JointReport(self._record.copy()[0]))
+        report = JointReport.model_construct(
+            tick=max(stamp_ns - self._began_ns, 0) // 10**6,
+            last_seq=last_seq,
+            runlevel=runlevel & 3,
+            surgeon_mode=int(runlevel == PEDAL_DOWN),
+            arms={arm: joints.model_copy() for arm, joints in self._joints.items()},
+        )
+        self._arrived(report)
 
 
 def _runlevel(message: Any) -> int:

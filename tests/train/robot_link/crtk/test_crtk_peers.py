@@ -25,7 +25,6 @@ import pytest
 import waiting
 
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.robot_link.joint_record import Decoder, JointReport
 
 HERE = Path(__file__).parent
 ROSPY = Path("/usr/lib/python3/dist-packages/rospy")
@@ -226,15 +225,14 @@ def test_silence_lifts_the_pedal_and_takes_the_force(answers):
 @contextlib.contextmanager
 def reports(robot):
     """A list that the robot's run levels are added to, tick by tick."""
-    levels, decoder = [], Decoder()
+    levels = []
     stream = socket.create_connection(("127.0.0.1", robot.joint_port))
 
     def listen():
         with contextlib.suppress(OSError):
-            while content := stream.recv(1 << 16):
-                levels.extend(
-                    one.runlevel for one in decoder.feed(content) if isinstance(one, JointReport)
-                )
+            for line in stream.makefile("rb"):
+                report = json.loads(line)
+                levels.extend([report["runlevel"]] if "runlevel" in report else [])
 
     listener = threading.Thread(target=listen, daemon=True)
     listener.start()
