@@ -30,11 +30,13 @@ from scipy.signal import butter, filtfilt
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import authors, robot
-from studies.dsn16 import recording
-from studies.dsn16.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+from ravenjax.robots.raven2.plant import robot
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from studies.dsn16 import recording
+from studies.dsn16.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
+from validation import authors
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:

@@ -110,16 +110,9 @@ def test_peers_step_the_arm():
     assert np.abs(np.asarray(there.qvel) - data.qvel).max() < 1e-4 * np.abs(data.qvel).max()
 
 
-@pytest.mark.parametrize(
-    ("measure", "steps"),
-    [
-        (lambda: peers.measure_rollout(0.1, robots=4, steps=5), 20),
-        (lambda: peers.measure_published_model(0.01, 50), 50),
-    ],
-)
-def test_steps_of_peers_are_counted(measure, steps):
-    (row,) = measure()
-    assert row["steps_per_s"] * min(row["seconds"]) == pytest.approx(steps)
+def test_steps_of_peers_are_counted():
+    (row,) = peers.measure_rollout(0.1, robots=4, steps=5)
+    assert row["steps_per_s"] * min(row["seconds"]) == pytest.approx(20)
     assert row["us_per_step"] * row["steps_per_s"] == pytest.approx(1e6)
 
 

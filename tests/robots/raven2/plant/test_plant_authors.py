@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.plant import authors
+from validation import authors
 
 CONFIGURATIONS = (  # q, qd; M11, M12, M13, M22; G; bias (spec 6.5)
     (
