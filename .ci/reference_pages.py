@@ -1,4 +1,4 @@
-"""Writes the generated pages of the documentation: campaigns/REFERENCE.md and docs/reference.
+"""Writes the generated pages: campaigns/REFERENCE.md, docs/reference and docs/llms.txt.
 
     python .ci/reference_pages.py
 
@@ -319,8 +319,49 @@ def _parameter_rows(robot: Robot) -> Iterator[tuple[str, ...]]:
 
 def files() -> dict[Path, str]:
     """The text of every generated page by its path."""
-    reference = {CHECKOUT / "campaigns/REFERENCE.md": campaign_reference(ROBOT)}
+    reference = {
+        CHECKOUT / "campaigns/REFERENCE.md": campaign_reference(ROBOT),
+        CHECKOUT / "docs/llms.txt": "\n\n".join(_overview()) + "\n",
+    }
     return reference | {CHECKOUT / "docs/reference" / name: text for name, text in pages().items()}
+
+
+def _overview() -> Iterator[str]:
+    """The site for programs that read it, after https://llmstxt.org."""
+    import ravenjax
+
+    navigation = (CHECKOUT / ".mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
+    commands = re.findall(
+        r"^## (ravenjax [\w -]+)\n\n```console\n.*?```\n\n(.*?)(?=^## |\Z)",
+        "\n\n".join(_commands()),
+        re.M | re.S,
+    )
+    yield "# ravenjax"
+    yield "> Fault injection for a virtual Raven-II surgical robot, on CPUs and GPUs."
+    yield "## Pages"
+    yield "\n".join(
+        f"- [{title}]({page})"
+        for title, page in re.findall(
+            r'^ +- "?([^"\n]+)"?: (\S+\.(?:md|ipynb))$', navigation, re.MULTILINE
+        )
+    )
+    yield "## Commands"
+    yield "\n".join(
+        f"- `{name}`{' (`--json`)' if '--json' in text else ''}: {_first_sentence(text)}"
+        for name, text in commands
+    )
+    yield "## JSON Schemas of the files that people write"
+    yield "\n".join(f"- `ravenjax schema {kind}`" for kind in ("campaign", "search", "scenario"))
+    yield "## Python API: `import ravenjax as rj`"
+    yield "\n".join(
+        f"- `rj.{name}`: {_first_sentence(inspect.getdoc(getattr(ravenjax, name)) or '')}"
+        for name in ravenjax.__all__
+    )
+
+
+def _first_sentence(text: str) -> str:
+    """Up to the first full stop, on one line."""
+    return " ".join(re.split(r"(?<=\.)\s|\n\n", text.strip(), maxsplit=1)[0].split())
 
 
 def pages() -> dict[str, str]:

@@ -192,16 +192,10 @@ def test_every_key_of_a_campaign_has_a_meaning():
                 assert field.description, (*path, name)
 
 
-def test_rooms_of_a_walk_exist_and_are_counted():
-    text = TEXTS["explanation/walk.md"]
-    working, passing = (
-        re.findall(r"^\| `([\w.]+)` \|.*\| (\d+) \|$", part, re.M)
-        for part in text.split("\n## ")[1:3]
-    )
-    rooms = working + passing
-    assert all(importlib.util.find_spec(f"ravenjax.{room}") for room, _ in rooms)
-    total = sum(int(visits) for _, visits in rooms)
-    assert f"| now | {len(rooms)} | {len(working)} | {total} |" in text
+def test_modules_of_the_way_of_a_fault_exist():
+    modules = re.findall(r"^\| `([\w.]+)` \|", TEXTS["explanation/walk.md"], re.M)
+    assert len(modules) > 20
+    assert all(importlib.util.find_spec(f"ravenjax.{module}") for module in modules)
 
 
 def test_every_page_is_in_the_navigation():
