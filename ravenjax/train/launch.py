@@ -498,7 +498,8 @@ def _conclude(
     options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say
 ) -> FinishedSession:
     """Table, summary and debrief once the recording is whole."""
-    from ravenjax.train.debrief import page as debrief  # plotly: a second, after the session
+    # jinja and scipy take a while to import.
+    from ravenjax.train.debrief import page as debrief
 
     rows = session.judge.rows(
         session=options.folder.name,
