@@ -77,18 +77,6 @@ def session(
     ]
 
 
-def loop(course: Course) -> Chart:
-    """How long a tick took and how late it began: the worst of each stretch, us."""
-    time = course.ms / 1000
-    curves = [
-        _curve(name, colour, time, np.maximum(course.channel(f"{name}_us"), 1.0))
-        for name, colour in (("compute", palette.RESPONSE), ("lateness", palette.CUE))
-    ]
-    top = max(10.0, *(float(curve.y.max()) for curve in curves))
-    axis = ChartAxis("s into the session", 0.0, float(time[-1]), unit="s")
-    return Chart("Loop", axis, ChartAxis("us", 1.0, top, log=True), tuple(curves), SMALL_HEIGHT)
-
-
 def learning(attempts: Sequence[Mapping[str, Any]]) -> list[Chart]:
     """The numbers of one person's sessions; none for less than two sessions."""
     if len(attempts) < 2:
@@ -132,17 +120,15 @@ def _charts(
     def curve(name: str, colour: str, values: np.ndarray, **style: bool) -> Curve:
         return _curve(name, colour, time[inside], values[inside], **style)
 
-    distances = [curve("unintended motion", "series3", course.worst("unintended_mm", arms))]
-    for name, channel, colour in (
-        ("loss of motion", "loss_mm", "series5"),
-        ("false report", "false_report_mm", "series6"),
-    ):
-        values = course.worst(channel, arms)
-        if (values[inside] > limits.get("limit of hazards", 0.0)).any():
-            distances.append(curve(name, colour, values))
-    distances += [
-        curve("reported off golden run", "series4", course.worst("known_mm", arms), dashed=True),
-        curve("reported off model", "series0", course.worst("error_mm", arms)),
+    distances = [
+        curve(name, colour, course.worst(channel, arms), dashed=dashed)
+        for name, colour, channel, dashed in (
+            ("unintended motion", "series3", "unintended_mm", False),
+            ("loss of motion", "series5", "loss_mm", False),
+            ("false report", "series6", "false_report_mm", False),
+            ("reported off golden run", "series4", "known_mm", True),
+            ("reported off model", "series0", "error_mm", False),
+        )
     ]
     ends = np.array([axis.low, axis.high])
     lines = [

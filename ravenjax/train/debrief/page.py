@@ -73,13 +73,12 @@ def _render(
         "limit of hazards": harm.get("excursion_mm"),
     }
     limits = {name: mm for name, mm in named_limits.items() if mm is not None}
-    charts: dict[str, Any] = {"hazards": [[] for _ in hazards], "session": [], "loop": None}
+    charts: dict[str, Any] = {"hazards": [[] for _ in hazards], "session": []}
     shown, contact = None, {}
     if course is not None:
         charts = {
             "hazards": [figures.hazard(course, row, limits, blinded) for row in hazards],
             "session": figures.session(course, hazards, limits, blinded),
-            "loop": figures.loop(course),
         }
         shown = replay.data(course, header, hazards)
         if header.get("contact_units_per_n") is not None:

@@ -9,13 +9,12 @@ with itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ravenjax.stats import multiplicity
-from ravenjax.stats.bootstrap.resample import BootstrapBand
 from ravenjax.stats.comparison import clustered, effect_size
 from ravenjax.stats.intervals import Estimate
 from ravenjax.train.judge.row import HazardRow
@@ -72,7 +71,8 @@ class ComparedGroup(NamedTuple):
     @property
     def median(self) -> float:
         """Of the hazards; infinite where half had no response."""
-        return _median(self.values) if len(self.values) else math.nan
+        ordered = np.sort(self.values)
+        return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else math.nan
 
 
 class GroupComparison(NamedTuple):
@@ -84,8 +84,6 @@ class GroupComparison(NamedTuple):
     paired: bool
     # Of rates, in points of percent, or of participants' means.
     difference: Estimate
-    # Difference of medians, participants resampled; None of rates.
-    median: BootstrapBand | None
     # Standardised difference of participants' means.
     g: Estimate
     # By exchanging conditions between, or within, participants; NaN: there is nothing to test.
@@ -145,13 +143,9 @@ def _compare(
         risk = clustered.paired_risk_difference if is_paired else clustered.risk_difference
         share = risk([hits / 100.0 for hits in two], [hits / 100.0 for hits in one], confidence)
         difference = Estimate(100.0 * share.value, 100.0 * share.low, 100.0 * share.high)
-        median = None
     else:
         difference = clustered.mean_difference(
             limited_two, limited_one, confidence, is_paired=is_paired
-        )
-        median = clustered.bootstrap_difference(
-            two, one, _median, confidence, is_paired=is_paired, seed=seed
         )
     means = clustered.means(limited_one), clustered.means(limited_two)
     g, p = _NONE, math.nan
@@ -169,7 +163,6 @@ def _compare(
         ComparedGroup(second, means[1], np.concatenate([*two, np.zeros(0)])),
         paired=is_paired,
         difference=difference,
-        median=median,
         g=g,
         p=p,
         left_out=len(everyone - set(members[0]) - set(members[1])),
@@ -188,8 +181,3 @@ def _values_by_person(
         if value is not None:
             values.setdefault(session.person, []).append(math.inf if value > horizon else value)
     return {name: np.array(numbers) for name, numbers in values.items()}
-
-
-def _median(values: Sequence[float] | np.ndarray) -> float:
-    """The least value that half of the values do not exceed; infinite where half never came."""
-    return float(np.sort(values)[(len(values) - 1) // 2])

@@ -148,9 +148,8 @@ def describe_plan(plan: StudyPlan) -> str:
     verdict = "no result can be clear, however large the effect"
     if plan.possible:
         verdict = "a clear result is possible"
-    why = f", as {DRAWS:,} exchanges are drawn" if plan.smallest_p <= 2.0 / (DRAWS + 1) else ""
     lines = [
-        f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g}{why};"
+        f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g};"
         f" after Holm over {plan.comparisons} comparisons {plan.adjusted:.3g}: {verdict}.",
         f"The least for a clear result: {plan.needed} participants.",
     ]

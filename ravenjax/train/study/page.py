@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.document.chart import Chart, ChartAxis, Dots
+from ravenjax.stats.intervals import Estimate
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.study import design, sessions
@@ -24,8 +25,6 @@ _HIDDEN = ("group", "cue", "cue_ms", "session")
 """Columns that would tell a blinded reader who had the cue; a session's folder may be named
 after it.
 """
-_FEW = 20
-"""Participants below which a bootstrap is too narrow."""
 _HEIGHT = 110
 
 
@@ -122,10 +121,8 @@ def _describe(comparison: GroupComparison) -> dict[str, str]:
         text = f"{value:{sign}.{digits}f}" if math.isfinite(value) else "–"
         return (text.lstrip("+-") if float(value) == 0 else text).replace("-", "−")
 
-    def estimate(value: tuple[float, ...] | None, digits: int = outcome.digits) -> str:
-        if value is None:
-            return ""
-        middle, low, high = (number(part, sign="+", digits=digits) for part in value[:3])
+    def estimate(value: Estimate, digits: int = outcome.digits) -> str:
+        middle, low, high = (number(part, sign="+", digits=digits) for part in value)
         return middle if "–" in (middle, low, high) else f"{middle} ({low} to {high})"
 
     def level(group: ComparedGroup) -> str:
@@ -150,7 +147,6 @@ def _describe(comparison: GroupComparison) -> dict[str, str]:
         "first": level(first),
         "second": level(second),
         "difference": f"{estimate(comparison.difference)} {outcome.unit}",
-        "median": estimate(comparison.median),
         "g": estimate(comparison.g, 2),
         "p": p_value(comparison.p),
         "adjusted": p_value(comparison.adjusted),
@@ -184,11 +180,6 @@ def _caveats(study: TrainingStudy, comparisons: Sequence[GroupComparison]) -> li
     for comparison in comparisons:
         paired, first, second = comparison.paired, comparison.first, comparison.second
         people = len(first.means) + (0 if paired else len(second.means))
-        if people < _FEW:
-            caveats.append(
-                f"{people} participants: intervals of medians, which resample participants, are too"
-                f" narrow with fewer than some {_FEW}; the others allow for it."
-            )
         if comparison.left_out:
             did = "did only one condition" if paired else "did both conditions, unlike the others,"
             caveats.append(

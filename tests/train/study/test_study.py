@@ -191,15 +191,6 @@ def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
     assert "2 of 2 comparisons are clear" in text
 
 
-def test_too_few_are_told_that_nothing_can_be_shown(tmp_path):
-    made(tmp_path, both=True, people=PEOPLE[:5])
-    text = page.run([tmp_path], tmp_path / "out").text
-    assert (
-        "So few participants cannot show anything: the smallest p that they can reach is 0.062"
-        in text
-    )
-
-
 # --- comparison ---
 
 
@@ -217,7 +208,6 @@ def test_groups_of_different_participants_are_compared(result):
     assert right.difference.value == pytest.approx(100 / 3)
     # A miss counts as 2 s.
     assert time.difference.value == pytest.approx(-300 * 2 / 3 - (2000 - 600) / 3, abs=60)
-    assert time.median.value == pytest.approx(-300, abs=80)
     assert time.second.median < time.first.median
     assert off.difference.low < off.difference.value < off.difference.high < 0 and depth.clear
     assert time.g.value < -1
@@ -259,7 +249,7 @@ def test_one_hazard_a_participant_is_the_usual_risk_difference(tmp_path):
     right, time = comparison.compare(study_sessions.collect([tmp_path]))[:2]
     expected = independent.rate_difference(7, 8, 3, 8)
     assert right.difference == pytest.approx([100 * bound for bound in expected])
-    assert math.isinf(time.first.median) and time.median.undefined > 0
+    assert math.isinf(time.first.median)
 
 
 def test_to_carry_on_has_no_time(tmp_path):
@@ -276,7 +266,7 @@ def test_to_carry_on_has_no_time(tmp_path):
 @pytest.mark.slow
 def test_without_an_effect_little_is_called_clear(tmp_path):
     clear = 0
-    runs = 40
+    runs = 60
     for seed in range(runs):
         random = np.random.default_rng(seed)
         sessions = []

@@ -88,13 +88,6 @@ def test_what_is_needed_is_the_least_that_can_be_clear(paired, outcomes):
     assert not design.plan(needed - 1, paired=paired, outcomes=outcomes).possible
 
 
-def test_a_floor_of_the_draws_is_told_as_theirs():
-    assert "0.0002, as 9,999 exchanges are drawn; after Holm" in design.describe_plan(
-        design.plan(24, paired=False)
-    )
-    assert "drawn" not in design.describe_plan(design.plan(6))
-
-
 def test_an_effect_needs_more_and_a_smaller_one_more_still():
     large, small = (design.plan(6, effect=effect).for_effect for effect in (1.0, 0.5))
     assert design.plan(6).needed == 8 < large < small
