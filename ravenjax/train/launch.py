@@ -443,7 +443,6 @@ def _open_page(
         frames=rings[0].name,
         events=rings[1].name,
         commands=rings[2].name,
-        port_taken=None,  # the connection to the process
         arms=session.arms,
         header=header,
         folder=str(options.folder.absolute()),

@@ -8,8 +8,8 @@ import viser
 
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
 from ravenjax.train.page.hub import Client
+from ravenjax.train.page.scene import LAYERS
 from ravenjax.train.page.server import window
-from ravenjax.train.page.world import LAYERS
 
 FIRST = "endoscope"
 FAR = "theatre"
@@ -51,11 +51,12 @@ class Windows:
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            clients = self._clients.items()
-            for name in [name for name, one in clients if one.client_id == client.client_id]:
-                del self._clients[name]
-                for key in [key for key in self._layers if key[0] == name]:
-                    del self._layers[key]
+            for name, known in list(self._clients.items()):
+                if known.client_id == client.client_id:
+                    del self._clients[name]
+                    self._layers = {
+                        key: node for key, node in self._layers.items() if key[0] != name
+                    }
 
     def obey(self, client: Client, message: dict[str, Any]) -> None:
         """A window's wish: {"do": "camera", "name"} or {"do": "layer", "name", "on"}; others are

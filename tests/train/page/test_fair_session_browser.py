@@ -256,44 +256,6 @@ def test_time_waits_for_the_first_pedal_and_is_shown(browser, begin):
     assert began > 4000 and events(session, "end")[0]["tick"] == began + 2999
 
 
-def test_the_trainees_address_makes_no_instructor(browser, begin):
-    session = begin(seconds=60, options=("--token", "trainees"))
-    with (
-        visit(browser, session.operator) as page,
-        visit(browser, session.operator.replace("role=operator", "role=instructor")) as climber,
-        visit(browser, session.instructor) as instructor,
-        visit(browser, session.instructor) as second,
-    ):
-        assert "instructor_token" not in page.url and "instructor_token" not in instructor.url
-        until(climber, "document.getElementById('banner').innerText.includes('Not an instructor')")
-        assert climber.locator("#hazards li").count() == 0 and not climber.is_visible(
-            "#hazard-card"
-        )
-        assert climber.evaluate("window.ravenjax.state().role") == "watcher"
-        assert instructor.locator("#hazards li").count() == 1
-        until(
-            second,
-            "document.getElementById('banner').innerText.includes('Another instructor is at work')",
-        )
-        second.click("#banner button")
-        until(second, "window.ravenjax.state().role === 'instructor'")
-        instructor.reload()
-        until(instructor, "window.ravenjax.state && window.ravenjax.state().frames > 3")
-        assert instructor.evaluate("window.ravenjax.token").strip()  # this tab's own, from before
-
-
-def test_an_open_page_does_not_fight_a_script(browser, begin):
-    session = begin(seconds=6, options=("--script", "none"))
-    with visit(browser, session.operator) as page:
-        until(page, "document.getElementById('banner').innerText.includes('A script drives')")
-        page.keyboard.down("Space")
-        page.keyboard.up("Space")
-        assert session.ended() == 0
-    began = events(session, "started")[0]["tick"]
-    assert reader.read(session.folder)["pedal"][began:-250].min() == 1
-    assert {one["console"] for one in events(session, "owner")} == {"script"}
-
-
 def test_a_session_is_never_overwritten(begin):
     folders = []
     for _ in range(2):

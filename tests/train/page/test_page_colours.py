@@ -11,7 +11,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from ravenjax.train.page import colours
+from ravenjax.train.page import marks
 
 NAMES = ("gold", "green", "model", "goal", "done")
 LEAST = 20  # of CIELAB; what just differs is 2.3
@@ -57,7 +57,7 @@ def _rgb(text: str) -> tuple[int, ...]:
 
 
 def _scene(name: str) -> tuple[int, ...]:
-    return getattr(colours, name.upper())
+    return getattr(marks, name.upper())
 
 
 @pytest.mark.parametrize("cones", SEEN)
