@@ -59,27 +59,14 @@ HEADER = {
     "task": {
         "kind": "reach",
         "targets": [
-            {
-                "number": 0,
-                "arm": "gold",
-                "at": [-0.03, -0.02, 0.19],
-                "radius_m": 0.003,
-                "colour": "#d9a441",
-            },
-            {
-                "number": 1,
-                "arm": "green",
-                "at": [0.01, 0.02, 0.195],
-                "radius_m": 0.003,
-                "colour": "#4fae6a",
-            },
-            {
-                "number": 2,
-                "arm": "gold",
-                "at": [-0.01, -0.01, 0.19],
-                "radius_m": 0.003,
-                "colour": "#d9a441",
-            },
+            {"number": k, "arm": arm, "at": at, "radius_m": 0.003, "colour": "#d9a441"}
+            for k, (arm, at) in enumerate(
+                [
+                    ("gold", [-0.03, -0.02, 0.19]),
+                    ("green", [0.01, 0.02, 0.195]),
+                    ("gold", [-0.01, -0.01, 0.19]),
+                ]
+            )
         ],
     },
 }

@@ -125,59 +125,6 @@ def test_an_alarm_says_what_and_what_to_do_and_every_check_has_words(browser, se
         assert page.get_attribute("#alarm-words", "role") == "alert"
 
 
-def test_a_level_says_what_it_asks_and_how_the_round_went(browser, fresh):
-    asks = {"level": 2, "of": 3, "title": "Be exact", "within_s": 16, "needs": 2}
-    line = "Level 2 of 3 · Be exact · a round within 16 s"
-    with Visit(browser, fresh, "role=operator&scene=off", 390) as page:
-        assert not page.is_visible("#level-words")
-        fresh.event("level", **asks, in_a_row=0, took_ms=18_240, within=False)
-        until(page, f"document.querySelector('#level-words').textContent.startsWith('{line}')")
-        assert (
-            page.inner_text("#level-words")
-            == f"{line} · last round 18.2 s, too slow · 0 of 2 in a row"
-        )
-        assert (
-            page.is_visible("#level-words")
-            and page.get_attribute("#level-words", "role") == "status"
-        )
-
-
-def test_on_a_phone_the_words_of_an_alarm_leave_the_restart_to_the_finger(browser, fresh):
-    with Visit(browser, fresh, "role=operator&scene=off", 390) as page:
-        click(page, "#estop")
-        until(page, SHOWN.format("#banner"))
-        fresh.event("alarm", check="overdrive_instant", count=1)
-        until(page, SHOWN.format("#alarm-words"))
-        restart, words = (
-            page.locator(name).bounding_box() for name in ("#banner button", "#alarm-words")
-        )
-        assert restart is not None and words is not None and not _overlap(restart, words)
-
-
-def test_on_a_phone_what_to_do_stands_below_the_picture(browser, fresh):
-    with Visit(browser, fresh, "role=operator&scene=off", 390) as page:
-        page.set_viewport_size({"width": 390, "height": 844})
-        until(page, SHOWN.format("#coach"))
-        page.wait_for_timeout(100)
-        picture, words = (page.locator(name).bounding_box() for name in ("#scope", "#coach"))
-        assert (
-            picture is not None
-            and words is not None
-            and not _overlap(picture, words)
-            and picture["height"] > 200
-        )
-        page.set_viewport_size({"width": 390, "height": 560})
-        page.wait_for_timeout(100)
-        low = page.locator("#scope").bounding_box()
-        assert low is not None and low["height"] >= 200, "of a low screen enough is left"
-        page.set_viewport_size({"width": 390, "height": 844})
-        click(page, "#coach .close")
-        until(page, f"!({SHOWN.format('#coach')})")
-        page.wait_for_timeout(100)
-        alone = page.locator("#scope").bounding_box()
-        assert alone is not None and alone["height"] > picture["height"] + words["height"]
-
-
 @pytest.mark.parametrize(
     ("query", "field"), [(AS_INSTRUCTOR, "#note"), ("role=operator", "#volume")]
 )

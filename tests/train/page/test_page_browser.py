@@ -344,15 +344,6 @@ def test_virtual_robot_pause_and_stop(browser, session):
         assert any(one.get("do") == "estop" for one in session.commands[at:])
 
 
-def test_a_check_is_listed_once_with_its_count(browser, session):
-    with Visit(browser, session, "role=operator&scene=off") as page:
-        session.event("alarm", check="joint_limit", count=1)
-        session.event("alarm_count", check="joint_limit", count=13308)
-        until(page, "document.getElementById('alarms').innerText.includes('×13308')")
-        items = page.locator("#alarms li").all_inner_texts()
-        assert sum("joint limit" in item for item in items) == 1
-
-
 def test_the_debrief_appears_after_the_end(browser, session):
     with (
         Visit(browser, session, "role=operator&scene=off") as operator,
