@@ -82,7 +82,7 @@ _COMMANDS = {
     "instructor cue": ("instructor", "on", ""),
     "instructor next": ("instructor", "", "participant scenario seed"),
     "page camera": (_EVERYBODY, "name", ""),
-    "page layer": (_EVERYBODY, "name on", ""),
+    "page shadows": (_EVERYBODY, "on", ""),
     "page ping": (_EVERYBODY, "", "stamp"),
     "page take": ("watcher", "", ""),
     "page instruct": ("watcher", "", ""),

@@ -1,8 +1,8 @@
 """The scene in three dimensions: both arms, their ghosts, trails, forces, the task; from frames to
 viser's nodes.
 
-Layers that a window may hide are the roots of the node tree: /robot, /ghost, /virtual, /trails,
-/force, /task, /plumb. Viser itself sends only what changes.
+The roots of the node tree are /robot, /ghost, /virtual, /trails, /force, /task and /plumb. Viser
+itself sends only what changes.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -36,7 +36,6 @@ from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
 from ravenjax.train.protocol.world import surface
 
-LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task", "plumb")
 _LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
 GHOST_MM = (0.5, 0.8)

@@ -130,7 +130,7 @@ def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, se
         )  # the scene's server stays out of it
         for name in ("closeup", "front"):
             click(page, f"[data-camera={name}]")
-        click(page, "[data-layer=ghost]")
+        click(page, "#shadows")
         shown = page.evaluate("ravenjax.state().frames")
         until(page, f"ravenjax.state().frames > {shown + 10}")
         assert (
