@@ -51,10 +51,10 @@ _LATE = (
     ' src="/static/page.js"></script>'
 )
 _WITHOUT_SCENE = (
-    '<!doctype html><html lang="en"><head><meta charset="utf-8" />'
+    f'<!doctype html><html lang="en"><head>{_EARLY}<meta charset="utf-8" />'
     '<link rel="icon" href="data:," />'
     '<meta name="viewport" content="width=device-width, initial-scale=1" />'
-    '<title>Viser</title></head><body><div id="root"></div></body></html>'
+    f"<title>ravenjax</title>{_LATE}</head><body>PANEL</body></html>"
 )
 
 window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="")
@@ -81,11 +81,12 @@ class PageServer:
         panel = (STATIC / "panel.html").read_text(encoding="utf-8")
         client = Path(viser.__file__).parent / "client" / "build" / "index.html"
         scene = client.read_text(encoding="utf-8")
-        self._pages = {
-            "panel": _with_panel(_WITHOUT_SCENE, _LATE, panel),
+        pages = {
+            "panel": _WITHOUT_SCENE.replace("PANEL", panel),
             "scene": _with_panel(scene, _LATE, panel),
             "inset": _with_panel(scene, _LOOK, ""),
         }
+        self._pages = {name: gzip.compress(text.encode(), 6) for name, text in pages.items()}
         # Sockets that look at the scene.
         self.watching = 0
         original = websocket_server.serve
@@ -209,8 +210,8 @@ def _response(
     return Response(status.value, status.phrase, Headers({**headers, **(extra or {})}), body)
 
 
-def _with_panel(client: str, late: str, panel: str) -> bytes:
-    """The page of viser's client, which is self-contained, with a panel over it; gzip."""
+def _with_panel(client: str, late: str, panel: str) -> str:
+    """The page of viser's client, which is self-contained, with a panel over it."""
     text = client.replace("<head>", f"<head>{_EARLY}", 1)
     text = text.replace("<title>Viser</title>", "<title>ravenjax</title>", 1)
     head, _, rest = text.rpartition("</head>")
@@ -221,7 +222,7 @@ def _with_panel(client: str, late: str, panel: str) -> bytes:
             raise RuntimeError(
                 f"viser {viser.__version__}: its client's page has no place for {part[:60]!r}"
             )
-    return gzip.compress(text.encode(), 6)
+    return text
 
 
 def _policy(host: str) -> str:

@@ -26,6 +26,8 @@ BY = ("group", "cue")
 _REFERENCES = ("off", "control", "none", "without", "no cue", "0")
 _LONGEST = 6
 """Names of an error's list at most."""
+DEFAULT_HORIZON_MS = 2000.0
+"""Of sessions whose header lists no hazards."""
 UNDECIDED = ("", "interrupted")
 """Outcomes of hazards that were cut off, by the end of a recording or by what is not the
 operator's: they count for neither group."""
@@ -85,8 +87,7 @@ class TrainingStudy:
         """Until when every hazard was watched for a response, ms after its strike; later ones
         count as none.
 
-        The shortest time for a response that a hazard of the scenario gives; the longest response
-        seen where none tells.
+        The shortest time for a response that a hazard of the scenario gives.
         """
         limits = [
             1e3 * float(listed["within_s"])
@@ -94,10 +95,7 @@ class TrainingStudy:
             for listed in session.header.get("hazards") or []
             if "within_s" in listed
         ]
-        responses = [
-            hazard.after["response"] for *_, hazard in self.rows() if "response" in hazard.after
-        ]
-        return min(limits) if limits else max(responses, default=1000.0)
+        return min(limits, default=DEFAULT_HORIZON_MS)
 
 
 def collect(

@@ -117,33 +117,6 @@ def events(session, kind):
     return [one for one in reader.read(session.folder).events if one["kind"] == kind]
 
 
-def test_an_open_page_does_not_fight_a_console(browser, begin):
-    session = begin(when="[2, 2]")
-    with visit(browser, session.operator) as page, console(session) as held:
-        until(page, "document.getElementById('left-word').textContent === 'left, waits'")
-        waiting.until(lambda: held.sent > 50)
-        held.pedal = 1
-        became(page, "pedal", 1)
-        until(
-            page, "document.getElementById('banner').innerText.includes('The ITP console drives')"
-        )
-        assert page.inner_text("#owner") == "the ITP console"
-        assert page.is_disabled("#take")  # while the other's pedal is down
-        assert held.told()["jointflags"] & 0b10_0100 == 0b10_0100  # it drives, and its pedal counts
-        page.keyboard.down("Space")
-        page.keyboard.down("KeyD")
-        assert session.ended() == 0
-    recording = reader.read(session.folder)
-    rows = recording["pedal"][events(session, "started")[0]["tick"] : -250]
-    assert rows.min() == 1, "a heartbeat lifts no pedal"
-    (row,) = hazards(session)
-    assert row["struck_ms"] and not row["response"] and row["outcome"] != "avoided", (
-        "nobody has reacted"
-    )
-    assert [(one["console"], one["by"]) for one in events(session, "owner")] == [("itp", "pedal")]
-    assert session.header()["consoles"] == ["page", "itp"]
-
-
 def test_handing_over_is_an_act_that_is_seen_and_recorded(browser, begin):
     session = begin(seconds=60)
     with (

@@ -236,9 +236,7 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         }
 
 
-@pytest.mark.parametrize(
-    "token", ["", "&instructor_token=guess", "&token=x", "&instructor_token=%C3%A9"]
-)
+@pytest.mark.parametrize("token", ["", "&instructor_token=guess", "&instructor_token=%C3%A9"])
 def test_nobody_instructs_without_the_instructors_own_token(session, token):
     before = len(session.commands)
     with Window(session, f"instructor&window=w{token}") as stranger:
@@ -272,16 +270,6 @@ def test_a_window_that_comes_back_has_its_place_and_its_pedal_is_let_go(session)
             with pytest.raises(ConnectionClosed):
                 for _ in range(1000):
                     before.frame()
-
-
-@pytest.mark.slow
-def test_anyone_may_stop_the_robot_and_it_is_said_who(session):
-    with Window(session, "instructor") as instructor:
-        instructor.say({"type": "operator", "do": "estop"})
-        assert session.heard(type="operator", do="estop")["by"] == "instructor"
-        instructor.until("runlevel", lambda level: level == 0)
-        instructor.say({"type": "operator", "do": "restart"})
-        assert "instructor" in instructor.text("refused")["why"]
 
 
 @pytest.mark.slow
