@@ -17,7 +17,7 @@ from ravenjax.stats.intervals import Estimate
 from ravenjax.store.files import require_writable, write_aside
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.study import design, sessions
-from ravenjax.train.study.comparison import ComparedGroup, GroupComparison, compare
+from ravenjax.train.study.comparison import TIME, ComparedGroup, GroupComparison, compare
 from ravenjax.train.study.sessions import TrainingStudy
 
 PAGE, TABLE, TEXT = "study.html", "study.csv", "study.txt"
@@ -126,9 +126,12 @@ def _describe(comparison: GroupComparison) -> dict[str, str]:
         return middle if "–" in (middle, low, high) else f"{middle} ({low} to {high})"
 
     def level(group: ComparedGroup) -> str:
-        median = f"median {number(group.median)}" if math.isfinite(group.median) else "not reached"
-        of = f"mean {number(group.mean)} {outcome.unit}, {median}"
-        return f"{of}; {len(group.means)} participants, {len(group.values)} hazards"
+        middle = f"mean {number(group.mean)} {outcome.unit}"
+        if outcome is TIME:
+            middle += ", median " + (
+                "not reached" if math.isinf(group.median) else number(group.median)
+            )
+        return f"{middle}; {len(group.means)} participants, {len(group.values)} hazards"
 
     def p_value(value: float) -> str:
         return "–" if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
@@ -146,7 +149,7 @@ def _describe(comparison: GroupComparison) -> dict[str, str]:
         "pair": f"{second.label} against {first.label}",
         "first": level(first),
         "second": level(second),
-        "difference": f"{estimate(comparison.difference)} {outcome.unit}",
+        "difference": f"{estimate(comparison.difference)} {outcome.unit.replace('%', 'points')}",
         "g": estimate(comparison.g, 2),
         "p": p_value(comparison.p),
         "adjusted": p_value(comparison.adjusted),
