@@ -24,7 +24,6 @@ HEAVY = (
     "mcap",
     "mujoco",
     "pandas",
-    "plotly",
     "pyarrow",
     "pydantic",
     "scipy",
@@ -87,7 +86,7 @@ def test_the_package_and_its_help_import_nothing_heavy():
     "tokens", [("campaigns",), ("check", "campaigns/quick.toml"), ("faults",), ("parameters",)]
 )
 def test_a_look_at_campaigns_needs_no_tick(tokens):
-    assert not {"jax", "mujoco", "plotly", "duckdb"} & set(probed(*tokens)["modules"])
+    assert not {"jax", "mujoco", "duckdb"} & set(probed(*tokens)["modules"])
 
 
 @pytest.mark.slow

@@ -277,9 +277,9 @@ def compare(
     mixed
         let sessions of several scenarios or versions in
     """
-    from ravenjax.train.study import report
+    from ravenjax.train.study import page
 
-    result = report.run(folders, out, by, unblind=unblind, mixed=mixed)
+    result = page.run(folders, out, by, unblind=unblind, mixed=mixed)
     console.say(result.text.rstrip())
     console.say(f"study: {result.page}")
 
@@ -303,9 +303,12 @@ def assign(
     block
         participants of a block; default twice the groups
     """
-    from ravenjax.train.study import assignment
+    from ravenjax.train.recording.hazards import as_csv
+    from ravenjax.train.study import design
 
-    console.say(assignment.as_csv(assignment.assign(participants, groups, seed, block)).rstrip())
+    drawn = design.assign(participants, groups, seed, block)
+    rows = (assignment._asdict() for assignment in drawn)
+    console.say(as_csv(design.Assignment._fields, rows).rstrip())
 
 
 @study.command
@@ -336,12 +339,12 @@ def plan(
     power
         with which probability it is to be found
     """
-    from ravenjax.train.study import planning
+    from ravenjax.train.study import design
 
-    sizes = planning.plan(
+    sizes = design.plan(
         participants, paired=paired, groups=groups, outcomes=outcomes, effect=effect, power=power
     )
-    console.say(planning.sentences(sizes))
+    console.say(design.describe_plan(sizes))
 
 
 @log.command

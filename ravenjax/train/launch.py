@@ -443,7 +443,6 @@ def _open_page(
         frames=rings[0].name,
         events=rings[1].name,
         commands=rings[2].name,
-        port_taken=None,  # the connection to the process
         arms=session.arms,
         header=header,
         folder=str(options.folder.absolute()),
@@ -498,7 +497,8 @@ def _conclude(
     options: SessionOptions, session: Session, timing: LoopTiming | None, say: Say
 ) -> FinishedSession:
     """Table, summary and debrief once the recording is whole."""
-    from ravenjax.train.debrief import page as debrief  # plotly: a second, after the session
+    # jinja and scipy take a while to import.
+    from ravenjax.train.debrief import page as debrief
 
     rows = session.judge.rows(
         session=options.folder.name,

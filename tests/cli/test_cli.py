@@ -33,7 +33,7 @@ def run(capsys, monkeypatch):
 def test_help_and_version_import_nothing_slow():
     code = (
         "import sys; from ravenjax.cli import main; main(['--help']); main(['--version']);slow ="
-        " {'jax', 'mujoco', 'pandas', 'scipy', 'plotly', 'pydantic'} & set(sys.modules);"
+        " {'jax', 'mujoco', 'pandas', 'scipy', 'pydantic'} & set(sys.modules);"
         " sys.exit(len(slow))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -104,20 +104,6 @@ def test_permutation_rejects_no_more_than_promised_under_the_null_and_finds_what
     assert math.isnan(clustered.permutation_p(singles([1.0]), singles([1.0, 2.0])))
 
 
-def test_the_bootstrap_resamples_clusters_not_rows():
-    random = np.random.default_rng(2)
-    first = [np.full(50, value) for value in random.normal(1, 1, 25)]
-    second = [np.full(50, value) for value in random.normal(0, 1, 25)]
-    band = clustered.bootstrap_difference(first, second, np.mean)
-    error = math.sqrt(sum(clustered.means(group).var(ddof=1) / 25 for group in (first, second)))
-    assert (band.high - band.low) / (2 * 1.96 * error) == pytest.approx(
-        1, abs=0.1
-    ) and band.units == 50
-    same = [one + 1 for one in second]
-    alike = clustered.bootstrap_difference(same, second, np.median, is_paired=True)
-    assert (alike.value, alike.low, alike.high, alike.units) == pytest.approx((1, 1, 1, 25))
-
-
 def test_pairs_use_the_clusters_own_differences():
     first, second = (
         [np.array([1, 1, 0]), np.array([1, 1]), np.array([1.0])],

@@ -39,34 +39,16 @@ def test_an_interval_holds_zero_exactly_where_the_t_test_does_not_reject():
 @pytest.mark.parametrize("true", [0.0, 0.8])
 def test_intervals_cover(true):
     random = np.random.default_rng(1)
-    held = {"g": 0, "paired": 0, "delta": 0}
-    delta = 2 * stats.norm.cdf(true / math.sqrt(2)) - 1
+    held = {"g": 0, "paired": 0}
     runs = 1000
     for _ in range(runs):
         one, two = random.normal(true, 1, 15), random.normal(0, 1, 12)
-        g, d = effect_size.hedges_g(one, two), effect_size.cliffs_delta(one, two)
+        g = effect_size.hedges_g(one, two)
         p = effect_size.paired_g(one[:12] + 0.0, np.zeros(12))
         held["g"] += g.low <= true <= g.high
-        held["delta"] += d.low <= delta <= d.high
         held["paired"] += p.low <= true <= p.high
     for name, count in held.items():
-        least = (
-            0.90 if name == "delta" else 0.925
-        )  # Brunner and Munzel's is somewhat narrow with a dozen
-        assert least < count / runs < 0.98, name
-
-
-def test_cliffs_delta_counts_pairs():
-    one, two = [1, 3, 3, 5], [2, 3, 4]
-    expected = np.mean([np.sign(a - b) for a in one for b in two])
-    found = effect_size.cliffs_delta(one, two)
-    assert (
-        found.value == pytest.approx(expected) and -1 <= found.low < found.value < found.high <= 1
-    )
-    apart = effect_size.cliffs_delta([5, 6, 7], [1, 2])
-    assert apart.value == 1 and math.isnan(apart.low)
-    pairs = effect_size.paired_dominance([2, 2, 2, 5], [1, 2, 3, 1])
-    assert pairs.value == pytest.approx(0.25)
+        assert 0.925 < count / runs < 0.98, name
 
 
 def test_what_has_no_effect_size():

@@ -8,13 +8,12 @@ group; in a paired one `first[i]` and `second[i]` are the same cluster under bot
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.resample import BootstrapBand, quantiles
 from ravenjax.stats.comparison import paired
 from ravenjax.stats.intervals import Estimate, alpha_of, bounds_at
 
@@ -170,48 +169,6 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
     return min(1.0, float(law[sums >= total].sum()))
 
 
-def bootstrap_difference(
-    first: Clusters,
-    second: Clusters,
-    statistic: Callable[[np.ndarray], float],
-    confidence: float = 0.95,
-    *,
-    is_paired: bool = False,
-    resamples: int = 2000,
-    seed: int = 0,
-) -> BootstrapBand:
-    """Statistic of all rows of `first` minus that of `second`, percentile band by resampling whole
-    clusters.
-
-    Within each group, or pairs of clusters where paired. Resamples in which it is not finite are
-    left out and counted in Band.undefined. Fewer than some 20 clusters give too narrow a band. NaN
-    with fewer than 2 clusters in a group.
-    """
-    counts = (len(first), len(second))
-    value = (
-        _statistic(first, statistic) - _statistic(second, statistic) if min(counts) else math.nan
-    )
-    if min(counts) < 2:
-        return BootstrapBand(value, math.nan, math.nan, sum(counts), 0)
-    rng = np.random.default_rng(seed)
-    differences = np.empty(resamples)
-    for i in range(resamples):
-        one = rng.integers(counts[0], size=counts[0])
-        two = one if is_paired else rng.integers(counts[1], size=counts[1])
-        differences[i] = _statistic([first[k] for k in one], statistic) - _statistic(
-            [second[k] for k in two], statistic
-        )
-    differences[~np.isfinite(differences)] = math.nan
-    low, high = quantiles(differences, confidence)
-    units = counts[0] if is_paired else sum(counts)
-    return BootstrapBand(value, float(low), float(high), units, int(np.isnan(differences).sum()))
-
-
 def means(clusters: Clusters) -> np.ndarray:
     """Mean of each cluster's rows."""
     return np.array([float(np.mean(one)) for one in clusters])
-
-
-def _statistic(clusters: Clusters, statistic: Callable[[np.ndarray], float]) -> float:
-    with np.errstate(invalid="ignore"):
-        return float(statistic(np.concatenate(list(clusters))))

@@ -1,4 +1,4 @@
-"""How large a difference is, free of its unit: standardised differences of means, and dominance."""
+"""How large a difference is, free of its unit: standardised differences of means."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.comparison import paired
 from ravenjax.stats.intervals import Estimate, alpha_of
 
 _NONE = Estimate(math.nan, math.nan, math.nan)
@@ -51,38 +50,6 @@ def paired_g(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> E
     return _standardised(
         float(difference.mean()), spread, math.sqrt(len(one)), len(one) - 1, confidence
     )
-
-
-def cliffs_delta(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Chance that a value of `first` is greater than one of `second`, minus the chance that it is
-    less: -1 to 1.
-
-    Needs no unit and no law. Interval by Brunner and Munzel (Biom. J. 42, 2000), kept within -1..1;
-    -1 or 1 without an interval where the groups do not overlap, whose variance cannot be estimated.
-    NaN with fewer than 2 in a group.
-    """
-    from statsmodels.stats.nonparametric import rank_compare_2indep  # slow to import
-
-    one, two = _values(first), _values(second)
-    if min(len(one), len(two)) < 2:
-        return _NONE
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ranks: Any = rank_compare_2indep(one, two)
-        value = 2 * float(ranks.prob1) - 1
-        if abs(value) == 1 or not ranks.var > 0:
-            return Estimate(value, math.nan, math.nan)
-        low, high = ranks.conf_int(alpha=alpha_of(confidence))
-    return Estimate(value, max(-1.0, 2 * float(low) - 1), min(1.0, 2 * float(high) - 1))
-
-
-def paired_dominance(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Share of pairs in which the first is greater, minus the share in which it is less: Cliff's
-    delta within pairs.
-
-    Interval as `paired.rate_difference`. NaN where there is no pair.
-    """
-    one, two = _values(first), _values(second)
-    return paired.rate_difference(one > two, one < two, confidence)
 
 
 def _standardised(

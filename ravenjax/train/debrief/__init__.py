@@ -1,1 +1,1 @@
-"""The debrief of a session: a page, its figures and its words."""
+"""The debrief of a session: a page, its charts and its measures."""

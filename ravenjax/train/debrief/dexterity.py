@@ -23,14 +23,19 @@ from __future__ import annotations
 
 import itertools
 import math
+import statistics
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ravenjax.train.debrief.course import Course
+from ravenjax.train.protocol.frame import PHASES
+from ravenjax.train.recording import folders
 
+KEY = "dexterity"
+"""Key of a session's summary."""
 RATE_HZ, CUTOFF_HZ = 100.0, 10.0
 IDLE_MM_S = 1.0
 """A tip that is slower is still."""
@@ -38,85 +43,86 @@ SHORTEST_S = 0.5
 """Of a movement whose smoothness is measured."""
 # Balasubramanian et al. 2015: cut-off, amplitude, zero-padding.
 _SPARC_HZ, _SPARC_LEAST, _SPARC_PADS = 10.0, 0.05, 4
-RUNNING = 1  # of `frame.PHASES`
 
 
-@dataclass(frozen=True)
-class ArmDexterity:
-    """How one tip was moved; NaN where there was nothing to measure."""
+def measure(course: Course) -> dict[str, Any]:
+    """The measures of a recorded session, for session.json: null where there was nothing to
+    measure.
 
-    path_mm: float
-    economy: float  # 0 to 1, of movements between targets; NaN without targets
-    sparc: float  # median of the movements, below 0; nearer to 0 is smoother
-    log_jerk: float  # log dimensionless jerk, median; likewise
-    movements: int  # whose smoothness was measured
-
-
-@dataclass(frozen=True)
-class Dexterity:
-    """Measures of a session."""
-
-    driven_s: float  # pedal down, session running
-    idle: float  # share of that in which no tip moves
-    both: float  # share in which both move; NaN with one arm
-    correlation: float  # of the two tips' speeds; NaN with one arm
-    arms: dict[str, ArmDexterity]
-
-    def plain(self) -> dict[str, Any]:
-        """For JSON: null where there was nothing to measure."""
-
-        def without_nan(value: Any) -> Any:
-            if isinstance(value, dict):
-                return {name: without_nan(part) for name, part in value.items()}
-            return None if isinstance(value, float) and math.isnan(value) else value
-
-        return without_nan(asdict(self))
-
-
-class ArmContact(NamedTuple):
-    """How hard one instrument pressed on tissue, vessel and the other instrument."""
-
-    arm: str
-    peak_n: float  # N, largest force of all that it touched
-    impulse_n_s: float  # N s, that force over time
-    vessel_n: float  # N, largest force of the vessel
-    between_n: float  # N, largest force of the other instrument
-
-
-def contact(course: Course) -> list[ArmContact]:
-    """Of each arm of a recorded session; its rows are ms."""
-    out = []
-    for arm in course.layout.arms:
-        force = np.linalg.norm(np.asarray(course.channel(f"{arm}/contact"), float), axis=1)
-        parts = (float(course.channel(f"{arm}/{name}").max()) for name in ("vessel_n", "between_n"))
-        out.append(ArmContact(arm, float(force.max()), float(force.sum() * 1e-3), *parts))
-    return out
-
-
-def measure(course: Course) -> Dexterity:
-    """The measures of a recorded session."""
-    arms = course.layout.arms
-    driven = (course.channel("pedal") > 0) & (course.channel("phase") == RUNNING)
+    `both` and `correlation` are null with one arm, `economy` without targets.
+    """
+    driven = (course.channel("pedal") > 0) & (course.channel("phase") == PHASES.index("running"))
     cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | (np.diff(course.ms) > 1.5)) + 1
     edges = [0, *cuts.tolist(), len(driven)]
     stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
-    points = {
-        arm: [
-            resampled(course.ms[first:last], course.channel(f"{arm}/tip")[first:last])
-            for first, last in stretches
-        ]
-        for arm in arms
+    measures: dict[str, Any] = {
+        "driven_s": sum(last - first for first, last in stretches) * 1e-3,
+        **dict.fromkeys(("idle", "both", "correlation")),
+        "arms": {},
     }
-    speeds = [np.concatenate([*map(speed, points[arm]), np.zeros(0)]) for arm in arms]
-    moving = [each > IDLE_MM_S * 1e-3 for each in speeds]
-    is_any, is_two = len(speeds[0]) > 0, len(arms) == 2 and len(speeds[0]) > 0
-    return Dexterity(
-        driven_s=sum(last - first for first, last in stretches) * 1e-3,
-        idle=float(np.mean(~np.any(moving, axis=0))) if is_any else math.nan,
-        both=float(np.mean(moving[0] & moving[1])) if is_two else math.nan,
-        correlation=correlation(*speeds) if is_two else math.nan,
-        arms={arm: _of_arm(course, arm, stretches, points[arm]) for arm in arms},
-    )
+    speeds = []
+    for arm in course.layout.arms:
+        tip = course.channel(f"{arm}/tip")
+        ways = [resample(course.ms[first:last], tip[first:last]) for first, last in stretches]
+        speeds.append(np.concatenate([*map(speed, ways), np.zeros(0)]))
+        path_mm = 1e3 * sum(map(path_length, ways))
+        measures["arms"][arm] = {"path_mm": path_mm} | _movements(course, tip, stretches)
+    if len(speeds[0]):
+        moving = np.array(speeds) > IDLE_MM_S * 1e-3
+        measures["idle"] = float(np.mean(~moving.any(axis=0)))
+        if len(speeds) == 2:
+            measures["both"] = float(np.mean(moving.all(axis=0)))
+            measures["correlation"] = correlation(*speeds)
+    return measures
+
+
+def measure_contact(course: Course) -> dict[str, dict[str, float]]:
+    """By arm: largest force and impulse of all that it touched, largest force of the vessel and
+    of the other instrument; N and N s.
+    """
+    measures = {}
+    for arm in course.layout.arms:
+        force = np.linalg.norm(course.channel(f"{arm}/contact").astype(float), axis=1)
+        vessel, between = (course.channel(f"{arm}/{name}") for name in ("vessel_n", "between_n"))
+        measures[arm] = {
+            "peak_n": float(force.max()),
+            # rows are ms
+            "impulse_n_s": float(force.sum() * 1e-3),
+            "vessel_n": float(vessel.max()),
+            "between_n": float(between.max()),
+        }
+    return measures
+
+
+def read_attempts(folder: Path) -> list[dict[str, Any]]:
+    """The measured sessions of the same person and scenario beside `folder`, up to its own; none
+    where the person is not named.
+
+    Of each its name, score, median reaction, path of all tips and mean smoothness; None where it
+    left no such number.
+    """
+    sessions = folders.beside(folder.parent)
+    present = next((session for session in sessions if session.path.name == folder.name), None)
+    if present is None or not present.participant:
+        return []
+    attempts = []
+    for session in sessions[: sessions.index(present) + 1]:
+        key = session.participant, session.scenario
+        if key != (present.participant, present.scenario) or KEY not in session.summary:
+            continue
+        hazards = session.summary.get("hazards") or {}
+        arms = session.summary[KEY].get("arms", {}).values()
+        smooth = [arm["sparc"] for arm in arms if arm.get("sparc") is not None]
+        attempts.append(
+            {
+                "name": session.path.name,
+                "score of 100": hazards.get("score"),
+                "reaction, ms": hazards.get("median_reaction_ms"),
+                "path, mm": sum(arm.get("path_mm") or 0.0 for arm in arms) if arms else None,
+                "smoothness (SPARC)": statistics.fmean(smooth) if smooth else None,
+            }
+        )
+    return attempts
 
 
 def path_length(points: np.ndarray) -> float:
@@ -124,28 +130,28 @@ def path_length(points: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def economy(ways: Sequence[np.ndarray]) -> float:
+def economy(ways: Sequence[np.ndarray]) -> float | None:
     """Straight distances from the first to the last point of each way [T, 3], over what was
-    gone; NaN for 0.
+    gone; None for 0.
     """
     gone = sum(map(path_length, ways))
     straight = sum(float(np.linalg.norm(way[-1] - way[0])) for way in ways)
-    return straight / gone if gone > 0 else math.nan
+    return straight / gone if gone > 0 else None
 
 
-def speed(points: np.ndarray, rate_hz: float = RATE_HZ) -> np.ndarray:
-    """Speed [T] of points [T, 3] that come at a rate, in their unit a second."""
+def speed(points: np.ndarray) -> np.ndarray:
+    """Speed [T] of points [T, 3] that come at `RATE_HZ`, in their unit a second."""
     if len(points) < 2:
         return np.zeros(len(points))
-    return np.linalg.norm(np.gradient(points, 1 / rate_hz, axis=0), axis=1)
+    return np.linalg.norm(np.gradient(points, 1 / RATE_HZ, axis=0), axis=1)
 
 
-def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float:
-    """Spectral arc length of a speed profile [T] (Balasubramanian et al. 2015); NaN where
+def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
+    """Spectral arc length of a speed profile [T] (Balasubramanian et al. 2015); None where
     nothing moves.
     """
     if len(profile) < 2 or not np.any(profile):
-        return math.nan
+        return None
     size = 2 ** (math.ceil(math.log2(len(profile))) + _SPARC_PADS)
     magnitude = np.abs(np.fft.rfft(profile, size))
     frequency = np.arange(len(magnitude)) * rate_hz / size
@@ -154,66 +160,68 @@ def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float:
     loud = np.flatnonzero(magnitude >= _SPARC_LEAST)
     frequency, magnitude = (values[loud[0] : loud[-1] + 1] for values in (frequency, magnitude))
     if len(frequency) < 2:
-        return math.nan
-    return -float(
-        np.hypot(np.diff(frequency) / (frequency[-1] - frequency[0]), np.diff(magnitude)).sum()
-    )
+        return None
+    steps = np.diff(frequency) / (frequency[-1] - frequency[0])
+    return -float(np.hypot(steps, np.diff(magnitude)).sum())
 
 
-def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float:
-    """Log dimensionless jerk of a speed profile [T] (Balasubramanian et al. 2015); NaN where
+def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float | None:
+    """Log dimensionless jerk of a speed profile [T] (Balasubramanian et al. 2015); None where
     nothing moves.
 
     Minus the logarithm of duration cubed over the peak squared, times the integral of the speed's
     second derivative squared.
     """
-    if len(profile) < 5 or not np.any(profile):
-        return math.nan
-    jerk = np.diff(profile, 2) * rate_hz**2
+    total = float(np.square(np.diff(profile, 2) * rate_hz**2).sum()) / rate_hz
     duration = (len(profile) - 1) / rate_hz
-    scale = duration**3 / float(profile.max()) ** 2
-    total = float(np.square(jerk).sum()) / rate_hz
-    return -math.log(scale * total) if total > 0 else math.nan
+    return -math.log(duration**3 / float(profile.max()) ** 2 * total) if total > 0 else None
 
 
-def correlation(one: np.ndarray, other: np.ndarray) -> float:
-    """Pearson's, of two tips' speeds [T]; NaN where one does not vary."""
-    if len(one) < 2 or one.std() == 0 or other.std() == 0:
-        return math.nan
-    return float(np.corrcoef(one, other)[0, 1])
+def correlation(first: np.ndarray, second: np.ndarray) -> float | None:
+    """Pearson's, of two tips' speeds [T]; None where one does not vary."""
+    if first.std() == 0 or second.std() == 0:
+        return None
+    return float(np.corrcoef(first, second)[0, 1])
 
 
-def resampled(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
+def resample(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points [T, 3] at times ms, at `RATE_HZ` and low-passed without a shift in time
     (Butterworth, both ways).
     """
-    from scipy import signal  # half a second
+    # The import takes half a second.
+    from scipy import signal
 
     times = np.arange(ms[0], ms[-1] + 1e-9, 1e3 / RATE_HZ)
     even = np.stack([np.interp(times, ms, axis) for axis in points.T], axis=1)
-    if len(even) < 16:  # shorter than the filter's padding
+    # The filter pads so many points.
+    if len(even) < 16:
         return even
     sections = signal.butter(2, CUTOFF_HZ, fs=RATE_HZ, output="sos")
     return np.asarray(signal.sosfiltfilt(sections, even, axis=0))
 
 
-def _of_arm(
-    course: Course, arm: str, stretches: Sequence[tuple[int, int]], points: Sequence[np.ndarray]
-) -> ArmDexterity:
-    tip, target = course.channel(f"{arm}/tip"), course.channel("target")
-    ways, smooth = [], []
+def _movements(
+    course: Course, tip: np.ndarray, stretches: Sequence[tuple[int, int]]
+) -> dict[str, Any]:
+    """Economy, and medians of the smoothness, of one tip's movements."""
+    target = course.channel("target")
+    ways, arc_lengths, jerks = [], [], []
     for first, last in stretches:
         marks = first + 1 + np.flatnonzero(np.diff(target[first:last]))
         for a, b in itertools.pairwise([first, *marks.tolist(), last]):
             if (b - a) * 1e-3 < SHORTEST_S:
                 continue
-            way = resampled(course.ms[a:b], tip[a:b])
+            way = resample(course.ms[a:b], tip[a:b])
             profile = speed(way)
             if profile.max() <= IDLE_MM_S * 1e-3:
                 continue
-            smooth.append((spectral_arc_length(profile), log_dimensionless_jerk(profile)))
+            arc_lengths.append(spectral_arc_length(profile))
+            jerks.append(log_dimensionless_jerk(profile))
             if target[a] >= 0:
                 ways.append(way)
-    sparc, jerk = np.nanmedian(smooth, axis=0) if smooth else (math.nan, math.nan)
-    path_mm = 1e3 * sum(map(path_length, points))
-    return ArmDexterity(path_mm, economy(ways), float(sparc), float(jerk), len(smooth))
+    medians = [
+        statistics.median(known) if (known := [x for x in values if x is not None]) else None
+        for values in (arc_lengths, jerks)
+    ]
+    smoothness = dict(zip(("sparc", "log_jerk"), medians, strict=True))
+    return {"economy": economy(ways), **smoothness, "movements": len(jerks)}

@@ -4,27 +4,21 @@ the recording.
 
 from __future__ import annotations
 
-import dataclasses
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ravenjax.errors import StoreError
-from ravenjax.outcomes import definitions
-from ravenjax.outcomes.events import Rules
-from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs.session import description
-from ravenjax.train.debrief import dexterity, figures, html, learning, replay, words
+from ravenjax.train.debrief import dexterity, figures, replay
 from ravenjax.train.debrief.course import Course
-from ravenjax.train.judge.row import COLUMNS, HazardRow
+from ravenjax.train.judge.row import HazardRow
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 
 FILE = "debrief.html"
-_TIMED, _LEVELS = ("compute", "lateness"), ("p50", "p99", "p99_9")
-_COUNTS = ("late_ticks", "ticks", "lost_rows", "rows", "skipped_ms")
 
 
 def write(folder: Path) -> Path:
@@ -36,144 +30,113 @@ def write(folder: Path) -> Path:
     session.
     """
     folder = Path(folder)
-    description.read(folder)
-    recording, _ = _recording(folder)
+    header = description.read(folder)
+    recording, trouble = None, ""
+    try:
+        if reader.find(folder) is not None:
+            recording = reader.read(folder)
+    except StoreError as error:
+        trouble = str(error)
+    course = None
     if recording is not None and len(recording.rows) > 1:
-        measures = dexterity.measure(Course(recording)).plain()
-        description.update(folder, {"summary": {learning.MEASURES: measures}})
-    text, path = render(folder), folder / FILE
+        course = Course(recording)
+        measures = dexterity.measure(course)
+        header = description.update(folder, {"summary": {dexterity.KEY: measures}})
+    has_table = (folder / hazard_table.FILE).exists()
+    hazards = hazard_table.read_table(folder)
+    if not has_table and recording is not None:
+        hazards = hazard_table.from_recording(recording, header)
+    text = _render(folder, header, recording, course, hazards, has_table, trouble)
+    path = folder / FILE
     write_aside(path, lambda target: target.write_bytes(text.encode()))
     return path
 
 
-def render(folder: Path) -> str:
-    """The page as text."""
-    header = description.read(folder)
-    recording, state = _recording(folder)
-    state["table"] = (folder / hazard_table.FILE).exists()
-    hazards = hazard_table.read_table(folder)
-    if not state["table"] and recording is not None:
-        hazards = hazard_table.from_recording(recording, header)
-    threshold_mm, limit_mm = header.get("cue_threshold_mm"), words.harm_mm(header)
-    blinded = bool(header.get("blinded"))
-    course = None
-    if recording is not None and len(recording.rows) > 1:
-        course = Course(recording, threshold_mm, limit_mm, blinded)
-    numbers = words.summary(hazards)
-    summary = header.get("summary") or {}
-    begin, rest = words.headline(hazards, numbers, state["table"] or recording is not None)
-    has_contact = header.get("contact_units_per_n") is not None
-    return html.page(
-        "debrief.html.j2",
-        header=header,
-        scenario=_scenario(header),
-        blinded=blinded,
-        cue_on=bool(header.get("cue")),
-        begin=begin,
-        rest=rest,
-        numbers=numbers,
-        hazards=[_with_words(one, course, blinded) for one in hazards],
-        hazards_csv=_csv(hazards, blinded),
-        replay=replay.data(course, header, hazards) if course else None,
-        overview=figures.overview(course, hazards) if course else None,
-        timing=figures.loop(course) if course else None,
-        quality=_quality(summary, course),
-        task=_task(summary, course),
-        rounds=(summary.get("task") or {}).get("rounds_s_of_level"),
-        dexterity=summary.get(learning.MEASURES),
-        contact=dexterity.contact(course) if course and has_contact else (),
-        curves=figures.learning(learning.attempts(folder.absolute())),
-        caveats=words.caveats(header, state),
-        events=[
-            event
-            for event in state.get("events", [])
-            if event["kind"] != "hazard_row" and not (blinded and event["kind"] == "cue")
-        ],
-        marks=figures.MARKS,
-        limit_mm=limit_mm,
-        depth_mm=words.harm_mm(header, "depth_mm"),
-        definitions=_definitions(threshold_mm, limit_mm, blinded),
-    )
+def _render(
+    folder: Path,
+    header: Mapping[str, Any],
+    recording: reader.Recording | None,
+    course: Course | None,
+    hazards: Sequence[HazardRow],
+    has_table: bool,
+    trouble: str,
+) -> str:
+    # jinja takes a while to import.
+    from ravenjax.document import html
 
-
-def _recording(folder: Path) -> tuple[reader.Recording | None, dict[str, Any]]:
-    """The recording, and what is to be said of it."""
-    path = reader.find(folder)
-    if path is None:
-        return None, {"missing": True}
-    try:
-        recording = reader.read(path)
-    except StoreError as error:
-        return None, {"broken": str(error)}
-    numbers = recording.numbers
-    return recording, {
-        "complete": recording.complete,
-        "lost_bytes": recording.lost_bytes,
-        "lost_rows": int(numbers[-1] + 1 - len(numbers)) if len(numbers) else 0,
-        "events": recording.events,
-    }
-
-
-def _with_words(one: HazardRow, course: Course | None, blinded: bool) -> dict[str, Any]:
-    steps = words.steps(one, blinded) if one.struck_ms is not None else []
-    return {
-        "row": one,
-        "steps": [step for step in steps if step.after_ms is not None],
-        "never": [step for step in steps if step.after_ms is None],
-        "sentence": words.sentence(one, blinded),
-        "figure": figures.hazard(course, one, steps) if course else None,
-    }
-
-
-def _definitions(
-    threshold_mm: float | None, limit_mm: float | None, blinded: bool
-) -> list[definitions.Definition]:
-    """The words of outcomes with the session's own numbers; none where it does not name them."""
-    if threshold_mm is None or limit_mm is None:
-        return []
-    rows = definitions.rows(Rules(threshold_mm=threshold_mm, limit_mm=limit_mm), ROBOT)
-    absent = ("evades", definitions.OVERLOADED)
-    return [one for one in rows if one.word not in absent and not (blinded and one.kind == "cue")]
-
-
-def _scenario(header: dict[str, Any]) -> dict[str, str]:
-    """Name and title of the scenario; a session's header holds it resolved, as a table or a
-    name.
-    """
+    summary, blinded = header.get("summary") or {}, bool(header.get("blinded"))
     content = header.get("scenario") or {}
-    if not isinstance(content, dict):
-        content = {"name": str(content)}
-    name = str(content.get("name") or header.get("name") or "session")
-    title = str(content.get("title") or name)
-    return {"name": name, "title": title, "text": str(content.get("description") or "")}
-
-
-def _quality(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
-    """Timing of the loop as one flat table: the loop's own figures, else those of the recording;
-    empty where there are neither.
-    """
-    values = dict(summary.get("recording") or {})
+    scenario = content if isinstance(content, dict) else {"name": content}
+    harm = scenario.get("harm") or {}
+    named_limits = {
+        "threshold of the cue": header.get("cue_threshold_mm"),
+        "limit of hazards": harm.get("excursion_mm"),
+    }
+    limits = {name: mm for name, mm in named_limits.items() if mm is not None}
+    charts: dict[str, Any] = {"hazards": [[] for _ in hazards], "session": []}
+    shown, contact = None, {}
     if course is not None:
-        for what in _TIMED:
-            levels = np.percentile(course.channel(f"{what}_us"), [50, 99, 99.9])
-            values |= {f"{what}_{name}_us": x for name, x in zip(_LEVELS, levels, strict=True)}
-    values |= summary.get("timing") or {}
-    names = {f"{what}_{level}": f"{what}_{level}_us" for what in _TIMED for level in _LEVELS}
-    names |= {name: name for name in _COUNTS}
-    return {name: values[key] for name, key in names.items() if values.get(key) is not None}
+        charts = {
+            "hazards": [figures.hazard(course, row, limits, blinded) for row in hazards],
+            "session": figures.session(course, hazards, limits, blinded),
+        }
+        shown = replay.data(course, header, hazards)
+        if header.get("contact_units_per_n") is not None:
+            contact = dexterity.measure_contact(course)
+    attempts = dexterity.read_attempts(folder.absolute())
+    environment = html.environment("ravenjax.train")
+    environment.filters |= {"milliseconds": format_ms, "moment": format_moment}
+    page = environment.get_template("debrief.html.j2").render(
+        header=header,
+        scenario={"name": header.get("name") or "session"} | scenario,
+        summary=summary,
+        numbers=_summary(hazards),
+        hazards=hazards,
+        outcomes=hazard_table.OUTCOMES,
+        moments=figures.MOMENTS,
+        blinded=blinded,
+        has_table=has_table,
+        recording=recording,
+        trouble=trouble,
+        limit_mm=harm.get("excursion_mm"),
+        threshold_mm=header.get("cue_threshold_mm"),
+        charts=charts,
+        learning=figures.learning(attempts),
+        replay=shown,
+        contact=contact,
+        timing=(summary.get("recording") or {}) | (summary.get("timing") or {}),
+        task=summary.get("task") or {},
+        dexterity=summary.get(dexterity.KEY),
+    )
+    return html.with_scopes(page)
 
 
-def _task(summary: dict[str, Any], course: Course | None) -> dict[str, Any]:
-    """How far the task came, and what else the session says of it."""
-    values = dict(summary.get("task") or {})
-    if course is not None:
-        values.setdefault("progress", float(course.channel("progress")[-1]))
-    return {name: value for name, value in values.items() if isinstance(value, int | float | str)}
+def _summary(hazards: Sequence[HazardRow]) -> dict[str, Any]:
+    """The session's numbers, over all hazards that struck; None where there is none."""
+    struck = [row for row in hazards if row.struck_ms is not None]
+
+    def over(function: Any, values: Iterable[float | None]) -> float | None:
+        known = [value for value in values if value is not None]
+        return function(known) if known else None
+
+    return {
+        "strikes": len(struck),
+        "right": sum(row.response_ok for row in struck),
+        "reaction_ms": over(
+            statistics.median, (row.reaction_ms for row in struck if row.response_ok)
+        ),
+        "farthest_mm": over(max, (row.farthest_mm for row in struck)),
+        "deepest_mm": over(max, (row.deepest_mm for row in struck)),
+        "score": over(statistics.fmean, (row.score for row in struck)),
+    }
 
 
-def _csv(hazards: list[HazardRow], blinded: bool) -> str:
-    """The table as it stands in the folder; without group and cue where the session is blinded."""
-    hidden = ("group", "cue", "cue_ms") if blinded else ()
-    names = [name for name in COLUMNS if name not in hidden]
-    rows = [dataclasses.asdict(one) for one in hazards]
-    return hazard_table.as_csv(names, rows) if rows else ""
+def format_ms(value: float) -> str:
+    """84 -> 84 ms, 1840 -> 1.84 s."""
+    return f"{value:.0f} ms" if abs(value) < 1000 else f"{value / 1000:.2f} s"
+
+
+def format_moment(value: float) -> str:
+    """12400 -> 12.4 s into the session, as minutes from the second on."""
+    minutes, seconds = divmod(value / 1000, 60)
+    return f"{minutes:.0f} min {seconds:.1f} s" if minutes else f"{seconds:.1f} s"

@@ -24,7 +24,6 @@ class PageOptions:
     frames: str  # name of the ring of frames
     events: str  # name of the ring of events
     commands: str  # name of the ring of commands, which the page writes
-    port_taken: Connection | None  # the page says here which port it took, once it listens
     arms: tuple[ArmName, ...]
     # as in session.json: name, hazards, task, blinded; cue_threshold_mm besides
     header: dict[str, Any]
@@ -35,7 +34,6 @@ class PageOptions:
     token: str | None = None
     # what an instructor's window must carry; None: nobody instructs
     instructor_token: str | None = None
-    fps: float = 60.0  # frames a second, 30 at least
 
     def __post_init__(self) -> None:
         if not self.token and not loopback(self.host):
@@ -48,8 +46,6 @@ class PageOptions:
                 "token and instructor_token are the same: whoever drives could instruct; give two"
                 " that differ"
             )
-        if not 30.0 <= self.fps <= 240.0:
-            raise UserError(f"fps is {self.fps!r}, expected 30 to 240")
 
 
 def loopback(host: str) -> bool:
@@ -60,22 +56,14 @@ def loopback(host: str) -> bool:
         return False
 
 
-def run(options: PageOptions) -> None:
-    """Serve the page until the process is terminated or the session's is gone. The entry point of a
-    spawned process.
+def run_when_told(told: Connection) -> None:
+    """Import, then serve the page for the `PageOptions` that come through `told`, until the process
+    is terminated or the session's is gone; the port that it took is sent there. The entry point of
+    a spawned process.
     """
     # viser and MuJoCo take seconds, and only the page's process needs them.
     from ravenjax.train.page import process
 
-    process.run(options)
-
-
-def run_when_told(told: Connection) -> None:
-    """Import, then serve the page for the `PageOptions` that come through `told`, where the port
-    is sent, too.
-    """
-    from ravenjax.train.page import process
-
     # EOFError: the session ended before it began.
     with contextlib.suppress(EOFError):
-        process.run(dataclasses.replace(told.recv(), port_taken=told))
+        process.run(told.recv(), told)

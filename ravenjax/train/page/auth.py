@@ -26,15 +26,9 @@ class Auth:
         self._token = token
         # Known once the server is bound.
         self.port = 0
-        self.refused = 0
 
     def refusal(self, request: Request) -> str | None:
-        """Why this request is not served; None where it is. Counts refusals."""
-        reason = self._reason(request)
-        self.refused += reason is not None
-        return reason
-
-    def _reason(self, request: Request) -> str | None:
+        """Why this request is not served; None where it is."""
         host, origin, upgrade, site, cookies = (
             _header(request.headers, name)
             for name in ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")

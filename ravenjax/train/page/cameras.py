@@ -1,4 +1,4 @@
-"""Each window's own look at the scene: camera presets and layers that it hides."""
+"""Each window's own look at the scene: camera presets and shadows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import viser
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
 from ravenjax.train.page.hub import Client
 from ravenjax.train.page.server import window
-from ravenjax.train.page.world import LAYERS
 
 FIRST = "endoscope"
 FAR = "theatre"
@@ -24,7 +23,6 @@ class Windows:
 
     def __init__(self) -> None:
         self._clients: dict[str, viser.ClientHandle] = {}
-        self._layers: dict[tuple[str, str], Any] = {}
 
     def watch(self, server: viser.ViserServer) -> None:
         """Set the scene's look, and know each client that comes."""
@@ -47,38 +45,22 @@ class Windows:
             if inset in VIEWS:
                 _look_from(client, inset)
             if inset == FAR:
-                self._show_layer(name, "plumb", False)
+                # A node of this client alone, above the scene's, hides what hangs on it.
+                client.scene.add_frame("/plumb", show_axes=False, visible=False)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            clients = self._clients.items()
-            for name in [name for name, one in clients if one.client_id == client.client_id]:
-                del self._clients[name]
-                for key in [key for key in self._layers if key[0] == name]:
-                    del self._layers[key]
+            for name, known in list(self._clients.items()):
+                if known.client_id == client.client_id:
+                    del self._clients[name]
 
     def obey(self, client: Client, message: dict[str, Any]) -> None:
-        """A window's wish: {"do": "camera", "name"} or {"do": "layer", "name", "on"}; others are
-        ignored.
-        """
+        """A window's wish: {"do": "camera", "name"} or {"do": "shadows", "on"}."""
         handle, name = self._clients.get(client.window), message.get("name")
-        if handle is None:
-            return
-        on = bool(message.get("on", True))
-        if message["do"] == "camera" and name in VIEWS:
+        if handle is not None and message["do"] == "shadows":
+            handle.scene.configure_default_lights(True, cast_shadow=message["on"])
+        elif handle is not None and name in VIEWS:
             _look_from(handle, name)
-        elif message["do"] == "layer" and name == "shadows":
-            handle.scene.configure_default_lights(True, cast_shadow=on)
-        elif message["do"] == "layer" and name in LAYERS:
-            self._show_layer(client.window, name, on)
-
-    def _show_layer(self, window: str, layer: str, on: bool) -> None:
-        """A node of this client alone, above the scene's: it hides the layer in this window."""
-        key = window, layer
-        if key not in self._layers:
-            scene = self._clients[window].scene
-            self._layers[key] = scene.add_frame(f"/{layer}", show_axes=False)
-        self._layers[key].visible = on
 
 
 def _look_from(client: viser.ClientHandle, name: str) -> None:

@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import json
 import time
-from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +19,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.train.page import PageOptions
 from ravenjax.train.page.auth import query, same_secret
 from ravenjax.train.page.inbox import Inbox, RefusedMessage
 from ravenjax.train.page.visibility import Visibility
@@ -91,27 +91,26 @@ class Hub:
 
     def __init__(
         self,
-        header: dict[str, Any],
+        options: PageOptions,
         place: dict[str, Any],
-        layout: FrameLayout,
         commands: Ring,
-        inbox: Inbox,
         on_page: Callable[[Client, dict[str, Any]], None],
         on_input: Callable[[], None],
-        instructor_token: str | None = None,
     ) -> None:
-        """place: what a window needs to draw tips itself. instructor_token: None: nobody instructs.
+        """place: what a window needs to draw tips itself.
 
         on_page: takes what is for the page's process itself; on_input: called where the operator's
         input changes.
         """
-        self._header, self._place, self._layout = header, place, layout
-        self._commands, self._inbox = commands, inbox
+        header, blinded = options.header, bool(options.header.get("blinded"))
+        self._header, self._place, self._commands = header, place, commands
+        self._layout = layout = FrameLayout.of(options.arms)
+        self._inbox = Inbox(options.arms, len(header.get("hazards", ())), blinded)
         self._on_page, self._on_input = on_page, on_input
-        self._instructor_token = instructor_token
+        self._instructor_token = options.instructor_token
         self._scripted = "script" in header.get("consoles", ())
         self._visibility = {
-            role: Visibility(layout, role, bool(header.get("blinded")))
+            role: Visibility(layout, role, blinded)
             for role in ("operator", "watcher", "instructor")
         }
         self._clients: list[Client] = []
@@ -119,7 +118,6 @@ class Hub:
         self._closing: set[asyncio.Task[None]] = set()
         self._events: list[dict[str, Any]] = []
         self._last_input: dict[str, Any] = {}
-        self.dropped: Counter[str] = Counter()
 
     async def serve(self, connection: ServerConnection) -> None:
         """One websocket, from its greeting to its end."""
@@ -229,14 +227,11 @@ class Hub:
 
     def _take(self, client: Client, message: str | bytes) -> None:
         if not client.admits():
-            self.dropped["too many"] += 1
             return
         try:
             command = self._inbox.read(message, client.role)
         except RefusedMessage as reason:
-            self.dropped["refused"] += 1
-            refusal = {"why": str(reason), "dropped": self.dropped["refused"]}
-            client.send_soon({"type": "refused", **refusal})
+            client.send_soon({"type": "refused", "why": str(reason)})
             return
         if command["type"] == "page":
             self._obey(client, command)
@@ -249,9 +244,7 @@ class Hub:
         """A command for the page's process."""
         match command["do"]:
             case "ping":
-                dropped = sum(self.dropped.values())
-                pong = {"type": "pong", "stamp": command.get("stamp", 0.0), "dropped": dropped}
-                client.send_soon(pong)
+                client.send_soon({"type": "pong", "stamp": command.get("stamp", 0.0)})
             case "instruct":
                 if client.instructs:
                     client.role = "instructor"

@@ -12,77 +12,81 @@ LARGEST = 2048
 NOTE = 700
 """Bytes of a note as JSON at most: it must fit in an event."""
 
-_Speed = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
-_Axes = Annotated[list[_Speed], Field(min_length=3, max_length=3)]
+Speed = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
+Axes = Annotated[list[Speed], Field(min_length=3, max_length=3)]
 
 
 class RefusedMessage(ValueError):
     """The message is dropped; says why."""
 
 
-class _Message(BaseModel):
+class Message(BaseModel):
+    """What a browser sends."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
-class _Hand(_Message):
-    move: _Axes = [0.0, 0.0, 0.0]
-    turn: _Axes = [0.0, 0.0, 0.0]
-    grasp: _Speed = 0.0
+class Hand(Message):
+    """Speeds of one hand, shares of the greatest."""
+
+    move: Axes = [0.0, 0.0, 0.0]
+    turn: Axes = [0.0, 0.0, 0.0]
+    grasp: Speed = 0.0
 
 
-class _Input(_Message):
+class Input(Message):
+    """The operator's hands and pedal."""
+
     type: Literal["input"]
     source: Literal["keyboard", "mouse", "gamepad"]
     pedal: bool
-    arms: dict[Literal["gold", "green"], _Hand]
+    arms: dict[Literal["gold", "green"], Hand]
 
 
-class _Operator(_Message):
-    type: Literal["operator"]
-    do: Literal["estop", "restart", "rehearse", "reengage", "discard", "note"]
+class Command(Message):
+    """Anything else; which keys it has depends on what it is to do."""
+
+    type: Literal["operator", "instructor", "seat", "page"]
+    do: str
     text: str | None = None
-
-
-class _Instructor(_Message):
-    type: Literal["instructor"]
-    do: Literal["start", "arm", "disarm", "pause", "resume", "reset", "end", "cue", "next"]
+    to: Literal["nobody", "page", "itp", "crtk"] | None = None
     hazard: Annotated[int, Field(ge=0)] | None = None
     on: bool | None = None
     participant: Annotated[str, Field(max_length=40)] | None = None
     scenario: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,60}$")] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
-
-
-class _Seat(_Message):
-    """Who drives."""
-
-    type: Literal["seat"]
-    do: Literal["take", "give"]
-    to: Literal["nobody", "page", "itp", "crtk"] | None = None
-
-
-class _Page(_Message):
-    """For the page's process itself."""
-
-    type: Literal["page"]
-    do: Literal["camera", "layer", "take", "instruct", "ping"]
     name: Annotated[str, Field(max_length=16)] | None = None
-    on: bool | None = None
     stamp: Annotated[float, Field(allow_inf_nan=False)] | None = None
 
 
-_ANY: TypeAdapter[_Input | _Operator | _Instructor | _Seat | _Page] = TypeAdapter(
-    Annotated[_Input | _Operator | _Instructor | _Seat | _Page, Field(discriminator="type")]
+_MESSAGE: TypeAdapter[Input | Command] = TypeAdapter(
+    Annotated[Input | Command, Field(discriminator="type")]
 )
-_NEEDED = {("operator", "note"): {"text"}, ("seat", "give"): {"to"}} | {
-    ("instructor", "cue"): {"on"},
-    ("instructor", "arm"): {"hazard"},
+_EVERYBODY = "operator watcher instructor"
+# Who may send a command, the keys that it must have, and others that it may have. An E-stop is the
+# safe direction, open to whoever looks.
+_COMMANDS = {
+    **dict.fromkeys(
+        ["operator restart", "operator rehearse", "operator reengage", "operator discard"],
+        ("operator", "", ""),
+    ),
+    "operator estop": (_EVERYBODY, "", ""),
+    "operator note": ("operator instructor", "text", ""),
+    "seat take": ("operator", "", ""),
+    "seat give": ("operator instructor", "to", ""),
+    **{
+        f"instructor {do}": ("instructor", "", "")
+        for do in ("start", "disarm", "pause", "resume", "reset", "end")
+    },
+    "instructor arm": ("instructor", "hazard", ""),
+    "instructor cue": ("instructor", "on", ""),
+    "instructor next": ("instructor", "", "participant scenario seed"),
+    "page camera": (_EVERYBODY, "name", ""),
+    "page shadows": (_EVERYBODY, "on", ""),
+    "page ping": (_EVERYBODY, "", "stamp"),
+    "page take": ("watcher", "", ""),
+    "page instruct": ("watcher", "", ""),
 }
-"""Keys that a command must have; others it must not have."""
-_OPTIONAL = {"instructor": {"next": {"participant", "scenario", "seed"}}}
-_EVERYBODY = {("page", "camera"), ("page", "layer"), ("page", "ping"), ("operator", "estop")}
-"""Commands of every role: an E-stop is the safe direction, open to whoever looks."""
-_NOT_WATCHERS = {("operator", "note"), ("seat", "give")}
 
 
 class Inbox:
@@ -97,54 +101,43 @@ class Inbox:
         if len(message) > LARGEST:
             raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
         try:
-            content = _ANY.validate_json(message)
+            content = _MESSAGE.validate_json(message).model_dump(exclude_none=True)
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False, include_context=False)[0]
             raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-        except RecursionError:
-            raise RefusedMessage("nested too deep") from None
-        command = content.model_dump(exclude_none=True)
-        kind, do = content.type, command.get("do", "")
-        if not _may_send(role, kind, do):
-            raise RefusedMessage(f"a {role} may not send {kind} {do}".rstrip())
-        if kind in ("operator", "seat", "instructor"):
-            _require_keys(kind, do, command.keys() - {"type", "do"})
-        self._require_sense(command)
-        return command
+        name = f"{content['type']} {content.get('do', '')}".rstrip()
+        keys = content.keys() - {"type", "do"}
+        if name == "input":
+            roles, required, optional = "operator", " ".join(keys), ""
+        elif name in _COMMANDS:
+            roles, required, optional = _COMMANDS[name]
+        else:
+            raise RefusedMessage(f"got {name}, expected one of {', '.join(_COMMANDS)}")
+        if role not in roles.split():
+            raise RefusedMessage(f"a {role} may not send {name}")
+        if not set(required.split()) <= keys <= set(f"{required} {optional}".split()):
+            expected = f"{required} {optional}".strip() or "nothing"
+            raise RefusedMessage(f"{name}: got {' '.join(keys) or 'nothing'}, expected {expected}")
+        self._require_sense(name, content)
+        return content
 
-    def _require_sense(self, command: dict[str, Any]) -> None:
-        for arm in command.get("arms", ()):
+    def _require_sense(self, name: str, content: dict[str, Any]) -> None:
+        """The message fits this session."""
+        for arm in content.get("arms", ()):
             if arm not in self._arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self._arms)}")
-        if len(json.dumps(command.get("text", ""))) > NOTE:
+        if len(json.dumps(content.get("text", ""))) > NOTE:
             raise RefusedMessage(f"a note of more than {NOTE} bytes")
-        if (command["type"], command.get("do")) == ("instructor", "cue") and self._blinded:
+        if name == "instructor cue" and self._blinded:
             raise RefusedMessage("the session is blinded: its cue is not the instructor's")
-        if command.get("hazard", -1) >= self._hazards:
-            raise RefusedMessage(f"hazard {command['hazard']}, the session has {self._hazards}")
-        if "scenario" in command:
+        if content.get("hazard", -1) >= self._hazards:
+            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self._hazards}")
+        if "scenario" in content:
             # The models of a scenario are needed only once a session is over.
             from ravenjax.train.scenario import loading
 
             names = [path.stem for path in loading.bundled()]
-            if command["scenario"] not in names:
+            if content["scenario"] not in names:
                 raise RefusedMessage(
-                    f"no scenario {command['scenario']}; there are {', '.join(names)}"
+                    f"no scenario {content['scenario']}; there are {', '.join(names)}"
                 )
-
-
-def _may_send(role: str, kind: str, do: str) -> bool:
-    if (kind, do) in _EVERYBODY:
-        return True
-    if (kind, do) in _NOT_WATCHERS:
-        return role != "watcher"
-    return role == {"page": "watcher", "instructor": "instructor"}.get(kind, "operator")
-
-
-def _require_keys(kind: str, do: str, keys: set[str]) -> None:
-    needed = _NEEDED.get((kind, do), set())
-    allowed = needed | _OPTIONAL.get(kind, {}).get(do, set())
-    if not needed <= keys <= allowed:
-        got = ", ".join(sorted(keys)) or "nothing"
-        wanted = ", ".join(sorted(allowed)) or "nothing"
-        raise RefusedMessage(f"{kind} {do}: got {got}, expected {wanted}")

@@ -12,6 +12,7 @@ import multiprocessing
 import signal
 import threading
 import time
+from multiprocessing.connection import Connection
 
 import mujoco
 import numpy as np
@@ -22,10 +23,8 @@ from ravenjax.train.page import PageOptions
 from ravenjax.train.page.auth import Auth
 from ravenjax.train.page.cameras import Windows
 from ravenjax.train.page.hub import Hub
-from ravenjax.train.page.inbox import Inbox
-from ravenjax.train.page.server import Server
-from ravenjax.train.page.site import PageSite
-from ravenjax.train.page.world import World, frame0_in_world, place
+from ravenjax.train.page.scene import Scene, describe_place, frame0_in_world
+from ravenjax.train.page.server import PageServer
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.jaws import closing_point, with_tips
 from ravenjax.train.realtime.ring import Ring, read_json
@@ -33,6 +32,8 @@ from ravenjax.train.realtime.ring import Ring, read_json
 # Between frames while the answer to a key is awaited, and for how long it is.
 PROMPT_S, ANSWER_S = 0.004, 0.06
 PARENT_S = 1.0
+PERIOD_S = 1 / 60
+"""Between frames."""
 
 
 class Aim:
@@ -55,11 +56,13 @@ class Aim:
         return np.array(closing_point(self._arm, axis.tolist(), jpos.tolist()))
 
 
-def run(options: PageOptions) -> None:
-    """See the package."""
+def run(options: PageOptions, port_taken: Connection) -> None:
+    """Serve the page; says through `port_taken` which port it took, once it listens."""
     # Ctrl-C is the session's to take; it ends the page in its own time.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.closing(Page(options)) as page:
+        port_taken.send(page.port)
+        port_taken.close()
         page.work()
 
 
@@ -67,8 +70,7 @@ class Page:
     """Everything of the process, put together."""
 
     def __init__(self, options: PageOptions) -> None:
-        """Attach to the rings, bind the port, and say which it is."""
-        self._fps = options.fps
+        """Attach to the rings and bind the port."""
         self._layout = FrameLayout.of(options.arms)
         self._frames, self._events, commands = self._rings = [
             Ring.attach(name) for name in (options.frames, options.events, options.commands)
@@ -78,38 +80,27 @@ class Page:
         self._answer_until = 0.0
         self._changed = threading.Event()
         self._aims = {arm: Aim(arm) for arm in options.arms}
-        header = options.header
-        blinded = bool(header.get("blinded"))
         windows = Windows()
         self._hub = Hub(
-            header,
-            place(options.arms),
-            self._layout,
-            commands,
-            Inbox(options.arms, len(header.get("hazards", ())), blinded),
-            windows.obey,
-            self._await_answer,
-            options.instructor_token,
+            options, describe_place(options.arms), commands, windows.obey, self._await_answer
         )
         auth = Auth(options.host, options.token)
         # Refusals are counted, not printed.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        site = PageSite(auth, options.folder, options.instructor_token)
-        self._server = Server(options.host, options.port, auth, site, self._hub.serve)
+        self._server = PageServer(options, auth, self._hub.serve)
         windows.watch(self._server.viser)
-        self._world = World(self._server.viser, options.arms, header.get("task"), blinded)
-        if options.port_taken is not None:
-            options.port_taken.send(self._server.port)
-            options.port_taken.close()
+        header = options.header
+        blinded = bool(header.get("blinded"))
+        self._scene = Scene(self._server.viser, options.arms, header.get("task"), blinded)
+        self.port = self._server.port
 
     def work(self) -> None:
         """Until the session's process is gone."""
-        period = 1.0 / self._fps
         last_frame = last_check = time.monotonic()
         while True:
             now = time.monotonic()
             self._pass_on()
-            if now >= last_frame + period - 1e-3:
+            if now >= last_frame + PERIOD_S - 1e-3:
                 last_frame = now
                 self._draw()
             if now > last_check + PARENT_S:
@@ -117,7 +108,7 @@ class Page:
                 parent = multiprocessing.parent_process()
                 if parent is not None and not parent.is_alive():
                     return
-            until_frame = max(0.0, last_frame + period - time.monotonic())
+            until_frame = max(0.0, last_frame + PERIOD_S - time.monotonic())
             self._changed.wait(PROMPT_S if now < self._answer_until else until_frame)
             self._changed.clear()
 
@@ -137,7 +128,7 @@ class Page:
             self._next_event = first + len(rows)
             events = list(read_json(rows))
             for event in events:
-                self._world.follow(event)
+                self._scene.follow(event)
             call_soon(self._hub.announce, events)
         _, rows = self._frames.read(self._frames_seen)
         if len(rows):
@@ -166,7 +157,7 @@ class Page:
             _, rows = self._frames.read(self._frames.written - 1)
             if len(rows):
                 row = with_tips(self._layout, rows[-1].view(np.float32))
-                self._world.update(Frame(self._layout, row))
+                self._scene.update(Frame(self._layout, row))
 
     def _await_answer(self) -> None:
         self._answer_until = time.monotonic() + ANSWER_S

@@ -3,35 +3,16 @@ right response is.
 """
 
 from ravenjax.train.scenario.campaign import armable, campaign
-from ravenjax.train.scenario.config import (
-    Cue,
-    Entry,
-    Free,
-    Harm,
-    Levels,
-    Path,
-    PegTransfer,
-    Reach,
-    Scenario,
-    Speeds,
-    Task,
-)
+from ravenjax.train.scenario.config import Entry, Harm, Scenario, Speeds
 from ravenjax.train.scenario.hazard import Armable
 from ravenjax.train.scenario.loading import bundled, from_dict, load
 
 __all__ = [
     "Armable",
-    "Cue",
     "Entry",
-    "Free",
     "Harm",
-    "Levels",
-    "Path",
-    "PegTransfer",
-    "Reach",
     "Scenario",
     "Speeds",
-    "Task",
     "armable",
     "bundled",
     "campaign",

@@ -25,7 +25,7 @@ from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.hazards import expansion
+from ravenjax.hazards import expansion, library
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.sites import SITES
@@ -157,39 +157,28 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
     """The groups as a campaign file would have them, one a case, and the number of the entry
     that each is of.
     """
-    result: list[dict[str, Any]] = []
+    groups: list[dict[str, Any]] = []
     numbers: list[int] = []
     for h, entry in enumerate(scenario.hazard):
         name = scenario.entry_name(h)
+        value = {} if entry.value is None else {"value": entry.value.model_dump()}
         try:
-            if entry.hazards:
-                groups = _of_library(entry, name, scenario, seed)
-            else:
-                groups = [_of_faults(entry, name, scenario)]
+            named = expansion.named(list(entry.hazards)) if entry.hazards else []
+            for row in named:
+                drawn = _rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))
+                arm = entry.arm or scenario.arms[drawn]
+                groups += expansion.expand({"name": name, "hazards": [row.id], "arm": arm, **value})
         except expansion.WrongGroup as error:
             raise expansion.WrongGroup((h, *error.key), error.message) from None
-        result += groups
-        numbers += [h] * len(groups)
-    return result, numbers
-
-
-def _of_library(entry: Entry, name: str, scenario: Scenario, seed: int) -> list[dict[str, Any]]:
-    value = {} if entry.value is None else {"value": entry.value.model_dump()}
-    groups = []
-    for row in expansion.named(list(entry.hazards)):
-        drawn = _rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))
-        arm = entry.arm or scenario.arms[drawn]
-        groups += expansion.expand({"name": name, "hazards": [row.id], "arm": arm, **value})
-    return groups
-
-
-def _of_faults(entry: Entry, name: str, scenario: Scenario) -> dict[str, Any]:
-    faults = [fault.model_dump(exclude_none=True) for fault in entry.fault]
-    for fault in faults:
-        site = SITES.get(fault["site"])
-        if site is not None and site.per_arm:
-            fault.setdefault("arm", scenario.arms[0])
-    return {"name": f"{name}/{FAULT}", "fault": faults}
+        if entry.fault:
+            faults = [fault.model_dump(exclude_none=True) for fault in entry.fault]
+            for fault in faults:
+                site = SITES.get(fault["site"])
+                if site is not None and site.per_arm:
+                    fault.setdefault("arm", scenario.arms[0])
+            groups.append({"name": f"{name}/{FAULT}", "fault": faults})
+        numbers += [h] * (len(groups) - len(numbers))
+    return groups, numbers
 
 
 def _config(
@@ -260,16 +249,24 @@ def _faults(row: _Row) -> list[dict[str, Any]]:
 
 
 def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
+    # ENTRY/ID-CASE#TIME; the library's ids hold no hyphen.
     group = str(row["group"])
-    name, identity, case = hazard.named(group)
-    entry, of_library = entries[name], hazard.of_library(identity)
-    title = entry.title or (of_library.title if of_library is not None else name)
+    name, _, rest = group.partition("/")
+    identity, _, case = rest.partition("#")[0].partition("-")
+    entry = entries[name]
+    listed = None if entry.fault else library.find(identity)
+    title = entry.title or (listed.title if listed is not None else name)
     if case and not entry.title:
         title += f" ({case.replace('_', ' ')})"
     slots = _slots(row)
-    is_endless = any(int(slot["duration_ms"]) < 0 or int(slot["every_ms"]) > 0 for slot in slots)
-    ends = [int(slot["start_ms"]) + int(slot["duration_ms"]) for slot in slots]
-    duration = None if is_endless else max(ends)
+    lasts_ms = round(entry.within_s * 1000.0) + hazard.SETTLE_MS
+    if entry.lasts_s is not None:
+        lasts_ms = round(entry.lasts_s * 1000.0)
+    elif any(int(slot["duration_ms"]) < 0 or int(slot["every_ms"]) > 0 for slot in slots):
+        lasts_ms = max(lasts_ms, hazard.ENDLESS_MS)
+    else:
+        ends = [int(slot["start_ms"]) + int(slot["duration_ms"]) for slot in slots]
+        lasts_ms = max(lasts_ms, *ends)
     when = None if entry.when == INSTRUCTOR else entry.when
     return Armable(
         number=number,
@@ -277,13 +274,12 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
         title=title,
         group=group,
         run_id=f"{int(row['run_id']):016x}",
-        row=number,
         arm=next((str(slot["arm"]) for slot in slots if slot["arm"]), ""),
-        right_response=hazard.responses(entry, of_library),
+        right_response=hazard.responses(entry, listed),
         within_s=entry.within_s,
-        duration_ms=duration,
-        lasts_ms=hazard.lasts_ms(entry, duration),
+        lasts_ms=lasts_ms,
         when_ms=None if when is None else (when[0] * 1000.0, when[1] * 1000.0),
+        layer="" if listed is None else library.layers()[listed.layer],
     )
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from ravenjax.hazards import library
 from ravenjax.hazards.library import Hazard
 from ravenjax.train.scenario.config import Entry
 
@@ -35,34 +34,37 @@ SETTLE_MS = 500
 class Armable:
     """One hazard of a session's list."""
 
-    number: int  # its place in the list
-    hazard: str  # id of the library; "fault" where the scenario wrote the fault itself
+    # Its place in the list, and its row of the fault table.
+    number: int
+    # Id of the library; "fault" where the scenario wrote the fault itself.
+    hazard: str
     title: str
-    group: str  # of the fault table
-    run_id: str  # 16 hex digits
-    row: int  # of the fault table
-    arm: str  # that is struck first; "" where the fault is on no arm
+    # Of the fault table.
+    group: str
+    # 16 hex digits.
+    run_id: str
+    # That is struck first; "" where the fault is on no arm.
+    arm: str
     right_response: tuple[str, ...]
     within_s: float
-    duration_ms: (
-        int | None
-    )  # of the fault's windows, from the first's opening to the last's end; None: no end
-    lasts_ms: int  # how long it is left at work
-    when_ms: tuple[float, float] | None  # earliest and latest; None: the instructor arms it
+    # How long it is left at work.
+    lasts_ms: int
+    # Earliest and latest; None: the instructor arms it.
+    when_ms: tuple[float, float] | None
+    # Of the loop, in words; "" where the scenario wrote the fault itself.
+    layer: str
 
     def header(self) -> dict[str, Any]:
         """What session.json says of it."""
-        names = ("number", "hazard", "title", "group", "run_id", "within_s")
-        row = of_library(self.hazard)
-        layer = library.layers()[row.layer] if row is not None else ""
+        names = ("number", "hazard", "title", "group", "run_id", "within_s", "layer")
         fields = {name: getattr(self, name) for name in names}
-        return fields | {"right_response": list(self.right_response), "layer": layer}
+        return fields | {"right_response": list(self.right_response)}
 
 
 def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
     """The right responses: the scenario's, else those that the library's row asks for."""
     if entry.right_response is not None:
-        return tuple(entry.right_response)
+        return entry.right_response
     if hazard is None:
         return RESPONSES["sudden jump"]
     if hazard.scenarios:
@@ -74,29 +76,6 @@ def responses(entry: Entry, hazard: Hazard | None) -> tuple[str, ...]:
     if "unresponsive" in hazard.expected_class:
         return RESPONSES["permanently unavailable"]
     return ("continue",)
-
-
-def lasts_ms(entry: Entry, duration_ms: int | None) -> int:
-    """How long it is left at work: its own time and the time to respond; the scenario may say
-    less or more.
-    """
-    if entry.lasts_s is not None:
-        return round(entry.lasts_s * 1000.0)
-    response = round(entry.within_s * 1000.0) + SETTLE_MS
-    return max(response, ENDLESS_MS if duration_ms is None else duration_ms)
-
-
-def named(group: str) -> tuple[str, str, str]:
-    """Of a group's name ENTRY/ID-CASE#TIME: entry, ID, case; the library's ids hold no hyphen."""
-    entry, _, rest = group.partition("/")
-    words, _, _ = rest.partition("#")
-    hazard, _, case = words.partition("-")
-    return entry, hazard, case
-
-
-def of_library(name: str) -> Hazard | None:
-    """The library's row, None where the scenario wrote the fault itself."""
-    return None if name == FAULT else library.find(name)
 
 
 FAULT = "fault"

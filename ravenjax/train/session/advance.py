@@ -294,7 +294,7 @@ class Session:
 
     def _order(self, order: Any) -> None:
         if order.kind == "arm":
-            self.robot.arm(self.hazards[order.number].row)
+            self.robot.arm(order.number)
             self._events += self.judge.armed(order.number, self.ticks)
         else:
             self._look()

@@ -1,1 +1,1 @@
-"""Studies with participants: assignment, comparison of groups, page."""
+"""Studies with participants: design, comparison of groups, page."""

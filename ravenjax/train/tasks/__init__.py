@@ -15,10 +15,9 @@ from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
 from ravenjax.train.tasks.base import Field, Task
-from ravenjax.train.tasks.levels import LevelsTask
 from ravenjax.train.tasks.path import PathTask
 from ravenjax.train.tasks.pegs import PegTask
-from ravenjax.train.tasks.reach import ReachTask
+from ravenjax.train.tasks.targets import LevelsTask, ReachTask
 
 __all__ = ["Task", "make"]
 

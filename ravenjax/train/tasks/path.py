@@ -1,16 +1,15 @@
-"""Follow a closed line over the tissue: how far did the tip get, and how far off was it?"""
+"""Follow a closed line over the tissue: how far did the tip get, and how long was it near?"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import Path
-from ravenjax.train.tasks.base import Event, Field, Task, Wish, rounded
+from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
 
 POINTS = 200
 """Of the line. Half a millimetre apart on the largest."""
@@ -33,7 +32,6 @@ class PathTask(Task):
         self._at = 0  # points passed so far; the next is this one, modulo POINTS
         self._on = False  # whether the tip has come to the line
         self._ticks, self._within = 0, 0
-        self._square_mm2, self._worst_mm = 0.0, 0.0
         spacing = math.dist(self.points[0], self.points[1])
         self._look_ahead = max(1, round(LOOK_AHEAD_M / max(spacing, 1e-6)))
 
@@ -41,9 +39,7 @@ class PathTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[(self._at // POINTS) % len(self._arms)]
 
-    def _step(
-        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
-    ) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
         tip = tips[self._arm]
         near, ahead = min(
             (math.dist(tip, self.points[(self._at + k) % POINTS]), k) for k in range(AHEAD)
@@ -53,8 +49,6 @@ class PathTask(Task):
             return
         self._ticks += 1
         self._within += near <= self._tolerance_m
-        self._square_mm2 += 1e6 * near * near
-        self._worst_mm = max(self._worst_mm, 1e3 * near)
         if not ahead or near > self._tolerance_m:  # who leaves the line goes on where it was left
             return
         lap = self._at // POINTS
@@ -67,7 +61,6 @@ class PathTask(Task):
             self._finish(tick, events)
 
     def restart(self) -> None:
-        super().restart()
         self._on = False
 
     def wish(self, arm: ArmName, tip: Point) -> Wish | None:
@@ -83,17 +76,6 @@ class PathTask(Task):
         }
         turns = {"arms": self._arms, "of": self.settings.laps}
         return super().geometry() | {"path": path, "turns": turns}
-
-    def result(self) -> dict[str, Any]:
-        ticks = self._ticks or math.nan
-        measures = {
-            "rms_off_mm": round(math.sqrt(self._square_mm2 / ticks), 3),
-            "worst_off_mm": round(self._worst_mm, 3),
-            "within_share": round(self._within / ticks, 4),
-        }
-        if not self._ticks:
-            measures = dict.fromkeys(measures)
-        return super().result() | {"laps": round(self._at / POINTS, 3)} | measures
 
     def _score(self) -> float:
         return self.progress * (self._within / self._ticks) if self._ticks else 0.0

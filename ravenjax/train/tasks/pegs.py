@@ -9,7 +9,6 @@ those of the true links, so a hazard that opens them drops the object too.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.world import Point, surface
 from ravenjax.train.robot import ArmName
 from ravenjax.train.scenario.config import PegTransfer
-from ravenjax.train.tasks.base import Event, Field, Task, Wish, mean_ms, rounded
+from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
 
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
 """Jaw openings below which jaws hold and above which they let go; 1.57 at home, 0.67 with the 900
@@ -48,16 +47,12 @@ class PegTask(Task):
         self.target = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
         self._closed: dict[ArmName, bool] = dict.fromkeys(self._arms, False)
-        self._times: list[int] = []
-        self._since = 0
 
     @property
     def _arm(self) -> ArmName:
         return self._arms[self.placed % len(self._arms)]
 
-    def _step(
-        self, frame: Frame, tips: Mapping[ArmName, Point], tick: int, events: list[Event]
-    ) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
         for arm, closed in self._closed.items():
             opening = float(frame[f"{arm}/link_jpos"][5:7].sum(dtype=float))
             closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
@@ -83,8 +78,6 @@ class PegTask(Task):
         if math.dist(self.object, peg) <= self._tolerance_m:
             self.object = peg
             self.placed += 1
-            self._times.append(tick - self._since)
-            self._since = tick
             self.progress = self.placed / self.settings.transfers
         else:
             self.object = (x, y, min(z, surface(x, y) + OBJECT_RADIUS_M))
@@ -98,7 +91,6 @@ class PegTask(Task):
 
     def restart(self) -> None:
         """What was held lies on its peg again: the robot that held it is elsewhere."""
-        super().restart()
         if self.held is not None:
             self.held, self.object = None, self.pegs[self.ways[self.placed]]
             self.target = len(self.pegs)
@@ -135,14 +127,6 @@ class PegTask(Task):
         }
         turns = {"arms": self._arms, "of": self.settings.transfers}
         return super().geometry() | {"pegs": pegs, "object": thing, "turns": turns}
-
-    def result(self) -> dict[str, Any]:
-        return super().result() | {
-            "placed": self.placed,
-            "dropped": self.dropped,
-            "transfers": self.settings.transfers,
-            "time_per_transfer_ms": mean_ms(self._times),
-        }
 
     def _score(self) -> float:
         """A drop costs half a transfer."""

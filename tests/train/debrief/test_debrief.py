@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 import shutil
-from unittest import mock
 
 import numpy as np
 import pytest
 import synthetic_session as synthetic
-from hypothesis import given, settings
-from hypothesis import strategies as st
+import waiting
 
 from ravenjax.cli import main
 from ravenjax.errors import StoreError
-from ravenjax.store.logs.session import log
-from ravenjax.train.debrief import course as debrief_course
-from ravenjax.train.debrief import figures as debrief_figures
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.store.logs.session import description, log
+from ravenjax.train.debrief import figures, replay
 from ravenjax.train.debrief import page as debrief
-from ravenjax.train.debrief import words as debrief_words
+from ravenjax.train.debrief.course import Course
+from ravenjax.train.protocol.jaws import closing_point
+from ravenjax.train.protocol.world import to_world
 from ravenjax.train.recording import hazards as hazard_table
 from ravenjax.train.recording import reader
 
@@ -28,36 +27,46 @@ MET = synthetic.hazard(0)
 MISSED = synthetic.hazard(1, struck=9000.0, cue=None, known=None, response=None, off=12.0, ok=False)
 ALARMED = synthetic.hazard(2, struck=15_000.0, alarm=240.0, response=380.0, off=3.8)
 UNSTRUCK = synthetic.hazard(3, struck=None)
-CARRIED_ON = synthetic.hazard(
-    4,
-    struck=4000.0,
-    response=None,
-    response_ok=True,
-    right_response="continue",
-    outcome="avoided",
-    what="continue",
-)
+ARMS = ("gold", "green")
+BASES = {
+    arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True)) for arm in ARMS
+}
+TARGET = {"number": 0, "arm": "gold", "at": [0.0, 0.0, 0.19], "radius_m": 0.002}
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
+    """One session with four hazards, written, debriefed and read by all tests."""
     made = synthetic.write(
-        tmp_path_factory.mktemp("debrief") / "s", [ALARMED, UNSTRUCK, MET, MISSED], seconds=20.0
+        tmp_path_factory.mktemp("debrief") / "s",
+        [ALARMED, UNSTRUCK, MET, MISSED],
+        seconds=17.0,
+        bases=BASES,
+        task={"targets": [TARGET | {"colour": "#d9a441"}]},
     )
     debrief.write(made)
     return made
 
 
+@pytest.fixture(scope="module")
+def text(folder):
+    return text_of((folder / debrief.FILE).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def recording(folder):
+    return reader.read(folder)
+
+
 def text_of(html):
-    """What a reader sees of a page, without scripts."""
-    plain = re.sub(r"<(script|style)\b.*?</\1>", " ", html, flags=re.S)
+    """What a reader sees of a page, without scripts and drawings."""
+    plain = re.sub(r"<(script|style|svg)\b.*?</\1>", " ", html, flags=re.S)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", plain))
 
 
-@pytest.mark.slow
 def test_the_table_is_read_back_as_it_was_written(folder):
     found = hazard_table.read_table(folder)
-    assert found == [MET, MISSED, ALARMED, UNSTRUCK]  # in order of the strike
+    assert found == [MET, MISSED, ALARMED, UNSTRUCK]
     assert found[2].after == {"knowable": 35.0, "cue": 90.0, "alarm": 240.0, "response": 380.0}
     assert found[3].after == {} and hazard_table.read_table(folder.parent) == []
 
@@ -74,163 +83,42 @@ def test_a_damaged_table_is_named(tmp_path):
         hazard_table.read_table(tmp_path)
 
 
-def test_a_hazard_in_words():
-    told = debrief_words.sentence(MET, blinded=False)
-    assert (
-        told
-        == "It struck at 2.0 s on the gold arm. Anyone could have known after 35 ms, by the tip's"
-        " motion. The cue came after 90 ms; the operator lifted the pedal after 430 ms, 395 ms"
-        " after the first sign: the right response. No check did anything. No harm was done. No"
-        " motion hazard while live: the true tip was up to 6.5 mm off, limit 8 mm. The tip was"
-        " 1.5 mm deep in the tissue."
-    )
-    assert "cue" not in debrief_words.sentence(MET, blinded=True).lower()
-    told = debrief_words.sentence(MISSED, blinded=False)
-    assert (
-        "Nothing that a person can see gave it away. No response followed (right: lift the pedal)."
-        in told
-    )
-    assert debrief_words.sentence(UNSTRUCK, blinded=False) == "It was armed and never struck."
-    told = debrief_words.sentence(CARRIED_ON, blinded=True)  # to carry on has no moment
-    assert "The operator carried on, the right response." in told
+def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(text):
+    assert "2 of 3 hazards met with the right response" in text
+    # Reactions of 395 and 345 ms.
+    assert "370 ms reaction, median" in text and "12.0 mm largest unintended motion" in text
+    course = " could be known 35 ms after the strike · tip → cue 90 ms after the strike →"
+    assert f"strike at 2.0 s →{course} response 430 ms after the strike · lifted the pedal" in text
+    assert f"strike at 15.0 s →{course} robot&#39;s alarm 240 ms" in text.replace("'", "&#39;")
+    assert "none right: release" in text and "armed, never struck" in text
+    assert "Motion hazard: unintended motion (limit 8 mm)" in text
 
 
-HAPPENED = {
-    "unintended motion": (
-        {"unintended_mm": 12.34, "unintended_off_mm": 1.0},
-        (
-            "Unintended motion: while live, the true tip was up to 12.3 mm off, limit {limit}."
-            " While not live it was up to 1.0 mm off{over}."
-        ),
-    ),
-    "loss of motion": (
-        {"loss_mm": 9.0, "loss_first_ms": 2100.0},
-        "Loss of motion: the instrument did not follow and was up to 9.0 mm off, limit {limit}.",
-    ),
-    "halted": (
-        {"motion_hazard": "loss of motion", "halted_ms": 640.0, "golden_halted_ms": 40.0},
-        (
-            "Loss of motion: the robot was out of pedal-down for 600 ms although the pedal was"
-            " held, limit 200 ms, and no check had stopped it."
-        ),
-    ),
-    "false report": (
-        {"false_report_mm": 20.0, "unintended_mm": 0.5},
-        (
-            "False report: the reported tip was up to 20.0 mm off the true one, limit {limit}; the"
-            " true tip itself was up to 0.5 mm off."
-        ),
-    ),
-    "none": (
-        {"unintended_mm": 1.25},
-        "No motion hazard while live: the true tip was up to 1.2 mm off, limit {limit}.",
-    ),
-}
-
-
-@pytest.mark.parametrize("limit_mm", [0.75, 3.0, 10.0])
-@pytest.mark.parametrize("kind", HAPPENED)
-def test_what_happened_to_the_robot_in_words(kind, limit_mm):
-    columns, sentence = HAPPENED[kind]
-    one = synthetic.hazard(0, **({"motion_hazard": kind} | columns), limit_mm=limit_mm)
-    over = ", over that limit" if limit_mm < 1.0 else ""
-    assert debrief_words.motion(one) == sentence.format(limit=f"{limit_mm:g} mm", over=over)
-    assert debrief_words.motion(one) in debrief_words.sentence(one, blinded=False)
-
-
-@pytest.fixture(scope="module")
-def short(tmp_path_factory):
-    """A session of which tests replace everything but the recording."""
-    return synthetic.write(
-        tmp_path_factory.mktemp("short"), [synthetic.hazard(0, struck=500.0)], seconds=1.2
-    )
-
-
-@pytest.mark.slow
-@settings(max_examples=20, deadline=None)
-@given(
-    limit_mm=st.floats(0.1, 40.0).map(lambda x: round(x, 2)),
-    threshold_mm=st.floats(0.1, 40.0).map(lambda x: round(x, 2)),
-)
-def test_a_page_names_the_sessions_own_limits_and_no_others(short, limit_mm, threshold_mm):
-    """Limits of a few digits, read back from the text; 3 mm stands there only if it is one of
-    them.
-    """
-    hazards = [synthetic.hazard(0, struck=500.0, limit_mm=limit_mm, motion_hazard="none")]
-    header = {
-        "scenario": {"name": "x", "harm": {"excursion_mm": limit_mm}},
-        "cue_threshold_mm": threshold_mm,
-    }
-    synthetic.write(short, hazards, recorded=False, **header)
-    with mock.patch("plotly.offline.get_plotlyjs", return_value=""):
-        html = debrief.render(short)
-    limits = {float(number) for number in re.findall(r"limit ([\d.]+) mm", text_of(html))}
-    assert limits == {limit_mm}
-    lines = dict(re.findall(r'"([\d.e-]+) mm, (threshold of the cue|limit of hazards)"', html))
-    assert {name: float(number) for number, name in lines.items()} == {
-        "threshold of the cue": threshold_mm,
-        "limit of hazards": limit_mm,
-    } or limit_mm == threshold_mm
-    late = re.search(
-        r"Harm begins at ([\d.]+) mm, not beyond the cue&#39;s threshold of ([\d.]+) mm", html
-    )
-    assert (late is not None) is (limit_mm <= threshold_mm)
-    if late is not None:
-        assert (float(late[1]), float(late[2])) == (limit_mm, threshold_mm)
-    if 3.0 not in (limit_mm, threshold_mm):
-        assert not re.search(r"(?<![\d.])3 mm", html)
-
-
-def test_steps_stand_in_order_of_time_and_what_never_came_last():
-    late = synthetic.hazard(0, cue=500.0, alarm=20.0, response=100.0)
-    steps = debrief_words.steps(late, blinded=False)
-    assert [one.kind for one in steps] == ["strike", "alarm", "knowable", "response", "cue"]
-    steps = debrief_words.steps(synthetic.hazard(0, cue=None, response=None), blinded=False)
-    assert [(one.kind, one.after_ms) for one in steps[2:]] == [
-        ("cue", None),
-        ("alarm", None),
-        ("response", None),
-    ]
-    assert "cue" not in [one.kind for one in debrief_words.steps(late, blinded=True)]
-
-
-def test_the_summary_counts_right_responses_only():
-    wrong = synthetic.hazard(1, response=200.0, ok=False)
-    numbers = debrief_words.summary([MET, MISSED, wrong, ALARMED, UNSTRUCK, CARRIED_ON])
-    assert (numbers.strikes, numbers.right, numbers.timed) == (5, 3, 2)
-    assert numbers.reaction_ms == np.median([395.0, 345.0]) and numbers.farthest_mm == 12.0
-    assert debrief_words.headline([], debrief_words.summary([]), True) == (
-        "No hazard struck",
-        " in this session.",
-    )
-
-
-@pytest.mark.slow
-def test_curves_meet_the_recording(folder):
-    course = debrief_course.Course(reader.read(folder), 2.5, 8.0)
-    figure = json.loads(debrief_figures.hazard(course, MET, debrief_words.steps(MET, False)).json)
-    off = next(one for one in figure["data"] if one["name"] == "unintended motion of the true tip")
-    assert max(off["y"]) == pytest.approx(MET.unintended_mm, rel=1e-3)
-    assert off["x"][int(np.argmax(off["y"]))] == 430  # where the operator let go
-    pedal = [one for one in figure["data"] if one["type"] == "bar" and one["y"][0] == "pedal"]
-    up = next(one for one in pedal if one["text"][0] == "up")
-    assert (up["base"], up["x"]) == ([430], [700])
-    lines = [one["x0"] for one in figure["layout"]["shapes"] if one.get("yref") == "paper"]
-    assert lines == [0, 35, 90, 430]
-    levels = [one["y0"] for one in figure["layout"]["shapes"] if one["yref"] == "y"]
-    labels = [one["text"] for one in figure["layout"]["annotations"] if one.get("xref") == "paper"]
-    assert levels == [2.5, 8.0]
-    assert labels == ["2.5 mm, threshold of the cue", "8 mm, limit of hazards"]
-    assert debrief_figures.hazard(course, synthetic.hazard(0, struck=60_000.0), []) is None
+def test_curves_meet_the_recording(recording):
+    course, limits = Course(recording), {"threshold of the cue": 2.5, "limit of hazards": 8.0}
+    distances, *_, levels = figures.hazard(course, MET, limits, False)
+    off = next(mark for mark in distances.marks if mark.name == "unintended motion")
+    assert off.y.max() == pytest.approx(MET.unintended_mm, rel=1e-3)
+    # Where the operator let go.
+    assert off.x[off.y.argmax()] == 430
+    moments = [mark.x[0] for mark in distances.marks if mark.name == "" and len(mark.x) == 2]
+    assert moments == [0, 35, 90, 430]
+    lines = {mark.name: mark.y.tolist() for mark in distances.marks if "of" in mark.name}
+    assert lines["threshold of the cue, 2.5 mm"] == [2.5, 2.5]
+    assert lines["limit of hazards, 8 mm"] == [8, 8]
+    pedal = next(mark for mark in levels.marks if mark.name == "pedal")
+    assert pedal.x.tolist() == [-400, 430, 1130, 1500] and pedal.y.tolist() == [3, 2, 3, 3]
+    assert figures.hazard(course, synthetic.hazard(0, struck=60_000.0), {}, False) == []
+    names = [mark.name for chart in figures.hazard(course, MET, {}, True) for mark in chart.marks]
+    assert "Force felt" not in names
 
 
 def test_thinning_keeps_every_peak():
     time, values = np.arange(100_000.0), np.zeros(100_000)
     values[[17, 54_321, 99_998]] = 1, 2, 3
-    x, y = debrief_course.peaks(time, values)
-    assert (
-        len(x) < 1000 and {17, 54_321, 99_998} <= set(x) and y.sum() == 6 and (np.diff(x) > 0).all()
-    )
+    x, y = figures.thin(time, values)
+    assert len(x) < 1000 and {17, 54_321, 99_998} <= set(x) and y.sum() == 6
+    assert (np.diff(x) > 0).all()
 
 
 def test_pauses_are_left_out(tmp_path):
@@ -241,25 +129,25 @@ def test_pauses_are_left_out(tmp_path):
     writer = log.SessionWriter(tmp_path / log.FILE, layout.names(), {})
     writer.add(0, rows)
     writer.close()
-    course = debrief_course.Course(reader.read(tmp_path))
-    np.testing.assert_array_equal(course.ms, np.arange(801))
+    np.testing.assert_array_equal(Course(reader.read(tmp_path)).ms, np.arange(801))
 
 
 def test_the_page_is_honest_about_what_is_missing(tmp_path):
     bare = synthetic.write(tmp_path / "bare", None, recorded=False, ended=None, summary={})
-    told = text_of(debrief.render(bare))
+    told = text_of(debrief.write(bare).read_text())
     assert "Nothing is known of hazards" in told and "did not end by itself" in told
     assert "There is no recording" in told and "Nobody timed this session" in told
 
-    cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0)
+    cut = synthetic.write(tmp_path / "cut", [MET, ALARMED], seconds=8.0, cue_threshold_mm=9.0)
     data = (cut / log.FILE).read_bytes()
     (cut / log.FILE).write_bytes(data[: len(data) // 2])
-    told = text_of(debrief.render(cut))
+    told = text_of(debrief.write(cut).read_text())
     assert "The recording was cut short" in told and "ravenjax log recover" in told
     assert "The recording does not reach this hazard" in told
+    assert "Harm begins at 8 mm, not beyond the cue's threshold of 9 mm" in told
 
     (cut / log.FILE).write_bytes(b"nothing")
-    assert "cannot be read" in text_of(debrief.render(cut))
+    assert "cannot be read" in text_of(debrief.write(cut).read_text())
     with pytest.raises(StoreError, match="not the folder of a session"):
         debrief.write(tmp_path)
 
@@ -285,7 +173,8 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
     writer.add(0, synthetic.rows(layout, [MET], 4.0), told)
     writer.close()
     data = (tmp_path / log.FILE).read_bytes()
-    (tmp_path / log.FILE).write_bytes(data[:-40])  # it never came to its end
+    # It never came to its end.
+    (tmp_path / log.FILE).write_bytes(data[:-40])
     first, second = hazard_table.from_recording(reader.read(tmp_path), header)
     assert first == MET
     assert (second.armed_ms, second.struck_ms, second.outcome) == (3900, 3950, "")
@@ -298,28 +187,64 @@ def test_hazards_of_a_killed_session_come_from_its_events(tmp_path):
 
 
 def test_a_blinded_session_tells_nothing_of_cue_and_group(tmp_path):
-    made = synthetic.write(tmp_path, [MET], seconds=4.0, blinded=True, group="treated")
-    html = debrief.render(made)
-    table = json.loads(
-        json.loads(json.dumps(re.search(r'id="csv-hazards">(.*?)</script>', html, re.S)[1]))
-    )
-    assert "cue" not in table.splitlines()[0].split(",") and "treated" not in html
-    assert (
-        "the cue came" not in text_of(html).lower() and "with the cue" not in text_of(html).lower()
-    )
-    assert "force felt" not in html and "unintended motion of the true tip" in html
+    made = synthetic.write(tmp_path, [MET], seconds=4.0, blinded=True, group="treated", bases=BASES)
+    html = debrief.write(made).read_text()
+    told = text_of(html).lower()
+    assert "treated" not in html and "90 ms" not in told and "with the cue" not in told
+    assert "force felt" not in told and "unintended motion" in told and '"model"' not in html
 
 
 def test_text_from_a_session_cannot_become_markup(tmp_path):
     made = synthetic.write(
         tmp_path, [synthetic.hazard(0, title="<script>alert(1)</script>")], participant="<b>P</b>"
     )
-    html = debrief.render(made)
+    html = debrief.write(made).read_text()
     assert "<script>alert" not in html.lower() and "<b>P</b>" not in html and "&lt;b&gt;P" in html
 
 
+def test_every_round_of_a_level_stands_in_the_table_and_those_in_time_are_bold(tmp_path):
+    level = [
+        {"title": "Drive <slowly>", "targets": 6, "within_s": 8.0},
+        {"title": "Hold", "targets": 3, "within_s": 12.5},
+        {"title": "Both", "targets": 2, "within_s": 20.0},
+    ]
+    rounds = [[9.31, 7.5, 8.0], [14.0], []]
+    task = {"levels": 3, "levels_proficient": 1, "rounds_s_of_level": rounds}
+    scenario = {"name": "l", "task": {"kind": "levels", "in_a_row": 2, "level": level}}
+    made = synthetic.write(tmp_path, [], recorded=False, scenario=scenario, summary={"task": task})
+    html = debrief.write(made).read_text()
+    (section,) = re.findall(r'<section id="levels">.*?</section>', html, flags=re.S)
+    rows = re.findall(r"<tr>.*?</tr>", section)
+    cells = [re.sub(r"<(?!b>|/b>)[^>]+>", " ", row).split() for row in rows]
+    assert " ".join(cells[1]) == (
+        "1. Drive &lt;slowly&gt; 6 targets 8 s 3 7.5 s 9.3, <b>7.5</b>, <b>8.0</b> yes"
+    )
+    assert " ".join(cells[2]) == "2. Hold 3 targets 12.5 s 1 14.0 s 14.0 not yet"
+    assert " ".join(cells[3]).endswith("0 – none –")
+
+
+def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording, folder):
+    told = replay.data(Course(recording), description.read(folder), [MET])
+    assert told is not None
+    ms = np.array(told["ms"])
+    assert ms[0] == 0 and ms[-1] == 16_999 and len(ms) < 1500
+    assert np.diff(ms).max() <= replay.EVERY_MS
+    assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= replay.EVERY_HAZARD_MS
+    row = int(np.searchsorted(ms, 2400))
+    for arm in ARMS:
+        axis, joints = (
+            recording[f"{arm}/{name}"][ms[row]].tolist() for name in ("tip", "link_jpos")
+        )
+        place = np.array(told["arms"][arm]["tip"][row]) / replay.PER_M
+        assert np.allclose(place, to_world(arm, closing_point(arm, axis, joints)), atol=1e-4)
+    marks = [(mark["ms"], mark["kind"]) for mark in told["marks"]]
+    assert marks == [(2000.0, "strike"), (2430.0, "response")]
+    assert told["task"]["targets"] == [{"number": 0, "at": [0.0, 0.0, 0.19]}]
+    assert replay.data(Course(recording), {}, [MET]) is None
+
+
 @pytest.mark.slow
-def test_the_page_opens_offline_and_fits(folder):
+def test_the_page_opens_offline_fits_and_plays_the_session_again(folder):
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     chromium = (
         shutil.which("chromium")
@@ -330,41 +255,42 @@ def test_the_page_opens_offline_and_fits(folder):
         pytest.skip("no chromium on the path (apt-get install chromium)")
     asked, told = [], []
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        browser = playwright.chromium.launch(
+            executable_path=chromium, args=["--no-sandbox", "--disable-gpu"]
+        )
         page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(waiting.DEADLINE_MS)
         page.on("request", lambda request: asked.append(request.url))
         page.on("console", lambda message: told.append(f"{message.type}: {message.text}"))
         page.on("pageerror", lambda error: told.append(str(error)))
         page.goto((folder / debrief.FILE).as_uri())
-        page.wait_for_function(
-            "[...document.querySelectorAll('.figure')].every((one) =>"
-            " one.querySelector('.main-svg'))"
-        )
-        figures = page.evaluate(
-            "[...document.querySelectorAll('.figure')].map((one) => one.dataset.figure)"
-        )
         linked = page.evaluate(
             "[...document.querySelectorAll('nav a')].every((a) => document.querySelector(a.hash))"
         )
+        picture = "document.querySelector('canvas.replay').toDataURL()"
+        pictures = [page.evaluate(picture)]
+        page.evaluate(
+            "Object.assign(document.querySelector('.player input'), {value:"
+            " 1500}).dispatchEvent(new Event('input'))"
+        )
+        assert page.inner_text(".player output") == "1.50 s of 17.0 s"
+        pictures.append(page.evaluate(picture))
+        page.evaluate("document.querySelector('.moments .strike').click()")
+        assert page.inner_text(".player output") == "1.80 s of 17.0 s"
+        page.evaluate("document.querySelector('[data-view=side]').click()")
+        pictures.append(page.evaluate(picture))
+        page.select_option(".player select", "4")
+        page.evaluate("document.querySelector('.player .play').click()")
+        page.wait_for_function(
+            "document.querySelector('.player .play').textContent === 'Play'", polling=50
+        )
+        assert page.inner_text(".player output").startswith("17.00")
         wide = [page.evaluate("document.documentElement.scrollWidth")]
         page.emulate_media(color_scheme="dark")
         page.set_viewport_size({"width": 420, "height": 900})
         wide.append(page.evaluate("document.documentElement.scrollWidth"))
         ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
-        with page.expect_download() as waiting:
-            page.click("[data-csv=hazards]")
-        header = waiting.value.path().read_text(encoding="utf-8").splitlines()[0]
         browser.close()
-    assert figures == [
-        "hazard-figure-1",
-        "hazard-figure-2",
-        "hazard-figure-3",
-        "overview-figure",
-        "loop-figure",
-    ]
     assert linked and wide[0] <= 1280 and wide[1] <= 420 and ground == "rgb(15, 18, 21)"
-    assert header.startswith("session,participant,group")
-    assert (
-        told == []
-        and [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
-    )
+    assert len(set(pictures)) == 3 and told == []
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []

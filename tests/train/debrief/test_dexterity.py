@@ -10,7 +10,8 @@ import pytest
 import synthetic_session as synthetic
 from scipy import integrate, optimize
 
-from ravenjax.train.debrief import dexterity
+from ravenjax.store.logs.session import description
+from ravenjax.train.debrief import dexterity, figures, page
 from ravenjax.train.debrief.course import Course
 from ravenjax.train.protocol.frame import FrameLayout
 
@@ -54,7 +55,7 @@ def test_a_circle_and_a_line_have_their_lengths_and_economies():
     assert dexterity.path_length(circle) == pytest.approx(2 * np.pi * 0.02, rel=1e-6)
     half = circle[:10_001]
     assert dexterity.economy([half]) == pytest.approx(2 / np.pi, rel=1e-6)
-    assert math.isnan(dexterity.economy([half[:1].repeat(3, axis=0)]))
+    assert dexterity.economy([half[:1].repeat(3, axis=0)]) is None
     assert dexterity.economy([np.linspace(half[0], half[-1], 50), half]) == pytest.approx(
         4 / (2 + np.pi), rel=1e-6
     )
@@ -82,7 +83,7 @@ def test_a_gaussian_speed_has_the_arc_length_of_its_spectrum():
     assert dexterity.spectral_arc_length(profile, rate) == pytest.approx(-length, rel=0.01)
     two = profile + np.roll(profile, 900)
     assert dexterity.spectral_arc_length(two, rate) < dexterity.spectral_arc_length(profile, rate)
-    assert math.isnan(dexterity.spectral_arc_length(0 * profile, rate))
+    assert dexterity.spectral_arc_length(0 * profile, rate) is None
 
 
 def test_a_session_of_known_motion_has_its_measures():
@@ -92,25 +93,22 @@ def test_a_session_of_known_motion_has_its_measures():
     green = np.concatenate([there, rest, np.repeat(there[-1:], len(back), axis=0)])
     target = np.where(np.arange(len(gold)) < 2000, 0, 1)
     told = dexterity.measure(session(gold, green, target=target))
-    assert told.driven_s == pytest.approx(4.002)
-    assert told.arms["gold"].path_mm == pytest.approx(100, rel=0.01)
-    assert told.arms["green"].path_mm == pytest.approx(50, rel=0.01)
-    assert (
-        told.arms["gold"].economy == pytest.approx(1.0, abs=0.01)
-        and told.arms["gold"].movements == 2
-    )
-    assert told.idle == pytest.approx(0.5, abs=0.05) and told.both == pytest.approx(0.25, abs=0.03)
-    assert told.plain()["arms"]["gold"]["path_mm"] == told.arms["gold"].path_mm
+    gold, green = told["arms"].values()
+    assert told["driven_s"] == pytest.approx(4.002) and gold["movements"] == 2
+    assert gold["path_mm"] == pytest.approx(100, rel=0.01)
+    assert green["path_mm"] == pytest.approx(50, rel=0.01)
+    assert gold["economy"] == pytest.approx(1.0, abs=0.01)
+    assert told["idle"] == pytest.approx(0.5, abs=0.05)
+    assert told["both"] == pytest.approx(0.25, abs=0.03)
 
 
 def test_what_is_done_with_the_pedal_up_counts_for_nothing():
     way = np.linspace([0, 0, 0], [0.1, 0, 0], 4000)
     pedal = (np.arange(4000) < 1000).astype(float)
     told = dexterity.measure(session(way, way, pedal))
-    assert told.driven_s == pytest.approx(1.0) and told.arms["gold"].path_mm == pytest.approx(
-        25, rel=0.02
-    )
-    none = dexterity.measure(session(way, way, 0 * pedal)).plain()
+    assert told["driven_s"] == pytest.approx(1.0)
+    assert told["arms"]["gold"]["path_mm"] == pytest.approx(25, rel=0.02)
+    none = dexterity.measure(session(way, way, 0 * pedal))
     assert none["driven_s"] == 0 and none["idle"] is None and none["arms"]["gold"]["sparc"] is None
 
 
@@ -119,17 +117,47 @@ def test_speeds_that_rise_and_fall_together_are_correlated():
     one = 1 + np.sin(t)
     assert dexterity.correlation(one, 3 * one + 2) == pytest.approx(1.0)
     assert dexterity.correlation(one, 1 - np.sin(t)) == pytest.approx(-1.0)
-    assert math.isnan(dexterity.correlation(one, 0 * one))
+    assert dexterity.correlation(one, 0 * one) is None
 
 
-def test_a_recorded_session_is_measured(tmp_path):
-    from ravenjax.train.recording import reader
+def attempt(base, name, day, **header):
+    folder = synthetic.write(
+        base / name, [], recorded=False, started=f"2026-01-{day:02}T00:00:00.000+00:00", **header
+    )
+    arms = {arm: {"path_mm": 10.0 * day, "sparc": -5.0 + day} for arm in ("gold", "green")}
+    told = {
+        "dexterity": {"idle": 0.5, "arms": arms},
+        "hazards": {"score": 5 * day, "median_reaction_ms": None},
+    }
+    description.update(folder, {"summary": told})
+    return folder
 
-    folder = synthetic.write(tmp_path / "s", [], seconds=4.0)
-    told = dexterity.measure(Course(reader.read(folder)))
-    assert told.driven_s == pytest.approx(3.6) and told.both > 0.9
+
+def test_a_curve_holds_the_persons_sessions_of_the_scenario_so_far_in_order(tmp_path):
+    third = attempt(tmp_path, "a", 3)
+    attempt(tmp_path, "b", 1)
+    attempt(tmp_path, "c", 2, participant="P2")
+    attempt(tmp_path, "d", 2, scenario={"name": "other"})
+    attempt(tmp_path, "e", 4)
+    told = dexterity.read_attempts(third)
+    assert [one["name"] for one in told] == ["b", "a"]
+    drawn = figures.learning(told)
+    # No reaction was timed.
+    assert [chart.marks[0].y.tolist() for chart in drawn] == [[5, 15], [20.0, 60.0], [-4.0, -2.0]]
+    assert figures.learning(told[:1]) == []
+    assert dexterity.read_attempts(attempt(tmp_path, "f", 1, participant="")) == []
+
+
+def test_the_debrief_keeps_and_shows_the_measures_of_a_recording(tmp_path):
+    attempt(tmp_path, "first", 1, participant="P1")
+    folder = synthetic.write(tmp_path / "second", [], seconds=4.0)
+    text = page.write(folder).read_text()
+    told = description.read(folder)["summary"]["dexterity"]
+    assert told["driven_s"] == pytest.approx(3.6) and told["both"] > 0.9
     phase = np.arange(400, 4000) / 700
     way = np.stack(
         [0.02 * np.sin(phase), 0.015 * np.cos(phase), -0.1 + 0.004 * np.sin(2.3 * phase)], axis=1
     )
-    assert told.arms["gold"].path_mm == pytest.approx(1e3 * dexterity.path_length(way), rel=0.02)
+    path_mm = told["arms"]["gold"]["path_mm"]
+    assert path_mm == pytest.approx(1e3 * dexterity.path_length(way), rel=0.02)
+    assert f"{path_mm:.1f} mm" in text and "Balasubramanian" in text and "learning-1" in text

@@ -59,27 +59,14 @@ HEADER = {
     "task": {
         "kind": "reach",
         "targets": [
-            {
-                "number": 0,
-                "arm": "gold",
-                "at": [-0.03, -0.02, 0.19],
-                "radius_m": 0.003,
-                "colour": "#d9a441",
-            },
-            {
-                "number": 1,
-                "arm": "green",
-                "at": [0.01, 0.02, 0.195],
-                "radius_m": 0.003,
-                "colour": "#4fae6a",
-            },
-            {
-                "number": 2,
-                "arm": "gold",
-                "at": [-0.01, -0.01, 0.19],
-                "radius_m": 0.003,
-                "colour": "#d9a441",
-            },
+            {"number": k, "arm": arm, "at": at, "radius_m": 0.003, "colour": "#d9a441"}
+            for k, (arm, at) in enumerate(
+                [
+                    ("gold", [-0.03, -0.02, 0.19]),
+                    ("green", [0.01, 0.02, 0.195]),
+                    ("gold", [-0.01, -0.01, 0.19]),
+                ]
+            )
         ],
     },
 }
@@ -102,7 +89,7 @@ class FakeSession:
             Ring.create(1024, EVENT_BYTES),
         )
         self._said, self._next = Ring.create(256, COMMAND_BYTES), 0
-        self._port_told, port_taken = multiprocessing.Pipe(duplex=False)
+        self._port_told, port_taken = multiprocessing.Pipe()
         self.frame = Frame(self.layout)
         self.commands, self.port, self.tick = [], 0, 0
         self.folder = folder
@@ -118,15 +105,15 @@ class FakeSession:
             self.frames.name,
             self.events.name,
             self._said.name,
-            port_taken,
             tuple(arms),
             dict(header),
             folder and str(folder),
             **options,
         )
-        self.process = context.Process(target=page.run, args=(self.options,), daemon=True)
+        self.process = context.Process(target=page.run_when_told, args=(port_taken,), daemon=True)
         self.process.start()
         port_taken.close()
+        self._port_told.send(self.options)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 

@@ -117,33 +117,6 @@ def events(session, kind):
     return [one for one in reader.read(session.folder).events if one["kind"] == kind]
 
 
-def test_an_open_page_does_not_fight_a_console(browser, begin):
-    session = begin(when="[2, 2]")
-    with visit(browser, session.operator) as page, console(session) as held:
-        until(page, "document.getElementById('left-word').textContent === 'left, waits'")
-        waiting.until(lambda: held.sent > 50)
-        held.pedal = 1
-        became(page, "pedal", 1)
-        until(
-            page, "document.getElementById('banner').innerText.includes('The ITP console drives')"
-        )
-        assert page.inner_text("#owner") == "the ITP console"
-        assert page.is_disabled("#take")  # while the other's pedal is down
-        assert held.told()["jointflags"] & 0b10_0100 == 0b10_0100  # it drives, and its pedal counts
-        page.keyboard.down("Space")
-        page.keyboard.down("KeyD")
-        assert session.ended() == 0
-    recording = reader.read(session.folder)
-    rows = recording["pedal"][events(session, "started")[0]["tick"] : -250]
-    assert rows.min() == 1, "a heartbeat lifts no pedal"
-    (row,) = hazards(session)
-    assert row["struck_ms"] and not row["response"] and row["outcome"] != "avoided", (
-        "nobody has reacted"
-    )
-    assert [(one["console"], one["by"]) for one in events(session, "owner")] == [("itp", "pedal")]
-    assert session.header()["consoles"] == ["page", "itp"]
-
-
 def test_handing_over_is_an_act_that_is_seen_and_recorded(browser, begin):
     session = begin(seconds=60)
     with (
@@ -254,44 +227,6 @@ def test_time_waits_for_the_first_pedal_and_is_shown(browser, begin):
         assert session.ended() == 0
     began = events(session, "started")[0]["tick"]
     assert began > 4000 and events(session, "end")[0]["tick"] == began + 2999
-
-
-def test_the_trainees_address_makes_no_instructor(browser, begin):
-    session = begin(seconds=60, options=("--token", "trainees"))
-    with (
-        visit(browser, session.operator) as page,
-        visit(browser, session.operator.replace("role=operator", "role=instructor")) as climber,
-        visit(browser, session.instructor) as instructor,
-        visit(browser, session.instructor) as second,
-    ):
-        assert "instructor_token" not in page.url and "instructor_token" not in instructor.url
-        until(climber, "document.getElementById('banner').innerText.includes('Not an instructor')")
-        assert climber.locator("#hazards li").count() == 0 and not climber.is_visible(
-            "#hazard-card"
-        )
-        assert climber.evaluate("window.ravenjax.state().role") == "watcher"
-        assert instructor.locator("#hazards li").count() == 1
-        until(
-            second,
-            "document.getElementById('banner').innerText.includes('Another instructor is at work')",
-        )
-        second.click("#banner button")
-        until(second, "window.ravenjax.state().role === 'instructor'")
-        instructor.reload()
-        until(instructor, "window.ravenjax.state && window.ravenjax.state().frames > 3")
-        assert instructor.evaluate("window.ravenjax.token").strip()  # this tab's own, from before
-
-
-def test_an_open_page_does_not_fight_a_script(browser, begin):
-    session = begin(seconds=6, options=("--script", "none"))
-    with visit(browser, session.operator) as page:
-        until(page, "document.getElementById('banner').innerText.includes('A script drives')")
-        page.keyboard.down("Space")
-        page.keyboard.up("Space")
-        assert session.ended() == 0
-    began = events(session, "started")[0]["tick"]
-    assert reader.read(session.folder)["pedal"][began:-250].min() == 1
-    assert {one["console"] for one in events(session, "owner")} == {"script"}
 
 
 def test_a_session_is_never_overwritten(begin):

@@ -21,6 +21,24 @@ pytestmark = [
     ),
     pytest.mark.slow,  # a process and a browser
 ]
+CONTROLS = """
+window.controls = [...document.querySelectorAll("#rj :is(button, input, select, textarea, a[href])")]
+  .filter((one) => one.offsetParent && !one.disabled && one.tabIndex >= 0);
+window.pressed = new Set();
+document.addEventListener("click", (event) => {
+  const one = event.target.closest("#rj button, #rj input[type=checkbox], #rj a");
+  if (one) pressed.add(one);
+  event.preventDefault();
+  event.stopImmediatePropagation();
+}, { capture: true });
+window.words = (one) => (one.ariaLabel ?? one.labels?.[0]?.textContent ?? one.textContent).trim();
+controls.map((one) => one.outerHTML);
+"""  # noqa: E501
+FOCUSED = """(() => {
+  const one = document.activeElement;
+  return { number: controls.indexOf(one), outlined: getComputedStyle(one).outlineStyle !== "none",
+    presses: one.matches("button, a, input[type=checkbox]") };
+})()"""
 SHOWN = "!document.querySelector({!r}).hidden"
 PEDAL_DOWN = "document.querySelector('#pedal').classList.contains('down')"
 
@@ -36,6 +54,15 @@ def browser():
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     made = FakeSession(folder=tmp_path_factory.mktemp("session"))
+    made.wait()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def fresh(request):
+    """A session of the test's own; a parameter changes its header."""
+    made = FakeSession(HEADER | getattr(request, "param", {}))
     made.wait()
     yield made
     made.close()
@@ -98,109 +125,24 @@ def test_an_alarm_says_what_and_what_to_do_and_every_check_has_words(browser, se
         assert page.get_attribute("#alarm-words", "role") == "alert"
 
 
-def test_a_level_says_what_it_asks_and_how_the_round_went(browser):
-    session = FakeSession()
-    session.wait()
-    asks = {"level": 2, "of": 3, "title": "Be exact", "within_s": 16, "needs": 2}
-    line = "Level 2 of 3 · Be exact · a round within 16 s"
-    with Visit(browser, session, "role=operator&scene=off", 390) as page:
-        assert not page.is_visible("#level-words")
-        session.event("level", **asks, in_a_row=0, took_ms=18_240, within=False)
-        until(page, f"document.querySelector('#level-words').textContent.startsWith('{line}')")
-        assert (
-            page.inner_text("#level-words")
-            == f"{line} · last round 18.2 s, too slow · 0 of 2 in a row"
-        )
-        assert (
-            page.is_visible("#level-words")
-            and page.get_attribute("#level-words", "role") == "status"
-        )
-    session.close()
-
-
-def test_on_a_phone_the_words_of_an_alarm_leave_the_restart_to_the_finger(browser):
-    session = FakeSession()
-    session.wait()
-    with Visit(browser, session, "role=operator&scene=off", 390) as page:
-        click(page, "#estop")
-        until(page, SHOWN.format("#banner"))
-        session.event("alarm", check="overdrive_instant", count=1)
-        until(page, SHOWN.format("#alarm-words"))
-        restart, words = (
-            page.locator(name).bounding_box() for name in ("#banner button", "#alarm-words")
-        )
-        assert restart is not None and words is not None and not _overlap(restart, words)
-    session.close()
-
-
-def test_on_a_phone_what_to_do_stands_below_the_picture(browser):
-    session = FakeSession()
-    session.wait()
-    with Visit(browser, session, "role=operator&scene=off", 390) as page:
-        page.set_viewport_size({"width": 390, "height": 844})
-        until(page, SHOWN.format("#coach"))
-        page.wait_for_timeout(100)
-        picture, words = (page.locator(name).bounding_box() for name in ("#scope", "#coach"))
-        assert (
-            picture is not None
-            and words is not None
-            and not _overlap(picture, words)
-            and picture["height"] > 200
-        )
-        page.set_viewport_size({"width": 390, "height": 560})
-        page.wait_for_timeout(100)
-        low = page.locator("#scope").bounding_box()
-        assert low is not None and low["height"] >= 200, "of a low screen enough is left"
-        page.set_viewport_size({"width": 390, "height": 844})
-        click(page, "#coach .close")
-        until(page, f"!({SHOWN.format('#coach')})")
-        page.wait_for_timeout(100)
-        alone = page.locator("#scope").bounding_box()
-        assert alone is not None and alone["height"] > picture["height"] + words["height"]
-    session.close()
-
-
-def test_keys_reach_switches_and_help(browser, session):
-    with Visit(browser, session, "role=operator&scene=off", 1366) as page:
-        page.focus("#sound")
-        page.keyboard.press("Enter")
-        assert not page.is_checked("#sound")
-        page.keyboard.press("Slash")
-        assert page.locator("#help").is_visible()
-        page.keyboard.press("Slash")
-        names = page.evaluate(
-            "[...document.querySelectorAll('#rj button, #rj canvas')].filter((one) =>"
-            " one.offsetParent && !(one.textContent.trim() || one.ariaLabel)).map((one) =>"
-            " one.outerHTML)"
-        )
-        assert names == []
-        assert page.evaluate(
-            "[...document.querySelectorAll('#rj button')].every((one) => one.tabIndex === 0)"
-        )
-
-
 @pytest.mark.parametrize(
     ("query", "field"), [(AS_INSTRUCTOR, "#note"), ("role=operator", "#volume")]
 )
-def test_escape_stops_the_robot_also_from_a_field(browser, query, field):
-    session = FakeSession()
-    session.wait()
-    with Visit(browser, session, f"{query}&scene=off", 1366) as page:
+def test_escape_stops_the_robot_also_from_a_field(browser, fresh, query, field):
+    with Visit(browser, fresh, f"{query}&scene=off", 1366) as page:
         if field == "#volume":
             click(page, "#coach .cue-test")
         page.focus(field)
         page.keyboard.press("Escape")
-        session.heard(type="operator", do="estop")
-    session.close()
+        fresh.heard(type="operator", do="estop")
 
 
-def test_whatever_sounds_is_also_written_where_a_screen_reader_finds_it(browser):
-    session = FakeSession(HEADER | {"contact_units_per_n": 0.01})
-    session.wait()
-    with Visit(browser, session, "role=operator&scene=off", 1366) as page:
+@pytest.mark.parametrize("fresh", [{"contact_units_per_n": 0.01}], indirect=True)
+def test_whatever_sounds_is_also_written_where_a_screen_reader_finds_it(browser, fresh):
+    with Visit(browser, fresh, "role=operator&scene=off", 1366) as page:
         page.keyboard.down("Space")
         until(page, "document.getElementById('phase').textContent === 'running'")
-        session.frame["gold/contact"] = (0.0, 0.0, 2.0)
+        fresh.frame["gold/contact"] = (0.0, 0.0, 2.0)
         until(
             page,
             "ravenjax.state().loudness > 0 &&"
@@ -210,7 +152,7 @@ def test_whatever_sounds_is_also_written_where_a_screen_reader_finds_it(browser)
             page.locator("#pressing").is_visible()
             and page.get_attribute("#pressing", "role") == "status"
         )
-        session.frame["gold/contact"] = (0.0, 0.0, 0.0)
+        fresh.frame["gold/contact"] = (0.0, 0.0, 0.0)
         until(page, "ravenjax.state().loudness === 0 && document.getElementById('pressing').hidden")
         for strength in ("0.2", "1"):
             if not page.locator("#cue-check").is_visible():
@@ -222,7 +164,6 @@ def test_whatever_sounds_is_also_written_where_a_screen_reader_finds_it(browser)
             assert page.get_attribute(
                 "#cue-sign", "role"
             ) == "status" and "pull: " in page.inner_text("#cue-sign")
-    session.close()
 
 
 @pytest.mark.parametrize(
@@ -268,29 +209,6 @@ def _overlap(a, b):
     )
 
 
-def test_the_arms_differ_for_a_protanope_and_text_has_contrast(browser, session):
-    with Visit(browser, session, "role=operator&scene=off") as page:
-        colours = page.evaluate("import('/static/plots.js').then((own) => own.COLOURS)")
-        gold, green = (_luminance(colours[arm]) for arm in ("gold", "green"))
-        assert (gold + 0.05) / (
-            green + 0.05
-        ) > 1.7  # apart in lightness, which red-blindness leaves
-        ground = _luminance("#161d25")
-        for colour in (*colours.values(), "#a3b1c0"):
-            assert (_luminance(colour) + 0.05) / (
-                ground + 0.05
-            ) >= 4.5  # WCAG 2.2, success criterion 1.4.3
-        assert page.locator(".pad[data-arm=gold] b").inner_text() == "L gold"
-        assert page.locator(".pad[data-arm=green] b").inner_text() == "R green"
-
-
-def _luminance(colour):
-    """Relative luminance of #rrggbb, WCAG 2.2."""
-    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    red, green, blue = (x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
-
-
 def test_the_goal_is_drawn_from_two_sides(browser, session):
     assert HEADER["task"]["targets"][0]["arm"] == "gold"
     with Visit(browser, session, "role=operator&scene=off", 1366) as page:
@@ -307,3 +225,32 @@ def test_the_goal_is_drawn_from_two_sides(browser, session):
             });
         })()""")  # noqa: E501
         assert min(halves) > 30
+
+
+@pytest.mark.parametrize("role", ["role=operator", AS_INSTRUCTOR])
+def test_every_control_is_reached_by_tab_outlined_named_and_pressed_by_enter(browser, fresh, role):
+    with Visit(browser, fresh, f"{role}&scene=off", 1366) as page:
+        until(page, "window.ravenjax.state().frames > 3")
+        controls = page.evaluate(CONTROLS)
+        assert len(controls) >= 15
+        reached, outlined = set(), set()
+        for _ in range(2 * len(controls) + 10):  # summaries and lists that scroll are reached, too
+            page.keyboard.press("Tab")
+            focused = page.evaluate(FOCUSED)
+            reached.add(focused["number"])
+            if focused["outlined"]:
+                outlined.add(focused["number"])
+            if focused["presses"]:
+                page.keyboard.press("Enter")
+        assert [one for number, one in enumerate(controls) if number not in reached] == []
+        assert [one for number, one in enumerate(controls) if number not in outlined] == []
+        assert (
+            page.evaluate("controls.filter((one) => !words(one)).map((one) => one.outerHTML)") == []
+        )
+        assert (
+            page.evaluate(
+                "controls.filter((one) => one.matches('button, input[type=checkbox]') &&"
+                " !pressed.has(one)).map((one) => one.outerHTML)"
+            )
+            == []
+        )

@@ -8,12 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from ravenjax.train.page import PageOptions
 from ravenjax.train.page.hub import Hub
-from ravenjax.train.page.inbox import Inbox
-from ravenjax.train.protocol.frame import FrameLayout
 from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, read_json
 
-LAYOUT = FrameLayout.of(("gold",))
+OPTIONS = PageOptions("frames", "events", "commands", ("gold",), {})
 PRESSED = json.dumps({"type": "input", "source": "keyboard", "pedal": True, "arms": {}})
 
 
@@ -54,7 +53,7 @@ def ring():
 
 def test_what_the_old_connection_of_a_window_still_says_is_not_the_operators(ring):
     async def scene():
-        hub = Hub({}, {}, LAYOUT, ring, Inbox(("gold",), 0, False), lambda *_: None, lambda: None)
+        hub = Hub(OPTIONS, {}, ring, lambda *_: None, lambda: None)
         old, new = Socket("mine"), Socket("mine")
         serving = [asyncio.create_task(hub.serve(old))]
         await old.say(PRESSED)

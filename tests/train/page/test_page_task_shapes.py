@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ravenjax.train.page.task_shapes import GOAL, RING_M, TaskShapes
+from ravenjax.train.page.marks import GOAL, RING_M, TaskShapes
 
 
 class Scene:

@@ -12,7 +12,7 @@ from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.errors import UserError
-from ravenjax.hazards import expansion, library
+from ravenjax.hazards import library
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import PUBLISHED_CUE_MM
 from ravenjax.train import scenario
@@ -112,25 +112,19 @@ def test_a_limit_has_one_key(tmp_path, path, instead):
     assert f"parameters.{path}: cannot be set: {instead}" in message and "[outcomes]" not in message
 
 
-@pytest.mark.parametrize("path", scenario.bundled(), ids=lambda path: path.stem)
-def test_a_bundled_scenario_leaves_time_between_cue_and_harm(path):
-    chosen = scenario.load(path)
-    assert not chosen.hazard or chosen.harm.excursion_mm > 2 * chosen.cue.threshold_mm
-
-
 def test_the_list_of_hazards_says_what_each_asks(tmp_path):
     chosen = scenario.load(written(tmp_path), ["hazard.own.within_s=3"])
     table = table_of(chosen)
     first, second, own = scenario.armable(chosen, FaultTable.of(table))
-    assert (first.number, first.row, first.hazard, first.arm) == (0, 0, "B27", "green")
-    assert second.number == second.row == 1 and second.title == library.find("B27").title
+    assert (first.number, first.hazard, first.arm) == (0, "B27", "green")
+    assert second.number == 1 and second.title == library.find("B27").title
     assert first.when_ms == (5000.0, 20000.0) and first.right_response == ("release",)
-    assert (
-        first.duration_ms is None and first.lasts_ms == 5000
-    )  # bursts again and again have no end
+    # Bursts again and again have no end.
+    assert first.lasts_ms == 5000
     assert own.title == "pushed" and own.hazard == "fault" and own.when_ms is None
     assert own.right_response == ("release", "slow", "stop")
-    assert own.duration_ms == 900 and own.lasts_ms == 3500  # the response's time and half a second
+    # The response's time and half a second.
+    assert own.lasts_ms == 3500
     assert [int(one.run_id, 16) for one in (first, second, own)] == table["run_id"].tolist()[:3]
     assert first.header() == {
         "number": 0,
@@ -167,7 +161,7 @@ def test_a_row_that_is_taken_is_one_of_the_librarys_but_for_its_time():
     every = design.expand(whole)
     keys = ("site", "channel", "effect", "duration_ms", "every_ms")
     for one in armable:
-        row, meant = table.iloc[one.row], every[every["group"] == one.group]
+        row, meant = table.iloc[one.number], every[every["group"] == one.group]
         for s in range(2):
             same = np.all(
                 [
@@ -242,9 +236,7 @@ WRONG = [
     ),
     ('kind = "reach"', "", "task: kind is missing"),
     ("targets = 4", "target = 4", ":8: task.target: unknown key", "Did you mean 'targets'?"),
-    ("targets = 4", "targets = 0", "task.targets: got 0, expected greater than or equal to 1"),
     ('"B27"', '"B72"', ":12: hazard[0].hazards: unknown hazard 'B72'", "Did you mean"),
-    ('arm = "green"', 'arm = "gren"', "hazard[0].arm: got 'gren'", "Did you mean 'green'?"),
     ("when = [5, 20]", "when = [20, 5]", "hazard[0].when: got [20, 5]"),
     (
         "when = [5, 20]",
@@ -265,7 +257,6 @@ WRONG = [
         "hazard[1].fault[0].site: unknown fault site 'usb_ot'",
         "Did you mean 'usb_out'?",
     ),
-    ("value = 700", "value = 0.5", ":26: hazard[1].fault[0].value: "),
     ("value = [1000, 2000]", "value = [1000, 0.5]", ":14: hazard[0].value: "),
     ('title = "pushed"', 'hazards = ["B27"]', "hazard[1]: expected either hazards"),
 ]
@@ -278,17 +269,6 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path, old, new, told):
     assert str(path) in message
     for words in told:
         assert words in message, message
-
-
-def test_an_arm_that_the_session_lacks_is_told(tmp_path):
-    path = written(tmp_path, 'arms = ["gold", "green"]', 'arms = ["gold"]')
-    assert "hazard[0].arm: got 'green', expected one of the session's arms ['gold']" in refused(
-        path
-    )
-    assert "task.arms: arm 'green'" in refused(
-        written(tmp_path), "task.arms=['green']", "arms=['gold']", "hazard=[]"
-    )
-    assert "--set: arms" in refused(written(tmp_path), "arms=['green', 'gold']")
 
 
 def test_an_unknown_name_suggests_a_bundled_one():
@@ -314,10 +294,3 @@ def test_bundled_scenarios_load_by_name_and_make_campaigns(path):
     assert (
         scenario.from_dict(chosen.resolved()).resolved() == chosen.resolved()
     )  # what session.json keeps is the scenario again
-
-
-def test_expansion_and_session_name_cases_alike():
-    for row in library.rows():
-        for group in expansion.expand({"name": "x", "hazards": [row.id]}) if row.runnable else []:
-            entry, identity, case = hazards.named(group["name"])
-            assert (entry, identity) == ("x", row.id) and case in [one.name for one in row.case]

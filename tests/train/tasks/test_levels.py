@@ -66,22 +66,6 @@ def test_rounds_in_a_row_within_the_time_lead_on():
     assert result["rounds_s_of_level"] == [[1.0, 1.002, 0.2, 0.2], [0.5, 0.5]]
 
 
-def test_a_level_is_never_left_without_proficiency():
-    one, frame = levels()
-    trainee = Trainee(one, frame)
-    for _ in range(5):
-        (event,) = trainee.round(900)
-        assert event["level"] == 1 and event["in_a_row"] == 0
-    assert one.progress == 0.0 and one.result()["levels_proficient"] == 0
-
-
-def test_targets_are_numbered_through_the_levels():
-    one, _ = levels()
-    targets = one.geometry()["targets"]
-    assert [target["number"] for target in targets] == [0, 1, 2, 3, 4]
-    assert [target["radius_m"] for target in targets] == [0.003] * 3 + [0.002] * 2
-
-
 @pytest.mark.parametrize(
     ("level", "words"),
     [

@@ -14,7 +14,7 @@ import ravenjax
 from ravenjax.robots.raven2.geometry import kinematics, limits
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.train import tasks
-from ravenjax.train.protocol.world import surface, to_world
+from ravenjax.train.protocol.world import surface
 
 BOTH = ("gold", "green")
 OPEN, CLOSED = (0.785, 0.785), (0.3, 0.3)
@@ -64,13 +64,7 @@ def test_the_last_target_ends_the_task_and_the_numbers_are_right():
         and one.progress == 1.0
         and one.wish("gold", (0, 0, 0)) is None
     )
-    points = [to_world("gold", TIPS["gold"]), one.targets[0][1], one.targets[1][1]]
-    way = 1e3 * sum(math.dist(a, b) for a, b in itertools.pairwise(points))
-    result = one.result()
-    assert (
-        result["score"] == 100.0 and result["reached"] == 2 and result["time_per_target_ms"] == 500
-    )
-    assert result["straight_mm"] == pytest.approx(way, abs=0.01) == result["path_mm"]["gold"]
+    assert one.result()["score"] == 100.0
     assert one.step(frame, 2000) == []
 
 
@@ -209,16 +203,14 @@ def test_a_restart_puts_the_object_back_on_its_peg():
 # --- path ---
 
 
-def test_following_the_line_counts_and_being_off_is_measured():
+def test_following_the_line_counts():
     one, frame = task(kind="path", shape="circle", radius_mm=10, laps=1, tolerance_mm=2)
     for k in range(0, 201, 2):
         x, y, z = one.points[k % 200]
         put(frame, "gold", (x, y, z + 0.001))
         one.step(frame, k)
     assert one.done and one.progress == 1.0
-    result = one.result()
-    assert result["rms_off_mm"] == pytest.approx(1.0, abs=0.05) and result["within_share"] == 1.0
-    assert result["score"] == 100.0 and result["path_mm"]["gold"] > 2 * math.pi * 9.9
+    assert one.result()["score"] == 100.0
 
 
 def test_a_short_cut_and_a_tip_off_the_line_do_not_advance():
@@ -232,7 +224,7 @@ def test_a_short_cut_and_a_tip_off_the_line_do_not_advance():
     x, y, z = one.points[52]
     put(frame, "gold", (x, y, z + 0.0025))
     hold(one, frame, 20)
-    assert one.target == 49 and one.result()["within_share"] < 0.6
+    assert one.target == 49 and one.result()["score"] < 60 * one.progress
     put(frame, "gold", one.points[52])
     hold(one, frame, 1)
     assert one.target == 52
@@ -251,19 +243,6 @@ def test_what_the_page_and_the_debrief_get_is_json_of_one_shape(kind):
     # Of targets each names its arm.
     assert (geometry["turns"] is not None) == (kind in ("peg_transfer", "path"))
     result = json.loads(json.dumps(one.result(), allow_nan=False))
-    assert (
-        result["kind"] == kind
-        and 0 <= result["score"] <= 100
-        and set(result["path_mm"]) == set(BOTH)
-    )
+    assert result["kind"] == kind and 0 <= result["score"] <= 100
     one.restart()
     assert not one.done
-
-
-def test_a_restart_is_no_way_of_the_tip():
-    one, frame = task(kind="free")
-    one.step(frame, 0)
-    one.restart()
-    put(frame, "gold", (0.02, 0.0, 0.19))
-    hold(one, frame, 2)
-    assert one.result()["path_mm"]["gold"] == 0.0

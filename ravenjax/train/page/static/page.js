@@ -200,7 +200,7 @@ function counted() {
   if (now - since < 2000) return;
   slow = (1000 * frames) / (now - since) < SLOW_FPS && !document.hidden ? slow + 1 : 0;
   [frames, since] = [0, now];
-  const box = document.querySelector("[data-layer=shadows]");
+  const box = $("shadows");
   if (slow === 3 && box.checked) {
     box.checked = false;
     looks();
@@ -210,15 +210,13 @@ function counted() {
 
 // --- buttons ---
 
-const layers = () => document.querySelectorAll("[data-layer]");
 function looks() {
-  for (const box of layers()) if (!box.checked || box.dataset.told) layer(box);
+  if (!$("shadows").checked) shadows();
 }
-function layer(box) {
-  box.dataset.told = "1";
-  send({ type: "page", do: "layer", name: box.dataset.layer, on: box.checked });
+function shadows() {
+  send({ type: "page", do: "shadows", on: $("shadows").checked });
 }
-for (const box of layers()) box.addEventListener("change", () => layer(box));
+$("shadows").addEventListener("change", shadows);
 for (const button of document.querySelectorAll("[data-operator]"))
   button.addEventListener("click", () => send({ type: "operator", do: button.dataset.operator }));
 $("convert").addEventListener("click", () => send({ type: "operator", do: "note", text: "convert" }));
@@ -265,7 +263,7 @@ own.keys.addEventListener("keydown", ({ detail }) => {
 });
 $("debrief-close").addEventListener("click", () => ($("debrief").hidden = true));
 pads.build(input);
-if (new URLSearchParams(location.search).get("quality") === "low") document.querySelector("[data-layer=shadows]").checked = false;
+if (new URLSearchParams(location.search).get("quality") === "low") $("shadows").checked = false;
 
 /** The end is final: it wants a second click within three seconds. */
 function sure(button) {

@@ -85,7 +85,7 @@ export class Panels {
     $("blinded").hidden = !header.blinded;
     $("cue-box").hidden = Boolean(header.blinded);
     const hidden = Boolean(header.blinded) && role !== "instructor";
-    for (const id of ["error-card", "force-card", "layer-ghost", "layer-force"]) $(id).hidden = hidden;
+    for (const id of ["error-card", "force-card"]) $(id).hidden = hidden;
     for (const pad of document.querySelectorAll("#hands .pad")) pad.hidden = !arms.includes(pad.dataset.arm);
     for (const id of ["runlevel", "alarms", "log"]) $(id).replaceChildren();
     for (const [level, name] of run_levels.entries()) {

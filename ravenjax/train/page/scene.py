@@ -1,8 +1,8 @@
 """The scene in three dimensions: both arms, their ghosts, trails, forces, the task; from frames to
 viser's nodes.
 
-Layers that a window may hide are the roots of the node tree: /robot, /ghost, /virtual, /trails,
-/force, /task, /plumb.
+The roots of the node tree are /robot, /ghost, /virtual, /trails, /force, /task and /plumb. Viser
+itself sends only what changes.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -10,26 +10,33 @@ Layers that a window may hide are the roots of the node tree: /robot, /ghost, /v
 
 from __future__ import annotations
 
+import pickle
+from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import viser
 
+from ravenjax.campaign import compile_cache
+from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 from ravenjax.robots.raven2.geometry import scene
-from ravenjax.train.page import colours
-from ravenjax.train.page.depth_line import DepthLine
-from ravenjax.train.page.mesh_cache import MeshCache
-from ravenjax.train.page.task_shapes import TaskShapes
-from ravenjax.train.page.trails import Trails
+from ravenjax.train.page.marks import (
+    ARM_COLOURS,
+    MODEL,
+    DepthLine,
+    Rgb,
+    TaskShapes,
+    Trail,
+)
 from ravenjax.train.protocol.frame import VIEWS, Frame
 from ravenjax.train.protocol.jaws import jaw_tips
 from ravenjax.train.protocol.world import surface
 
-LAYERS = ("robot", "ghost", "virtual", "trails", "force", "task", "plumb")
-_LOOKS = {"ghost": (colours.MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
+_LOOKS = {"ghost": (MODEL, 0.36), "virtual": ((120, 226, 170), 0.75)}
 """Colour and opacity of the figures that are not the robot."""
 GHOST_MM = (0.5, 0.8)
 """A ghost goes below the first and comes above the second: inside the robot it would only tint
@@ -42,12 +49,36 @@ FORCE_M = 0.9
 """m of arrow per device unit; the published cue ends at 0.05."""
 SHADOW = 0.3
 """How dark."""
-# What nobody sees is not sent: m, and parts of a quaternion.
-_STILL = np.array([2e-6] * 3 + [2e-5] * 4)
+_SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
+
+
+def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.ndarray]]:
+    """Of each body its coloured GLB file, and the vertices [n, 3], m, and faces [m, 3] of its
+    plain mesh.
+
+    Kept on disk: making them takes seconds, and libraries that nothing else here needs.
+    """
+    objects = compile_cache.objects()
+    content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    source = Path(body_shapes.__file__).read_bytes()
+    key = trace_key.of(content, source, [metadata.version(name) for name in _SHAPE_MAKERS])
+    if objects is not None and (stored := objects.get(key)) is not None:
+        return pickle.loads(stored)
+    bodies = [*body_shapes.fixed_bodies(model)]
+    bodies += [body for arm in ARMS for body in body_shapes.moving_bodies(model, arm)]
+    shapes = {}
+    for body in bodies:
+        mesh = body_shapes.plain_mesh(model, body)
+        arrays = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        shapes[body] = body_shapes.coloured_glb(model, body), *arrays
+    if objects is not None:
+        objects[key] = pickle.dumps(shapes)
+    return shapes
 
 
 class RobotFigure:
-    """All moving links of the session's arms in one look; follows joint positions."""
+    """All moving links of some arms in one look; follows joint positions."""
 
     def __init__(
         self,
@@ -55,7 +86,7 @@ class RobotFigure:
         layer: str,
         model: mujoco.MjModel,
         arms: tuple[ArmName, ...],
-        meshes: MeshCache,
+        shapes: dict[int, tuple[bytes, np.ndarray, np.ndarray]],
     ) -> None:
         self._model, self._data = model, mujoco.MjData(model)
         self._data.qpos[:] = model.key("home").qpos
@@ -64,19 +95,16 @@ class RobotFigure:
             for arm in arms
         }
         self._nodes: dict[int, Any] = {}
-        self._sent: dict[int, np.ndarray] = {}
-        self._visible = True
         for arm in arms:
             for body, body_name in body_shapes.moving_bodies(model, arm).items():
-                name = f"/{layer}/{body_name}"
+                name, (glb, *mesh) = f"/{layer}/{body_name}", shapes[body]
                 if layer == "robot":
-                    glb = meshes.coloured(body)
                     node = server.scene.add_glb(name, glb, receive_shadow=SHADOW)
                 else:
                     colour, opacity = _LOOKS[layer]
                     node = server.scene.add_mesh_simple(
                         name,
-                        *meshes.plain(body),
+                        *mesh,
                         color=colour,
                         opacity=opacity,
                         cast_shadow=False,
@@ -85,18 +113,6 @@ class RobotFigure:
                 self._nodes[body] = node
         self._place()
 
-    @property
-    def visible(self) -> bool:
-        """Whether it is drawn."""
-        return self._visible
-
-    @visible.setter
-    def visible(self, shown: bool) -> None:
-        if shown != self._visible:
-            self._visible = shown
-            for node in self._nodes.values():
-                node.visible = shown
-
     def show(self, frame: Frame, channel: str) -> None:
         """Take the joint positions of this channel."""
         for arm, places in self._qpos.items():
@@ -104,17 +120,19 @@ class RobotFigure:
                 self._data.qpos[places] = frame[f"{arm}/{channel}"]
         self._place()
 
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide all links."""
+        for node in self._nodes.values():
+            node.visible = visible
+
     def _place(self) -> None:
         mujoco.mj_kinematics(self._model, self._data)
         for body, node in self._nodes.items():
-            pose = np.concatenate([self._data.xpos[body], self._data.xquat[body]])
-            if body not in self._sent or np.any(np.abs(self._sent[body] - pose) >= _STILL):
-                self._sent[body] = pose
-                node.position, node.wxyz = pose[:3], pose[3:]
+            node.position, node.wxyz = self._data.xpos[body], self._data.xquat[body]
 
 
-class World:
-    """Everything that is drawn; one scene for every window."""
+class Scene:
+    """Everything that is drawn, for every window."""
 
     def __init__(
         self,
@@ -129,47 +147,59 @@ class World:
         model = arm_model.scene()
         self._server, self._arms = server, arms
         self._frames = {arm: frame0_in_world(model, arm) for arm in arms}
-        meshes = MeshCache(model)
+        shapes = read_shapes(model)
         shown = () if blinded else arms
         with server.atomic():
-            _add_surroundings(server, model, meshes)
-            self._robot = RobotFigure(server, "robot", model, ARMS, meshes)
-            self._virtual = RobotFigure(server, "virtual", model, arms, meshes)
+            data = mujoco.MjData(model)
+            mujoco.mj_kinematics(model, data)
+            for body, name in body_shapes.fixed_bodies(model).items():
+                server.scene.add_glb(
+                    f"/fixed/{name}",
+                    shapes[body][0],
+                    position=data.xpos[body],
+                    wxyz=data.xquat[body],
+                    receive_shadow=SHADOW,
+                )
+            self._robot = RobotFigure(server, "robot", model, ARMS, shapes)
+            self._virtual = RobotFigure(server, "virtual", model, arms, shapes)
             self._ghosts = {
-                arm: RobotFigure(server, "ghost", model, (arm,), meshes) for arm in shown
+                arm: RobotFigure(server, "ghost", model, (arm,), shapes) for arm in shown
             }
-            self._trails = Trails(server, arms, blinded)
+            self._has_ghost = dict.fromkeys(shown, False)
+            self._trails = {arm: Trail(server, f"{arm}/tip", ARM_COLOURS[arm], 3.5) for arm in arms}
+            self._model_trails = {arm: Trail(server, f"{arm}/model", MODEL, 1.5) for arm in shown}
             self._forces = {arm: _add_arrow(server, arm, FORCE) for arm in shown}
             self._contacts = {arm: _add_arrow(server, f"contact_{arm}", CONTACT) for arm in arms}
             self._depth_lines = {arm: DepthLine(server, arm) for arm in arms}
             self._task = TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
-            figure.visible = False
+            figure.set_visible(False)
 
     def update(self, frame: Frame) -> None:
         """Draw this frame."""
         tips: dict[str, np.ndarray] = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")
-            self._virtual.visible = VIEWS[int(frame.number("view"))] == "virtual"
-            if self._virtual.visible:
+            is_virtual = VIEWS[int(frame.number("view"))] == "virtual"
+            self._virtual.set_visible(is_virtual)
+            if is_virtual:
                 self._virtual.show(frame, "virtual_jpos")
-            for arm, ghost in self._ghosts.items():
-                ghost.visible = frame.number(f"{arm}/error_mm") > GHOST_MM[not ghost.visible]
-                if ghost.visible:
-                    ghost.show(frame, "model_jpos")
             ms, is_felt = int(frame.number("session_tick")), frame.number("cue_on") != 0
             for arm in self._arms:
                 origin, turn = self._frames[arm]
                 tip = tips[arm] = origin + turn @ frame[f"{arm}/tip"]
-                self._trails.add(arm, tip, origin + turn @ frame[f"{arm}/model_tip"], ms)
-                if arm in self._forces:
-                    force = turn @ frame[f"{arm}/force"] * is_felt
-                    _point(self._forces[arm], tip, FORCE_M * force)
+                self._trails[arm].add(tip, ms)
+                if arm in self._ghosts:
+                    self._model_trails[arm].add(origin + turn @ frame[f"{arm}/model_tip"], ms)
+                    _point(self._forces[arm], tip, FORCE_M * turn @ frame[f"{arm}/force"] * is_felt)
+                    least_mm = GHOST_MM[not self._has_ghost[arm]]
+                    self._has_ghost[arm] = bool(frame.number(f"{arm}/error_mm") > least_mm)
+                    self._ghosts[arm].set_visible(self._has_ghost[arm])
+                    if self._has_ghost[arm]:
+                        self._ghosts[arm].show(frame, "model_jpos")
                 contact = turn @ frame[f"{arm}/contact"]
                 _point(self._contacts[arm], self._deeper_jaw(frame, arm), CONTACT_M * contact)
                 self._depth_lines[arm].show(tip)
-            self._trails.send()
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
 
@@ -188,7 +218,7 @@ class World:
             self._task.follow(event)
 
 
-def place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
+def describe_place(arms: tuple[ArmName, ...]) -> dict[str, Any]:
     """Where the arms and the tissue stand, for a window that draws tips itself: JSON, m, the
     world's axes.
     """
@@ -210,20 +240,7 @@ def frame0_in_world(model: mujoco.MjModel, arm: ArmName) -> tuple[np.ndarray, np
     return body.pos.copy(), turn.reshape(3, 3)
 
 
-def _add_surroundings(server: viser.ViserServer, model: mujoco.MjModel, meshes: MeshCache) -> None:
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    for body, name in body_shapes.fixed_bodies(model).items():
-        server.scene.add_glb(
-            f"/fixed/{name}",
-            meshes.coloured(body),
-            position=data.xpos[body],
-            wxyz=data.xquat[body],
-            receive_shadow=SHADOW,
-        )
-
-
-def _add_arrow(server: viser.ViserServer, name: str, colour: tuple[int, int, int]) -> Any:
+def _add_arrow(server: viser.ViserServer, name: str, colour: Rgb) -> Any:
     return server.scene.add_arrows(
         f"/force/{name}",
         np.zeros((1, 2, 3), np.float32),
@@ -236,8 +253,6 @@ def _add_arrow(server: viser.ViserServer, name: str, colour: tuple[int, int, int
 
 
 def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
-    visible = bool(np.abs(along).max() > 1e-6)
-    if visible:
+    arrow.visible = bool(np.abs(along).max() > 1e-6)
+    if arrow.visible:
         arrow.points = np.array([[tip, tip + along]], np.float32)
-    if arrow.visible != visible:
-        arrow.visible = visible

@@ -1,4 +1,4 @@
-"""The task in the scene: targets to reach, a path to follow, pegs and what they carry.
+"""What is drawn beside the robot: trails, lines down to the tissue, and the task.
 
 Of targets the goal is drawn, small the next and, grey, the last that were reached: all at once
 would hide the tip. The goal has a colour that neither arm nor model has, and a ring around it that
@@ -7,21 +7,92 @@ shrinks as the tip comes nearer.
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import numpy as np
 import viser
 
-from ravenjax.train.page.colours import DONE, GOAL
-from ravenjax.train.page.depth_line import add_line_segments, segments_of_path
+from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.geometry import scene
+from ravenjax.train.protocol.world import surface
 
+Rgb = tuple[int, int, int]
+
+# Each differs from the others for whoever lacks one kind of cone, too, and never stands alone: a
+# letter, a shape or dashes say the same. `static/plots.js`, `static/page.css` and the debrief's
+# `replay.js` have them as #rrggbb.
+GOLD, GREEN = (255, 196, 64), (31, 174, 132)
+MODEL = (154, 220, 255)
+GOAL = (245, 61, 240)
+DONE = (118, 135, 154)
+ARM_COLOURS = {"gold": GOLD, "green": GREEN}
+DASHED_ARM = "green"
+LETTERS = {"gold": "L", "green": "R"}
+
+TRAIL_POINTS, TRAIL_STEP_MS, TRAIL_STEP_M = 90, 40, 1e-5
+PLUMB, SPOT = (235, 240, 245), (20, 16, 16)
+# Radius and height of the spot below the tip, and place of the letter above it, m.
+SPOT_M, LETTER_M = (0.0022, 0.0006), np.array([0.0, 0.0, 0.009])
 # Sizes of pegs that are not the goal, of the next target, and of those before.
 OTHER_PEG, NEXT, REACHED = 0.55, 0.5, 0.35
 LAST_REACHED = 5
 RING_M = (0.004, 0.03)
-"""Least and largest radius."""
+"""Least and greatest radius."""
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
+_FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+
+
+class Trail:
+    """The last places of a tip, as a line."""
+
+    def __init__(self, server: viser.ViserServer, name: str, colour: Rgb, thickness: float) -> None:
+        self._line = add_line_segments(server, f"/trails/{name}", colour, thickness)
+        self._is_dashed = name.startswith(DASHED_ARM)
+        self._places: deque[np.ndarray] = deque(maxlen=TRAIL_POINTS)
+        self._next_ms = 0
+
+    def add(self, place: np.ndarray, ms: int) -> None:
+        """The tip's place in the world, m, at a time of the session."""
+        if ms + TRAIL_STEP_MS < self._next_ms:
+            # The session began anew.
+            self._places.clear()
+        elif ms < self._next_ms:
+            return
+        if self._places and np.abs(self._places[-1] - place).max() < TRAIL_STEP_M:
+            return
+        self._next_ms = ms + TRAIL_STEP_MS
+        self._places.append(place)
+        if len(self._places) > 1:
+            segments = segments_of_path(np.stack(self._places).astype(np.float32))
+            self._line.points = segments[::2] if self._is_dashed else segments
+
+
+class DepthLine:
+    """Which instrument is which, and how high: a letter beside the tip, a dotted line down to the
+    tissue, and a spot where it meets it.
+    """
+
+    def __init__(self, server: viser.ViserServer, arm: ArmName) -> None:
+        root = f"/plumb/{arm}"
+        self._line = add_line_segments(server, f"{root}/line", PLUMB, 1.5, visible=False)
+        self._spot = server.scene.add_cylinder(
+            f"{root}/spot", *SPOT_M, color=SPOT, opacity=0.6, visible=False, **_FLAT
+        )
+        self._letter = server.scene.add_label(
+            f"{root}/letter", LETTERS[arm], font_screen_scale=1.6, anchor="bottom-center"
+        )
+
+    def show(self, tip: np.ndarray) -> None:
+        """Follow the tip, world, m."""
+        self._letter.position = tip + LETTER_M
+        foot = np.array([tip[0], tip[1], surface(float(tip[0]), float(tip[1]))])
+        self._line.visible = self._spot.visible = bool(
+            np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
+        )
+        self._line.points = np.array([[tip, foot]], np.float32)
+        self._spot.position = foot
 
 
 class TaskShapes:
@@ -35,7 +106,7 @@ class TaskShapes:
     def __init__(self, server: viser.ViserServer, geometry: dict[str, Any]) -> None:
         self._server = server
         self._goal: int | None = None
-        self._spots: dict[int, tuple[Any, tuple[int, int, int]]] = {}
+        self._spots: dict[int, tuple[Any, Rgb]] = {}
         self._places: dict[int, np.ndarray] = {}
         self._object: Any = None
         self._holder = ""
@@ -49,8 +120,7 @@ class TaskShapes:
             line = segments_of_path(points)
             add_line_segments(server, "/task/path", _rgb(path["colour"]), 3.0, line)
             self._places = dict(enumerate(points))
-            radius = float(path.get("radius_m", 0.002))
-            self._on_path = self._add_ball("on_path", radius, GOAL, 0.55, visible=False)
+            self._on_path = self._add_ball("on_path", path["radius_m"], GOAL, 0.55, visible=False)
         for target in targets:
             self._add_spot(f"target/{target['number']}", target, target["at"], 0.55)
         for peg in geometry.get("pegs") or ():
@@ -99,41 +169,51 @@ class TaskShapes:
         """
         place = self._places.get(goal)
         arms = [arm for arm in tips if self._arms.get(goal, "") in ("", arm)]
-        is_shown = place is not None and bool(arms)
-        if is_shown != self._ring.visible:
-            self._ring.visible = is_shown
+        self._ring.visible = place is not None and bool(arms)
         if place is not None and arms:
             self._ring.position = tuple(place)
             distance = min(np.linalg.norm(tips[arm] - place) for arm in arms)
             self._ring.scale = float(np.clip(distance, *RING_M))
 
     def _add_ball(
-        self,
-        name: str,
-        radius: float,
-        colour: tuple[int, int, int],
-        opacity: float | None,
-        **settings: Any,
+        self, name: str, radius: float, colour: Rgb, opacity: float | None, **settings: Any
     ) -> Any:
         return self._server.scene.add_icosphere(
-            f"/task/{name}",
-            radius,
-            color=colour,
-            opacity=opacity,
-            cast_shadow=False,
-            receive_shadow=False,
-            **settings,
+            f"/task/{name}", radius, color=colour, opacity=opacity, **_FLAT, **settings
         )
 
     def _add_spot(self, name: str, spot: dict[str, Any], at: Any, opacity: float | None) -> Any:
-        colour, radius = _rgb(spot["colour"]), float(spot["radius_m"])
-        node = self._add_ball(name, radius, colour, opacity, position=tuple(at))
-        self._spots[int(spot["number"])] = node, colour
-        self._places[int(spot["number"])] = np.asarray(at, float)
+        colour, number = _rgb(spot["colour"]), int(spot["number"])
+        node = self._add_ball(name, spot["radius_m"], colour, opacity, position=tuple(at))
+        self._spots[number], self._places[number] = (node, colour), np.asarray(at, float)
         return node
 
 
-def _rgb(colour: str) -> tuple[int, int, int]:
+def add_line_segments(
+    server: viser.ViserServer,
+    name: str,
+    colour: Rgb,
+    thickness: float,
+    points: np.ndarray | None = None,
+    **settings: Any,
+) -> Any:
+    """Line segments [n, 2, 3], m, of a thickness on the screen; one of no length if left out."""
+    return server.scene.add_line_segments(
+        name,
+        np.zeros((1, 2, 3), np.float32) if points is None else points.astype(np.float32),
+        colour,
+        thickness=thickness,
+        thickness_units="screen",
+        **settings,
+    )
+
+
+def segments_of_path(path: np.ndarray) -> np.ndarray:
+    """The segments [n - 1, 2, 3] between points [n, 3]."""
+    return np.stack([path[:-1], path[1:]], axis=1)
+
+
+def _rgb(colour: str) -> Rgb:
     """Of #rrggbb."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue

@@ -1,5 +1,5 @@
-"""Before any data are taken: how small a p a study of so many people can reach, and how many it
-needs.
+"""Before any data are taken: who gets which condition, how small a p a study of so many people can
+reach, and how many it needs.
 
 `comparison` exchanges conditions within or between participants. So few people can be exchanged in
 so few ways that even the largest effect has no small p: the smallest is two of all ways, since both
@@ -10,31 +10,85 @@ be begun.
 
 from __future__ import annotations
 
-import bisect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from ravenjax.errors import UserError
+import numpy as np
+
+from ravenjax.errors import UserError, shown
 from ravenjax.stats.comparison.clustered import DRAWS
 from ravenjax.stats.intervals import alpha_of
-from ravenjax.train.study.comparison import OUTCOMES
 
 MOST = 10_000
 """Participants; who needs more is told so."""
 
 
+class Assignment(NamedTuple):
+    """One participant's condition; `block` counts from 0."""
+
+    participant: str
+    group: str
+    block: int
+
+
+def assign(
+    participants: Sequence[str], groups: Sequence[str], seed: int, block: int | None = None
+) -> list[Assignment]:
+    """Permuted blocks: in each run of `block` participants every group comes equally often, in
+    random order.
+
+    The same arguments give the same list, and participants may be appended later without changing
+    those before. block: a multiple of the number of groups, twice that if left out; a longer one is
+    harder to guess, a shorter one keeps the groups closer to balance when a study ends early.
+    Raises UserError where names repeat or the block does not fit.
+    """
+    for what, names in (("participants", participants), ("groups", groups)):
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise UserError(
+                f"{what}: {', '.join(repeated)} given more than once; expected each name once"
+            )
+    if seed < 0:
+        raise UserError(f"seed is {seed}, expected 0 or more")
+    if len(groups) < 2:
+        raise UserError(f"groups: got {shown(groups)}, expected at least two to compare")
+    size = 2 * len(groups) if block is None else block
+    if size < 1 or size % len(groups):
+        raise UserError(
+            f"block {size}: expected a multiple of the {len(groups)} groups, such as"
+            f" {2 * len(groups)}, so that each comes equally often"
+        )
+    assignments = []
+    for number, first in enumerate(range(0, len(participants), size)):
+        order = np.random.default_rng([seed, number]).permutation(
+            list(groups) * (size // len(groups))
+        )
+        people = participants[first : first + size]
+        assignments += [
+            Assignment(person, str(group), number)
+            for person, group in zip(people, order, strict=False)
+        ]
+    return assignments
+
+
 class StudyPlan(NamedTuple):
     """What a study of this size can show."""
 
-    participants: int  # all together
-    paired: bool  # each does both conditions
-    comparisons: int  # in Holm's family
+    # All together.
+    participants: int
+    # Each does both conditions.
+    paired: bool
+    # In Holm's family.
+    comparisons: int
     smallest_p: float
-    adjusted: float  # by Holm, the smallest
-    possible: bool  # whether any comparison can be clear
-    needed: int  # participants all together, for that
-    for_effect: int | None  # for the effect that was asked for, with its power; None: none was
+    # By Holm, the smallest.
+    adjusted: float
+    # Whether any comparison can be clear.
+    possible: bool
+    # Participants all together, for that.
+    needed: int
+    # For the effect that was asked for, with its power; None: none was.
+    for_effect: int | None
 
 
 def plan(
@@ -42,10 +96,9 @@ def plan(
     *,
     paired: bool = True,
     groups: int = 2,
-    outcomes: int = len(OUTCOMES),
+    outcomes: int = 4,
     effect: float | None = None,
     power: float = 0.8,
-    confidence: float = 0.95,
 ) -> StudyPlan:
     """What `participants` can show where every group is compared with the first on every outcome
     that varies.
@@ -64,7 +117,7 @@ def plan(
         raise UserError(f"power is {power:g}, expected a number between 0 and 1, such as 0.8")
     if effect is not None and not 0.0 < effect < math.inf:
         raise UserError(f"effect is {effect:g}, expected a number above 0, such as 0.5")
-    comparisons, alpha = (groups - 1) * outcomes, alpha_of(confidence)
+    comparisons, alpha = (groups - 1) * outcomes, alpha_of(0.95)
     smallest = smallest_p(participants, paired, groups)
     needed = _least(lambda n: comparisons * smallest_p(n, paired, groups) <= alpha)
     for_effect = None
@@ -89,17 +142,15 @@ def smallest_p(participants: int, paired: bool = True, groups: int = 2) -> float
     return min(1.0, 2.0 / min(ways, DRAWS + 1))
 
 
-def sentences(plan: StudyPlan) -> str:
+def describe_plan(plan: StudyPlan) -> str:
     """The plan in words."""
     design = "who do both conditions" if plan.paired else "each in one group"
-    family = f"{plan.comparisons} comparisons" if plan.comparisons > 1 else "one comparison"
     verdict = "no result can be clear, however large the effect"
     if plan.possible:
         verdict = "a clear result is possible"
-    why = f", as {DRAWS:,} exchanges are drawn" if plan.smallest_p <= 2.0 / (DRAWS + 1) else ""
     lines = [
-        f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g}{why};"
-        f" after Holm over {family} {plan.adjusted:.3g}: {verdict}.",
+        f"{plan.participants} participants, {design}: the smallest p is {plan.smallest_p:.3g};"
+        f" after Holm over {plan.comparisons} comparisons {plan.adjusted:.3g}: {verdict}.",
         f"The least for a clear result: {plan.needed} participants.",
     ]
     if plan.for_effect is not None:
@@ -115,7 +166,7 @@ def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups:
     """Participants, by Student's t-test at Holm's first level: somewhat fewer than an exchange
     test of few needs.
     """
-    # slow to import
+    # The import is slow.
     from statsmodels.stats.power import TTestIndPower, TTestPower
 
     test = TTestPower() if paired else TTestIndPower()
@@ -124,13 +175,10 @@ def _for_effect(effect: float, power: float, alpha: float, paired: bool, groups:
 
 
 def _least(enough: Callable[[int], bool]) -> int:
-    """The least number for which it is enough; for larger ones it is, too."""
-    low, high = 0, 1
-    while not enough(high):
-        low, high = high, 2 * high
-        if low > MOST:
-            raise UserError(
-                f"more than {MOST} participants are needed: ask for a larger effect or fewer"
-                " comparisons"
-            )
-    return bisect.bisect_left(range(high), True, lo=low + 1, key=enough)
+    least = next((number for number in range(1, MOST + 1) if enough(number)), None)
+    if least is None:
+        raise UserError(
+            f"more than {MOST} participants are needed: ask for a larger effect or fewer"
+            " comparisons"
+        )
+    return least

@@ -1,0 +1,245 @@
+"""The sessions of a study: reads them, checks that they belong together, and hides the groups of
+a blinded study.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import string
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ravenjax.errors import UserError
+from ravenjax.store.logs.session import description
+from ravenjax.train.judge.row import HazardRow
+from ravenjax.train.recording import hazards as hazard_table
+from ravenjax.train.recording import reader
+from ravenjax.train.recording.folders import SessionFolder
+
+BY = ("group", "cue")
+"""What sessions may be compared by."""
+_REFERENCES = ("off", "control", "none", "without", "no cue", "0")
+_LONGEST = 6
+"""Names of an error's list at most."""
+DEFAULT_HORIZON_MS = 2000.0
+"""Of sessions whose header lists no hazards."""
+UNDECIDED = ("", "interrupted")
+"""Outcomes of hazards that were cut off, by the end of a recording or by what is not the
+operator's: they count for neither group."""
+
+
+@dataclasses.dataclass(frozen=True)
+class StudySession(SessionFolder):
+    """A session of the study."""
+
+    hazards: list[HazardRow]
+    # The hazards are those of its recording, as far as that goes.
+    cut_short: bool = False
+
+    @property
+    def name(self) -> str:
+        """Of its folder's header."""
+        return str(self.header.get("name") or self.path.name)
+
+    @property
+    def person(self) -> str:
+        """Who drove it; a session without a name is a participant of its own."""
+        return self.participant or f"(session {self.name})"
+
+    def groups(self, by: str) -> dict[str, list[HazardRow]]:
+        """Its hazards that struck and were decided, by condition; the cue may have been changed
+        on the way.
+        """
+        groups: dict[str, list[HazardRow]] = {}
+        for hazard in self.hazards:
+            if hazard.struck_ms is not None and hazard.outcome not in UNDECIDED:
+                condition = hazard.cue if by == "cue" else str(self.header.get("group") or "")
+                groups.setdefault(condition, []).append(hazard)
+        return groups
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingStudy:
+    """Sessions that may be compared. labels: shown name of each group, the reference first."""
+
+    sessions: list[StudySession]
+    by: str
+    labels: dict[str, str]
+    blinded: bool
+    # What a reader must know of the sessions, in sentences.
+    notes: list[str]
+
+    def rows(self) -> list[tuple[StudySession, str, HazardRow]]:
+        """Session, label of its group and hazard, of every hazard that struck."""
+        return [
+            (session, self.labels[condition], hazard)
+            for session in self.sessions
+            for condition, hazards in session.groups(self.by).items()
+            for hazard in hazards
+        ]
+
+    def horizon_ms(self) -> float:
+        """Until when every hazard was watched for a response, ms after its strike; later ones
+        count as none.
+
+        The shortest time for a response that a hazard of the scenario gives.
+        """
+        limits = [
+            1e3 * float(listed["within_s"])
+            for session in self.sessions
+            for listed in session.header.get("hazards") or []
+            if "within_s" in listed
+        ]
+        return min(limits, default=DEFAULT_HORIZON_MS)
+
+
+def collect(
+    folders: Iterable[Path], by: str | None = None, *, unblind: bool = False, mixed: bool = False
+) -> TrainingStudy:
+    """Read sessions: each folder is one, or holds some at any depth.
+
+    by: "group" or "cue"; the one that differs if None, "group" first. unblind: show what conditions
+    the groups of blinded sessions were. mixed: take sessions of several scenarios or versions
+    together, and say so. Raises UserError where there is nothing to compare or sessions are not of
+    one study, StoreError where a file is damaged.
+    """
+    if by is not None and by not in BY:
+        raise UserError(f"compare by {by!r}: expected one of {', '.join(BY)}")
+    sessions = [_read_session(folder) for folder in _find_folders(folders)]
+    valid = [session for session in sessions if session.groups("cue")]
+    left_out = [
+        f"Left out: {session.name}: no hazard struck and was decided."
+        for session in sessions
+        if session not in valid
+    ]
+    if not valid:
+        listed = " ".join(left_out[:_LONGEST])
+        raise UserError(
+            f"a study needs sessions in which hazards struck and were decided. {listed}"
+        )
+    _require_no_copies(valid)
+    notes = _mixtures(valid, mixed) + _describe_cuts(valid) + left_out
+    conditions = {key: {name for session in valid for name in session.groups(key)} for key in BY}
+    by = by or ("group" if len(conditions["group"]) > 1 else "cue")
+    groups = sorted(conditions[by], key=lambda name: (name.lower() not in _REFERENCES, name))
+    if len(groups) < 2:
+        raise UserError(
+            f"all {len(valid)} sessions have {by} {groups[0]!r}: there is nothing to compare. Give"
+            f" sessions of another {by} too" + ("" if by == "cue" else ", or compare by the cue")
+        )
+    blinded = any(session.header.get("blinded") for session in valid) and not unblind
+    if blinded:
+        labels = _letters(groups, valid)
+    else:
+        labels = {name: f"cue {name}" if by == "cue" else name or "(no group)" for name in groups}
+    return TrainingStudy(valid, by, labels, blinded, notes)
+
+
+def _find_folders(given: Iterable[Path]) -> list[Path]:
+    """The folders of sessions, each once."""
+    folders: dict[Path, Path] = {}
+    for folder in map(Path, given):
+        inside = sorted(path.parent for path in folder.rglob(description.FILE))
+        if not inside:
+            raise UserError(
+                f"{folder}: holds no session; expected folders that `ravenjax train` wrote, or one"
+                " with such"
+            )
+        folders |= {session.resolve(): session for session in inside}
+    return list(folders.values())
+
+
+def _read_session(folder: Path) -> StudySession:
+    """A session's hazards are those of its table; of its recording where it was killed before it
+    could write one.
+    """
+    header = description.read(folder)
+    if (folder / hazard_table.FILE).exists() or reader.find(folder) is None:
+        return StudySession(folder, header, hazard_table.read_table(folder))
+    hazards = hazard_table.from_recording(reader.read(folder), header)
+    return StudySession(folder, header, hazards, cut_short=True)
+
+
+def _describe_cuts(sessions: Sequence[StudySession]) -> list[str]:
+    """What a reader must know of sessions and hazards that were cut off."""
+    notes = []
+    if short := [session.name for session in sessions if session.cut_short]:
+        notes.append(
+            f"Sessions that were cut short count as far as their recordings go: {', '.join(short)}."
+        )
+    outcomes = [
+        hazard.outcome
+        for session in sessions
+        for hazard in session.hazards
+        if hazard.struck_ms is not None
+    ]
+    if cut := sum(outcome in UNDECIDED for outcome in outcomes):
+        notes.append(
+            f"{cut} of {len(outcomes)} hazards were cut off, and not by the operator (a pause, a"
+            " reset, a lost console, the end); they are left out."
+        )
+    return notes
+
+
+def _require_no_copies(sessions: Sequence[StudySession]) -> None:
+    folders: dict[tuple[str, str, str], Path] = {}
+    for session in sessions:
+        key = session.person, session.started, session.name
+        if key in folders:
+            raise UserError(f"{session.path}: is a copy of {folders[key]}; give each session once")
+        folders[key] = session.path
+
+
+def _mixtures(sessions: Sequence[StudySession], mixed: bool) -> list[str]:
+    """Notes on sessions whose scenarios or versions differ, which is an error unless `mixed`."""
+    notes = []
+    for what, content_of in (("scenarios", _fixed_scenario), ("versions", _versions)):
+        kinds: dict[str, StudySession] = {}
+        for session in sessions:
+            kinds.setdefault(json.dumps(content_of(session), sort_keys=True), session)
+        if len(kinds) > 1:
+            first, second = list(kinds.values())[:2]
+            tables = content_of(first), content_of(second)
+            keys = [
+                key
+                for key in dict.fromkeys(["name", *tables[0], *tables[1]])
+                if tables[0].get(key) != tables[1].get(key)
+            ]
+            difference = f"{len(kinds)} different {what}, which differ in {', '.join(keys)}"
+            if not mixed:
+                raise UserError(
+                    f"the sessions are not of one study, they have {difference} ({first.name}"
+                    f" against {second.name}). Give those of one study, or allow a mixture with"
+                    " --mixed"
+                )
+            notes.append(f"Sessions with {difference} are taken together.")
+    return notes
+
+
+def _fixed_scenario(session: StudySession) -> dict[str, Any]:
+    """The scenario without what a study varies."""
+    content = session.header.get("scenario") or {}
+    if not isinstance(content, dict):
+        return {"name": content}
+    varied = {"on": None, "blinded": None}
+    return content | {"cue": (content.get("cue") or {}) | varied}
+
+
+def _versions(session: StudySession) -> dict[str, Any]:
+    return session.header.get("versions") or {}
+
+
+def _letters(groups: Sequence[str], sessions: Sequence[StudySession]) -> dict[str, str]:
+    """Letters in an order that tells nothing: drawn from the sessions' own names, the same each
+    time.
+    """
+    names = "\n".join(sorted(session.name for session in sessions))
+    seed = int.from_bytes(hashlib.sha256(names.encode()).digest()[:8], "little")
+    order = np.random.default_rng(seed).permutation(len(groups))
+    ordered = [groups[int(place)] for place in order]
+    return dict(zip(ordered, string.ascii_uppercase, strict=False))

@@ -1,0 +1,185 @@
+"""Targets: reach one after another and hold the tip there for a moment; or levels of such rounds.
+
+A round of a level has the same targets each time, and its time runs from its first target to its
+last, so that nobody is hurried between rounds. That training ends with a level of skill that is
+shown again at once, not with a number of repetitions, is how surgical skills are taught (Ritter,
+Scott, Surg. Innov. 14, 2007); which times are proficient, a scenario says.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+
+from ravenjax.train.protocol.frame import Frame
+from ravenjax.train.protocol.world import Point, surface
+from ravenjax.train.robot import ArmName
+from ravenjax.train.scenario.config import Levels, Reach
+from ravenjax.train.tasks.base import Event, Field, Task, Tips, Wish, rounded
+
+LEAST_WAY_M = 0.005
+"""From one target to the next: less would be reached by holding still."""
+COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
+
+
+class ReachTask(Task):
+    """Targets anywhere in a box over the tissue; with two arms they alternate."""
+
+    def __init__(self, settings: Reach, field: Field) -> None:
+        super().__init__("reach", field)
+        self.settings = settings
+        rng = np.random.default_rng([field.seed, settings.seed, 1])
+        self.targets: list[tuple[ArmName, Point]] = []
+        before = dict(field.begin)
+        for k in range(settings.targets):
+            arm = field.arms[k % len(field.arms)]
+            before[arm] = _draw(settings, field.middle, rng, before[arm])
+            self.targets.append((arm, before[arm]))
+        self.target = 0
+        self._inside_ms = 0
+
+    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+        arm, point = self.targets[self.target]
+        if math.dist(tips[arm], point) > self.settings.tolerance_mm / 1e3:
+            self._inside_ms = 0
+            return
+        self._inside_ms += 1
+        if self._inside_ms <= self.settings.dwell_ms:
+            return
+        self._inside_ms = 0
+        self.target += 1
+        self.progress = self.target / len(self.targets)
+        if self.target == len(self.targets):
+            self._finish(tick, events)
+
+    def restart(self) -> None:
+        self._inside_ms = 0
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        if self.done or self.targets[self.target][0] != arm:
+            return None
+        return Wish(self.targets[self.target][1])
+
+    def geometry(self) -> dict[str, Any]:
+        targets = [
+            {
+                "number": k,
+                "arm": arm,
+                "at": rounded(at),
+                "radius_m": self.settings.tolerance_mm / 1e3,
+                "colour": COLOURS[arm],
+            }
+            for k, (arm, at) in enumerate(self.targets)
+        ]
+        return super().geometry() | {"targets": targets}
+
+
+class LevelsTask(Task):
+    """Rounds of targets until some in a row are within the time, then the next level. Targets are
+    numbered through all levels.
+    """
+
+    def __init__(self, settings: Levels, field: Field) -> None:
+        super().__init__("levels", field)
+        self.settings = settings
+        self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
+        self._level = 0
+        self._in_a_row = 0
+        # Of each level.
+        self._rounds_ms: list[list[int]] = [[] for _ in settings.level]
+        # Tick at which the round's first target was reached.
+        self._begun: int | None = None
+        self._reach = self._round(0)
+        self.target = 0
+
+    def _step(self, frame: Frame, tips: Tips, tick: int, events: list[Event]) -> None:
+        if self._published < 0:
+            events.append(self._event(tick))
+        # What the round tells is its own alone.
+        self._reach._step(frame, tips, tick, [])
+        if self._begun is None and self._reach.target != 0:
+            self._begun = tick
+        if self._reach.done:
+            self._judge(tick, events)
+        if not self.done:
+            self.target = self._first[self._level] + self._reach.target
+
+    def _round(self, number: int) -> ReachTask:
+        level, field = self.settings.level[number], self._field
+        arms = tuple(level.arms or field.arms)
+        return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
+
+    def _judge(self, tick: int, events: list[Event]) -> None:
+        """The round is over: once more, the next level, or the end."""
+        assert self._begun is not None
+        level, levels = self._level, len(self.settings.level)
+        took = tick - self._begun
+        within = took <= 1000.0 * self.settings.level[level].within_s
+        self._rounds_ms[level].append(took)
+        self._in_a_row = self._in_a_row + 1 if within else 0
+        self._begun = None
+        if self._in_a_row == self.settings.in_a_row:
+            self._level, self._in_a_row = level + 1, 0
+        self.progress = (self._level + self._in_a_row / self.settings.in_a_row) / levels
+        if self._level == levels:
+            self._finish(tick, events)
+            return
+        self._reach = self._round(self._level)
+        events.append(self._event(tick, took, within))
+
+    def _event(self, tick: int, took_ms: int | None = None, within: bool = False) -> Event:
+        """Which level, what it asks, and how the round before went."""
+        level = self.settings.level[self._level]
+        return {
+            "tick": tick,
+            "kind": "level",
+            "level": self._level + 1,
+            "of": len(self.settings.level),
+            "title": level.title,
+            "within_s": level.within_s,
+            "in_a_row": self._in_a_row,
+            "needs": self.settings.in_a_row,
+            "took_ms": took_ms,
+            "within": within,
+        }
+
+    def restart(self) -> None:
+        self._reach.restart()
+
+    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
+        return None if self.done else self._reach.wish(arm, tip)
+
+    def geometry(self) -> dict[str, Any]:
+        targets = [
+            target | {"number": first + target["number"]}
+            for level, first in enumerate(self._first)
+            for target in self._round(level).geometry()["targets"]
+        ]
+        return super().geometry() | {"targets": targets}
+
+    def result(self) -> dict[str, Any]:
+        return super().result() | {
+            "levels": len(self.settings.level),
+            "levels_proficient": self._level,
+            "rounds_s_of_level": [[ms / 1000.0 for ms in rounds] for rounds in self._rounds_ms],
+        }
+
+
+def _draw(
+    settings: Reach, middle: tuple[float, float], rng: np.random.Generator, before: Point
+) -> Point:
+    """A point of the box that is no repetition of the one before; the farthest of some where the
+    box is small.
+    """
+    extent = settings.extent_mm / 1e3
+    points = []
+    for _ in range(20):
+        x, y = (float(middle[axis] + rng.uniform(-extent, extent)) for axis in (0, 1))
+        point = (x, y, surface(x, y) + float(rng.uniform(*settings.height_mm)) / 1e3)
+        if math.dist(point, before) > LEAST_WAY_M:
+            return point
+        points.append(point)
+    return max(points, key=lambda point: math.dist(point, before))

@@ -1,0 +1,103 @@
+"""The design of a study: assignments, and the floor that a plan states is the p that `study` itself
+reaches with the largest effect there is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ravenjax.errors import UserError
+from ravenjax.stats import multiplicity
+from ravenjax.stats.comparison import clustered
+from ravenjax.train.study import design
+
+PEOPLE = [f"P{i:02d}" for i in range(12)]
+
+
+def test_assignment_is_balanced_in_every_block_and_the_same_again():
+    got = design.assign(PEOPLE, ["a", "b", "c"], seed=11)
+    assert got == design.assign(PEOPLE, ["a", "b", "c"], seed=11)
+    assert got != design.assign(PEOPLE, ["a", "b", "c"], seed=12)
+    for block in (0, 1):
+        names = [one.group for one in got if one.block == block]
+        assert sorted(names) == ["a", "a", "b", "b", "c", "c"]
+    longer = design.assign([*PEOPLE, "late"], ["a", "b", "c"], seed=11)
+    assert longer[:12] == got and longer[12].block == 2
+    assert [one.participant for one in got] == PEOPLE
+
+
+def test_every_order_of_a_block_is_as_likely():
+    orders = [
+        tuple(one.group for one in design.assign("wxyz", ["a", "b"], seed)) for seed in range(3000)
+    ]
+    counts = np.array([orders.count(order) for order in set(orders)])
+    assert len(counts) == math.comb(4, 2)
+    # Chi-squared, 5 degrees of freedom, p 0.001.
+    assert ((counts - 500) ** 2 / 500).sum() < 20.5
+
+
+@pytest.mark.parametrize(
+    ("people", "groups", "block", "told"),
+    [
+        (["a", "a"], ["x", "y"], None, "participants: a given more than once"),
+        (["a", "b"], ["x"], None, "at least two to compare"),
+        (["a", "b"], ["x", "y"], 3, "expected a multiple of the 2 groups"),
+    ],
+)
+def test_assignments_that_cannot_be_are_refused(people, groups, block, told):
+    with pytest.raises(UserError, match=told):
+        design.assign(people, groups, 0, block)
+
+
+def largest(n, paired):
+    """p of a difference without any overlap."""
+    first, second = ([np.array([base + i]) for i in range(n)] for base in (0.0, 1000.0))
+    return clustered.permutation_p(first, second, is_paired=paired)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6, 8, 13, 14, 30])
+def test_the_floor_of_pairs_is_what_the_test_reaches(n):
+    assert design.smallest_p(n) == pytest.approx(largest(n, True), rel=0.02)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 7, 20])
+def test_the_floor_of_two_groups_is_what_the_test_reaches(n):
+    assert design.smallest_p(2 * n, paired=False) == pytest.approx(largest(n, False), rel=0.02)
+
+
+def test_six_pairs_can_never_be_clear_over_four_outcomes():
+    found = design.plan(6)
+    assert (found.smallest_p, found.adjusted, found.possible) == (0.03125, 0.125, False)
+    holm = multiplicity.holm({str(i): found.smallest_p for i in range(4)})
+    assert [one.adjusted for one in holm.values()] == [pytest.approx(found.adjusted)] * 4
+    text = design.describe_plan(found)
+    assert (
+        "the smallest p is 0.0312; after Holm over 4 comparisons 0.125" in text
+        and "no result can be clear" in text
+    )
+
+
+@pytest.mark.parametrize("paired", [True, False])
+@pytest.mark.parametrize("outcomes", [1, 2, 4, 12])
+def test_what_is_needed_is_the_least_that_can_be_clear(paired, outcomes):
+    needed = design.plan(6, paired=paired, outcomes=outcomes).needed
+    assert design.plan(needed, paired=paired, outcomes=outcomes).possible
+    assert not design.plan(needed - 1, paired=paired, outcomes=outcomes).possible
+
+
+def test_an_effect_needs_more_and_a_smaller_one_more_still():
+    large, small = (design.plan(6, effect=effect).for_effect for effect in (1.0, 0.5))
+    assert design.plan(6).needed == 8 < large < small
+    # 33.4 pairs for d 0.5, power 0.8 and one test (Cohen 1988), so 34
+    assert design.plan(6, outcomes=1, effect=0.5).for_effect == 34
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"groups": 1}, {"outcomes": 0}, {"effect": -1.0}, {"power": 1.0}, {"effect": 1e-9}]
+)
+def test_numbers_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(UserError):
+        design.plan(6, **wrong)
