@@ -246,11 +246,11 @@ def play(
     from ravenjax.train.robot_link import player
 
     address = player.parse(to)
-    raw = packet_file.raw(packets)
-    arrival_s, _, notes = packet_file.arrivals(packets, raw, console_profile)
-    for note in notes:
+    raw = packet_file.read_packets(packets)
+    arrivals = packet_file.read_arrivals(packets, raw, console_profile)
+    for note in arrivals.notes:
         console.say(note)
-    console.say(str(player.play(raw.datagrams, arrival_s, address, console.say)))
+    console.say(str(player.play(raw.datagrams, arrivals.seconds, address, console.say)))
 
 
 @study.default

@@ -117,9 +117,9 @@ def test_the_manifest_keeps_what_became_of_it(hands, tmp_path):
     record = manifest.read(tmp_path / "out")
     summary = record.operator
     assert summary is not None and summary == plan.make_plan(rj.load_campaign(raw)).operator
-    assert (summary.clock, summary.rows, summary.cutoff_hz) == ("column t_ms", 300, 5.0)
+    assert (summary.clock, summary.rows, summary.options.cutoff_hz) == ("column t_ms", 300, 5.0)
     assert summary.window_s == (0.0, 1.25) and summary.rate_hz == pytest.approx(100.0)
-    assert summary.arms[0].removed_rms_mm < 0.05
+    assert summary.arms[0].removed[0] < 0.05
     rows = dict(table_rows(summary))
     assert (
         "column t_ms: 100 rows a second (every 10 ms), 2.990 s in all; interpolated by time"

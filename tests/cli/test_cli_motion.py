@@ -106,7 +106,7 @@ def test_what_cannot_be_read_is_refused_once(run, tmp_path):
     code, _, err = run("motion", path, "--out", tmp_path / "pictures")
     assert (
         code == USER_ERROR
-        and "rename it time_ms (30 rows a second)" in err
+        and "nothing says when its 90 rows were sampled" in err
         and err.count("error:") == 1
     )
     assert not (tmp_path / "pictures").exists()

@@ -6,6 +6,7 @@ import synthetic_results as synthetic
 from rendered_page import Page, rendered, words
 
 from ravenjax.report.sections import operator
+from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, line
 
 TIME_S = np.arange(4000) * 1e-3
@@ -28,19 +29,13 @@ def summary(**changes):
         "rate_hz": 1000.0,
         "steps_ms": (0.9, 1.0, 1.1),
         "gaps": 0,
-        "max_gap_s": 0.1,
+        "longest_gap": None,
         "spikes": ("row 1234 (1.234 s, gold): 50 mm",),
-        "spike_treatment": "replay",
-        "cutoff_hz": None,
+        "options": ReplayOptions(window_s=(0.5, 2.75), spikes="replay"),
         "outside": ((3.0, 3.5), (0.1, 0.2)),
         "outside_share": 0.15,
         "window_s": (0.5, 2.749),
-        "window_stated": True,
-        "slow_down": 1.0,
         "campaign_s": 3.0,
-        "rest_s": 0.5,
-        "run_up_s": 0.5,
-        "at_end": "refuse",
         "end_s": None,
         "turns": 0,
         "pedal": "down",

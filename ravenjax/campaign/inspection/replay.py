@@ -17,7 +17,7 @@ from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
 from ravenjax.store import manifest, schema
-from ravenjax.store.logs.trace.log import Base
+from ravenjax.store.logs.topics import Base
 
 LANES = 16
 """Lanes of a replay's block: one vector, so that the run takes the same vector code as in its

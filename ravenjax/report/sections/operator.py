@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +13,7 @@ from ravenjax import robots
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.report.sections import Section
-from ravenjax.store.motion.options import MAX_GAP_S
+from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.resampling import TICK_S
 from ravenjax.store.motion.summary import MotionSummary, changes, table_rows
 
@@ -47,21 +48,15 @@ SECTIONS = (Section("operator", "Operator", 170, lambda runs, _: content(runs.ma
 
 def _command(summary: MotionSummary) -> str:
     begin, end = summary.window_s
-    keys = [f"operator.window_s=[{begin:.3f},{end + TICK_S:.3f}]"]
-    if summary.clock.startswith("operator.rate_hz"):
-        keys.append(summary.clock.replace(" ", ""))
-    if summary.cutoff_hz is not None:
-        keys.append(f"operator.cutoff_hz={summary.cutoff_hz:g}")
-    if summary.spike_treatment != "refuse":
-        keys.append(f"operator.spikes={summary.spike_treatment}")
-    if summary.max_gap_s != MAX_GAP_S:
-        keys.append(f"operator.max_gap_s={summary.max_gap_s:g}")
-    if summary.slow_down != 1.0:
-        keys.append(f"operator.slow_down={summary.slow_down:g}")
+    keys = {
+        name: f"{value}"
+        for name, value in dataclasses.asdict(summary.options).items()
+        if value != getattr(ReplayOptions(), name)
+    }
+    keys["window_s"] = f"[{begin:.3f},{end + TICK_S:.3f}]"
     arms = " ".join(one.arm for one in summary.arms)
-    return (
-        f"ravenjax motion {shlex.quote(summary.file)} --arms {arms} --set"
-        f" {' '.join(map(shlex.quote, keys))}"
+    return f"ravenjax motion {shlex.quote(summary.file)} --arms {arms} --set " + " ".join(
+        shlex.quote(f"operator.{name}={value}") for name, value in keys.items()
     )
 
 

@@ -3,11 +3,12 @@ stored; and all of a run as a CSV file or an xarray.Dataset.
 
 The series of a run are a dict of arrays [T] or [T, ...], one row a millisecond: `runlevel`, and
 `gold/jpos` for what each arm has. Trace files, CSV files and datasets take units and meanings from
-here.
+here. time_series.csv lists them.
 """
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -41,98 +42,27 @@ class TimeSeries(NamedTuple):
     linear_unit: str = ""  # of a joint that slides, where it differs
 
 
-def _joints(name: str, unit: str, meaning: str, linear_unit: str = "") -> TimeSeries:
-    return TimeSeries(name, unit, meaning, ("joint",), linear_unit)
+def _series_of(owner: str) -> dict[str, TimeSeries]:
+    """The series of the run or of each arm, as time_series.csv lists them."""
+    with open(Path(__file__).with_suffix(".csv"), encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["of"] == owner]
+    return {
+        row["name"]: TimeSeries(
+            row["name"],
+            row["unit"],
+            row["meaning"],
+            tuple(row["axes"].split()),
+            row["linear_unit"],
+        )
+        for row in rows
+    }
 
 
-def _place(name: str, meaning: str) -> TimeSeries:
-    return TimeSeries(name, "m", meaning + ", frame 0 of the arm", ("axis",))
-
-
-def _rotation(name: str, meaning: str) -> TimeSeries:
-    return TimeSeries(
-        name, "1", meaning + ": columns are the axes of the jaws in frame 0", ("axis", "jaw_axis")
-    )
-
-
-OF_RUN = {
-    one.name: one
-    for one in (
-        TimeSeries(
-            "runlevel",
-            "1",
-            "run level of the control software: 0 E-stop, 1 init, 2 pedal up, 3 pedal down",
-        ),
-        TimeSeries("surgeon_mode", "1", "1: the control software has heard that the pedal is down"),
-        TimeSeries("last_seq", "1", "sequence number of the last accepted packet"),
-        TimeSeries("soft_estopped", "1", "1: the control software holds its E-stop"),
-        TimeSeries("pins_out", "1", "output byte of the control software to the PLC"),
-        TimeSeries("plc_runlevel", "1", "run level that the PLC puts on its pins"),
-        TimeSeries("brakes", "1", "1: the PLC commands the brakes on"),
-        TimeSeries("packet_received", "1", "1: an operator packet arrived"),
-        TimeSeries("fault_active", "1", "1: the window of this fault is open", ("fault",)),
-        TimeSeries("tip_distance_mm", "mm", "distance of the two tips"),
-    )
-}
+OF_RUN = _series_of("run")
 """What belongs to no arm. `fault_active` is stored as one series a fault: fault0_active,
 fault1_active, ...
 """
-
-OF_ARM = {
-    one.name: one
-    for one in (
-        _joints("enc_val_cnt", "counts", "encoders as the control software reads them"),
-        _joints("mpos", "rad", "motor positions that the control software estimates"),
-        _joints("mvel", "rad/s", "motor velocities that the control software estimates"),
-        _joints("jpos", "rad", "joints as the control software measures them", "m"),
-        _joints("jvel", "rad/s", "joint velocities as the control software measures them", "m/s"),
-        _joints("jpos_d", "rad", "desired joints", "m"),
-        _joints("mpos_d", "rad", "desired motor positions"),
-        _joints("tau_d", "N m", "desired torque at the capstan"),
-        _joints("current_cmd_cnt", "counts", "DAC command before the overdrive check"),
-        _joints("dac_cnt", "counts", "DAC command as written to USB"),
-        _joints(
-            "boards_cnt", "counts", "DAC command that the USB boards hold and hand to the motors"
-        ),
-        _place("position", "tip as the robot reports it"),
-        _rotation("rotation", "orientation of the jaws as the robot reports it"),
-        _place("position_d", "desired tip"),
-        _rotation("rotation_d", "desired orientation of the jaws"),
-        _joints("link_jpos", "rad", "true joints", "m"),
-        _joints("link_jvel", "rad/s", "true joint velocities", "m/s"),
-        _joints("motor_mpos", "rad", "true motor positions"),
-        _joints("motor_mvel", "rad/s", "true motor velocities"),
-        _joints("cable_tension", "N", "tension difference of each cable"),
-        _place("tip", "true tip"),
-        _rotation("tip_rotation", "true orientation of the jaws"),
-        _place("model_position", "tip of the nominal model"),
-        _rotation("model_rotation", "orientation of the jaws of the nominal model"),
-        _joints("model_jpos", "rad", "joints of the nominal model", "m"),
-        TimeSeries("tip_error_mm", "mm", "distance of the reported tip from the nominal model's"),
-        TimeSeries(
-            "haptic_force",
-            "device units",
-            "force of the first haptic cue, frame 0 of the arm",
-            ("axis",),
-        ),
-        TimeSeries("cue_force", "device units", "size of the force of each haptic cue", ("cue",)),
-        TimeSeries(
-            "tissue_depth_mm",
-            "mm",
-            "depth of the true tip below the tissue's surface, negative above",
-        ),
-        TimeSeries(
-            "contact_force",
-            "N",
-            "force of all that the instrument touches, frame 0 of the arm",
-            ("axis",),
-        ),
-        TimeSeries("contact_tissue_n", "N", "size of the force of tissue and vessel"),
-        TimeSeries("contact_vessel_n", "N", "size of the force of the vessel"),
-        TimeSeries("contact_instrument_n", "N", "size of the force of the other instrument"),
-        _place("golden_tip", "true tip of the golden run, the same run without the fault"),
-    )
-}
+OF_ARM = _series_of("arm")
 """What each arm has."""
 
 

@@ -14,12 +14,14 @@ import functools
 import json
 import re
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mcap.writer import Writer
+
+from ravenjax.vocabulary.robot import Robot
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -51,6 +53,31 @@ _SIGNALS_TYPE, _TEXT, _LOG_ENTRY = (
 _SECOND_NS = 1_000_000_000
 _STAMP_MARK, _FIRST_MARK = 0x5A5A5A5A, 1e6
 """In a template: seconds and nanoseconds of a time, and the first number; the next is one more."""
+
+
+_JOINT_STATES = {
+    "measured_js": ("jpos", "jvel", None),
+    "setpoint_js": ("jpos_d", None, "tau_d"),
+    "true_js": ("link_jpos", "link_jvel", None),
+    "model_js": ("model_jpos", None, None),
+}
+_TIPS = {
+    "measured": ("position", "rotation"),
+    "setpoint": ("position_d", "rotation_d"),
+    "true": ("tip", "tip_rotation"),
+    "model": ("model_position", "model_rotation"),
+    "golden": ("golden_tip", "golden_rotation"),
+}
+_FRAMES = ("measured", "true", "model")
+_FORCE = "haptic_force"
+SERIES = {name for names in (*_JOINT_STATES.values(), *_TIPS.values()) for name in names} | {_FORCE}
+
+
+class Base(NamedTuple):
+    """Where an arm stands: its frame 0 in the world."""
+
+    origin: tuple[float, float, float]  # m
+    quaternion: tuple[float, float, float, float]  # x, y, z, w
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +124,11 @@ def tip(arm: str, which: str) -> str:
     return f"{arm_name(arm)}_tip_{which}"
 
 
+@functools.cache
 def joint_state(
     arm: str,
     name: str,
-    joints: Sequence[str],
+    joints: tuple[str, ...],
     position: bool = True,
     velocity: bool = False,
     effort: bool = False,
@@ -114,6 +142,7 @@ def joint_state(
     return _topic(f"/{arm_name(arm)}/{name}", message)
 
 
+@functools.cache
 def pose(arm: str, name: str) -> Topic:
     """geometry_msgs/PoseStamped: x, y, z in m and a quaternion x, y, z, w."""
     place, turn = _place("Point"), _message("geometry_msgs/msg/Quaternion", *_marks(4, 3))
@@ -121,12 +150,14 @@ def pose(arm: str, name: str) -> Topic:
     return _topic(f"/{arm_name(arm)}/{name}", _message(POSE, _header(base(arm)), inner))
 
 
+@functools.cache
 def point(arm: str, name: str) -> Topic:
     """geometry_msgs/PointStamped: x, y, z in m, of a tip whose orientation is not known."""
     message = _message(POINT, _header(base(arm)), _place("Point"))
     return _topic(f"/{arm_name(arm)}/{name}", message)
 
 
+@functools.cache
 def wrench(arm: str, name: str) -> Topic:
     """geometry_msgs/WrenchStamped: three of force, three of torque."""
     inner = _message("geometry_msgs/msg/Wrench", _place("Vector3"), _place("Vector3", 3))
@@ -134,7 +165,8 @@ def wrench(arm: str, name: str) -> Topic:
     return _topic(f"/{arm_name(arm)}/{name}", message)
 
 
-def frames(pairs: Sequence[tuple[str, str]]) -> Topic:
+@functools.cache
+def frames(pairs: tuple[tuple[str, str], ...]) -> Topic:
     """tf2_msgs/TFMessage: of each (parent, child) the place x, y, z in m and the quaternion x,
     y, z, w.
     """
@@ -146,6 +178,48 @@ def frames(pairs: Sequence[tuple[str, str]]) -> Topic:
         kind = "geometry_msgs/msg/TransformStamped"
         transforms.append(_message(kind, _header(parent), child, transform))
     return _topic(FRAMES, _message(TRANSFORMS, transforms))
+
+
+def standard(
+    robot: Robot, series: Mapping[str, np.ndarray], bases: Mapping[str, Base]
+) -> Iterator[tuple[Topic, np.ndarray]]:
+    """The topics with types of their own that series [T, ...] of arms fill, and the numbers [T, k]
+    of each; bases: of each arm, without one its base is the root of its frames.
+    """
+    pairs: list[tuple[str, str]] = []
+    places: list[np.ndarray] = []
+    for arm in robot.arms:
+        own = {
+            name.removeprefix(f"{arm}/"): values
+            for name, values in series.items()
+            if name.startswith(f"{arm}/")
+        }
+        for name, parts in _JOINT_STATES.items():
+            if parts[0] in own:
+                values = [own[part] for part in parts if part in own]
+                present = [part in own for part in parts]
+                topic = joint_state(arm, name, robot.joints, *present)
+                yield topic, np.concatenate(values, axis=1)
+        if (force := own.get(_FORCE)) is not None:
+            values = np.concatenate([force, np.zeros_like(force)], axis=1)
+            yield wrench(arm, "haptic_cf"), values
+        poses = {}
+        for name, (place, rotation) in _TIPS.items():
+            if place in own and rotation in own:
+                turns = quaternions(own[rotation].reshape(-1, 3, 3))
+                poses[name] = np.concatenate([own[place], turns], axis=1, dtype=float)
+                yield pose(arm, f"{name}_cp"), poses[name]
+            elif place in own:
+                yield point(arm, f"{name}_tip"), own[place].astype(float)
+        tips = {name: values for name, values in poses.items() if name in _FRAMES}
+        if tips and arm in bases:
+            pairs.append((WORLD, base(arm)))
+            row = np.array([*bases[arm].origin, *bases[arm].quaternion])
+            places.append(np.broadcast_to(row, (len(next(iter(tips.values()))), 7)))
+        pairs += [(base(arm), tip(arm, name)) for name in tips]
+        places += tips.values()
+    if pairs:
+        yield frames(tuple(pairs)), np.concatenate(places, axis=1)
 
 
 def signals(names: Sequence[str], single: bool = False) -> Topic:

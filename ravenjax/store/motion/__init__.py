@@ -36,8 +36,7 @@ Time. Samples are taken at their own stamps and interpolated to 1 000 a second, 
 no harm. A gap of more than `max_gap_s` (0.1 s) is refused; `max_gap_s = 0.5` bridges longer ones.
 Stamps that stand still or go back are refused, and so are stamps in bursts: they say when rows
 arrived, not when they were sampled. A file without a time column, or with stamps of arrival, is
-even at the rate that the campaign states: `rate_hz = 1000` makes a row a millisecond. A column that
-looks like time and whose unit is not said is refused.
+even at the rate that the campaign states: `rate_hz = 1000` makes a row a millisecond.
 
 Filter. None, so tremor stays. `cutoff_hz = 5` removes what is faster by a low-pass without phase;
 how much that was is said. A tip that jumps (more than 1 mm, faster than 0.5 m/s) is refused with

@@ -2,17 +2,25 @@
 homing ends.
 
 A table (Parquet) has a column `packet` (124 bytes each) and one that says when each arrived; a
-capture of the network has both by itself. Whole packets are read under the console's profile, in
-their order. What the robot would drop moves nothing: repeated and older numbers, and the packet
-after a gap. A stream may start anew, see `_restarts`.
+capture of the network (.pcap, .pcapng), as tcpdump and Wireshark write it, has both by itself. A
+console's packets are UDP datagrams of at least 124 bytes to port 36000; where nothing goes there,
+to the one port that gets datagrams of that size. Of several senders the one that sent most is the
+console.
+
+Whole packets are read under the console's profile, in their order. What the robot would drop moves
+nothing: repeated and older numbers, and the packet after a gap. A stream may start anew, see
+`_restarts`.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import math
-from collections.abc import Sequence
+import struct
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -20,22 +28,27 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console import arrivals as packet_lengths
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, fitting
+from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit, PacketReader, PacketReading
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.robots.raven2.stages.network import RESET_GAP
+from ravenjax.store import files
 from ravenjax.store.consoles import loading
-from ravenjax.store.motion import capture_file, stamps
+from ravenjax.store.motion import stamps
 from ravenjax.store.motion.track import ArmTrack, Track
 from ravenjax.vocabulary.packets import MOST_CYCLES, QUIET_MS, RELEASE_MS
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+CAPTURES = (".pcap", ".pcapng")
+INSTALL = "pip install 'ravenjax[pcap]'"
 PACKET, ARRIVAL = "packet", "arrival"
 MOST_MISFITS = 0.02
 """Of a recording: with more of them the profile is another console's."""
 RATE_AGREES = 3.0
 """By so much the rate of arrivals may differ from the profile's."""
-GAPS_IN, GAPS_LEAST = 50, 20
-"""One step in so many may be a gap, of more than so few; their rate is that of the others."""
 
 
 class Home(NamedTuple):
@@ -50,131 +63,211 @@ class PacketStream(NamedTuple):
     """A recorded stream, read."""
 
     profile: ConsoleProfile
-    arrival_s: np.ndarray  # [T] since the first
     delta_um: np.ndarray  # [T, A, 3] about the ITP axes; 0 where a packet moves nothing
     quat: np.ndarray  # [T, A, 4] turn about the ITP axes
     grasp_mrad: np.ndarray  # [T, A] closing
     pedal: np.ndarray  # [T] 0 or 1, held where a packet does not count
     counted: np.ndarray  # bool [T]
-    clock: str  # the column of arrivals
+    arrivals: Arrivals
+
+
+class Arrivals(NamedTuple):
+    """When packets arrived."""
+
+    seconds: np.ndarray  # [T] since the first
+    clock: str  # what says so
     notes: tuple[str, ...]
-
-
-def holds_packets(names: Sequence[str]) -> bool:
-    """Whether a table with these columns is a stream of packets."""
-    return PACKET in names
 
 
 class RawPackets(NamedTuple):
     """A recording as it is."""
 
     datagrams: list[bytes]  # 124 bytes or more each
-    columns: dict[str, np.ndarray]  # of a table, but the packets
-    captured_s: np.ndarray | None  # [T] of a capture
-    notes: tuple[str, ...]
+    time: np.ndarray  # [T], since any moment
+    clock: str  # the column of times, or "" of a capture
+    notes: tuple[str, ...] = ()
+
+    @property
+    def fields(self) -> list[tuple]:
+        """What each packet holds."""
+        return [FIELDS.unpack_from(one) for one in self.datagrams]
 
 
-def raw(path: Path) -> RawPackets:
-    """The datagrams of a Parquet file or a capture, unread. UserError."""
-    if path.suffix.lower() in capture_file.SUFFIXES:
-        datagrams, captured_s, notes = capture_file.read(path)
-        packets = RawPackets(datagrams, {}, captured_s, notes)
-    else:
-        packets = _of_table(path)
+def read_packets(path: Path) -> RawPackets:
+    """The datagrams of a Parquet file or a capture, and when they came. UserError."""
+    capture = path.suffix.lower() in CAPTURES
+    packets = _read_capture(path) if capture else _read_table(path, files.read_table(path))
     if len(packets.datagrams) < 2:
         raise UserError(
             f"{path}: holds {len(packets.datagrams)} packets; expected a stream of at least 2"
         )
-    return packets
+    since = stamps.seconds_since_first(packets.time)
+    if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
+        raise UserError(
+            f"{path}: {f'column {packets.clock}' if packets.clock else 'times of the capture'} must"
+            " be finite and never go back, and end later than it begins"
+        )
+    return packets._replace(time=since)
 
 
-def stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
+def _read_table(path: Path, table: pd.DataFrame) -> RawPackets:
+    names = [
+        name
+        for name in stamps.time_columns(table, (ARRIVAL, *stamps.NAMES))
+        if table[name].dtype.kind in "iuf"
+    ]
+    if PACKET not in table or len(names) != 1:
+        raise UserError(
+            f"{path}: expected a column {PACKET}, and one column {ARRIVAL}_s (or _ms, _us, _ns)"
+            f" that says when packets arrived; got {', '.join(map(str, table)) or 'none'}"
+        )
+    datagrams = table[PACKET].tolist()
+    for row, datagram in enumerate(datagrams):
+        if not isinstance(datagram, bytes) or len(datagram) < FIELDS.size:
+            raise UserError(
+                f"{path}: row {row}, column {PACKET}: expected {FIELDS.size} bytes or more in"
+                " each row"
+            )
+    return RawPackets(datagrams, table[names[0]].to_numpy(), names[0])
+
+
+class Datagram(NamedTuple):
+    """One datagram of UDP."""
+
+    time_s: float  # since the epoch
+    sender: tuple[bytes, int]  # address and port
+    port: int  # it went to
+    content: bytes
+
+
+def _read_capture(path: Path) -> RawPackets:
+    datagrams = [one for one in _datagrams(path) if len(one.content) >= FIELDS.size]
+    ports = Counter(one.port for one in datagrams)
+    if not datagrams or (UDP_PORT not in ports and len(ports) > 1):
+        there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4))
+        raise UserError(
+            f"{path}: expected a console's packets, UDP datagrams of {FIELDS.size} bytes or more to"
+            f" port {UDP_PORT} or to one other port; got {there or 'none'}"
+        )
+    port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
+    (console, _), *others = Counter(
+        one.sender for one in datagrams if one.port == port
+    ).most_common()
+    stream = [one for one in datagrams if one.port == port and one.sender == console]
+    more = sum(count for _, count in others)
+    note = f"{more} packets of {len(others)} other senders to port {port} are left out"
+    return RawPackets(
+        [one.content for one in stream],
+        np.array([one.time_s for one in stream]),
+        "",
+        (note,) if others else (),
+    )
+
+
+def _datagrams(path: Path) -> Iterator[Datagram]:
+    """The datagrams among the frames of a capture, which may end within a frame where it was
+    stopped.
+    """
+    if importlib.util.find_spec("dpkt") is None:
+        raise UserError(
+            f"{path}: a capture is read by the package dpkt, which is not installed: {INSTALL}"
+        )
+    import dpkt
+    from dpkt import ip, ip6, loopback, pcap, sll, sll2
+
+    def plain(content: bytes) -> Any:
+        return ip6.IP6(content) if content[:1] and content[0] >> 4 == 6 else ip.IP(content)
+
+    links: dict[int, Any] = {
+        pcap.DLT_EN10MB: dpkt.ethernet.Ethernet,
+        pcap.DLT_LINUX_SLL: sll.SLL,
+        pcap.DLT_LINUX_SLL2: sll2.SLL2,
+        **dict.fromkeys((pcap.DLT_NULL, pcap.DLT_LOOP), loopback.Loopback),
+        # 101 is what files have in place of DLT_RAW.
+        **dict.fromkeys((pcap.DLT_RAW, 101, pcap.DLT_IPV4, pcap.DLT_IPV6), plain),
+    }
+    not_of_udp = dpkt.UnpackError, struct.error, IndexError, ValueError
+    try:
+        with open(path, "rb") as file:
+            reader = pcap.UniversalReader(file)
+            if reader.datalink() not in links:
+                raise UserError(
+                    f"{path}: captured on a link of type {reader.datalink()}, which is not known"
+                    " here; expected Ethernet, Linux 'any', loopback or plain IP. Capture with"
+                    " tcpdump -i eth0"
+                )
+            frames = iter(reader)
+            while True:
+                try:
+                    time_s, content = next(frames)
+                except (StopIteration, dpkt.NeedData):
+                    return
+                try:
+                    packet: Any = links[reader.datalink()](content)
+                except not_of_udp:
+                    continue
+                while not isinstance(packet, (bytes, type(None), ip.IP, ip6.IP6)):
+                    packet = getattr(packet, "data", None)
+                if isinstance(getattr(packet, "data", None), dpkt.udp.UDP):
+                    yield _udp_datagram(float(time_s), packet)
+    except (OSError, *not_of_udp) as error:
+        raise UserError(
+            f"{path}: no capture that can be read: {str(error) or type(error).__name__}"
+        ) from None
+
+
+def _udp_datagram(time_s: float, packet: Any) -> Datagram:
+    udp = packet.data
+    return Datagram(time_s, (packet.src, udp.sport), udp.dport, bytes(udp.data))
+
+
+def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
     """The packets of a Parquet file or a capture. console: a profile of `store.consoles`, or
     "auto". UserError.
     """
-    packets = raw(path)
-    fields = [FIELDS.unpack_from(one) for one in packets.datagrams]
+    packets = read_packets(path)
+    fields = packets.fields
     profile = _profile(path, fields, arms, console)
-    arrival_s, clock, notes = _arrivals(path, packets, profile)
-    return _summed(path, profile, fields, arms, arrival_s, clock, notes)
+    return _summed(path, profile, fields, arms, _arrivals(path, packets, profile))
 
 
-def arrivals(
-    path: Path, packets: RawPackets, console: str
-) -> tuple[np.ndarray, str, tuple[str, ...]]:
-    """Seconds of each packet since the first, what says so, and notes. UserError where no
-    profile fits.
-    """
-    fields = [FIELDS.unpack_from(one) for one in packets.datagrams]
-    return _arrivals(path, packets, _profile(path, fields, ARMS, console))
+def read_arrivals(path: Path, packets: RawPackets, console: str) -> Arrivals:
+    """When packets arrived. UserError where no profile fits."""
+    return _arrivals(path, packets, _profile(path, packets.fields, ARMS, console))
 
 
-def _of_table(path: Path) -> RawPackets:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise UserError(
-            f"{path}: is no Parquet file, or not a whole one: {str(error).splitlines()[0]}."
-            " Expected packets as .parquet, .pcap or .pcapng; copy one that was cut short again"
-        ) from None
-    datagrams = table[PACKET].to_pylist()
-    short = next(
-        (
-            i
-            for i, one in enumerate(datagrams)
-            if not isinstance(one, bytes) or len(one) < FIELDS.size
-        ),
-        None,
-    )
-    if short is not None:
-        raise UserError(
-            f"{path}: row {short}, column {PACKET}: expected {FIELDS.size} bytes or more in"
-            " each row"
-        )
-    columns = {name: table[name].to_numpy() for name in table.column_names if name != PACKET}
-    return RawPackets(datagrams, columns, None, ())
-
-
-def track(path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmName, Home]) -> Track:
+def read_track(
+    path: Path, arms: tuple[ArmName, ...], console: str, home: dict[ArmName, Home]
+) -> Track:
     """The tips that a stream asks for. home: where each arm begins."""
-    read = stream(path, arms, console)
+    read = read_stream(path, arms, console)
     tracks: dict[str, ArmTrack] = {}
     for i, arm in enumerate(arms):
         axes = np.array([[float(c) for c in row] for row in ITP_AXES[arm]])
         moved = np.cumsum(read.delta_um[:, i], axis=0) @ axes.T * 1e-6
         turns = np.concatenate([read.quat[:, i, :3] @ axes.T, read.quat[:, i, 3:]], axis=1)
         tracks[arm] = ArmTrack(
-            read.arrival_s,
+            read.arrivals.seconds,
             home[arm].position + moved,
             _accumulated(home[arm].quat, turns),
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
-    lost = int((~read.counted).sum())
-    cycles = packet_lengths.lengths(read.arrival_s * 1e3)
+    cycles = packet_lengths.lengths(read.arrivals.seconds * 1e3)
     shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
-    model = (
-        f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES} ms"
+    notes = (
+        f"packets are those of console {read.profile.name}; the robot would drop"
+        f" {(~read.counted).sum():,} of {len(read.counted):,}",
+        f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES}"
+        " ms",
     )
-    note = (
-        f"packets are those of console {read.profile.name}; the robot would drop {lost:,} of"
-        f" {len(read.counted):,}"
-    )
-    others = tuple(arm for arm in ARMS if arm not in arms)
     return Track(
         path,
-        read.clock,
+        read.arrivals.clock,
         tracks,
         read.pedal,
         (PACKET,),
-        tuple(f"{PACKET} ({arm})" for arm in others),
-        (
-            *read.notes,
-            note,
-            model,
-        ),
+        tuple(f"{PACKET} ({arm})" for arm in ARMS if arm not in arms),
+        (*read.arrivals.notes, *notes),
     )
 
 
@@ -185,7 +278,7 @@ def _profile(
     choice = ProfileChoice(profiles, arms)
     for packet in fields:
         if choice.profile is not None:
-            return choice.profile
+            break
         result = choice.read(packet)
         if isinstance(result, PacketReading) or result.cause == UNDECIDED:
             choice.follow()
@@ -200,73 +293,37 @@ def _profile(
     return loading.load(fits)
 
 
-def _arrivals(
-    path: Path, packets: RawPackets, profile: ConsoleProfile
-) -> tuple[np.ndarray, str, tuple[str, ...]]:
-    if packets.captured_s is None:
-        return _of_column(path, packets.columns, profile)
-    since = packets.captured_s - packets.captured_s[0]
-    if (np.diff(since) < 0).any() or since[-1] <= 0:
-        raise UserError(
-            f"{path}: times of the capture go back; bring it into their order: reordercap IN OUT"
-        )
-    return since, "times of the capture", packets.notes
-
-
-def _of_column(
-    path: Path, columns: dict[str, np.ndarray], profile: ConsoleProfile
-) -> tuple[np.ndarray, str, tuple[str, ...]]:
-    """Seconds since the first packet, the column, and a note where its unit is not what its name
-    says.
+def _arrivals(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Arrivals:
+    """In the unit that the column's name says, or in the only one that agrees with the profile's
+    rate, with a note.
     """
-    suffixes = {word: unit for unit, (_, words) in stamps.UNITS.items() for word in words}
-    names = [name for name in columns if name.rpartition("_")[0] in (ARRIVAL, *stamps.NAMES)]
-    names = [
-        name
-        for name in names
-        if name.rpartition("_")[2] in suffixes and columns[name].dtype.kind in "iuf"
-    ]
-    if len(names) != 1:
-        raise UserError(
-            f"{path}: expected one column {ARRIVAL}_s (or _ms, _us, _ns) that says when packets"
-            f" arrived, got {', '.join(names or columns) or 'none'}"
-        )
-    (name,) = names
-    values = columns[name].astype(np.int64 if columns[name].dtype.kind in "iu" else float)
-    with np.errstate(invalid="ignore"):  # of infinite ones, which are refused next
-        since = (values - values[0]).astype(float)
-    if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
-        raise UserError(
-            f"{path}: column {name} must be finite and never go back, and end later than it begins"
-        )
-    unit, expected = suffixes[name.rpartition("_")[2]], profile.stream.rate_hz
-    usual, mean = 1.0 / _usual_step(since), (len(since) - 1) / since[-1]  # a unit of the column
-    rates = {key: mean / factor for key, (factor, _) in stamps.UNITS.items()}
+    since, name = packets.time, packets.clock
+    if not name:
+        return Arrivals(since, "times of the capture", packets.notes)
+    expected, unit = profile.stream.rate_hz, name.rpartition("_")[2]
+    # The longest step in fifty is left out: a pause is no other unit.
+    steps = np.sort(np.diff(since))[: math.floor(0.98 * (len(since) - 1)) or None]
+    usual, mean = 1.0 / (steps.mean() or since[-1] / len(since)), (len(since) - 1) / since[-1]
     near = [
-        key
-        for key, (factor, _) in stamps.UNITS.items()
-        if expected / RATE_AGREES <= usual / factor <= expected * RATE_AGREES
+        other
+        for other, size in stamps.UNITS.items()
+        if expected / RATE_AGREES <= usual / size <= expected * RATE_AGREES
     ]
-    if unit in near:
-        return since * stamps.UNITS[unit][0], f"column {name}", ()
-    if len(near) != 1:
-        raise UserError(
-            f"{path}: by column {name} {rates[unit]:.4g} packets arrive in a second; console"
-            f" {profile.name} sends {expected:g}. Name the column's unit, or write the rate into a"
-            " profile of your own"
+    rates = {other: f"{mean / size:.4g}" for other, size in stamps.UNITS.items()}
+    notes: tuple[str, ...] = ()
+    if unit not in near:
+        if len(near) != 1:
+            raise UserError(
+                f"{path}: by column {name} {rates[unit]} packets arrive in a second; console"
+                f" {profile.name} sends {expected:g}. Name the column's unit, or write the rate"
+                " into a profile of your own"
+            )
+        notes = (
+            f"column {name} is read as {near[0]}: {rates[near[0]]} packets a second;"
+            f" {rates[unit]} as {unit}",
         )
-    note = (
-        f"column {name} is read as {near[0]}: {rates[near[0]]:.4g} packets a second;"
-        f" {rates[unit]:.4g} as {unit}"
-    )
-    return since * stamps.UNITS[near[0]][0], f"column {name}", (note,)
-
-
-def _usual_step(since: np.ndarray) -> float:
-    """Mean time from packet to packet, without the longest in fifty: a pause is no other unit."""
-    steps = np.sort(np.diff(since))
-    most = len(steps) - (math.ceil(len(steps) / GAPS_IN) if len(steps) > GAPS_LEAST else 0)
-    return float(steps[:most].mean()) or since[-1] / len(steps)
+        unit = near[0]
+    return Arrivals(since * stamps.UNITS[unit], f"column {name}", notes)
 
 
 def _summed(
@@ -274,9 +331,7 @@ def _summed(
     profile: ConsoleProfile,
     fields: Sequence[Sequence],
     arms: tuple[ArmName, ...],
-    arrival_s: np.ndarray,
-    clock: str,
-    notes: tuple[str, ...],
+    arrivals: Arrivals,
 ) -> PacketStream:
     rows, count = len(fields), len(arms)
     delta, grasp = np.zeros((rows, count, 3)), np.zeros((rows, count))
@@ -284,18 +339,19 @@ def _summed(
     pedal, counted = np.zeros(rows), np.zeros(rows, bool)
     reader, misfits, last = PacketReader(profile, arms), [], fields[0][0] - 1
     why: Misfit | None = None
-    heard_s = float(arrival_s[0])  # when the stream last went on
-    for row, packet in enumerate(fields):
+    # When the stream last went on.
+    heard_s = 0.0
+    for row, (packet, time_s) in enumerate(zip(fields, arrivals.seconds.tolist(), strict=True)):
         number = packet[0]
         joined = number == last + 1
-        restarts = number < last and _restarts(number, last, arrival_s[row] - heard_s)
+        restarts = number < last and _restarts(number, last, time_s - heard_s)
         result = reader.read(packet, joined and row > 0)
         if isinstance(result, Misfit):
             misfits.append(packet)
             why = result
         elif number and (number > last or restarts):
             reader.follow()
-            last, heard_s = number, arrival_s[row]
+            last, heard_s = number, time_s
             if joined:
                 delta[row], quat[row], grasp[row] = result.delta_um, result.quat, result.grasp_mrad
                 counted[row] = True
@@ -312,7 +368,7 @@ def _summed(
             f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
             f" for {why}; {advice}"
         )
-    return PacketStream(profile, arrival_s, delta, quat, grasp, pedal, counted, clock, notes)
+    return PacketStream(profile, delta, quat, grasp, pedal, counted, arrivals)
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:

@@ -8,22 +8,23 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import ARMS, ArmName
 from ravenjax.robots.raven2.console.motion import TICK_S
+from ravenjax.store import files
+from ravenjax.store.logs import bags
 from ravenjax.store.motion import resampling, spikes, stamps
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.packet_file import Home
+from ravenjax.store.motion.packet_file import CAPTURES, PACKET, Home
 from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Track, check_plausible
 
-KINDS = (".parquet", ".csv", ".mcap", ".bag", ".db3", ".pcap", ".pcapng")
+KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
 ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
 
 USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
@@ -60,28 +61,44 @@ class HandRecording:
 
 def arms_in(path: Path) -> tuple[ArmName, ...]:
     """The arms that a file holds, gold first. UserError where it cannot be read, or holds none."""
+    from ravenjax.store.motion import bag_file, table_file
 
     require_readable(path)
-    there = _reader(path).arms_in(path)
-    arms: tuple[ArmName, ...] = tuple(arm for arm in ("gold", "green") if arm in there)
-    return arms or ("gold",)  # which then is missed by name
+    suffix = path.suffix.lower()
+    if suffix in CAPTURES:
+        return ARMS
+    if suffix in bags.SUFFIXES:
+        held = bag_file.arms_in(path)
+    else:
+        table = files.read_table(path)
+        held = ARMS if PACKET in table else table_file.arms_in(table)
+    # Where there is none, gold is then missed by name.
+    return tuple(arm for arm in ARMS if arm in held) or ("gold",)
+
+
+def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
+    from ravenjax.store.motion import bag_file, packet_file, table_file
+
+    suffix = path.suffix.lower()
+    table = files.read_table(path) if suffix in files.TABLES else None
+    if suffix in CAPTURES or (table is not None and PACKET in table):
+        homes: dict[ArmName, Home] = {arm: _home(arm) for arm in arms}
+        return packet_file.read_track(path, arms, options.console, homes)
+    if options.console != "auto":
+        raise UserError(
+            f"{path}: operator.console is of a stream of packets, this file holds tips: remove it"
+        )
+    if table is None:
+        return bag_file.read_track(path, arms, options.rate_hz)
+    return table_file.read_track(path, table, arms, options.rate_hz)
 
 
 def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
     """The recording of `arms`. UserError for a file that cannot be used, whichever part of it is
     replayed.
     """
-    from ravenjax.store.motion import packet_file, table_file
-
     require_readable(path)
-    if table_file.holds_packets(path):
-        track = packet_file.track(path, arms, options.console, {arm: _home(arm) for arm in arms})
-    elif options.console != "auto":
-        raise UserError(
-            f"{path}: operator.console is of a stream of packets, this file holds tips: remove it"
-        )
-    else:
-        track = _reader(path).read_track(path, arms, options.rate_hz)
+    track = _read_track(path, arms, options)
     check_plausible(track)
     time_s = _times(track, options)
     jumps = [
@@ -102,15 +119,20 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
     for begin, end in breaks:
         covered[math.floor(begin / TICK_S + 1e-6) + 1 : _row_at(end)] = False
     cuts = tuple(sorted(_row_at(end) for _, end in breaks))
+    poses = unfiltered
+    if options.cutoff_hz is not None:
+        spans = resampling.stretches(covered, cuts)
+        position, quat, opening = (
+            resampling.low_pass(values, options.cutoff_hz, spans)
+            for values in (poses.position, poses.quat, poses.opening_mrad)
+        )
+        quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
+        poses = Poses(poses.arms, position, quat, opening)
     return HandRecording(
         track=track,
         time_s=time_s,
         options=options,
-        poses=(
-            unfiltered
-            if options.cutoff_hz is None
-            else _smooth(unfiltered, resampling.stretches(covered, cuts), options.cutoff_hz)
-        ),
+        poses=poses,
         unfiltered=unfiltered.position,
         pedal=pedal,
         covered=covered,
@@ -118,13 +140,6 @@ def load(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandR
         spikes=tuple(jumps),
         gaps=gaps,
     )
-
-
-def _reader(path: Path) -> Any:
-    """The module that reads a kind of file."""
-    from ravenjax.store.motion import bag_file, table_file
-
-    return bag_file if path.suffix.lower() in bag_file.SUFFIXES else table_file
 
 
 def require_readable(path: Path) -> None:
@@ -146,7 +161,7 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
         if one.time_s is None:
             times[arm] = np.arange(len(one)) / (options.rate_hz or math.nan)
         else:
-            stamps.check(track.path, one.time_s, track.clock, options.max_gap_s)
+            stamps.require_plausible(track.path, one.time_s, track.clock, options.max_gap_s)
             times[arm] = one.time_s
     begin = max(one[0] for one in times.values())
     return {arm: one - begin for arm, one in times.items()}
@@ -162,38 +177,28 @@ def _evenly(
     """Poses and pedal a row a millisecond."""
     at = np.arange(rows) * TICK_S
     position, quat, opening = [], [], []
-    arms: tuple[ArmName, ...] = tuple(arm for arm in ("gold", "green") if arm in track.arms)
+    arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)
     for arm in arms:
-        samples, times = track.arms[arm], time_s[arm]
+        samples, times, home = track.arms[arm], time_s[arm], _home(arm)
         if options.spikes == "remove":
             samples, times = spikes.without(
                 samples, times, [spike for spike in jumps if spike.arm == arm]
             )
         position.append(resampling.by_time(times, samples.position, at))
         quat.append(
-            np.repeat(_home_quat(arm)[None], rows, axis=0)
+            np.repeat(home.quat[None], rows, axis=0)
             if samples.quat is None
             else resampling.turns_by_time(times, samples.quat, at)
         )
-        jaws = samples.opening_mrad
         opening.append(
-            np.full(rows, _home_opening_mrad())
-            if jaws is None
-            else resampling.by_time(times, jaws, at)
+            np.full(rows, home.opening_mrad)
+            if samples.opening_mrad is None
+            else resampling.by_time(times, samples.opening_mrad, at)
         )
     pedal = None
     if track.surgeon_mode is not None:
         pedal = resampling.before(time_s[arms[0]], track.surgeon_mode, at)
     return Poses(arms, np.stack(position, 1), np.stack(quat, 1), np.stack(opening, 1)), pedal
-
-
-def _smooth(poses: Poses, stretches: list[tuple[int, int]], cutoff_hz: float) -> Poses:
-    def low_pass(values: np.ndarray) -> np.ndarray:
-        return resampling.low_pass(values, cutoff_hz, stretches)
-
-    quat = low_pass(poses.quat)
-    quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
-    return Poses(poses.arms, low_pass(poses.position), quat, low_pass(poses.opening_mrad))
 
 
 def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:
@@ -220,16 +225,6 @@ def _row_at(time_s: float) -> int:
     return math.ceil(time_s / TICK_S - 1e-6)
 
 
-def _home_opening_mrad() -> float:
-    from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-
-    return (HOME_JPOS[5] + HOME_JPOS[6]) * 1e3
-
-
-def _home_quat(arm: ArmName) -> np.ndarray:
-    return _home(arm).quat
-
-
 def _home(arm: ArmName) -> Home:
     """Where a tip is after homing."""
     from ravenjax.numbers.lazy import jax
@@ -240,5 +235,5 @@ def _home(arm: ArmName) -> Home:
         return Home(
             np.array([float(c) for c in pose.position]),
             np.array([float(c) for c in mapping.quat_from_matrix(pose.rotation)]),
-            _home_opening_mrad(),
+            (limits.HOME_JPOS[5] + limits.HOME_JPOS[6]) * 1e3,
         )

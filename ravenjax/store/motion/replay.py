@@ -21,17 +21,18 @@ from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import ArmReach, Bounds, Poses, reach, reason
 from ravenjax.store.motion.recording import HandRecording, load, refused, require_readable
 from ravenjax.store.motion.summary import (
-    MOST,
     ArmSummary,
     MotionSummary,
     TipCourse,
     line,
     stretches,
 )
-from ravenjax.store.motion.timeline import MOTION_S, RUN_UP_S, Timeline
+from ravenjax.store.motion.timeline import Timeline
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
 """A tip that stays within, and turns and opens within, does not move."""
+OUTSIDE_LISTED = 8
+"""Stretches that cannot be replayed, in the summary."""
 UNFOLLOWED_MM = 0.1
 """Motion under a lifted pedal that is worth a note."""
 
@@ -386,6 +387,7 @@ def _summary(
     return MotionSummary(
         file=str(track.path),
         sha256=files.sha256(track.path),
+        options=options,
         rows=len(times),
         clock=track.clock,
         read=track.read,
@@ -395,22 +397,12 @@ def _summary(
         rate_hz=float(1e3 / steps.mean()),
         steps_ms=(float(steps.min()), float(np.median(steps)), float(steps.max())),
         gaps=len(recording.gaps),
-        gap_s=None if gap is None else gap[2] - gap[1],
-        gap_row=None if gap is None else gap[0],
-        gap_begin_s=None if gap is None else gap[1],
-        max_gap_s=options.max_gap_s,
+        longest_gap=None if gap is None else (gap[0], gap[1], gap[2] - gap[1]),
         spikes=tuple(spike.words for spike in recording.spikes),
-        spike_treatment=options.spikes,
-        cutoff_hz=options.cutoff_hz,
-        outside=tuple(sorted(outside, key=lambda span: span[0] - span[1])[:MOST]),
+        outside=tuple(sorted(outside, key=lambda span: span[0] - span[1])[:OUTSIDE_LISTED]),
         outside_share=float(lost.mean()),
         window_s=(begin * TICK_S, (end - 1) * TICK_S),
-        window_stated=options.window_s is not None,
-        slow_down=options.slow_down,
         campaign_s=len(course.row) * TICK_S,
-        rest_s=MOTION_S,
-        run_up_s=RUN_UP_S,
-        at_end=options.at_end,
         end_s=course.end_s,
         turns=course.turns,
         pedal="down" if recording.pedal is None else "recorded",
@@ -452,7 +444,6 @@ def _arm_summary(
         np.linalg.norm((recording.unfiltered - recording.poses.position)[begin:end, i], axis=1)
         * 1e3
     )
-    filtered = recording.options.cutoff_hz is not None
     x, y, z = (np.ptp(path, axis=0) * 1e3).tolist()
     return ArmSummary(
         arm=recording.poses.arms[i],
@@ -463,7 +454,13 @@ def _arm_summary(
         path_mm=float(steps.sum()) * 1e3,
         fastest_mm_s=float(steps.max(initial=0.0)) * 1e3 / TICK_S,
         distance_mm=(float(distance.min()), float(distance.max())),
-        removed_rms_mm=float(np.sqrt(np.mean(removed**2))) if filtered else None,
-        removed_largest_mm=float(removed.max()) if filtered else None,
-        removed_largest_s=(begin + int(np.argmax(removed))) * TICK_S if filtered else None,
+        removed=(
+            None
+            if recording.options.cutoff_hz is None
+            else (
+                float(np.sqrt(np.mean(removed**2))),
+                float(removed.max()),
+                (begin + int(np.argmax(removed))) * TICK_S,
+            )
+        ),
     )

@@ -128,8 +128,8 @@ def test_frames_hang_on_the_bases_that_are_known(log):
         for which in ("measured", "true", "model")
     ]
     pairs = [(one.header.frame_id, one.child_frame_id) for one in frames]
-    assert pairs == [("world", "arm2_base"), *tips]
-    base, tip = frames[0].transform, frames[4].transform
+    assert pairs == [*tips[:3], ("world", "arm2_base"), *tips[3:]]
+    base, tip = frames[3].transform, frames[4].transform
     assert [base.translation.x, base.translation.y, base.translation.z, base.rotation.z] == [
         0.1,
         0.2,

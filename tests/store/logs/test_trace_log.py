@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.store.logs.topics import Base
 from ravenjax.store.logs.trace import log as trace_log
-from ravenjax.store.logs.trace.log import Base
 
 TICKS = 2500
 EVENTS = [

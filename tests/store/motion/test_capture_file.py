@@ -12,7 +12,7 @@ import pytest
 from test_packet_file import FILE, table
 
 from ravenjax.errors import UserError
-from ravenjax.store.motion import capture_file, packet_file, recording
+from ravenjax.store.motion import packet_file, recording
 from ravenjax.store.motion.options import ReplayOptions
 
 HERE, THERE = bytes([10, 0, 0, 1]), bytes([10, 0, 0, 2])
@@ -81,7 +81,7 @@ def pcapng(path, frames):
 
 @pytest.fixture
 def datagrams(tmp_path):
-    return packet_file.raw(table(tmp_path / "packets.parquet")).datagrams
+    return packet_file.read_packets(table(tmp_path / "packets.parquet")).datagrams
 
 
 def timed(contents, step_ns=1_000_000):
@@ -92,21 +92,19 @@ def timed(contents, step_ns=1_000_000):
 @pytest.mark.parametrize("name", LINKS)
 def test_every_link_gives_the_datagrams_and_their_times(tmp_path, datagrams, name):
     number, framed = LINKS[name]
-    packets = packet_file.raw(
+    packets = packet_file.read_packets(
         pcap(tmp_path / "a.pcap", timed(framed(ipv4(one)) for one in datagrams), number)
     )
     assert packets.datagrams == datagrams
-    np.testing.assert_allclose(
-        packets.captured_s - packets.captured_s[0], np.arange(50) * 1e-3, atol=1e-6
-    )
+    np.testing.assert_allclose(packets.time, np.arange(50) * 1e-3, atol=1e-6)
 
 
 @needs_dpkt
 def test_ipv6_and_the_newer_format(tmp_path, datagrams):
     frames = timed(bytes(12) + b"\x86\xdd" + ipv6(one) for one in datagrams)
-    packets = packet_file.raw(pcapng(tmp_path / "a.pcapng", frames))
+    packets = packet_file.read_packets(pcapng(tmp_path / "a.pcapng", frames))
     assert packets.datagrams == datagrams
-    np.testing.assert_allclose(np.diff(packets.captured_s), 1e-3, atol=1e-6)
+    np.testing.assert_allclose(np.diff(packets.time), 1e-3, atol=1e-6)
 
 
 @needs_dpkt
@@ -120,7 +118,7 @@ def test_other_traffic_is_left_out_and_a_second_sender_told(tmp_path, datagrams)
     ]
     frames = [frame for one in datagrams for frame in (framed(ipv4(one)), *others)]
     frames += [framed(ipv4(datagrams[0], sender=7))]
-    packets = packet_file.raw(pcap(tmp_path / "a.pcap", timed(frames)))
+    packets = packet_file.read_packets(pcap(tmp_path / "a.pcap", timed(frames)))
     assert packets.datagrams == datagrams
     assert packets.notes == ("1 packets of 1 other senders to port 36000 are left out",)
 
@@ -129,7 +127,7 @@ def test_other_traffic_is_left_out_and_a_second_sender_told(tmp_path, datagrams)
 def test_a_capture_that_was_stopped_within_a_packet_is_read_up_to_there(tmp_path, datagrams):
     path = pcap(tmp_path / "a.pcap", timed(ipv4(one) for one in datagrams), 101)
     path.write_bytes(path.read_bytes()[:-7])
-    assert packet_file.raw(path).datagrams[:49] == datagrams[:49]
+    assert packet_file.read_packets(path).datagrams[:49] == datagrams[:49]
 
 
 @needs_dpkt
@@ -144,7 +142,7 @@ def test_a_capture_that_was_stopped_within_a_packet_is_read_up_to_there(tmp_path
 )
 def test_what_holds_no_stream_is_one_sentence(tmp_path, frames, link, words):
     with pytest.raises(UserError, match=words):
-        packet_file.raw(pcap(tmp_path / "a.pcap", timed(frames), link))
+        packet_file.read_packets(pcap(tmp_path / "a.pcap", timed(frames), link))
 
 
 @needs_dpkt
@@ -158,16 +156,16 @@ def test_what_is_no_capture_is_one_sentence(tmp_path, datagrams):
             damaged[at] = rng.integers(256)
         (tmp_path / "c.pcap").write_bytes(damaged[: rng.integers(1, len(damaged))])
         try:
-            packet_file.stream(tmp_path / "c.pcap", ("gold",), "raven")
+            packet_file.read_stream(tmp_path / "c.pcap", ("gold",), "raven")
         except UserError as error:
             assert "c.pcap" in str(error) and len(str(error)) < 600
 
 
 def test_without_the_package_it_is_named(tmp_path, monkeypatch):
     path = pcap(tmp_path / "a.pcap", [])
-    monkeypatch.setattr(capture_file.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(packet_file.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(UserError, match=r"pip install 'ravenjax\[pcap\]'"):
-        packet_file.raw(path)
+        packet_file.read_packets(path)
 
 
 @needs_dpkt

@@ -79,7 +79,7 @@ def test_packets_that_the_robot_would_drop_move_nothing(tmp_path):
     numbers = np.arange(1, 51)
     numbers[10] = 10  # again
     numbers[11:] += 5  # a gap: the packet after it is lost, too
-    read = packet_file.stream(
+    read = packet_file.read_stream(
         table(tmp_path / "a.parquet", fields={"sequence": numbers}), ("gold",), "raven"
     )
     assert np.flatnonzero(~read.counted).tolist() == [10, 11]
@@ -103,7 +103,7 @@ def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(
     arrival[25:] += silence_ms
     changes = {"arrival_us": None, "arrival_ms": arrival}
     path = table(tmp_path / "a.parquet", fields={"sequence": numbers, "grasp": 0}, **changes)
-    read = packet_file.stream(path, ("gold",), "raven")
+    read = packet_file.read_stream(path, ("gold",), "raven")
     assert read.counted[:25].all() and read.counted[25:].sum() == counted
     assert read.delta_um[:, 0, 0].sum() == (25 + counted) * 10
 
@@ -112,7 +112,7 @@ def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(
     ("changes", "words"),
     [
         ({"packet": [b"short"] * 50}, "row 0, column packet: expected 124 bytes"),
-        ({"arrival_us": None}, "expected one column arrival_s"),
+        ({"arrival_us": None}, "one column arrival_s"),
         ({"arrival_us": np.arange(50)[::-1]}, "column arrival_us must be finite and never go back"),
         (
             {"arrival_us": np.arange(50) * 70},
@@ -122,7 +122,7 @@ def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(
 )
 def test_errors(tmp_path, changes, words):
     with pytest.raises(UserError, match=words):
-        packet_file.stream(table(tmp_path / "a.parquet", **changes), ("gold",), "raven")
+        packet_file.read_stream(table(tmp_path / "a.parquet", **changes), ("gold",), "raven")
 
 
 def test_tips_have_no_console(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 from ravenjax.robots.raven2.geometry import scene
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.store.logs.trace.log import Base
+from ravenjax.store.logs.topics import Base
 
 
 def series(

@@ -29,7 +29,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
@@ -37,10 +37,9 @@ from mcap.writer import Writer as McapWriter
 
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.geometry.links import jaw_rotation
 from ravenjax.store.logs import mcap_records, topics
-from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Topic, quaternions
+from ravenjax.store.logs.topics import ARM_TOPICS, EVENTS, SIGNALS, Base, Topic
 
 FILE = "session.mcap"
 METADATA = "ravenjax"
@@ -48,18 +47,14 @@ TICK_NS = 1_000_000
 STANDARD_HZ = 100
 _EVERY = 1000 // STANDARD_HZ
 
-_STATES = {
-    "measured_js": "jpos",
-    "setpoint_js": "jpos_d",
-    "true_js": "link_jpos",
-    "model_js": "model_jpos",
-}
+_STATES = ("jpos", "jpos_d", "link_jpos", "model_jpos")
 _TIPS = {
-    "measured": ("position", "jpos"),
-    "true": ("tip", "link_jpos"),
-    "model": ("model_tip", "model_jpos"),
+    "position": ("position", "rotation", "jpos"),
+    "tip": ("tip", "tip_rotation", "link_jpos"),
+    "model_tip": ("model_position", "model_rotation", "model_jpos"),
 }
-"""Where a tip is, and the joints at which its orientation is taken."""
+"""Of a channel: the series of its place and of its orientation as `topics.standard` names them, and
+the joints at which the orientation is taken."""
 _PLAIN = ("scenario", "seed", "robot", "engine", "code_hash", "started")
 """What of the header is in the metadata under its own name, too."""
 
@@ -80,7 +75,15 @@ class SessionWriter:
                 f"{path}: the recording cannot be written ({error.strerror or error})"
             ) from error
         self._start_ns = _start_ns(header)
-        self._standard = _Standard(names, header.get("bases") or {})
+        self._places: dict[str, list[int]] = {}
+        for place, name in enumerate(names):
+            self._places.setdefault(name.rpartition("/")[0], []).append(place)
+        self._bases = {
+            arm: Base(tuple(one["origin"]), tuple(one["quaternion"]))
+            for arm, one in (header.get("bases") or {}).items()
+        }
+        # Imports what it needs, too: a recording that began must not wait for it.
+        standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
         self._flat = topics.signals([topics.field(name) for name in names], single=True)
         self._writer = McapWriter(self._file)
         _spill_index(self._writer)
@@ -88,7 +91,7 @@ class SessionWriter:
         self._metadata = _metadata(names, header)
         self._writer.add_metadata(METADATA, self._metadata)
         self._signals, *channels = topics.register(
-            self._writer, [self._flat, *topics.events(), *self._standard.topics]
+            self._writer, [self._flat, *topics.events(), *standard]
         )
         self._events, self._channels = channels[:2], channels[2:]
         self._next = 0
@@ -106,7 +109,7 @@ class SessionWriter:
         self._put(self._signals, self._flat, numbers, rows)
         due = numbers % _EVERY == 0
         if due.any():
-            filled = zip(self._channels, self._standard.values(rows[due]), strict=True)
+            filled = zip(self._channels, self._standard(rows[due]), strict=True)
             for channel, (topic, values) in filled:
                 self._put(channel, topic, numbers[due], values)
         stamp = self._stamp(max(0, self._next - 1))
@@ -135,6 +138,24 @@ class SessionWriter:
         for row, data in topic.encode(stamps, values).items():
             stamp = int(stamps[row])
             add(channel, stamp, data, stamp, int(numbers[row]))
+
+    def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
+        """The standard topics that the channels allow, and what rows [n, names] fill them with."""
+        series = {}
+        for arm in ARM_TOPICS:
+            own = {
+                name.removeprefix(f"{arm}/"): rows[:, places]
+                for name, places in self._places.items()
+                if name.startswith(f"{arm}/")
+            }
+            series |= {f"{arm}/{name}": own[name] for name in _STATES if name in own}
+            for name, (place, rotation, joints) in _TIPS.items():
+                if name in own and joints in own:
+                    series[f"{arm}/{place}"] = own[name]
+                    series[f"{arm}/{rotation}"] = jaw_rotation(arm, own[joints])
+            if "force" in own:
+                series[f"{arm}/haptic_force"] = own["force"]
+        return topics.standard(ROBOT, series, self._bases)
 
     def _stamp(self, number: int) -> int:
         return self._start_ns + number * TICK_NS
@@ -186,82 +207,6 @@ def read(path: Path) -> SessionLog:
         content.complete,
         content.lost_bytes,
     )
-
-
-class _Tip(NamedTuple):
-    """A tip whose place and joints are among the channels."""
-
-    arm: str
-    name: str  # of _TIPS
-    position: np.ndarray  # [3], places in a row
-    joints: np.ndarray  # [7]
-
-
-class _Standard:
-    """The standard topics that the channels allow, and how rows fill them."""
-
-    def __init__(
-        self, names: Sequence[str], bases: Mapping[str, Mapping[str, Sequence[float]]]
-    ) -> None:
-        """bases: `origin` and `quaternion` of each arm's frame 0 in the world."""
-        self._place = {name: i for i, name in enumerate(names)}
-        self._numbers: list[
-            tuple[Topic, np.ndarray, int]
-        ] = []  # topic, places in a row, zeros after them
-        self._tips: list[_Tip] = []
-        for arm in ARM_TOPICS:
-            for name, channel in _STATES.items():
-                if (joints := self._places(arm, channel, len(JOINTS))) is not None:
-                    self._numbers.append((topics.joint_state(arm, name, JOINTS), joints, 0))
-            if (force := self._places(arm, "force", 3)) is not None:
-                self._numbers.append((topics.wrench(arm, "haptic_cf"), force, 3))
-            for name, (channel, joint_channel) in _TIPS.items():
-                position, joints = (
-                    self._places(arm, channel, 3),
-                    self._places(arm, joint_channel, len(JOINTS)),
-                )
-                if position is not None and joints is not None:
-                    self._tips.append(_Tip(arm, name, position, joints))
-        if self._tips:
-            quaternions(
-                np.eye(3)[None]
-            )  # imports what it needs: a recording that began must not wait for it
-        standing = [
-            arm for arm in ARM_TOPICS if arm in bases and any(tip.arm == arm for tip in self._tips)
-        ]
-        self._bases = np.array(
-            [[*bases[arm]["origin"], *bases[arm]["quaternion"]] for arm in standing]
-        ).reshape(-1, 7)
-        self._poses = [topics.pose(tip.arm, f"{tip.name}_cp") for tip in self._tips]
-        pairs = [(topics.WORLD, topics.base(arm)) for arm in standing]
-        pairs += [(topics.base(tip.arm), topics.tip(tip.arm, tip.name)) for tip in self._tips]
-        self._frames = [topics.frames(pairs)] if self._tips else []
-        self.topics = [*(topic for topic, _, _ in self._numbers), *self._poses, *self._frames]
-
-    def values(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
-        """Of rows [n, names] the numbers [n, k] of each topic, in the order of `topics`."""
-        for topic, places, zeros in self._numbers:
-            values = rows[:, places]
-            yield (
-                topic,
-                np.concatenate([values, np.zeros((len(rows), zeros))], axis=1) if zeros else values,
-            )
-        if not self._tips:
-            return
-        rotation = np.empty((len(rows), len(self._tips), 3, 3))
-        for arm in {tip.arm for tip in self._tips}:
-            own = [i for i, tip in enumerate(self._tips) if tip.arm == arm]
-            rotation[:, own] = jaw_rotation(arm, rows[:, [self._tips[i].joints for i in own]])
-        points = rows[:, [tip.position for tip in self._tips]]
-        poses = np.concatenate([points, quaternions(rotation)], axis=2)  # [n, tips, 7]
-        yield from zip(self._poses, poses.swapaxes(0, 1), strict=True)
-        bases = np.broadcast_to(self._bases.reshape(-1), (len(rows), self._bases.size))
-        yield self._frames[0], np.concatenate([bases, poses.reshape(len(rows), -1)], axis=1)
-
-    def _places(self, arm: str, channel: str, width: int) -> np.ndarray | None:
-        """Where a channel's numbers stand in a row; None where there is no such channel."""
-        places = [self._place.get(f"{arm}/{channel}/{i}", -1) for i in range(width)]
-        return np.array(places) if min(places) >= 0 else None
 
 
 def _metadata(names: Sequence[str], header: Mapping[str, Any]) -> dict[str, str]:

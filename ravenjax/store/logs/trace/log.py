@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mcap.writer import Writer
@@ -31,7 +31,7 @@ from mcap.writer import Writer
 from ravenjax import robots
 from ravenjax.store.files import write_aside
 from ravenjax.store.logs import time_series, topics
-from ravenjax.store.logs.topics import Topic, quaternions
+from ravenjax.store.logs.topics import Base, Topic
 from ravenjax.vocabulary.robot import Robot
 
 CHUNK_BYTES = (
@@ -39,33 +39,7 @@ CHUNK_BYTES = (
 )  # a kill loses at most one chunk, a few ticks; the library's default of 1 MiB nearly a second
 TICK_NS = 1_000_000  # ns, one control tick
 METADATA = "ravenjax"
-
-_JOINT_STATES = {
-    "measured_js": ("jpos", "jvel", None),
-    "setpoint_js": ("jpos_d", None, "tau_d"),
-    "true_js": ("link_jpos", "link_jvel", None),
-    "model_js": ("model_jpos", None, None),
-}
-_TIPS = {
-    "measured": ("position", "rotation"),
-    "setpoint": ("position_d", "rotation_d"),
-    "true": ("tip", "tip_rotation"),
-    "model": ("model_position", "model_rotation"),
-    "golden": ("golden_tip", "golden_rotation"),
-}
-_FRAMES = ("measured", "true", "model")
-_FORCE = "haptic_force"
-_TOPIC_SERIES = {name for names in (*_JOINT_STATES.values(), *_TIPS.values()) for name in names} | {
-    _FORCE
-}
 _ALSO_SIGNALS = {"tip", "golden_tip"}
-
-
-class Base(NamedTuple):
-    """Where an arm stands: its frame 0 in the world."""
-
-    origin: tuple[float, float, float]  # m
-    quaternion: tuple[float, float, float, float]  # x, y, z, w
 
 
 def write(
@@ -88,11 +62,7 @@ def write(
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check(arrays, str(path))
     time_ns = np.arange(ticks, dtype=np.int64) * TICK_NS
-    filled = [
-        *_arm_topics(robot, arrays),
-        *_frames(robot, arrays, bases or {}),
-        *_signals(robot, arrays),
-    ]
+    filled = [*topics.standard(robot, arrays, bases or {}), *_signals(robot, arrays)]
     messages = [topic.encode(time_ns, values) for topic, values in filled]
 
     def fill(target: Path) -> None:
@@ -129,81 +99,12 @@ class _EventWriter:
                 self._writer.add_message(channel, stamp, data, stamp, tick)
 
 
-def _of_arm(arrays: Mapping[str, np.ndarray], arm: str) -> dict[str, np.ndarray]:
-    return {
-        name.removeprefix(f"{arm}/"): values
-        for name, values in arrays.items()
-        if name.startswith(f"{arm}/")
-    }
-
-
-def _arm_topics(
-    robot: Robot, arrays: Mapping[str, np.ndarray]
-) -> Iterator[tuple[Topic, np.ndarray]]:
-    for arm in robot.arms:
-        own = _of_arm(arrays, arm)
-        for name, series in _JOINT_STATES.items():
-            if series[0] in own:
-                present = [one is not None and one in own for one in series]
-                values = [
-                    own[one]
-                    for one, there in zip(series, present, strict=True)
-                    if there and one is not None
-                ]
-                yield (
-                    topics.joint_state(arm, name, robot.joints, *present),
-                    np.concatenate(values, axis=1),
-                )
-        for name, (place, _) in _TIPS.items():
-            if place in own:
-                pose = _pose(own, name)
-                topic = (
-                    topics.point(arm, f"{name}_tip")
-                    if pose is None
-                    else topics.pose(arm, f"{name}_cp")
-                )
-                yield topic, own[place].astype(float) if pose is None else pose
-        if _FORCE in own:
-            yield (
-                topics.wrench(arm, "haptic_cf"),
-                np.concatenate([own[_FORCE], np.zeros_like(own[_FORCE])], axis=1),
-            )
-
-
-def _pose(own: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
-    """x, y, z and quaternion [T, 7] of a tip; None where its rotation is not known."""
-    place, rotation = _TIPS[name]
-    if place not in own or rotation not in own:
-        return None
-    return np.concatenate(
-        [own[place], quaternions(own[rotation].reshape(-1, 3, 3))], axis=1, dtype=float
-    )
-
-
-def _frames(
-    robot: Robot, arrays: Mapping[str, np.ndarray], bases: Mapping[str, Base]
-) -> Iterator[tuple[Topic, np.ndarray]]:
-    pairs: list[tuple[str, str]] = []
-    values: list[np.ndarray] = []
-    for arm in robot.arms:
-        own = _of_arm(arrays, arm)
-        tips = {name: pose for name in _FRAMES if (pose := _pose(own, name)) is not None}
-        if tips and arm in bases:
-            pairs.append((topics.WORLD, topics.base(arm)))
-            row = np.array([*bases[arm].origin, *bases[arm].quaternion])
-            values.append(np.broadcast_to(row, (len(next(iter(tips.values()))), 7)))
-        pairs += [(topics.base(arm), topics.tip(arm, name)) for name in tips]
-        values += tips.values()
-    if pairs:
-        yield topics.frames(pairs), np.concatenate(values, axis=1)
-
-
 def _signals(robot: Robot, arrays: Mapping[str, np.ndarray]) -> Iterator[tuple[Topic, np.ndarray]]:
     names: list[str] = []
     columns: list[np.ndarray] = []
     for name, values in arrays.items():
         arm, _, own = name.rpartition("/")
-        if arm in robot.arms and own in _TOPIC_SERIES - _ALSO_SIGNALS:
+        if arm in robot.arms and own in topics.SERIES - _ALSO_SIGNALS:
             continue
         flat = values.reshape(len(values), -1)
         names += _scalar_names(robot, name, flat.shape[1])
