@@ -12,7 +12,7 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.faults.table import ARRAYS, FOREVER_TICKS
 from ravenjax.campaign.progress.counts import Progress
-from ravenjax.faults import effects
+from ravenjax.faults.injection import _EFFECTS
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.vocabulary.effects import EFFECT_CODES, TRIGGER_CODES
@@ -40,7 +40,7 @@ def with_every_fault(ready):
     for site in ROBOT.sites.values():
         channels = dict.fromkeys((site.channels[0].name, site.channels[-1].name))
         arm = "gold" if site.per_arm else ""
-        of_site = ("overwrite", "toggle") if site.name == "buttons" else tuple(effects._EFFECTS)
+        of_site = ("overwrite", "toggle") if site.name == "buttons" else tuple(_EFFECTS)
         sites.append(SiteUse(site.name, tuple((arm, name) for name in channels), of_site))
     injection = Injection(2, tuple(sites), tuple(TRIGGER_CODES))
     setup = dataclasses.replace(ready.program.setup, injection=injection)
@@ -53,7 +53,7 @@ def drawn(ready, seed):
     codes = sum(len(use.channels) for use in ready.program.setup.injection.sites)
     faults = {
         "code": rng.integers(1, codes + 1, shape) * (rng.random(shape) < 0.8),
-        "effect": rng.choice([EFFECT_CODES[name] for name in effects._EFFECTS], shape),
+        "effect": rng.choice([EFFECT_CODES[name] for name in _EFFECTS], shape),
         "trigger": rng.choice(list(TRIGGER_CODES.values()), shape),
         "value": rng.choice(SCALES, shape),
         "start": (

@@ -21,19 +21,11 @@ from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import (
-    authors,
-    cables,
-    nominal,
-    parameter_sets,
-    power_consistent,
-    published,
-    robot,
-)
+from ravenjax.robots.raven2.plant import drives, nominal, parameter_sets, robot
 from ravenjax.robots.raven2.plant.coupling import N, coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stats.bootstrap.resample import bootstrap
-from studies.dsn16 import recording
+from studies.dsn16 import authors, recording
 from studies.dsn16.recording import ARM, TOOL, JointRecording, motors
 from studies.study import Context, Findings, Line, Study, StudyEstimate, Table
 
@@ -254,17 +246,17 @@ def by_hand() -> Statics:
     """Motor torque through gear and drum; 48 V by the back EMF; the controller's stiffness at
     the joint.
     """
-    torque = COUNTS * published.CONTROLLER_TORQUE_PER_COUNT
+    torque = COUNTS * parameter_sets.CONTROLLER_TORQUE_PER_COUNT
     ratio = transmission.TR[0]
     stiffness = KP * ratio**2 / transmission.GEARBOX[0]
-    spring = 2.0 * published.parameter_set("traj3").stiffness[0] * PULLEY_M**2
+    spring = 2.0 * parameter_sets.parameter_set("traj3").stiffness[0] * PULLEY_M**2
     gives = LOAD_NM / stiffness + LOAD_NM / spring
     return Statics(
         "statics, without friction",
         torque / CAPSTAN_M,
         np.nan,
         torque * PULLEY_M / CAPSTAN_M,
-        power_consistent.SUPPLY_V / transmission.TORQUE_PER_AMP[0],
+        parameter_sets.SUPPLY_V / transmission.TORQUE_PER_AMP[0],
         gives * 300.0,
     )
 
@@ -416,7 +408,7 @@ def _statics(rows: Sequence[Statics]) -> Table:
     note = (
         f"{COUNTS} counts after the checks press the shoulder on its stop; the largest"
         " tension on the way depends on the assumed stiffness of the stop. A cable of this size"
-        f" breaks at some {cables.POSITIONING_STRENGTH:.0f} N. Statics of speed: the supply of 48 V"
+        f" breaks at some {drives.POSITIONING_STRENGTH:.0f} N. Statics of speed: the supply of 48 V"
         " by the back EMF. The push of the last column meets a controller with KP of raven2."
     )
     return Table("What a sudden command and a push do", columns, cells, note)

@@ -26,7 +26,7 @@ from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.layers import LAYERS
-from ravenjax.robots.raven2.plant import published
+from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
@@ -200,7 +200,7 @@ PARAMETERS = (
     ),
 )
 
-SETS = tuple(published.SETS)
+SETS = tuple(parameter_sets.SETS)
 """The published sets, with the authors' law of motor and cable."""
 
 

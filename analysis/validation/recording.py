@@ -34,9 +34,8 @@ from ravenjax.robots.raven2.plant import robot
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from studies.dsn16 import recording
+from studies.dsn16 import authors, recording
 from studies.dsn16.recording import ARM, FILE, JOINTS, SETUP, closed_loop, started, tips
-from validation import authors
 
 
 def windows(values: np.ndarray, length: int) -> np.ndarray:

@@ -27,7 +27,7 @@ import numpy as np
 from ravenjax.analyses.calibration.position_loop import RAVEN2
 from ravenjax.document.tables import markdown_table
 from ravenjax.robots.raven2.geometry import transmission
-from ravenjax.robots.raven2.plant import published
+from ravenjax.robots.raven2.plant import parameter_sets
 from studies import mechanics
 from studies.dsn16 import recording
 
@@ -149,7 +149,7 @@ def replay(course: Course, name: str, values: Values, end_s: float) -> np.ndarra
     ratio = transmission.TR[WRIST]
     signal = course.signals.get(HYPOTHESES[name][1], np.zeros(len(course.clock)))
     speeds = np.gradient(course.carried, STEP_S)
-    rate = published.TOOL_MOTOR_INERTIA / STEP_S
+    rate = parameter_sets.TOOL_MOTOR_INERTIA / STEP_S
     angle = np.full(count, ratio * course.joints[0, WRIST] + course.carried[0])
     speed, integral, play = np.zeros(count), np.zeros(count), angle - course.carried[0]
     out = np.empty((steps, count))

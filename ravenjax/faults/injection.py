@@ -1,4 +1,4 @@
-"""Injection: one pure function, called at each named site of the tick. Knows nothing of any robot.
+"""Faults at the seams of a tick: what they do to a number, and where. Knows nothing of any robot.
 
 Sites and channels are declared in `ravenjax.vocabulary.sites`; a campaign's `Setup.injection` names
 those it uses, and only they cost anything. At a site, each slot gathers the channel it hits by
@@ -8,16 +8,84 @@ keeps every bit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from ravenjax.faults import effects
-from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState
-from ravenjax.faults.window import TriggerClocks
+from ravenjax.faults.fault import Faults, FaultSlot, FaultState, SlotState, TriggerClocks
+from ravenjax.numbers.counter_random import uniform
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import Setup, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, replace, to_int32, wrap16
 from ravenjax.vocabulary.effects import EFFECT_CODES
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import ARM
+
+Effect = Callable[[Scalar, FaultSlot, SlotState, Scalar], Scalar]
+"""(x, fault, slot, tick) -> the float that takes x's place; whole numbers have their bits
+flipped by `flipped`.
+"""
+
+
+def flipped(x: Scalar, fault: FaultSlot) -> Scalar:
+    """An int32 with the fault's bit inverted."""
+    return x ^ lax.shift_left(jnp.int32(1), to_int32(fault.value) & 31)
+
+
+def _bit_flip(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
+    pattern = lax.bitcast_convert_type(lax.convert_element_type(x, jnp.float32), jnp.int32)
+    return lax.convert_element_type(
+        lax.bitcast_convert_type(flipped(pattern, fault), jnp.float32), x.dtype
+    )
+
+
+def _periodic(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
+    period = jnp.maximum(fault.period, 1)
+    phase = lax.rem(slot.age, period)
+    turn = lax.convert_element_type(phase, x.dtype) / lax.convert_element_type(period, x.dtype)
+    return x + fault.value * jnp.sin(2.0 * math.pi * turn)
+
+
+def _random(x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
+    return fault.value * (
+        2.0 * lax.convert_element_type(uniform(fault.key, tick, 0), x.dtype) - 1.0
+    )
+
+
+_EFFECTS: dict[str, Effect] = {
+    "overwrite": lambda x, fault, slot, tick: fault.value,
+    "offset": lambda x, fault, slot, tick: x + fault.value,
+    "latch_offset": lambda x, fault, slot, tick: jnp.where(
+        slot.age == 0, x + fault.value, slot.latched
+    ),
+    "scale": lambda x, fault, slot, tick: x * fault.value,
+    "drift": lambda x, fault, slot, tick: (
+        x + fault.value * lax.convert_element_type(slot.age + 1, x.dtype)
+    ),
+    # A window that is open from the first tick on has nothing before it and holds that tick's
+    # number.
+    "stuck": lambda x, fault, slot, tick: jnp.where(slot.before == slot.before, slot.before, x),
+    "bit_flip": _bit_flip,
+    "periodic": _periodic,
+    "random": _random,
+    "toggle": lambda x, fault, slot, tick: jnp.where((slot.age & 1) == 0, fault.value, 0.0),
+}
+
+
+def apply_effect(
+    effects: tuple[str, ...], x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar
+) -> Scalar:
+    """The number that takes the place of `x` (float), by the fault's effect, one of `effects`."""
+    result = _EFFECTS[effects[0]](x, fault, slot, tick)
+    for name in effects[1:]:
+        result = jnp.where(
+            fault.effect == EFFECT_CODES[name], _EFFECTS[name](x, fault, slot, tick), result
+        )
+    return lax.convert_element_type(result, x.dtype)
+
+
+# --- sites ---
 
 Path = tuple[str | int, ...]
 ChannelKey = tuple[str, str, str]
@@ -87,7 +155,7 @@ def _strike(
     for aim, number in zip(aims[1:], numbers[1:], strict=True):
         x = jnp.where(aim, lax.convert_element_type(number, setup.precision.real), x)
         here = here | aim
-    y = effects.apply(use.effects, x, fault, slot, clock.tick)
+    y = apply_effect(use.effects, x, fault, slot, clock.tick)
 
     hit = slot.active & here & present
     changed = jnp.bool_(False)
@@ -100,7 +168,7 @@ def _strike(
                 differs | flips
             )  # of a 0 the lowest bit makes a number that an engine may take for 0
         elif "bit_flip" in use.effects:
-            bits = effects.flipped(lax.convert_element_type(number, jnp.int32), fault)
+            bits = flipped(lax.convert_element_type(number, jnp.int32), fault)
             bits = _fitted(kind, bits)
             value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
             differs = value != number
@@ -145,3 +213,51 @@ def inject(
             slots[i], signal = _strike(setup, use, targets, fault, slots[i], clock, signal, present)
         state = FaultState(tuple(slots))
     return state, signal
+
+
+class Injector:
+    """`inject(site, signal)` for one tick of a robot."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        setup: Setup,
+        faults: Faults,
+        state: FaultState,
+        clock: TriggerClocks,
+    ) -> None:
+        self.setup: Any = setup  # the robot's own
+        self.robot, self.faults, self.state, self.clock = robot, faults, state, clock
+
+    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
+        """The signal of a site as the faults leave it, where it is `present`."""
+        self.state, signal = inject(
+            self.setup, self.paths(), self.faults, self.state, self.clock, site, signal, present
+        )
+        return signal
+
+    def strikes(self, *sites: str) -> bool:
+        """Whether the campaign hits any of these sites."""
+        return strikes(self.setup, *sites)
+
+    def paths(self) -> dict[ChannelKey, Target]:
+        """Where each channel that the campaign hits stands in its site's signal."""
+        return paths(self.robot, self.setup)
+
+
+def strikes(setup: Setup, *sites: str) -> bool:
+    """Whether the campaign hits any of these sites."""
+    return any(use.site in sites for use in setup.injection.sites)
+
+
+@functools.cache
+def paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
+    """Where each channel that the campaign hits stands in its site's signal, as the robot
+    declares it.
+    """
+    table = {}
+    for site, arm, name in channel_keys(setup):
+        channel = robot.sites[site].channel(name)
+        path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
+        table[site, arm, name] = (path, channel.kind)
+    return table

@@ -10,7 +10,7 @@ A part is a Python file that a campaign names. It has functions in the style of 
 Without `params` or `init` the function gets None in their place, and gives None back for the state.
 Every number is a single one: loops over joints are Python loops, choices are `jnp.where`, no Python
 `if` looks at a value. What comes in `view` is the robot's own: of a Raven-II
-`ravenjax.robots.raven2.loop.arm_view.ArmView`.
+`ravenjax.robots.raven2.loop.user_files.View`.
 
 The file, the modules in its folder that it imports and the arrays there that it loads are its
 content: another content is another campaign.

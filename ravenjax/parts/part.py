@@ -1,4 +1,4 @@
-"""A part from its source: its functions, what a campaign may vary of it, and one millisecond of it,
+"""A user's file in the tick: its code, what a campaign may vary of it, and one millisecond of it,
 checked.
 
 The code runs as it is traced, so what is wrong with it is told as one error that names file and
@@ -8,6 +8,7 @@ changes its structure or types.
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses
 import functools
@@ -18,7 +19,7 @@ import re
 import sys
 import traceback
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +33,17 @@ from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.parts.reading import Reader
 from ravenjax.vocabulary.parts import OwnSource
 
+THRESHOLD = Quantity("of the score", 0, 1e6, "score above which the check trips")
+"""What the threshold of a check may be."""
+
+PARAMS, INIT, STEP = "params()", "init(params)", "step(params, state, view)"
+"""The functions of a file, as errors name them."""
+
+SCORE = object()
+"""In place of numbers that `step` gives: a number of any kind, taken as a float."""
+
 _KINDS = {"f": "float", "i": "int", "u": "int", "b": "bool"}
+_CONVERSIONS = {"int": ": take to_int32(x), which truncates", "float": ": take jnp.float32(x)"}
 _BRANCHES = (
     "TracerBoolConversionError",
     "ConcretizationTypeError",
@@ -41,20 +52,28 @@ _BRANCHES = (
 )
 
 
+class View:
+    """What a file sees at some place of the tick: the numbers that are there by then."""
+
+    def __init__(self, at: str, numbers: Mapping[str, Any]) -> None:
+        self.__dict__.update(numbers)
+        self._at = at
+
+    def __getattr__(self, name: str) -> Any:
+        there = ", ".join(key for key in self.__dict__ if key != "_at")
+        raise AttributeError(f"view has no {name} at {self.__dict__.get('_at')}; it has {there}")
+
+
 class InPlace(NamedTuple):
-    """What stands at a key that a part may give."""
+    """What stands at a key that a file may give."""
 
     like: Any  # numbers in their structure, each of its kind
     words: str  # the same, for errors
 
 
-class OwnPart(NamedTuple):
-    """Functions of a part's file."""
+# --- files ---
 
-    source: OwnSource
-    params: Callable[[], Any]
-    init: Callable[[Any], Any]
-    step: Callable[[Any, Any, Any], tuple[Any, Scalar]]
+_MODULES: dict[OwnSource, types.ModuleType] = {}
 
 
 def read(name: str, path: Path, what: str = "detector") -> OwnSource:
@@ -92,212 +111,6 @@ def digest(source: OwnSource) -> str:
     return hashlib.sha256(repr((source.text, files)).encode()).hexdigest()
 
 
-@functools.lru_cache(maxsize=256)
-def loaded(source: OwnSource) -> OwnPart:
-    """Its functions. Raises UserError where there is no `step`, or `params` is not as it should
-    be.
-    """
-    module = _module(source)
-    step: Callable[..., Any] | None = getattr(module, "step", None)
-    if step is None or not callable(step):
-        raise UserError(
-            f"{source.path}: has no function step(params, state, view), which gives (state, score)"
-        )
-    own = OwnPart(
-        source, getattr(module, "params", _nothing), getattr(module, "init", _nothing), step
-    )
-    _require_ranges(own)
-    return own
-
-
-def params(part: OwnPart) -> Any:
-    """Its parameters at the values that the file gives. Raises UserError."""
-    with _Blame(part.source, "params()"):
-        return part.params()
-
-
-def quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
-    """(path, what it may be) of every number that a campaign may vary of it."""
-    record = params(loaded(source))
-    return () if record is None else tuple(quantity.quantities(type(record)))
-
-
-def init(part: OwnPart, params: Any, real: str) -> Any:
-    """What it remembers before the first millisecond, each number of its kind: float of width
-    `real`, int32, bool.
-    """
-    with _Blame(part.source, "init(params)"):
-        return _numbers(part.source, "init(params)", part.init(params), real)
-
-
-def step(part: OwnPart, params: Any, state: Any, view: Any, real: str) -> tuple[Any, Scalar]:
-    """One millisecond of one arm: what it remembers, and its score as a float of width `real`.
-    Raises UserError.
-    """
-    after, (score,) = _stepped(part, params, state, view, real, ("score",))
-    return after, score
-
-
-def limiting_step(
-    part: OwnPart, params: Any, state: Any, view: Any, real: str, before: Vec
-) -> tuple[Any, Scalar, Vec]:
-    """As `step`, and what goes on in place of `before`: as many numbers, each of its kind.
-    Raises UserError.
-    """
-    after, (score, values) = _stepped(
-        part, params, state, view, real, ("score", ("values", before))
-    )
-    return after, score, values
-
-
-def stage_step(
-    part: OwnPart, params: Any, state: Any, view: Any, real: str, name: str, like: Any
-) -> tuple[Any, Any]:
-    """One millisecond of one arm of a stage: what it remembers, and what it gives, called `name`,
-    in the structure of `like`, each number of its kind. Raises UserError."""
-    after, (values,) = _stepped(part, params, state, view, real, ((name, like),))
-    return after, values
-
-
-def keyed_step(
-    part: OwnPart,
-    params: Any,
-    state: Any,
-    view: Any,
-    real: str,
-    name: str,
-    like: Mapping[str, InPlace],
-) -> tuple[Any, dict[str, Any]]:
-    """One millisecond of a part that gives a dict, called `name`: what it remembers, and of each
-    key that it has what it gives there, in the structure of `like`, each number of its kind. A key
-    at which it gives the numbers of `like` back as they are counts as left out. Raises UserError.
-    """
-    after, (values,) = _stepped(part, params, state, view, real, ((name, like),))
-    return after, values
-
-
-def _stepped(
-    part: OwnPart,
-    params: Any,
-    state: Any,
-    view: Any,
-    real: str,
-    gives: tuple[str | tuple[str, Any], ...],
-) -> tuple[Any, list[Any]]:
-    """The state after `step`, and the other things that it gives: a score, or numbers like some
-    that it is given.
-    """
-    with _Blame(part.source, STEP):
-        result = part.step(params, state, view)
-        names = ["state", *(one if isinstance(one, str) else one[0] for one in gives)]
-        if not (
-            isinstance(result, tuple) and not isinstance(result, Vec) and len(result) == len(names)
-        ):
-            raise _error(
-                part.source,
-                STEP,
-                f"gives {shown(result)}, expected {_COUNTS[len(names)]} things:"
-                f" ({', '.join(names)})",
-            )
-        after = _numbers(part.source, STEP, result[0], real)
-        _require_alike(part.source, state, after)
-        out: list[Any] = []
-        for one, value in zip(gives, result[1:], strict=True):
-            if isinstance(one, str):
-                out.append(
-                    lax.convert_element_type(_number(part.source, STEP, one, value, real), real)
-                )
-            elif isinstance(one[1], Mapping):
-                out.append(_keyed(part.source, *one, value, real))
-            else:
-                out.append(_like(part.source, *one, value, real))
-        return after, out
-
-
-STEP = "step(params, state, view)"
-"""The function of a part that is called in each millisecond."""
-
-_COUNTS = {2: "two", 3: "three"}
-
-
-def _keyed(
-    source: OwnSource, name: str, like: Mapping[str, InPlace], values: Any, real: str
-) -> dict[str, Any]:
-    """Of each key of `values` the numbers there, as `like` has them; a key with the very numbers
-    of `like` is none.
-    """
-    keys = ", ".join(like)
-    if not isinstance(values, dict):
-        raise _error(
-            source,
-            STEP,
-            f"gives {shown(values)} for {name}, expected a dict with some of the keys {keys}",
-        )
-    for key in values:
-        if key not in like:
-            raise _error(
-                source,
-                STEP,
-                f"gives the key {key!r} in {name}, expected some of {keys}{suggestion(key, like)}",
-            )
-    numbers = {
-        key: _like(source, key, like[key].like, value, real, like[key].words)
-        for key, value in values.items()
-    }
-    given_back = {
-        key
-        for key, value in values.items()
-        if all(
-            new is old
-            for new, old in zip(tree.leaves(value), tree.leaves(like[key].like), strict=True)
-        )
-    }
-    return {key: new for key, new in numbers.items() if key not in given_back}
-
-
-def _like(source: OwnSource, name: str, like: Any, values: Any, real: str, words: str = "") -> Any:
-    """Numbers that stand in the place of `like`: as many, each of its kind."""
-    own, new = list(_named(like)), list(_named(values))
-    if len(own) == 1 and not own[0][0]:
-        own = [("", own[0][1])]
-    if [place for place, _ in own] != [place for place, _ in new]:
-        several = f"{len(own)} numbers, a Vec or a record as view has them"
-        expected = words or ("one number" if len(own) == 1 else several)
-        raise _error(source, STEP, f"gives {shown(values)} for {name}, expected {expected}")
-    numbers = []
-    for (place, wanted), (_, value) in zip(own, new, strict=True):
-        what = f"{name}[{place}]" if place else name
-        number, kind = _number(source, STEP, what, value, real), _kind(wanted)
-        if _kind(number) != kind:
-            raise _error(
-                source,
-                STEP,
-                f"gives a {_kind(number)} for {what}, expected"
-                f" {kind}{_CONVERSIONS.get(str(kind), '')}",
-            )
-        numbers.append(number)
-    return tree.filled(like, numbers)
-
-
-_CONVERSIONS = {"int": ": take to_int32(x), which truncates", "float": ": take jnp.float32(x)"}
-
-
-def _nothing(*_: Any) -> None:
-    """Stands for a function that a file does not have."""
-
-
-# --- code ---
-
-_MODULES: dict[OwnSource, types.ModuleType] = {}
-
-
-def _module(source: OwnSource) -> types.ModuleType:
-    """The module of a source, run once in a process."""
-    if source not in _MODULES:
-        _MODULES[source], _ = _run(source, dict(source.files))
-    return _MODULES[source]
-
-
 def _run(
     source: OwnSource, known: Mapping[str, bytes] | None
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
@@ -308,33 +121,31 @@ def _run(
     path = Path(source.path)
     name = f"ravenjax_part_{hashlib.sha256(repr(source).encode()).hexdigest()[:16]}"
     reader = Reader(name, path.parent, known)
-    with _Blame(source, "the file"):
+    with _blame(source, "the file"):
         return reader.read(source.text, path), reader.taken
 
 
-class _Blame:
-    """Turns what a part's code raises into one UserError that names file and line; what it
-    prints is no output.
+@contextlib.contextmanager
+def _blame(source: OwnSource, where: str) -> Iterator[None]:
+    """Turns what a file's code raises into one UserError that names file and line; what it prints
+    is no output.
     """
 
-    def __init__(self, source: OwnSource, where: str) -> None:
-        self._source, self._where = source, where
-        self._aside = contextlib.redirect_stdout(sys.stderr)
+    def is_own(file: str | None) -> bool:
+        return file is not None and Path(file).parent == Path(source.path).parent
 
-    def __enter__(self) -> None:
-        self._aside.__enter__()
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        self._aside.__exit__(kind, error, trace)
-        if not isinstance(error, Exception) or isinstance(error, UserError):
-            return
-        if isinstance(error, SyntaxError) and self._is_own(error.filename):
-            raise UserError(
-                f"{error.filename}:{error.lineno}: is no Python ({error.msg})"
-            ) from None
-        frames = [frame for frame in traceback.extract_tb(trace) if self._is_own(frame.filename)]
-        place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else self._source.path
-        if any(one.__name__ in _BRANCHES for one in type(error).__mro__):
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    except UserError:
+        raise
+    except Exception as error:
+        if isinstance(error, SyntaxError) and is_own(error.filename):
+            place, trouble = f"{error.filename}:{error.lineno}", f"is no Python ({error.msg})"
+            raise UserError(f"{place}: {trouble}") from None
+        frames = [one for one in traceback.extract_tb(error.__traceback__) if is_own(one.filename)]
+        place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
+        if any(kind.__name__ in _BRANCHES for kind in type(error).__mro__):
             trouble = (
                 "uses a value that is known only when the robot runs as if it were known now, in an"
                 " if, a while, a comparison chain or a conversion; write jnp.where(condition, a,"
@@ -343,76 +154,201 @@ class _Blame:
         else:
             first = next(iter(str(error).strip().splitlines()), "")
             trouble = f"raises {type(error).__name__}: {first}"
-        raise UserError(f"{place}: {self._where} {trouble}") from error
-
-    def _is_own(self, file: str | None) -> bool:
-        """Whether it is the part's file, or a module beside it."""
-        return file is not None and Path(file).parent == Path(self._source.path).parent
+        raise UserError(f"{place}: {where} {trouble}") from error
 
 
-# --- numbers ---
+# --- functions ---
 
 
-def _error(source: OwnSource, where: str, said: str) -> UserError:
-    return UserError(f"{source.path}{_line(source, where)}: {where} {said}")
+@functools.lru_cache(maxsize=256)
+def loaded(source: OwnSource) -> Part:
+    """Its functions. Raises UserError where there is no `step`, or `params` is not as it should
+    be.
+    """
+    if source not in _MODULES:
+        _MODULES[source], _ = _run(source, dict(source.files))
+    return Part(source, _MODULES[source])
 
 
-def _line(source: OwnSource, where: str) -> str:
-    """`:7` for the function that `where` names; "" where it does not stand in the file as such."""
-    head = re.compile(rf"def {re.escape(where.partition('(')[0])}\b")
-    return next(
-        (
-            f":{number}"
-            for number, line in enumerate(source.text.splitlines(), 1)
-            if head.match(line)
-        ),
-        "",
-    )
+class Part:
+    """The functions of a user's file. All of its methods raise UserError."""
 
+    def __init__(self, source: OwnSource, module: types.ModuleType) -> None:
+        self.source = source
+        self._functions = {name: getattr(module, name, None) for name in ("params", "init", "step")}
+        if not callable(self._functions["step"]):
+            raise UserError(f"{source.path}: has no function {STEP}, which gives (state, score)")
+        self._require_ranges()
 
-def _numbers(source: OwnSource, where: str, state: Any, real: str) -> Any:
-    named = list(_named(state))
-    numbers = [
-        _number(source, where, f"the state's {name or 'number'}", value, real)
-        for name, value in named
-    ]
-    return tree.filled(state, numbers)
+    def params(self) -> Any:
+        """Its parameters at the values that the file gives; None: it has none."""
+        with _blame(self.source, PARAMS):
+            return self._call("params")
 
+    def init(self, params: Any, width: str) -> Any:
+        """What it remembers before the first millisecond, each number of its kind: float of
+        `width`, int32, bool.
+        """
+        with _blame(self.source, INIT):
+            return self._numbers(INIT, self._call("init", params), width)
 
-def _number(source: OwnSource, where: str, what: str, value: Any, real: str) -> Scalar:
-    """A single number: float of width `real`, int32 or bool."""
-    try:
-        shape, kind = np.shape(value), _kind(value)
-    except (TypeError, ValueError):
-        raise _error(source, where, f"gives {shown(value)} for {what}, expected a number") from None
-    if shape:
-        raise _error(
-            source,
-            where,
-            f"gives an array of shape {shape} for {what}, expected a single number: take Vec for"
-            " several",
-        )
-    if kind is None:
-        raise _error(
-            source,
-            where,
-            f"gives {np.dtype(value.dtype).name} for {what}, expected float, int or bool",
-        )
-    return lax.convert_element_type(value, {"float": real, "int": "int32", "bool": "bool"}[kind])
+    def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
+        """One millisecond: what it remembers, and the other things that it gives, by name.
+
+        gives: SCORE; or numbers, in whose structure it gives some of the same kinds; or a dict of
+        InPlace, of which it gives some keys. A key at which it gives the very numbers of `like`
+        counts as left out.
+        """
+        with _blame(self.source, STEP):
+            result = self._call("step", params, state, view)
+            if (
+                not isinstance(result, tuple)
+                or isinstance(result, Vec)
+                or len(result) != 1 + len(gives)
+            ):
+                expected = ", ".join(("state", *gives))
+                raise self._error(STEP, f"gives {shown(result)}, expected ({expected})")
+            after = self._numbers(STEP, result[0], width)
+            self._require_alike(state, after)
+            out = [after]
+            for (name, like), value in zip(gives.items(), result[1:], strict=True):
+                if like is SCORE:
+                    number = self._number(STEP, name, value, width)
+                    out.append(lax.convert_element_type(number, width))
+                elif isinstance(like, dict):
+                    out.append(self._keyed(name, like, value, width))
+                else:
+                    out.append(self._like(name, like, value, width))
+            return tuple(out)
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        function = self._functions[name]
+        return None if function is None else function(*arguments)
+
+    def _keyed(
+        self, name: str, like: Mapping[str, InPlace], values: Any, width: str
+    ) -> dict[str, Any]:
+        keys = ", ".join(like)
+        if not isinstance(values, dict):
+            raise self._error(
+                STEP,
+                f"gives {shown(values)} for {name}, expected a dict with some of the keys {keys}",
+            )
+        numbers = {}
+        for key, value in values.items():
+            if key not in like:
+                raise self._error(
+                    STEP,
+                    f"gives the key {key!r} in {name}, expected some of"
+                    f" {keys}{suggestion(key, like)}",
+                )
+            place = like[key]
+            new = self._like(key, place.like, value, width, place.words)
+            pairs = zip(tree.leaves(value), tree.leaves(place.like), strict=True)
+            if not all(given is there for given, there in pairs):
+                numbers[key] = new
+        return numbers
+
+    def _like(self, name: str, like: Any, values: Any, width: str, words: str = "") -> Any:
+        """Numbers that stand in the place of `like`: as many, each of its kind."""
+        expected, given = list(_named(like)), list(_named(values))
+        if [place for place, _ in expected] != [place for place, _ in given]:
+            several = f"{len(expected)} numbers, a Vec or a record as view has them"
+            words = words or ("one number" if len(expected) == 1 else several)
+            raise self._error(STEP, f"gives {shown(values)} for {name}, expected {words}")
+        numbers = []
+        for (place, wanted), (_, value) in zip(expected, given, strict=True):
+            what = f"{name}[{place}]" if place else name
+            number, kind = self._number(STEP, what, value, width), _kind(wanted)
+            if _kind(number) != kind:
+                raise self._error(
+                    STEP,
+                    f"gives a {_kind(number)} for {what}, expected"
+                    f" {kind}{_CONVERSIONS.get(str(kind), '')}",
+                )
+            numbers.append(number)
+        return tree.filled(like, numbers)
+
+    def _numbers(self, where: str, state: Any, width: str) -> Any:
+        numbers = [
+            self._number(where, f"the state's {name or 'number'}", value, width)
+            for name, value in _named(state)
+        ]
+        return tree.filled(state, numbers)
+
+    def _number(self, where: str, what: str, value: Any, width: str) -> Scalar:
+        """A single number: float of `width`, int32 or bool."""
+        if shape := getattr(value, "shape", ()):
+            raise self._error(
+                where,
+                f"gives an array of shape {shape} for {what}, expected a single number: take Vec"
+                " for several",
+            )
+        kind = _kind(value)
+        if kind is None:
+            raise self._error(
+                where,
+                f"gives {shown(value)} for {what}, expected a number: float, int or bool",
+            )
+        dtype = {"float": width, "int": "int32", "bool": "bool"}[kind]
+        return lax.convert_element_type(value, dtype)
+
+    def _require_alike(self, before: Any, after: Any) -> None:
+        """UserError where a state has other numbers than before, or numbers of another kind."""
+        own, new = dict(_named(before)), dict(_named(after))
+        if list(own) != list(new) or type(before) is not type(after):
+            gave, expected = (", ".join(names) or "nothing" for names in (new, own))
+            raise self._error(STEP, f"gives a state of {gave}; init began with one of {expected}")
+        for name, old in own.items():
+            if _kind(old) != (kind := _kind(new[name])):
+                raise self._error(
+                    STEP,
+                    f"makes the state's {name} a {kind}, it began as {_kind(old)}: write it so in"
+                    " init, or convert it",
+                )
+
+    def _require_ranges(self) -> None:
+        """UserError for a parameter without a Quantity, or outside of its own."""
+        record = self.params()
+        if record is None:
+            return
+        if not dataclasses.is_dataclass(record) or isinstance(record, type):
+            raise self._error(
+                PARAMS, f"gives {shown(record)}, expected a record of numbers, made with @record"
+            )
+        ranges = dict(quantity.quantities(type(record)))
+        for name, value in _named(record):
+            limits = ranges.get(".".join(word for word in name.split(".") if not word.isdecimal()))
+            if limits is None:
+                trouble = (
+                    f"has {name} without a range: annotate it with Quantity(unit, low, high,"
+                    " meaning)"
+                )
+            elif not isinstance(value, int | float | np.number) or not math.isfinite(value):
+                trouble = f"gives {shown(value)} for {name}, expected a number"
+            elif not limits.low <= float(value) <= limits.high:
+                trouble = f"gives {value:g} for {name}, expected {limits}"
+            else:
+                continue
+            raise self._error(PARAMS, trouble)
+
+    def _error(self, where: str, said: str) -> UserError:
+        head = re.compile(rf"def {where.partition('(')[0]}\b")
+        lines = enumerate(self.source.text.splitlines(), 1)
+        place = next((f":{number}" for number, line in lines if head.match(line)), "")
+        return UserError(f"{self.source.path}{place}: {where} {said}")
 
 
 def _kind(value: Any) -> str | None:
-    """float, int or bool; None for any other kind of number. TypeError for what is none."""
+    """float, int or bool; None for whatever else."""
     if isinstance(value, bool | int | float):
         return type(value).__name__
     dtype = getattr(value, "dtype", None)
-    if dtype is None:
-        raise TypeError(f"{value!r} is no number")
-    return _KINDS.get(np.dtype(dtype).kind)
+    return None if dtype is None else _KINDS.get(np.dtype(dtype).kind)
 
 
 def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """(name, number) of every number of a state, in the order of `tree.leaves`."""
+    """(name, number) of every number of a tree, in the order of `tree.leaves`."""
     if node is None:
         return
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
@@ -428,46 +364,42 @@ def _named(node: Any, above: str = "") -> Iterator[tuple[str, Any]]:
         yield from _named(item, f"{above}.{name}" if above else name)
 
 
-def _require_alike(source: OwnSource, before: Any, after: Any) -> None:
-    """UserError where a state has other numbers than before, or numbers of another kind."""
-    own, new = list(_named(before)), list(_named(after))
-    if [name for name, _ in own] != [name for name, _ in new] or type(before) is not type(after):
-        gave, expected = (", ".join(name for name, _ in one) or "nothing" for one in (new, own))
-        raise _error(source, STEP, f"gives a state of {gave}; init began with one of {expected}")
-    for (name, old), (_, value) in zip(own, new, strict=True):
-        kinds = [_kind(one) for one in (old, value)]
-        if kinds[0] != kinds[1]:
-            raise _error(
-                source,
-                STEP,
-                f"makes the state's {name} a {kinds[1]}, it began as {kinds[0]}: write it so in"
-                " init, or convert it",
-            )
+# --- parameters of several files ---
 
 
-def _require_ranges(part: OwnPart) -> None:
-    """UserError for a parameter without a Quantity, or outside of its own."""
-    record = params(part)
-    if record is None:
-        return
-    where = "params()"
-    if not dataclasses.is_dataclass(record) or isinstance(record, type):
-        raise _error(
-            part.source,
-            where,
-            f"gives {shown(record)}, expected a record of numbers, made with @record",
-        )
-    ranges = dict(quantity.quantities(type(record)))
-    for name, value in _named(record):
-        path = ".".join(word for word in name.split(".") if not word.isdecimal())
-        limits = ranges.get(path)
-        if limits is None:
-            raise _error(
-                part.source,
-                where,
-                f"has {name} without a range: annotate it with Quantity(unit, low, high, meaning)",
-            )
-        if not isinstance(value, int | float | np.number) or not math.isfinite(value):
-            raise _error(part.source, where, f"gives {shown(value)} for {name}, expected a number")
-        if not limits.low <= float(value) <= limits.high:
-            raise _error(part.source, where, f"gives {value:g} for {name}, expected {limits}")
+def quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
+    """(path, what it may be) of every number that a campaign may vary of it."""
+    record = loaded(source).params()
+    return () if record is None else tuple(quantity.quantities(type(record)))
+
+
+def parameters(sources: tuple[OwnSource, ...]) -> Any:
+    """A named tuple of the records that the files give, each None where its file has none. It
+    travels between processes with the files' code. Raises UserError.
+    """
+    return _kind_of(sources)(*(loaded(source).params() for source in sources))
+
+
+def named(names: tuple[str, ...], numbers: Any) -> Any:
+    """A named tuple of these numbers; it travels between processes."""
+    return _named_kind(names)(*numbers)
+
+
+@functools.lru_cache(maxsize=256)
+def _named_kind(names: tuple[str, ...]) -> type[Any]:
+    kind = collections.namedtuple("Named", names)
+    kind.__reduce__ = lambda own: (named, (names, tuple(own)))  # type: ignore[method-assign]
+    return kind
+
+
+@functools.lru_cache(maxsize=256)
+def _kind_of(sources: tuple[OwnSource, ...]) -> type[Any]:
+    # Records of a file are classes that no other process has: there they come from its text, as
+    # numbers do from here.
+    kind = collections.namedtuple("Own", [source.name for source in sources])
+    kind.__reduce__ = lambda own: (_restored, (sources, tree.leaves(own)))  # type: ignore[method-assign]
+    return kind
+
+
+def _restored(sources: tuple[OwnSource, ...], numbers: list[Any]) -> Any:
+    return tree.filled(parameters(sources), numbers)

@@ -36,7 +36,8 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import HOUR_MS, Quantity, Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
-from ravenjax.parts import parameters, part
+from ravenjax.parts import part
+from ravenjax.parts.part import SCORE
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -141,9 +142,7 @@ class DetectorSignal:
     command_limit: Vec  # 7 int32 DAC counts, at which that clips
     armed: Scalar  # bool, pedal-down without software E-stop
     tick: Scalar  # int32
-    views: (
-        tuple[Any, ...] | None
-    )  # what detectors of one's own see, as the robot has it; None: there are none
+    views: tuple[Any, ...]  # what files see, as the robot has it; (): there are none
 
 
 def sources(setup: Setup) -> tuple[OwnSource, ...]:
@@ -160,7 +159,7 @@ def params(setup: Setup) -> DetectorParams:
     return DetectorParams(
         **steps,
         armed_after=np.int32(500),
-        own=parameters.of(files) if files else (),
+        own=part.parameters(files) if files else (),
         thresholds=tuple((1.0,) * use.thresholds for use in setup.detectors),
     )
 
@@ -175,7 +174,7 @@ def init(setup: Setup, params: DetectorParams) -> DetectorsState:
         for use in setup.detectors
     )
     own = tuple(
-        (part.init(part.loaded(source), values, setup.precision.real),) * len(setup.arms)
+        (part.loaded(source).init(values, setup.precision.real),) * len(setup.arms)
         for source, values in zip(sources(setup), params.own, strict=True)
     )
     return DetectorsState(
@@ -191,7 +190,10 @@ def step(
     """The detectors after this tick."""
     views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
     files = {
-        source: _own(setup, source, own, before, signal)
+        source: [
+            part.loaded(source).step(own, memory, view, setup.precision.real, score=SCORE)
+            for memory, view in zip(before, signal.views, strict=True)
+        ]
         for source, own, before in zip(sources(setup), params.own, state.own, strict=True)
     }
     armed = signal.armed & (signal.tick >= params.armed_after)
@@ -229,17 +231,6 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
             out[f"detector{d}_threshold{k}_first_ms"] = threshold.first_tick
             out[f"detector{d}_threshold{k}_alarms"] = threshold.alarms
     return out
-
-
-def _own(
-    setup: Setup, source: OwnSource, params: Any, before: tuple[Any, ...], signal: DetectorSignal
-) -> tuple[tuple[Any, Scalar], ...]:
-    """State and score of a file, one entry an arm."""
-    assert signal.views is not None
-    code, views = part.loaded(source), signal.views
-    return per_arm(
-        setup, lambda i, _: part.step(code, params, before[i], views[i], setup.precision.real)
-    )
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import reduce
 from typing import Annotated
 
 import numpy as np
@@ -46,24 +47,26 @@ TICK_S = 1e-3
 
 @record
 class HandParams:
-    """What a campaign may vary."""
+    """What a campaign may vary; the numbers above, held half firmly."""
 
     grip: Annotated[
         Scalar, Quantity("", 0, 1, "how firmly the hand holds the console: 0 relaxed, 1 firm")
-    ]
+    ] = 0.5
     newtons_per_unit: Annotated[  # negative: away from the model, for null models
         Scalar,
         Quantity("N", -1e3, 1e3, "force on the hand per device unit of the first haptic set"),
-    ]
-    mass: Annotated[Scalar, Quantity("kg", 0.01, 10, "mass of the hand that the cue's force moves")]
-    damping: Annotated[Scalar, Quantity("N s/m", 0, 1e3, "damping of a relaxed hand")]
-    stiffness: Annotated[Scalar, Quantity("N/m", 0, 1e5, "stiffness of a relaxed hand")]
+    ] = 3.3
+    mass: Annotated[
+        Scalar, Quantity("kg", 0.01, 10, "mass of the hand that the cue's force moves")
+    ] = 0.554
+    damping: Annotated[Scalar, Quantity("N s/m", 0, 1e3, "damping of a relaxed hand")] = 6.45
+    stiffness: Annotated[Scalar, Quantity("N/m", 0, 1e5, "stiffness of a relaxed hand")] = 135.0
     firm_times: Annotated[
         Scalar,
         Quantity(
             "", 1, 100, "stiffness of a firm hand by that of a relaxed one; the damping ratio stays"
         ),
-    ]
+    ] = 5.0
     turn_deg: Annotated[
         Scalar,
         Quantity(
@@ -72,7 +75,7 @@ class HandParams:
             180,
             "turn of the force about the diagonal of the console's axes: a null model",
         ),
-    ]
+    ] = 0.0
 
 
 @record
@@ -82,19 +85,6 @@ class HandState:
     displacement: Vec  # m, axes of the console
     velocity: Vec  # m/s
     peak: Scalar  # m, largest displacement so far
-
-
-def params(setup: Setup) -> HandParams:
-    """The numbers above, held half firmly."""
-    return HandParams(
-        grip=0.5,
-        newtons_per_unit=3.3,
-        mass=0.554,
-        damping=6.45,
-        stiffness=135.0,
-        firm_times=5.0,
-        turn_deg=0.0,
-    )
 
 
 def init(setup: Setup) -> HandState:
@@ -140,7 +130,4 @@ def turned(force: Vec, angle_deg: Scalar) -> Vec:
 
 def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:
     """How far a hand was moved, the worse of the arms; a column of the result table."""
-    peak = arms[0].peak
-    for arm in arms[1:]:
-        peak = jnp.maximum(peak, arm.peak)
-    return {"hand_mm": peak * 1e3}
+    return {"hand_mm": reduce(jnp.maximum, [arm.peak for arm in arms]) * 1e3}

@@ -17,6 +17,7 @@ min(a, b):
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Annotated, NamedTuple
 
 from ravenjax.numbers import finite
@@ -24,7 +25,7 @@ from ravenjax.numbers.algebra import dot
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup, per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, earliest, record, replace, where
 from ravenjax.outcomes.verdict import LIMIT_MM
 
 UM = 1e-6
@@ -360,18 +361,10 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
     """Outcome columns of a run: lengths in mm, ticks in ms; worst over the arms."""
 
     def worst(name: str) -> Scalar:
-        values = [getattr(arm, name) for arm in state.arms]
-        result = values[0]
-        for value in values[1:]:
-            result = jnp.maximum(result, value)
-        return result
+        return reduce(jnp.maximum, [getattr(arm, name) for arm in state.arms])
 
-    def earliest(name: str) -> Scalar:
-        result = jnp.int32(-1)
-        for arm in state.arms:
-            tick = getattr(arm, name)
-            result = jnp.where((tick >= 0) & ((result < 0) | (tick < result)), tick, result)
-        return result
+    def first(name: str) -> Scalar:
+        return earliest([jnp.int32(-1), *(getattr(arm, name) for arm in state.arms)])
 
     count = jnp.maximum(state.ticks, 1)
     out = {
@@ -393,9 +386,9 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         "tip_path_mm": worst("path") * 1e3,
         "tissue_depth_mm": worst("depth") * 1e3,
         "tip_distance_mm": state.tip_distance * 1e3,
-        "jump_code_ms": earliest("jump"),
-        "jump_text_ms": earliest("large_jump"),
-        "jump_tip_ms": earliest("tip_jump"),
+        "jump_code_ms": first("jump"),
+        "jump_text_ms": first("large_jump"),
+        "jump_tip_ms": first("tip_jump"),
         "diverged_ms": state.diverged,
         **finite.outcomes(state.finite),
     }

@@ -377,7 +377,7 @@ WRONG = {
     "not yet": (
         {"at": "jpos"},
         STEP + "state, view.tau_d[0]",
-        r"mine\.py:3: .*no tau_d yet: it comes after jpos",
+        r"mine\.py:3: .*no tau_d at jpos",
     ),
     "unknown": (
         {"at": "jpos"},
@@ -387,12 +387,12 @@ WRONG = {
     "two": (
         {"at": "tau_d", "acts": "limit"},
         STEP + "state, 1.0",
-        r"step\(params, state, view\) gives .* expected three things: \(state, score, values\)",
+        r"step\(params, state, view\) gives .* expected \(state, score, values\)",
     ),
     "three": (
         {"at": "tau_d"},
         STEP + "state, 1.0, view.tau_d",
-        r"expected two things: \(state, score\)",
+        r"expected \(state, score\)",
     ),
     "too few": (
         {"at": "tau_d", "acts": "limit"},

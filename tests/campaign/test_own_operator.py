@@ -295,12 +295,12 @@ WRONG = {
     ),
     "no dict": (
         STEP + "state, view.arms[0].delta",
-        r"mine\.py:2: .* for the hands, expected a dict with some of the",
+        r"mine\.py:2: .* for hands, expected a dict with some of the",
     ),
     "key": (
         STEP + "state, {'dleta': ()}",
         (
-            r"mine\.py:2: .*gives the key 'dleta' in the hands, expected some of delta, grasp,"
+            r"mine\.py:2: .*gives the key 'dleta' in hands, expected some of delta, grasp,"
             r" pedal, pace\. Did .*'delta'"
         ),
     ),
@@ -316,7 +316,7 @@ WRONG = {
         r"mine\.py:2: .*an array of shape \(2,\) for pace, expected a s",
     ),
     "kind": (STEP + "state, {'pedal': 1}", r"mine\.py:2: .*gives a int for pedal, expected bool"),
-    "one thing": (STEP + "{}", r"mine\.py:2: .* expected two things: \(state, the hands\)"),
+    "one thing": (STEP + "{}", r"mine\.py:2: .* expected \(state, hands\)"),
     "branch": (
         (
             "def step(params, state, view):\n    if view.arms[0].force > 0:\n        return state,"
@@ -330,7 +330,7 @@ WRONG = {
     ),
     "attribute": (
         STEP + "state, {'pedal': view.pedal_down}",
-        r"mine\.py:3: .*has no attribute 'pedal_down'",
+        r"mine\.py:3: .*has no pedal_down",
     ),
 }
 

@@ -21,7 +21,7 @@ from evaluated_program import evaluate
 
 from ravenjax.engines.cpu import python
 from ravenjax.engines.gpu import cuda
-from ravenjax.faults import fault, injection, window
+from ravenjax.faults import fault, injection
 from ravenjax.ir import lowering
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.robots.raven2 import ROBOT
@@ -121,7 +121,7 @@ class Use:
             never = jnp.int32(-1)
             faults.append(fault.FaultSlot(code, effect, value, *(jnp.int32(0),) * 4, period, key))
             slots.append(fault.SlotState(active, age, latched, before, never, jnp.int32(0), never))
-        clock = window.TriggerClocks(jnp.int32(7), jnp.int32(8), jnp.int32(-1))
+        clock = fault.TriggerClocks(jnp.int32(7), jnp.int32(8), jnp.int32(-1))
         given = fault.Faults(tuple(faults)), fault.FaultState(tuple(slots))
         state, signal = injection.inject(self.setup, self.paths, *given, clock, "site", signal)
         return jax.tree.leaves(

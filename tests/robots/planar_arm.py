@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ravenjax.campaign.prepared import Prepared
-from ravenjax.faults import fault, window
-from ravenjax.faults.injector import Injector
+from ravenjax.faults import fault
+from ravenjax.faults.injection import Injector
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import Setup as AnySetup
 from ravenjax.numbers.setup import real
@@ -99,9 +99,9 @@ def init(setup: Setup, params: Params) -> State:
 
 def advance(setup, params, faults, state, now, motion, golden):
     """One millisecond: sense, control, check, move, watch."""
-    clock = window.TriggerClocks(now, now + 1, now)
+    clock = fault.TriggerClocks(now, now + 1, now)
     inject = Injector(
-        ROBOT, setup, faults, window.open_windows(setup, faults, state.faults, clock), clock
+        ROBOT, setup, faults, fault.open_windows(setup, faults, state.faults, clock), clock
     )
     wanted = Vec(real(setup, column[now]) for column in motion)
     (reported,) = inject("encoder", (state.jpos,))

@@ -85,9 +85,3 @@ def test_cues_side_by_side_keep_their_own_record() -> None:
     assert [int(x) for x in (second.first_tick, second.ticks_active, second.impulses)] == [2, 3, 2]
     np.testing.assert_allclose(float(first.peak_force), 4.5 * 5e-3)
     assert int(state.tick) == 8
-
-
-def test_a_quiet_run_reports_no_cue() -> None:
-    params = haptics.params(RavenSetup())
-    state = haptics.init(RavenSetup(), params)
-    assert int(state.cues[0].first_tick) == -1 and int(state.cues[0].impulses) == 0

@@ -188,14 +188,6 @@ def test_what_a_robot_does_while_it_is_not_live_is_kept_apart():
     assert stops["halted_ms"] == coasts["halted_ms"] == TICKS - 150
 
 
-def test_the_limit_is_that_of_the_parameters():
-    series = course("runs away")
-    assert (
-        watched(series, limit=1e-3)["unintended_first_ms"] < watched(series)["unintended_first_ms"]
-    )
-    assert watched(series, limit=20e-3)["unintended_first_ms"] == -1
-
-
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(
     ("name", "signal"), [("tip", "tip"), ("model", "model tip"), ("golden", "deviation")]
@@ -206,13 +198,6 @@ def test_what_left_the_finite_first_is_told(name, signal, wrong):
     series["tip"][90] = np.nan  # comes later, and tells nothing new
     found = watched(series)
     assert (found["failed_ms"], found["failed_signal"]) == (77, CODES[signal])
-
-
-def test_a_sum_that_grows_too_large_is_told():
-    series = course("well")
-    series["model"][40:] = 1e154  # each square is within float64, the sum of three is not
-    found = watched(series)
-    assert (found["failed_ms"], found["failed_signal"]) == (40, CODES["deviation"])
 
 
 def test_a_restarted_observer_forgets_what_was_missed_and_a_realigned_one_where_the_golden_run_was():  # noqa: E501

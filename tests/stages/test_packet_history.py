@@ -66,18 +66,6 @@ def test_what_is_that_old_is_the_first_packet_that_is_not_within(sent):
         assert age == next((i for i in range(ticks, TICKS) if sent[i]), NEVER)
 
 
-def test_a_history_remembers_as_long_as_stated():
-    history = packet_history.init(TICKS - 5)
-    assert len(history.words) == WORDS
-    sent: list[bool] = []
-    rng = np.random.default_rng(3)
-    step = jax.jit(packet_history.step)
-    for _ in range(2 * TICKS):
-        sent.insert(0, bool(rng.random() < 0.5))
-        history = step(history, jnp.bool_(sent[0]))
-    assert [int(word) for word in history.words] == packed(sent[:TICKS])
-
-
 def test_engines_have_the_same_bits():
     rng = np.random.default_rng(5)
     size = 2000

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.plant import published
+from ravenjax.robots.raven2.plant import parameter_sets
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
 from studies.study import (
@@ -252,7 +252,7 @@ PLANT = (
             (f"campaign.parameter_set={name}",),
             f"the authors' law and their set {name}",
         )
-        for name in published.SETS
+        for name in parameter_sets.SETS
     ),
     Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
     Variant("substeps_10", CAMPAIGN, ("campaign.substeps=10",), "ten plant steps a millisecond"),

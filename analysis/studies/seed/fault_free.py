@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.plant import published
+from ravenjax.robots.raven2.plant import parameter_sets
 from studies.seed.motions import MOTIONS, Motion, over_kinds, overrides, variant
 from studies.series import Recorder, Row, Series, rises
 from studies.study import (
@@ -112,7 +112,7 @@ itself.
 SETTINGS: dict[str, tuple[str, str]] = {
     **{
         f"set {name}": (f"campaign.parameter_set={name}", f"the authors' law and their set {name}")
-        for name in published.SETS
+        for name in parameter_sets.SETS
     },
     "software fork2015": (
         "campaign.software=fork2015",

@@ -115,7 +115,7 @@ def start(
 def readings(setup: RavenSetup, arm: ArmName, plant: robot.PlantState, whole: bool = True) -> Vec:
     """Motor angles (rad) as encoders read them; not whole: as they are, which has a derivative."""
     dtype = setup.precision.real
-    turned = Vec(robot.encoders.radians(motor, dtype) for motor in plant.motors)
+    turned = Vec(robot.drives.radians(motor, dtype) for motor in plant.motors)
     counts = Vec(
         (motor.count + ref).astype(dtype)
         for motor, ref in zip(plant.motors, plant.count_ref, strict=True)

@@ -26,7 +26,6 @@ from ravenjax.campaign.file.sections import (
 )
 from ravenjax.outcomes import events
 from ravenjax.parts import part
-from ravenjax.stages import own_checks
 from ravenjax.vocabulary.checks import Check, built_in_column
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.parts import OwnSource
@@ -251,9 +250,7 @@ class CampaignConfig(Section):
         """(path, what it may be) of each parameter of parts with a file. Raises UserError for an
         unusable one.
         """
-        thresholds = tuple(
-            (f"checks.threshold.{one.name}", own_checks.THRESHOLD) for one in self.check
-        )
+        thresholds = tuple((f"checks.threshold.{one.name}", part.THRESHOLD) for one in self.check)
         return thresholds + tuple(
             (f"{above}.{path}", limits)
             for above, source in self.own_parts()

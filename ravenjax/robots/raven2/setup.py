@@ -46,7 +46,7 @@ class RavenSetup(setup.Setup):
     command_delay: int = 0  # ms, the longest that a DAC command may take from USB write to motor
     controller: tuple[
         tuple[str, OwnSource], ...
-    ] = ()  # (stage of `loop.replaced`, file of one's own in its place)
+    ] = ()  # (stage of `loop.user_files`, file of one's own in its place)
     hands: OwnSource | None = None  # the operator, where it is a file of one's own
     explained: tuple[
         tuple[float, float] | None, ...

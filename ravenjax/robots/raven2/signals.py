@@ -1,4 +1,4 @@
-"""What a monitor of the Raven-II can look at: fields of `loop.arm_view.ArmView`, in the robot's
+"""What a monitor of the Raven-II can look at: fields of `loop.user_files.View`, in the robot's
 order.
 """
 

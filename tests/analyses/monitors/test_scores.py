@@ -15,13 +15,13 @@ from ravenjax.analyses.monitors.scores import Score
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.parts import part
-from ravenjax.robots.raven2.loop.arm_view import ArmView
+from ravenjax.robots.raven2.loop.user_files import View
 
 RAVEN = robots.USUAL
 
 
 def test_every_signal_of_the_catalogue_is_a_field_of_the_view():
-    names = {field.name for field in dataclasses.fields(ArmView)}
+    names = set(View.__annotations__)
     for score in scores.catalogue(RAVEN):
         assert score.signal in names and score.against in names | {""}
         assert score.layer in RAVEN.layers
@@ -133,15 +133,15 @@ def test_the_printed_part_gives_what_the_words_say(tmp_path, some, views):
     path = tmp_path / "printed.py"
     path.write_text(part_file.text(some))
     own = part.loaded(part.read("printed", path))
-    params = part.params(own)
-    state = part.init(own, params, "float32")
+    params = own.params()
+    state = own.init(params, "float32")
     before = None
     for now in views:
         values = {
             n: Vec(map(np.float32, v)) if isinstance(v, list) else np.float32(v)
             for n, v in now.items()
         }
-        state, score = part.step(own, params, state, _View(values), "float32")
+        state, score = own.step(params, state, _View(values), "float32", score=part.SCORE)
         assert float(score) == pytest.approx(
             max(expected(one, now, before) for one in some), rel=1e-6
         )

@@ -216,7 +216,7 @@ def integer_columns(leaves, size=4000):
 
 
 def _plc(setup, state, pins, estop, start):
-    return plc.step(setup, plc.params(setup), state, plc.PlcSignal((pins,), estop != 0, start != 0))
+    return plc.step(setup, plc.PlcParams(), state, plc.PlcSignal((pins,), estop != 0, start != 0))
 
 
 def _network(setup, state, tick, received, size, sequence):
@@ -232,7 +232,7 @@ def _watchdog(setup, state, *numbers):
 @pytest.mark.parametrize(
     ("stage", "begin", "numbers"),
     [
-        (_plc, lambda setup: plc.init(setup, plc.params(setup)), 3),
+        (_plc, lambda setup: plc.init(setup, plc.PlcParams()), 3),
         (_network, network.init, 4),
         (_watchdog, watchdog.init, 4),
     ],

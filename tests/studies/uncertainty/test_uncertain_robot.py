@@ -269,9 +269,9 @@ def test_the_faults_are_those_of_the_quick_campaign() -> None:
 
 
 def test_the_published_sets_are_all_there() -> None:
-    from ravenjax.robots.raven2.plant import published
+    from ravenjax.robots.raven2.plant import parameter_sets
 
-    assert {*SETS, "traj3"} == set(published.SETS)
+    assert {*SETS, "traj3"} == set(parameter_sets.SETS)
 
 
 @pytest.mark.slow

@@ -15,11 +15,10 @@ from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import run
+from ravenjax.robots.raven2.loop import run, user_files
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
-from ravenjax.stages import own_checks
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 
@@ -136,7 +135,7 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
     if params.checks is not None:
         params = replace(
-            params, checks=own_checks.params(setup, [one.threshold for one in config.check])
+            params, checks=user_files.check_params(setup, [one.threshold for one in config.check])
         )
     if params.reaction is not None and config.reaction is not None:
         settings = config.reaction.model_dump(exclude={"action", "correct_mm_s"})

@@ -25,7 +25,7 @@ from ravenjax.errors import shown, suggestion
 from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.loop.replaced import STAGES
+from ravenjax.robots.raven2.loop.user_files import STAGES
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
 from ravenjax.vocabulary import packets

@@ -19,7 +19,7 @@ from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
-from ravenjax.parts import parameters
+from ravenjax.parts import part
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry import kinematics
@@ -89,7 +89,7 @@ def params(
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
         start_quat=tuple(Vec(float(x) for x in quat) for quat in quats),
         start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
-        own=None if setup.hands is None else parameters.of((setup.hands,)),
+        own=None if setup.hands is None else part.parameters((setup.hands,)),
     )
 
 

@@ -24,7 +24,7 @@ from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import per_arm, real
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
-from ravenjax.parts.part import InPlace
+from ravenjax.parts.part import InPlace, View
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry import kinematics
@@ -43,30 +43,6 @@ class ScreenView:
     model_tip: Vec  # 3 m, that of the nominal model
     pull: Vec  # 3 device units, force of the first haptic set
     force: Scalar  # device units, its size; above 0 the cue is shown
-
-
-@record
-class OwnHandView:
-    """One hand in one millisecond; um are of the hand, the tip moves by `scale` times as much."""
-
-    delta: Vec  # 3 um, by which the plan moves it, axes of the console
-    grasp: Scalar  # mrad, by which the plan closes it
-    offset: Vec  # 3 um, by which it is off the plan already
-    tip: Vec  # this and the next three as ScreenView, of the millisecond before
-    model_tip: Vec
-    pull: Vec
-    force: Scalar
-
-
-@record
-class OwnOperatorView:
-    """What the file sees."""
-
-    tick: Scalar  # int32, ms since the run began
-    runlevel: Scalar  # int32, of the millisecond before: 0 E-stop, 1 init, 2 pedal up, 3 pedal down
-    pedal: Scalar  # bool, whether the plan has the foot on the pedal
-    scale: Scalar  # tip motion per hand motion
-    arms: tuple[OwnHandView, ...]  # one an arm, gold first
 
 
 @record
@@ -144,12 +120,11 @@ def init(
         )
 
     screen = real(setup, per_arm(setup, shown))
-    own = part.init(part.loaded(setup.hands), params.own.hands, setup.precision.real)
-    arms = tuple(_hand(still, none, still, one) for one in screen)
-    view = OwnOperatorView(
-        zero, jnp.int32(runlevel), jnp.bool_(False), real(setup, params.scale), arms
+    own = part.loaded(setup.hands).init(params.own.hands, setup.precision.real)
+    plan = tuple((still, none, still) for _ in screen)
+    _, keys = _stepped(
+        setup, params, own, zero, jnp.int32(runlevel), jnp.bool_(False), plan, screen
     )
-    _, keys = _stepped(setup, params, own, view)
     state = OwnOperatorState(
         own=own,
         screen=screen,
@@ -183,26 +158,26 @@ def act(
     now = operator.lookup(motion, moment.row if pace is None else moment.row - pace.lag)
     before = operator.lookup(motion, moment.before if pace is None else moment.before - pace.before)
 
-    def view(i: int, arm: ArmName) -> OwnHandView:
+    def planned(i: int, arm: ArmName) -> tuple[Vec, Scalar, Vec]:
         delta = real(setup, now.position[i]) - real(setup, before.position[i])
         grasp = real(setup, now.grasp[i]) - real(setup, before.grasp[i])
         delta, grasp = where(moment.goes_on, (delta, grasp), real(setup, (Vec.full(3, 0.0), 0.0)))
         offset = real(setup, Vec.full(3, 0.0)) if hands is None else hands.offset[i]
-        return _hand(delta, grasp, offset, state.screen[i])
+        return delta, grasp, offset
 
-    arms = per_arm(setup, view)
-    senses = OwnOperatorView(
-        tick, state.runlevel, now.surgeon_mode > 0, real(setup, params.scale), arms
+    plan = per_arm(setup, planned)
+    own, will = _stepped(
+        setup, params, state.own, tick, state.runlevel, now.surgeon_mode > 0, plan, state.screen
     )
-    own, will = _stepped(setup, params, state.own, senses)
     state, how = replace(state, own=own), PLAN
     if hands is not None and "delta" in will:
         hands = operator.strayed(
-            hands, tuple(new - one.delta for new, one in zip(will["delta"], arms, strict=True))
+            hands,
+            tuple(new - delta for new, (delta, _, _) in zip(will["delta"], plan, strict=True)),
         )
     if state.grasp is not None:
         old = state.grasp
-        changes = (new - one.grasp for new, one in zip(will["grasp"], arms, strict=True))
+        changes = (new - grasp for new, (_, grasp, _) in zip(will["grasp"], plan, strict=True))
         grasp = tuple(x + change for x, change in zip(old.offset, changes, strict=True))
         how = how._replace(grasp=grasp, grasp_before=old.sent)
         state = replace(state, grasp=OwnGrasp(grasp, where(fresh, grasp, old.sent)))
@@ -239,25 +214,44 @@ def see(
     return replace(state, screen=real(setup, per_arm(setup, shown)), runlevel=runlevel)
 
 
-def _hand(delta: Vec, grasp: Scalar, offset: Vec, screen: ScreenView) -> OwnHandView:
-    return OwnHandView(
-        delta, grasp, offset, screen.tip, screen.model_tip, screen.pull, screen.force
-    )
-
-
 def _stepped(
-    setup: RavenSetup, params: operator.OperatorParams, own: Any, view: OwnOperatorView
-) -> tuple[Any, dict[str, Any]]:
+    setup: RavenSetup,
+    params: operator.OperatorParams,
+    own: Any,
+    tick: Scalar,
+    runlevel: Scalar,
+    pedal: Scalar,
+    plan: tuple[tuple[Vec, Scalar, Vec], ...],
+    screen: tuple[ScreenView, ...],
+) -> tuple[Any, ...]:
+    """What the file remembers, and what it gives. plan: of each hand how far it moves (um) and
+    closes (mrad) in this millisecond, and how far it is off already (um).
+    """
     assert setup.hands is not None
-    each = f"a tuple of {len(view.arms)}, one for each arm"
+    arms = tuple(
+        View("the hands", {"delta": delta, "grasp": grasp, "offset": offset, **vars(shown)})
+        for (delta, grasp, offset), shown in zip(plan, screen, strict=True)
+    )
+    view = View(
+        "the operator",
+        {
+            "tick": tick,
+            "runlevel": runlevel,
+            "pedal": pedal,
+            "scale": real(setup, params.scale),
+            "arms": arms,
+        },
+    )
+    each = f"a tuple of {len(arms)}, one for each arm"
     like = {
-        "delta": InPlace(tuple(arm.delta for arm in view.arms), f"{each}: a Vec of 3 numbers, um"),
-        "grasp": InPlace(tuple(arm.grasp for arm in view.arms), f"{each}: a number, mrad"),
-        "pedal": InPlace(view.pedal, "one truth value"),
+        "delta": InPlace(tuple(arm.delta for arm in arms), f"{each}: a Vec of 3 numbers, um"),
+        "grasp": InPlace(tuple(arm.grasp for arm in arms), f"{each}: a number, mrad"),
+        "pedal": InPlace(pedal, "one truth value"),
         "pace": InPlace(real(setup, 1.0), "one number, 0 to 1"),
     }
-    code, width = part.loaded(setup.hands), setup.precision.real
-    return part.keyed_step(code, params.own.hands, own, view, width, "the hands", like)
+    return part.loaded(setup.hands).step(
+        params.own.hands, own, view, setup.precision.real, hands=like
+    )
 
 
 def _slowed(pace: OwnPace, share: Scalar, goes_on: Scalar, fresh: Scalar) -> OwnPace:

@@ -40,26 +40,26 @@ TINY_M = 1e-9  # below it there is nothing to correct
 
 @record
 class ReactionParams:
-    """What a campaign may vary."""
+    """What a campaign may vary; the assumptions above. Nobody reacts until a campaign says so."""
 
     action: Annotated[  # int32, one of ACTIONS
         Scalar,
         Quantity(
             "", 0, 3, "what the operator does: 0 none, 1 release, 2 slow, 3 correct", whole=True
         ),
-    ]
+    ] = np.int32(NONE)
     delay_ms: Annotated[
         Scalar, Quantity("ms", 0, HOUR_MS, "from the first felt pull to the action")
-    ]
+    ] = 250.0
     felt_force: Annotated[
         Scalar, Quantity("device units", 0, 1e9, "weakest pull that the operator notices")
-    ]
-    slow_to: Annotated[Scalar, Quantity("", 0, 1, "speed of slowed hands, of what it was")]
+    ] = 0.0
+    slow_to: Annotated[Scalar, Quantity("", 0, 1, "speed of slowed hands, of what it was")] = 0.25
     correct_per_s: Annotated[
         Scalar,
         Quantity("1/s", 0, 1e3, "share of the distance that a correcting operator takes back"),
-    ]
-    correct_speed: Annotated[Scalar, Quantity("m/s", 0, 10, "fastest correction of the tip")]
+    ] = 5.0
+    correct_speed: Annotated[Scalar, Quantity("m/s", 0, 10, "fastest correction of the tip")] = 0.05
 
 
 @record
@@ -91,11 +91,6 @@ class OperatorSenses:
     ]  # m, frame 0, by which the hands asked for more than the plan, of both alike
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
-
-
-def params(setup: RavenSetup) -> ReactionParams:
-    """The assumptions above; nobody reacts until a campaign says so."""
-    return ReactionParams(np.int32(NONE), 250.0, 0.0, 0.25, 5.0, 0.05)
 
 
 def init(setup: RavenSetup) -> ReactionState:

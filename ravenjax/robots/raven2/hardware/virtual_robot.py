@@ -89,7 +89,7 @@ class RobotSignals:
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
     """Documented values; `parameter_set` names one of `parameter_sets.Name`. Plain numbers."""
     return RobotParams(
-        plc.params(setup), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set))
+        plc.PlcParams(), per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set))
     )
 
 

@@ -6,20 +6,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from ravenjax.faults.injector import strikes
+from ravenjax.faults.injection import strikes
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.numbers.vec import Scalar, Vec, record, replace
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
-from ravenjax.robots.raven2.geometry import kinematics, transmission
-from ravenjax.robots.raven2.loop import control, guard
-from ravenjax.robots.raven2.loop.arm_view import ArmView
-from ravenjax.robots.raven2.plant import contact, nominal, nominal_target
+from ravenjax.robots.raven2.loop import control, user_files
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import detectors, haptics
 
 
 @record
@@ -76,7 +70,7 @@ def boards_apart(setup: RavenSetup) -> int:
     """USB boards whose output pins may differ: all are written alike, unless a write can fail or
     a board refuse.
     """
-    return len(setup.arms) if strikes(setup, "usb_status") or guard.refuses(setup) else 1
+    return len(setup.arms) if strikes(setup, "usb_status") or user_files.refuses(setup) else 1
 
 
 def each(setup: RavenSetup, item: Any) -> tuple[Any, ...]:
@@ -118,28 +112,6 @@ def packet(
     return operator.packet(setup, console, new, old, timing.index + 1)
 
 
-def clean(setup: RavenSetup, packet: Any, fresh: Scalar, i: int) -> nominal_target.Clean:
-    """What the console asks of the nominal model: each increment once, also where a packet spans
-    several cycles.
-    """
-    delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
-    if setup.console == "increments":
-        delta, quat, grasp = where(
-            fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
-        )
-    return nominal_target.Clean(delta, quat, grasp, packet.surgeon_mode)
-
-
-def delayed(
-    delay: Scalar, now: tuple[Vec, ...], before: tuple[tuple[Vec, ...], ...]
-) -> tuple[Vec, ...]:
-    """The commands that reach the motors in this tick."""
-    arrives = now
-    for ticks, then in enumerate(before, start=1):
-        arrives = where(delay == ticks, then, arrives)
-    return arrives
-
-
 def motors(
     setup: RavenSetup, robots: tuple[plant.PlantOutput, ...]
 ) -> tuple[tuple[Vec, Vec], ...] | None:
@@ -159,11 +131,6 @@ def tips(
     return per_arm(setup, lambda i, arm: plant.tip(arm, params[i], states[i], robots[i].jpos))
 
 
-def touches(robots: tuple[plant.PlantOutput, ...]) -> tuple[contact.Touch, ...]:
-    """What each instrument felt in this tick; none where nothing is touched."""
-    return tuple(out.touch for out in robots if out.touch is not None)
-
-
 def plant_signal(
     current_cmd: Vec, brakes: Scalar, multipliers: dict[str, tuple[Vec, ...]], i: int
 ) -> plant.PlantSignal:
@@ -176,91 +143,6 @@ def plant_signal(
     )
 
 
-def brakes(setup: RavenSetup, signals: control.ControlSignals, relays: plc.PlcOutput) -> Scalar:
-    """Brakes follow the PLC; the simulator builds of the 2015 fork have none."""
-    return relays.brakes if setup.software == "raven2" else jnp.int32(0)
-
-
 def measured(setup: RavenSetup, signals: control.ControlSignals) -> tuple[Vec, ...]:
     """Measured tip of each arm, whole um."""
     return tuple(real(setup, arm.pos.position_um) for arm in signals.arms)
-
-
-def felt(
-    setup: RavenSetup, arm: ArmName, i: int, model: nominal.NominalOutput, jpos: Vec, mvel: Vec
-) -> haptics.HapticSignal:
-    """What the console compares: the nominal model and the robot as its control software reports
-    joints and motors.
-    """
-    jpos, mvel = real(setup, (jpos, mvel))
-    jvel = real(
-        setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software)
-    )
-    position = kinematics.forward(arm, jpos).position
-    return haptics.HapticSignal(
-        model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel)
-    )
-
-
-def watched(
-    command_limit: Vec,
-    signals: control.ControlSignals,
-    robots: tuple[plant.PlantOutput, ...],
-    cues: tuple[haptics.HapticOutput, ...],
-    armed: Scalar,
-    now: Scalar,
-    views: tuple[ArmView, ...] | None,
-) -> detectors.DetectorSignal:
-    """What the detectors see."""
-    return detectors.DetectorSignal(
-        mpos=tuple(out.mpos for out in robots),
-        mvel=tuple(out.mvel for out in robots),
-        jpos=tuple(out.jpos for out in robots),
-        jvel=tuple(out.jvel for out in robots),
-        tip_error=tuple(out.distance for out in cues),
-        command=tuple(arm.current_cmd for arm in signals.arms),
-        command_limit=command_limit,
-        armed=armed,
-        tick=now,
-        views=views,
-    )
-
-
-def views(
-    setup: RavenSetup,
-    packet: Any,
-    signals: control.ControlSignals,
-    boards: usb.UsbOut,
-    brakes: Scalar,
-    models: tuple[nominal.NominalOutput, ...],
-    cues: tuple[haptics.HapticOutput, ...],
-    now: Scalar,
-) -> tuple[ArmView, ...]:
-    """What parts of one's own see, one entry an arm."""
-
-    def view(i: int, arm: ArmName) -> ArmView:
-        own, model, cue = signals.arms[i], models[i], cues[i]
-        return ArmView(
-            received=packet.received,
-            delta=packet.delta[i],
-            grasp=packet.grasp[i],
-            surgeon_mode=packet.surgeon_mode,
-            tick=now,
-            runlevel=signals.runlevel,
-            **{name: real(setup, getattr(own, name)) for name in _FLOATS},
-            **{name: getattr(own, name) for name in _COUNTS},
-            pos=own.pos.position_um,
-            pos_d=own.pos_d.position_um,
-            boards_cmd=boards.current_cmd[i],
-            brakes=brakes,
-            model_jpos=model.jpos,
-            model_tip=model.tip_position,
-            tip=model.tip_position - cue.error,
-            tip_error=cue.distance,
-        )
-
-    return per_arm(setup, view)
-
-
-_FLOATS = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
-_COUNTS = ("enc_val", "current_cmd", "current_cmd_checked", "current_cmd_written")

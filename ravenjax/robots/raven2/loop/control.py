@@ -15,8 +15,8 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.stored_pose import StoredPose
-from ravenjax.robots.raven2.loop import replaced
-from ravenjax.robots.raven2.loop.guard import UNGUARDED, Unguarded
+from ravenjax.robots.raven2.loop import user_files
+from ravenjax.robots.raven2.loop.user_files import UserFiles
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import (
     cartesian_control,
@@ -73,7 +73,6 @@ class ControlState:
     held_cmd: tuple[Vec, ...] | None  # int32 DAC counts last written; only the 2015 fork keeps them
     overdrive: overdrive.OverdriveState
     watchdog: watchdog.WatchdogState
-    own: replaced.OwnStates | None = None  # where files stand in place of stages
 
 
 @record
@@ -137,7 +136,7 @@ def params(setup: RavenSetup) -> ControlParams:
         cartesian_control.params(setup),
         per_arm(setup, lambda _, arm: motor_control.params(setup, arm)),
         overdrive.params(setup),
-        replaced.params(setup),
+        user_files.stage_params(setup),
     )
 
 
@@ -147,8 +146,7 @@ def init(
     """A homed robot at rest at `jpos` (rad and m, one Vec per arm; default: home) and `runlevel`.
 
     raven2 starts in E-stop (0) and waits for the PLC; the 2015 fork, whose simulator builds have no
-    PLC, in pedal-down (3). Files in place of stages begin with what `replaced.init` gives, not with
-    None as here.
+    PLC, in pedal-down (3).
     """
     rest = jpos or tuple(HOME_JPOS for _ in setup.arms)
     if runlevel is None:
@@ -189,25 +187,26 @@ def cycle(
     state: ControlState,
     inputs: Inputs,
     inject: Inject = unharmed,
-    guard: Unguarded = UNGUARDED,
+    files: UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
     """One 1 ms cycle of the control software: packet, USB read, decide, check, write.
 
-    guard: checks of one's own between the stages. raven2: rt_process_preempt.cpp.
+    files: users' checks and stages. raven2: rt_process_preempt.cpp.
     """
 
     def each(function: Callable[[int, ArmName, str], Any]) -> tuple[Any, ...]:
         return per_arm(setup, lambda i, arm: function(i, arm, setup.tools[i]))
 
+    files = files or UserFiles(setup)
     received = inputs.packet.received != 0
     packet = inject("packet_header", inject("packet", inputs.packet, received), received)
-    guard.sees(runlevel=state.state_machine.runlevel)
-    packet = guard.packet(packet)
+    files.note(runlevel=state.state_machine.runlevel)
+    packet = files.check_packet(packet)
     state = receive(setup, params, state, packet)
     tick = state.tick
 
     # --- sense ---
-    read = inject("usb_in", usb.step(setup, state.usb, inputs.usb, inputs.read_ok))
+    read = inject("usb_in", usb.transfer(state.usb, inputs.usb, inputs.read_ok))
     desired = inject(
         "runlevel",
         state_machine.desired_runlevel(params.state_machine, state.state_machine, read.pins),
@@ -237,12 +236,12 @@ def cycle(
     measured = _measured(setup, inputs, state, tuple(estimate[1:] for estimate in estimates))
     mpos = inject("mpos", tuple(positions for positions, _ in measured))
     mvel = inject("mvel", tuple(velocities for _, velocities in measured))
-    guard.sees(runlevel=level, enc_val=read.enc_val, mvel=mvel)
-    mpos = guard.passes("mpos", mpos)
+    files.note(runlevel=level, enc_val=read.enc_val, mvel=mvel)
+    mpos = files.check("mpos", mpos)
     jpos = inject("jpos", each(lambda i, arm, tool: estimator.joints(setup, arm, tool, mpos[i])))
     jvel = inject("jvel", each(lambda i, *_: estimator.joint_velocities(setup, mvel[i])))
-    guard.sees(jvel=jvel)
-    jpos = guard.passes("jpos", jpos)
+    files.note(jvel=jvel)
+    jpos = files.check("jpos", jpos)
 
     # --- decide ---
     slave = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
@@ -260,22 +259,20 @@ def cycle(
         setup, teleop, slave | following | clamped, tuple(arm.pos_d for arm in cartesian)
     )
     jpos_d = inject("jpos_d", tuple(arm.jpos_d for arm in cartesian))
-    guard.sees(
+    files.note(
         pos=tuple(arm.pos.position_um for arm in cartesian),
         pos_d=tuple(arm.pos_d.position_um for arm in cartesian),
     )
-    jpos_d = guard.passes("jpos_d", jpos_d)
+    jpos_d = files.check("jpos_d", jpos_d)
     cartesian = each(lambda i, *_: replace(cartesian[i], jpos_d=jpos_d[i]))
 
     mpos_d = inject(
         "mpos_d",
         each(lambda i, arm, tool: motor_control.targets(setup, arm, tool, jpos_d[i], mpos[i])),
     )
-    own = replaced.Replaced(setup, params.own, state.own)
-    if replaced.MOTOR_CONTROL in own:
-        measures = tuple(zip(jpos, mpos, mvel, strict=True))
-        motors = own.torques(
-            params.motor_control, state.motor_control, active, pedal_down, mpos_d, measures
+    if files.replaces(user_files.MOTOR_CONTROL):
+        motors = files.torques(
+            params.motor_control, state.motor_control, active, pedal_down, mpos_d, jpos
         )
     else:
         motors = each(
@@ -290,25 +287,25 @@ def cycle(
                 (jpos[i], mpos[i], mvel[i]),
             )
         )
-    guard.sees(mpos_d=tuple(motor.mpos_d for motor in motors))
-    tau_d = guard.passes("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
+    files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
+    tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
     motors = each(lambda i, *_: replace(motors[i], tau_d=tau_d[i]))
     resting = _resting_commands(setup, params, state.held_cmd, active)
-    live = guard.allows(active & (machine.soft_estopped == 0))
-    if replaced.DAC in own:
-        commands = own.commands(tau_d, live, resting)
+    live = files.allow(active & (machine.soft_estopped == 0))
+    if files.replaces(user_files.DAC):
+        commands = files.commands(live, resting)
     else:
         commands = each(lambda i, arm, tool: dac.step(setup, arm, tool, tau_d[i], live, resting[i]))
     current_cmd = inject("current_cmd", commands)
 
-    current_cmd = guard.passes("current_cmd", current_cmd)
+    current_cmd = files.check("current_cmd", current_cmd)
 
     # --- check ---
     over, checked, tripped = overdrive.step(
         setup, params.overdrive, state.overdrive, tick, level, current_cmd
     )
-    checked = guard.passes("checked_cmd", checked)
-    machine = state_machine.raise_soft_estop(machine, tick, guard.stops(tripped))
+    checked = files.check("checked_cmd", checked)
+    machine = state_machine.raise_soft_estop(machine, tick, files.stop(tripped))
     dog, pins = watchdog.step(
         state.watchdog, machine.soft_estopped, level, teleop.surgeon_mode, machine.initialized
     )
@@ -360,7 +357,6 @@ def cycle(
         held_cmd=written if setup.software == "fork2015" else None,
         overdrive=over,
         watchdog=dog,
-        own=own.states,
     )
     return state, signals
 

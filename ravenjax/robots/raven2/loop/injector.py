@@ -7,7 +7,7 @@ from __future__ import annotations
 from functools import cache, reduce
 from typing import Any
 
-from ravenjax.faults import fault, injection, injector, window
+from ravenjax.faults import fault, injection
 from ravenjax.numbers.setup import narrow, wide
 from ravenjax.numbers.vec import Scalar, Vec, where
 from ravenjax.robots.raven2 import ROBOT
@@ -16,7 +16,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.sites import USB_SITE
 
 
-class RavenInjector(injector.Injector):
+class RavenInjector(injection.Injector):
     """`inject(site, signal)` for one tick of a Raven-II."""
 
     def __init__(
@@ -24,7 +24,7 @@ class RavenInjector(injector.Injector):
         setup: RavenSetup,
         faults: fault.Faults,
         state: fault.FaultState,
-        clock: window.TriggerClocks,
+        clock: fault.TriggerClocks,
     ) -> None:
         super().__init__(ROBOT, setup, faults, state, clock)
 
@@ -64,7 +64,7 @@ def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == USB_SITE else kind)
-        for key, (path, kind) in injector.paths(ROBOT, setup).items()
+        for key, (path, kind) in injection.paths(ROBOT, setup).items()
     }
 
 

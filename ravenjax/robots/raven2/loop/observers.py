@@ -7,17 +7,16 @@ reports.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, record, replace
+from ravenjax.numbers.vec import Scalar, Vec, record, replace, where
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.packet import Packet
-from ravenjax.robots.raven2.geometry import scene
-from ravenjax.robots.raven2.loop import connections
+from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
 from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import haptics, monitor
@@ -125,7 +124,7 @@ def see(
             arm,
             params.nominal[i],
             state.nominal[i],
-            connections.clean(setup, clean, fresh, i),
+            _clean(setup, clean, fresh, i),
             real(setup, robot.jpos[i]),
         ),
     )
@@ -214,5 +213,33 @@ def _cue(
     arm: ArmName,
 ) -> tuple[haptics.HapticSignal, tuple[haptics.HapticState, haptics.HapticOutput]]:
     """What the console compares, and the cue after it."""
-    felt = connections.felt(setup, arm, i, models[i][1], robot.jpos[i], robot.mvel[i])
+    felt = _felt(setup, arm, i, models[i][1], robot.jpos[i], robot.mvel[i])
     return felt, haptics.step(setup, params.haptics, state.haptics[i], felt)
+
+
+def _clean(setup: RavenSetup, packet: Any, fresh: Scalar, i: int) -> nominal.Clean:
+    """What the console asks of the nominal model: each increment once, also where a packet spans
+    several cycles.
+    """
+    delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
+    if setup.console == "increments":
+        delta, quat, grasp = where(
+            fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+        )
+    return nominal.Clean(delta, quat, grasp, packet.surgeon_mode)
+
+
+def _felt(
+    setup: RavenSetup, arm: ArmName, i: int, model: nominal.NominalOutput, jpos: Vec, mvel: Vec
+) -> haptics.HapticSignal:
+    """What the console compares: the nominal model and the robot as its control software reports
+    joints and motors.
+    """
+    jpos, mvel = real(setup, (jpos, mvel))
+    jvel = real(
+        setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software)
+    )
+    position = kinematics.forward(arm, jpos).position
+    return haptics.HapticSignal(
+        model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel)
+    )

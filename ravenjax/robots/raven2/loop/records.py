@@ -6,11 +6,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import numpy as np
+
 from ravenjax.faults import fault
 from ravenjax.numbers.quantity import Quantity, Reserved
 from ravenjax.numbers.vec import Scalar, Vec, record
-from ravenjax.robots.raven2.console import operator, own_operator, reaction
-from ravenjax.robots.raven2.loop import control, guard
+from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.loop import control, user_files
 from ravenjax.robots.raven2.loop.observers import ObserverParams
 from ravenjax.robots.raven2.plant import contact, nominal
 from ravenjax.robots.raven2.plant import robot as plant
@@ -21,12 +23,10 @@ from ravenjax.stages import (
     hand,
     haptics,
     monitor,
-    overload,
-    own_checks,
     packet_clock,
     packet_history,
-    touch,
 )
+from ravenjax.vocabulary import packets
 
 
 @record
@@ -44,7 +44,7 @@ class TickParams:
     reaction: reaction.ReactionParams | None  # where Setup.reacts
     hand: hand.HandParams | None  # where Setup.hand_yields
     detectors: detectors.DetectorParams | None  # where there are any
-    checks: own_checks.OwnCheckParams | None  # where there are any of one's own
+    checks: user_files.CheckParams | None  # where there are any
     contact: contact.ContactParams | None  # where Setup.contact
     monitor: Annotated[
         monitor.MonitorParams, Reserved("it belongs to the observer, not to the robot")
@@ -66,7 +66,7 @@ class NetworkParams:
 
     cycles_per_packet: Annotated[  # int32; 1: a packet a millisecond
         Scalar, Quantity("cycles", 1, 1000, "how long a packet of the console lasts", whole=True)
-    ]
+    ] = np.int32(1)
     packets: Annotated[  # int32, one of vocabulary.packets
         Scalar,
         Quantity(
@@ -77,14 +77,14 @@ class NetworkParams:
             " campaign.packets",
             whole=True,
         ),
-    ]
+    ] = np.int32(packets.EVERY_CYCLE)
     packet_key: Annotated[  # uint32; a run and its golden run share it
         Scalar,
         Reserved(
             "it is derived from each run's id, so that no two runs draw the same packets; set"
             " campaign.packets"
         ),
-    ]
+    ] = np.uint32(0)
 
 
 @record
@@ -93,7 +93,7 @@ class UsbParams:
 
     command_delay: Annotated[  # int32, at most Setup.command_delay
         Scalar, Quantity("ms", 0, 16, "from USB write to motor", whole=True)
-    ]
+    ] = np.int32(0)
 
 
 @record
@@ -103,9 +103,8 @@ class TickState:
     faults: fault.FaultState
     control: control.ControlState
     boards: usb.UsbOut  # what the USB boards hold
-    commands: tuple[
-        tuple[Vec, ...], ...
-    ]  # int32, what the boards held in the ticks before, latest first
+    # int32, what the boards held in the ticks before, latest first
+    commands: tuple[tuple[Vec, ...], ...]
     plc: plc.PlcState
     plant: tuple[plant.PlantState, ...]
     enc_val: tuple[Vec, ...]  # int32 counts that the encoders show
@@ -114,18 +113,16 @@ class TickState:
     )  # rad, rad/s of motors 1-3, for the dynamics-simulator builds alone
     nominal: tuple[nominal.NominalState, ...]
     haptics: tuple[haptics.HapticState, ...]
-    hands: operator.HandOffsets | None  # where they may do more than is planned
-    reaction: reaction.ReactionState | None
-    own_operator: own_operator.OwnOperatorState | None  # where Setup.hands
-    hand: tuple[hand.HandState, ...] | None  # where the cue's force moves it
+    hands: Any  # operator.HandOffsets; None: they do what is planned
+    reaction: Any  # reaction.ReactionState, where Setup.reacts
+    own_operator: Any  # own_operator.OwnOperatorState, where Setup.hands
+    hand: Any  # hand.HandState of each arm, where Setup.hand_yields
     channel: channel.ChannelState | None  # where faults seed it
     clock: packet_clock.PacketClock | None  # where Setup.packets
     history: packet_history.PacketHistory | None  # where Setup.packet_history
-    detectors: detectors.DetectorsState | None
-    guard: guard.GuardState | None  # where there are checks of one's own
+    files: user_files.UserFilesState
     monitor: monitor.MonitorState
-    overload: overload.OverloadState | None  # where Setup.cables are watched
-    touch: touch.TouchState | None  # where Setup.contact
+    watchers: dict[str, Any]  # of each of `watchers.WATCHERS` that is in the tick
     pedal_ticks: Scalar  # int32, ticks since pedal-down was entered; negative: not in it
     pedal_down_ticks: Scalar  # int32, ticks in pedal-down so far
     packet: Scalar  # int32, index of the console's newest packet; -1: none yet

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ravenjax.faults import fault
-from ravenjax.faults.injector import strikes
+from ravenjax.faults.injection import strikes
 from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.setup import per_arm, real
-from ravenjax.numbers.vec import Scalar, Vec, replace
+from ravenjax.numbers.vec import Scalar, Vec
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, own_operator, reaction
-from ravenjax.robots.raven2.loop import connections, control, guard, observers, replaced
+from ravenjax.robots.raven2.loop import connections, control, observers, user_files, watchers
 from ravenjax.robots.raven2.loop.injector import seeded
 from ravenjax.robots.raven2.loop.records import (
     Input,
@@ -39,14 +37,10 @@ from ravenjax.stages import (
     hand,
     haptics,
     monitor,
-    overload,
-    own_checks,
     packet_clock,
     packet_history,
-    touch,
 )
 from ravenjax.stages.check import CheckHistory
-from ravenjax.vocabulary import packets
 
 
 def params(
@@ -61,18 +55,18 @@ def params(
     """
     return TickParams(
         operator=operator.params(setup, start_jpos),
-        network=NetworkParams(np.int32(1), np.int32(packets.EVERY_CYCLE), np.uint32(0)),
-        usb=UsbParams(np.int32(0)),
+        network=NetworkParams(),
+        usb=UsbParams(),
         control=control.params(setup),
-        plc=plc.params(setup),
+        plc=plc.PlcParams(),
         plant=per_arm(setup, lambda _, arm: plant.params(setup, arm, parameter_set)),
         nominal=per_arm(setup, lambda _, arm: nominal.params(setup, arm, parameter_set)),
         haptics=haptics.params(setup),
-        reaction=reaction.params(setup) if setup.reacts else None,
-        hand=hand.params(setup) if setup.hand_yields else None,
+        reaction=reaction.ReactionParams() if setup.reacts else None,
+        hand=hand.HandParams() if setup.hand_yields else None,
         detectors=detectors.params(setup) if setup.detectors else None,
-        checks=own_checks.params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
-        contact=contact.params() if setup.contact else None,
+        checks=user_files.check_params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
+        contact=contact.ContactParams() if setup.contact else None,
         monitor=monitor.params(setup),
         start=tuple(Vec(jpos) for jpos in start_jpos),
     )
@@ -91,10 +85,8 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     zero = jnp.int32(0)
     with at_once():  # where a run begins is a constant of the campaign
         software = control.init(setup, params.start, ready)
-    software = replace(
-        software, own=replaced.init(setup, params.control.own)
-    )  # of parameters that may vary
     own, strays = own_operator.init(setup, params.operator, start, tips, ready)
+    strays = strays or setup.reacts or setup.hand_yields or strikes(setup, "hand")
     return TickState(
         faults=fault.init(setup),
         control=software,
@@ -106,30 +98,24 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         motors=connections.motors(setup, robots),
         nominal=beside.nominal,
         haptics=beside.haptics,
-        hands=operator.at_plan(setup) if strays or _may_stray(setup) else None,
+        hands=operator.at_plan(setup) if strays else None,
         reaction=reaction.init(setup) if setup.reacts else None,
         own_operator=own,
         hand=connections.each(setup, hand.init(setup)) if setup.hand_yields else None,
         channel=channel.init() if seeded(setup, "bursts") else None,
         clock=packet_clock.init() if setup.packets else None,
         history=packet_history.init(setup.packet_history) if setup.packet_history else None,
-        detectors=None if params.detectors is None else detectors.init(setup, params.detectors),
-        guard=None if params.checks is None else guard.init(setup, params.checks),
+        files=user_files.init(setup, params.checks, params.control.own),
         monitor=beside.monitor,
-        overload=None if setup.cables == "unwatched" else overload.init(setup),
-        touch=touch.init(setup) if setup.contact else None,
+        watchers={
+            name: watcher.init(setup, params)
+            for name, watcher in watchers.find_watchers(setup).items()
+        },
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=jnp.int32(0),
         packet=jnp.int32(-1),
         delivered=jnp.int32(-1),
     )
-
-
-def _may_stray(setup: RavenSetup) -> bool:
-    """Whether something may move the hands beyond what is planned, besides an operator of one's
-    own.
-    """
-    return setup.reacts or setup.hand_yields or strikes(setup, "hand")
 
 
 def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[str, Scalar]:
@@ -148,12 +134,8 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
         out["reaction_ms"] = state.reaction.acted
     if state.hand is not None:
         out |= hand.outcomes(setup, state.hand)
-    if state.detectors is not None:
-        out |= detectors.outcomes(setup, state.detectors)
-    if state.overload is not None:
-        out |= overload.outcomes(state.overload)
-    if state.touch is not None:
-        out |= touch.outcomes(setup, state.touch)
+    for name, watcher in watchers.find_watchers(setup).items():
+        out |= watcher.outcomes(setup, state.watchers[name])
     return out | monitor.outcomes(setup, state.monitor)
 
 
@@ -194,10 +176,9 @@ def checks(setup: RavenSetup, state: TickState) -> dict[str, CheckHistory]:
     """Every check by its name in columns, one's own before the built-in ones; that of the worse
     arm.
     """
-    own = {} if state.guard is None else guard.histories(setup, state.guard)
     software = state.control
     net, machine, over = software.network, software.state_machine, software.overdrive
-    return own | {
+    return user_files.histories(setup, state.files) | {
         "overdrive_instant": over.instant,
         "overdrive_hard": over.hard,
         "overdrive_clip": over.clip,

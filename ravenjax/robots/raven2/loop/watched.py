@@ -37,6 +37,5 @@ def advance(
 ) -> tuple[TickState, tuple[Scalar, ...], WatchedSignals]:
     """See `ravenjax.engines.interface.Loop`."""
     state, series, signals = run.advance(setup, params, faults, state, now, motion, golden)
-    assert state.detectors is not None
     live = observers.live(signals.control.runlevel, state.control.state_machine.soft_estopped)
-    return state, series, WatchedSignals(state.detectors, live)
+    return state, series, WatchedSignals(state.watchers["detectors"], live)

@@ -57,14 +57,14 @@ _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 @record
 class ContactParams:
-    """Of tissue, vessel and instruments; the same for every arm."""
+    """Of tissue, vessel and instruments; the same for every arm. Values are the module's."""
 
     tissue_modulus: Annotated[
         Scalar, Quantity("Pa", 0, 1e7, "elastic modulus of tissue and vessel; 0: none", why=PUSHES)
-    ]
+    ] = 12.5e3
     tip_radius: Annotated[
         Scalar, Quantity("m", 1e-4, 0.02, "radius of a jaw tip", why="a tip is round")
-    ]
+    ] = 2e-3
     damping: Annotated[
         Scalar,
         Quantity(
@@ -74,7 +74,7 @@ class ContactParams:
             "share of tissue's force more per speed of pressing into it",
             why="damping takes energy",
         ),
-    ]
+    ] = 15.0
     friction: Annotated[
         Scalar,
         Quantity(
@@ -84,13 +84,13 @@ class ContactParams:
             "friction coefficient of jaw tips on tissue and vessel",
             why="it opposes motion",
         ),
-    ]
+    ] = 0.2
     instrument_stiffness: Annotated[
         Scalar,
         Quantity(
             "N/m", 0, 1e7, "of two instruments pressed together; 0: they pass through", why=PUSHES
         ),
-    ]
+    ] = 1e4
     instrument_damping: Annotated[
         Scalar,
         Quantity(
@@ -100,19 +100,7 @@ class ContactParams:
             "share of that force more per speed of coming together",
             why="damping takes energy",
         ),
-    ]
-
-
-def params() -> ContactParams:
-    """As the module says."""
-    return ContactParams(
-        tissue_modulus=12.5e3,
-        tip_radius=2e-3,
-        damping=15.0,
-        friction=0.2,
-        instrument_stiffness=1e4,
-        instrument_damping=1.0,
-    )
+    ] = 1.0
 
 
 @record

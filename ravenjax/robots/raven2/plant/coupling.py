@@ -29,9 +29,19 @@ class Coupling:
 
     own: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
+    # how far each joint moves by what its drum's drawing says: T diag(1 / gain); None: as drawn
+    gain: Vec | None = None
+
+    def built(self, gain: Vec) -> Coupling:
+        """The coupling of an arm with the joints' true motion per motor; itself where `gain` is
+        literally 1.
+        """
+        drawn = all(type(one) in (int, float) and one == 1 for one in gain)
+        return self if drawn else dataclasses.replace(self, gain=gain)
 
     def motors(self, joints: Vec) -> Vec:
         """T x: motor angles or speeds of joint ones."""
+        joints = joints if self.gain is None else joints / self.gain
         along = dot(self.own[Z], joints)
         return Vec(
             along if i == Z else add(dot(self.own[i], joints), mul(self.ratio[i], along))
@@ -46,7 +56,7 @@ class Coupling:
             for j in range(i):
                 rest = sub(rest, mul(self.own[i][j], angles[j]))
             angles.append(rest * (1.0 / self.own[i][i]))
-        return Vec(angles)
+        return Vec(angles) if self.gain is None else Vec(angles) * self.gain
 
     def loads(self, forces: Vec) -> Vec:
         """T^T f: joint torques (N m, N) of motor ones (N m)."""
@@ -55,13 +65,16 @@ class Coupling:
             along = add(along, mul(self.ratio[i], forces[i]))
         effective = [along if i == Z else forces[i] for i in range(N)]
         columns = zip(*self.own, strict=True)
-        return Vec(dot(Vec(column), Vec(effective)) for column in columns)
+        torques = Vec(dot(Vec(column), Vec(effective)) for column in columns)
+        return torques if self.gain is None else torques / self.gain
 
     def carried(self, loads: Vec) -> Vec:
         """T^-T f: motor forces (N m) that put `loads` (N m, N) on the joints, by the columns of
         T^-1.
         """
-        columns = [self.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
+        drawn = dataclasses.replace(self, gain=None)
+        loads = loads if self.gain is None else loads * self.gain
+        columns = [drawn.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
         return Vec(dot(column, loads) for column in columns)
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
@@ -78,52 +91,13 @@ class Coupling:
             for j in range(i + 1):
                 for row, column, factor in _terms(self.own, i, j):
                     outer[row][column] = add(outer[row][column], mul(factor, inner[i][j]))
-        return outer
-
-
-@dataclasses.dataclass(frozen=True)
-class BuiltCoupling:
-    """The coupling of an arm whose joints move `gain` times as far as its drums' drawings say: T
-    diag(1 / gain).
-    """
-
-    nominal: Coupling
-    gain: Vec  # 1
-
-    def motors(self, joints: Vec) -> Vec:
-        """As `Coupling.motors`."""
-        return self.nominal.motors(joints / self.gain)
-
-    def joints(self, motors: Vec) -> Vec:
-        """As `Coupling.joints`."""
-        return self.nominal.joints(motors) * self.gain
-
-    def loads(self, forces: Vec) -> Vec:
-        """As `Coupling.loads`."""
-        return self.nominal.loads(forces) / self.gain
-
-    def carried(self, loads: Vec) -> Vec:
-        """As `Coupling.carried`."""
-        return self.nominal.carried(loads * self.gain)
-
-    def congruence(self, weights: Vec) -> list[list[Scalar]]:
-        """As `Coupling.congruence`."""
-        rows, inverse = self.nominal.congruence(weights), [1.0 / one for one in self.gain]
+        if self.gain is None:
+            return outer
+        inverse = [1.0 / one for one in self.gain]
         return [
-            [mul(rows[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)]
+            [mul(outer[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)]
             for i in range(N)
         ]
-
-
-def built(nominal: Coupling, gain: Vec) -> Coupling | BuiltCoupling:
-    """The coupling with the joints' true motion per motor; the nominal one where `gain` is
-    literally 1.
-    """
-    return (
-        nominal
-        if all(type(one) in (int, float) and one == 1 for one in gain)
-        else BuiltCoupling(nominal, gain)
-    )
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:

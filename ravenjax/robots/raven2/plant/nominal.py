@@ -6,7 +6,7 @@ torque level.
     q'' = kp (q_d - q) - kd q'                                   each jaw, a double integrator
 
 PD on joints 1, 2, 4-7 and PID on joint 3, as the Raven-II surgical training simulator has it; its
-gains are not published.
+gains are not parameter_sets.
 
 Gains, chosen once: the model has no rotors, so its loop is made dynamically similar to the robot's.
 The control software's PD acts on a motor of inertia Im with viscous friction tau_v; reflected link
@@ -23,10 +23,19 @@ one (time constant 4 s) removes the dead band's remainder without changing the l
 motion.
 
 Integration is linearly implicit in gains and friction: stable at 1 kHz for any of them.
+
+What the nominal model is asked to do: the operator's clean input accumulated into a pose, solved
+for joints.
+
+The model hears the operator before any fault does: increments add up as in the robot, its own
+inverse kinematics runs with its own joints as reference, targets are clamped to the software's
+joint limits and re-anchored where they clamp. While the pedal is up the model holds, and the target
+is where it stands, as the robot's is.
 """  # noqa: E501
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
@@ -35,13 +44,12 @@ from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar, Vec, cast, record, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
-from ravenjax.robots.raven2.geometry import kinematics, limits, transmission
-from ravenjax.robots.raven2.plant import nominal_target, parameter_sets, published
-from ravenjax.robots.raven2.plant.friction import OPPOSES, coulomb_damping
-from ravenjax.robots.raven2.plant.nominal_target import Clean
+from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping, transmission
+from ravenjax.robots.raven2.plant import parameter_sets
+from ravenjax.robots.raven2.plant.drives import OPPOSES, coulomb_damping
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -56,7 +64,41 @@ KD = (0.008, 0.008, 0.012, 0.001, 0.0, 0.0, 0.0)
 INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 
 
+UM_PER_M = 1e6
 _STABLE = "the model is stable"
+
+
+@record
+class TargetParams:
+    """Where targets are clamped: the software's joint limits, the same for every arm."""
+
+    lower: Annotated[
+        Vec, limits.position("lower soft limit of the nominal model's target")
+    ]  # 5: no jaws
+    upper: Annotated[
+        Vec, limits.position("upper soft limit of the nominal model's target")
+    ]  # 5: no jaws
+
+
+@record
+class Clean:
+    """The operator's command of this tick for one arm, as the console makes it, before anything
+    can corrupt it.
+    """
+
+    # 3, um, int32: ITP-frame increment, or position in frame 0 where Setup.console is "absolute"
+    delta_um: Vec
+    quat: Vec  # x, y, z, w: ITP-frame increment, or orientation in frame 0
+    grasp_mrad: Scalar  # mrad, int32: increment (positive closes), or opening
+    engaged: Scalar  # 1: pedal down, int32 or bool
+
+
+@record
+class TargetState:
+    position_um: Vec  # 3, um, int32, target in frame 0
+    quat: Vec  # x, y, z, w, unit, target orientation in frame 0
+    grasp_mrad: Scalar  # mrad, int32, target opening
+    jpos_d: Vec  # rad; insertion m: target joints
 
 
 @record
@@ -122,7 +164,7 @@ class NominalParams:
             whole=True,
         ),
     ]
-    target: nominal_target.TargetParams
+    target: TargetParams
 
 
 @record
@@ -130,7 +172,7 @@ class NominalState:
     jpos: Vec  # rad; insertion m
     jvel: Vec  # rad/s; insertion m/s
     integral: Scalar  # m s, of the insertion's error
-    target: nominal_target.TargetState
+    target: TargetState
 
 
 @record
@@ -148,7 +190,9 @@ def params(
     (`parameter_sets.Name`).
     """
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
-    counts = (published.CONTROLLER_TORQUE_PER_COUNT,) * 3 + (published.TOOL_TORQUE_PER_COUNT,) * 4
+    counts = (parameter_sets.CONTROLLER_TORQUE_PER_COUNT,) * 3 + (
+        parameter_sets.TOOL_TORQUE_PER_COUNT,
+    ) * 4
     gain = [
         real / stated * g
         for real, stated, g in zip(values.torque_per_count, counts, values.gain, strict=True)
@@ -175,7 +219,7 @@ def params(
         kc=Vec(kc[:LAGRANGE]),
         mass_scale=1.0,
         resync=np.int32(0),
-        target=nominal_target.params(setup),
+        target=target_params(setup),
     )
 
 
@@ -185,7 +229,7 @@ def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> 
     jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
     return NominalState(
-        jpos=jpos, jvel=still, integral=still[0], target=nominal_target.init(setup, arm, jpos)
+        jpos=jpos, jvel=still, integral=still[0], target=init_target(setup, arm, jpos)
     )
 
 
@@ -206,24 +250,12 @@ def step(
     up to no error of its own.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
-    state = NominalState(
-        jpos=where(stands, measured, state.jpos),
-        jvel=state.jvel,
-        integral=state.integral,
-        target=state.target,
-    )
-    target = nominal_target.step(setup, arm, params.target, state.target, clean, state.jpos)
-    moved = track(setup, arm, params, state, target.jpos_d)
-    still = NominalState(
-        jpos=state.jpos, jvel=state.jvel * 0.0, integral=state.integral, target=target
-    )
-    state = where(clean.engaged != 0, _with_target(moved, target), still)
-    state = NominalState(
-        jpos=cast(state.jpos, setup.precision.real),
-        jvel=cast(state.jvel, setup.precision.real),
-        integral=cast(state.integral, setup.precision.real),
-        target=state.target,
-    )
+    state = replace(state, jpos=where(stands, measured, state.jpos))
+    target = step_target(setup, arm, params.target, state.target, clean, state.jpos)
+    moved = replace(track(setup, arm, params, state, target.jpos_d), target=target)
+    still = replace(state, jvel=state.jvel * 0.0, target=target)
+    state = where(clean.engaged != 0, moved, still)
+    state = replace(cast(replace(state, target=None), setup.precision.real), target=state.target)
     return state, observe(arm, state)
 
 
@@ -271,8 +303,89 @@ def track(
         damping = params.kd[i] + dt * params.kp[i]
         gained.append((params.kp[i] * error[i] - damping * jvel[i]) / (1.0 / dt + damping))
     jvel = jvel + Vec(gained)
-    return NominalState(jpos=jpos + jvel * dt, jvel=jvel, integral=integral, target=state.target)
+    return replace(state, jpos=jpos + jvel * dt, jvel=jvel, integral=integral)
 
 
-def _with_target(state: NominalState, target: nominal_target.TargetState) -> NominalState:
-    return NominalState(jpos=state.jpos, jvel=state.jvel, integral=state.integral, target=target)
+# --- target ---
+
+
+def target_params(setup: RavenSetup) -> TargetParams:
+    """Limits with the first arm's tool, as the software has them."""
+    allowed = limits.soft_limits(setup.tools[0], setup.software)
+    return TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5]))
+
+
+def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
+    """The target is where the joints are."""
+    pose = kinematics.forward(arm, jpos)
+    return TargetState(
+        position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
+        quat=mapping.quat_from_matrix(pose.rotation),
+        grasp_mrad=to_int32(joints.grasp(jpos) * 1000.0),
+        jpos_d=jpos,
+    )
+
+
+def step_target(
+    setup: RavenSetup,
+    arm: ArmName,
+    params: TargetParams,
+    state: TargetState,
+    clean: Clean,
+    jpos: Vec,
+) -> TargetState:
+    """One tick: the target after the operator's command, for a model that stands at `jpos` (rad,
+    m).
+    """
+    engaged = clean.engaged != 0
+    position_um, quat, grasp_mrad = _moved(setup, arm, state, clean)
+    pose = kinematics.Pose(
+        position=position_um.map(lambda p: p.astype(setup.precision.real) / UM_PER_M),
+        rotation=mapping.matrix_from_quat(quat),
+    )
+    grasp_rad = grasp_mrad.astype(setup.precision.real) / 1000.0
+    solved = kinematics.inverse(arm, pose, grasp_rad, jpos)
+    allowed, clamped = _clamp(setup, params, solved.jpos, solved.yaw)
+    reachable = solved.status != -1
+
+    jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
+    anchor = kinematics.forward(arm, jpos_d)
+    fresh = TargetState(position_um=position_um, quat=quat, grasp_mrad=grasp_mrad, jpos_d=jpos_d)
+    restarted = TargetState(
+        position_um=anchor.position.map(lambda p: to_int32(p * UM_PER_M)),
+        quat=mapping.quat_from_matrix(anchor.rotation),
+        grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad),
+        jpos_d=jpos_d,
+    )
+    return where(~engaged | (reachable & clamped), restarted, fresh)
+
+
+def _moved(
+    setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean
+) -> tuple[Vec, Vec, Scalar]:
+    if setup.console == "absolute":
+        return clean.delta_um, clean.quat, clean.grasp_mrad
+    gain, lowest_deg = (
+        (1, -10.0) if setup.software == "raven2" else (2, -30.0)
+    )  # local_io.cpp of either
+    lowest, highest = int(math.radians(lowest_deg) * 1000.0), int(math.radians(90.0) * 1000.0)
+    position_um = state.position_um + mapping.position_from_itp(arm, clean.delta_um)
+    quat = mapping.quat_mul(mapping.quat_from_itp(arm, clean.quat), state.quat)
+    square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]
+    grasp = jnp.minimum(jnp.maximum(state.grasp_mrad - gain * clean.grasp_mrad, lowest), highest)
+    # One Newton step of 1/sqrt: a quaternion of single precision stays on the unit sphere for ever.
+    return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)
+
+
+def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
+    """Joints within the limits, and whether any was at or beyond one. Jaws keep the unclamped
+    yaw.
+    """
+    angles, reached = list(jpos), False
+    for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
+        reached = reached | (jpos[i] <= low) | (jpos[i] >= high)
+        angles[i] = jnp.minimum(jnp.maximum(jpos[i], low), high)
+    lowest_yaw = limits.soft_limits(setup.tools[0], setup.software).lower[5]
+    if lowest_yaw is not None:
+        reached = reached | (yaw <= lowest_yaw)
+    return Vec(angles), reached

@@ -20,8 +20,7 @@ ever formed, so float32 loses nothing that an encoder sees.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
@@ -29,24 +28,20 @@ from ravenjax.numbers import counter_random, tree
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.vec import Scalar, Vec, cast, replace
+from ravenjax.numbers.quantity import Quantity, Reserved
+from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import (
-    actuators,
-    brakes,
-    cables,
     contact,
-    encoders,
+    drives,
     kinematic_errors,
     parameter_sets,
-    published,
     stops,
 )
-from ravenjax.robots.raven2.plant.coupling import BuiltCoupling, Coupling, built, coupling
-from ravenjax.robots.raven2.plant.friction import coulomb_damping
-from ravenjax.robots.raven2.plant.records import PlantOutput, PlantParams, PlantSignal, PlantState
+from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
+from ravenjax.robots.raven2.plant.drives import OPPOSES
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -54,6 +49,142 @@ N = 7
 POSITIONING = 3
 TORQUE_CHANNEL = 8  # noise channels of an arm: 0-6 encoders, 8-14 torques
 ARM_CHANNELS = 16
+
+
+@record
+class PlantParams:
+    """Of one arm. Every number may vary from run to run."""
+
+    actuators: drives.ActuatorParams
+    brakes: drives.BrakeParams
+    cable_stiffness: Annotated[  # ke
+        Vec,
+        Quantity(
+            "N/m",
+            100,
+            1e8,
+            "stiffness of each cable",
+            why="an unbroken cable holds the arm at rest; break it by a fault",
+        ),
+    ]
+    cable_damping: Annotated[  # be
+        Vec, Quantity("N s/m", 0, 1e6, "damping of each cable", why="damping takes energy")
+    ]
+    cable_strength: Annotated[  # read where Setup.cables is not "unwatched"
+        Vec,
+        Quantity(
+            "N",
+            1,
+            1e7,
+            "tension above which each cable is overloaded",
+            why="a cable carries something",
+            read_when=("parameter_set", "power_consistent"),
+        ),
+    ]
+    link_coulomb: Annotated[
+        Vec, Quantity("N m; insertion N", 0, 1e3, "dry friction of the joint", why=OPPOSES)
+    ]
+    link_viscous: Annotated[
+        Vec,
+        Quantity(
+            "N m s/rad; insertion N s/m", 0, 1e3, "viscous friction of the joint", why=OPPOSES
+        ),
+    ]
+    stops: stops.StopParams
+    kinematic_errors: kinematic_errors.KinematicErrors
+    friction_scale: Annotated[
+        Scalar, Quantity("", 0, 100, "times all friction of motors and joints", why=OPPOSES)
+    ]
+    cable_stiffness_scale: Annotated[
+        Scalar,
+        Quantity(
+            "",
+            0.05,
+            100,
+            "times the stiffness of every cable",
+            why="an unbroken cable holds the arm; break one by a fault",
+        ),
+    ]
+    motor_constant_scale: Annotated[
+        Scalar, Quantity("", 0, 100, "times torque per count of every motor")
+    ]
+    mass_scale: Annotated[
+        Scalar,
+        Quantity(
+            "", 0.01, 100, "times masses and inertias of the links", why="masses are positive"
+        ),
+    ]
+    gravity: Annotated[
+        Vec, Quantity("m/s2", -100, 100, "acceleration of gravity in frame 0 of the arm")
+    ]  # 3
+    encoder_noise: Annotated[
+        Scalar,
+        Quantity(
+            "counts rms",
+            0,
+            1e4,
+            "noise of the encoders; read where campaign.noise is on",
+            why="a standard deviation",
+        ),
+    ]
+    torque_noise: Annotated[
+        Scalar,
+        Quantity(
+            "N m rms",
+            0,
+            100,
+            "noise of the motor torques after the gearbox; read where campaign.noise is on",
+            why="a standard deviation",
+        ),
+    ]
+    noise_key: Annotated[  # uint32; a run and its golden run share it
+        Scalar,
+        Reserved(
+            "it is derived from each run's id, so that no two runs draw the same noise; set"
+            " campaign.noise = true, and campaign.seed or repeats for other draws"
+        ),
+    ]
+
+
+@record
+class PlantState:
+    motors: tuple[drives.Angle, ...]  # seven, from the reference count
+    stretch: Vec  # rad of motor angle, cable stretch m - T q
+    mvel: Vec  # rad/s
+    jvel: Vec  # rad/s; insertion m/s
+    brakes: drives.BrakeState
+    intact: Vec | None  # 1: whole, 0: the cable has parted; where Setup.cables is "break"
+    tick: Scalar  # ms, int32: counter of the noise
+    # joints at the reference counts with unstretched cables, rad; insertion m; constant in a run
+    jpos_ref: Vec
+    count_ref: Vec  # counts, int32, whole motor counts at the reference; constant in a run
+    # of the true arm; constant in a run; None: as its software believes
+    frame: kinematic_errors.Registration | None
+
+
+@record
+class PlantSignal:
+    current_cmd: Vec  # DAC counts as written to USB, int32
+    brakes: Scalar  # 1: brakes commanded on, int32 or bool
+    torque_scale: Vec  # 1, nominally 1.0: times each motor's constant
+    cable_scale: Vec  # 1, nominally 1.0: times stiffness and damping of each cable
+    friction_scale: Vec  # 1, nominally 1.0: times friction of each motor and link
+    external_torque: Vec  # N m; insertion N, nominally 0.0: load on each joint
+
+
+@record
+class PlantOutput:
+    enc_val: Vec  # counts, int32, as unpacked from USB
+    jpos: Vec  # rad; insertion m, of the links
+    jvel: Vec  # rad/s; insertion m/s
+    mpos: Vec  # rad, of the motor shafts
+    mvel: Vec  # rad/s
+    stretch: Vec  # rad of motor angle
+    tension: Vec  # N, tension difference of each cable at rest in this stretch
+    # N, largest magnitude of each cable's tension difference in this tick, its damping included
+    carried: Vec
+    brakes: Scalar  # 1: brakes grip, int32
+    touch: contact.Touch | None = None  # in this tick; where there is contact
 
 
 def nominal_signal(current_cmd: Vec, brakes: Scalar) -> PlantSignal:
@@ -68,7 +199,7 @@ def params(
     """Documented values; `parameter_set` names one of `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_set)
     return PlantParams(
-        actuators=actuators.ActuatorParams(
+        actuators=drives.ActuatorParams(
             torque_per_count=Vec(values.torque_per_count),
             gain=Vec(values.gain),
             bias=Vec(values.bias),
@@ -80,7 +211,7 @@ def params(
             stall_torque=Vec(values.stall_torque),
             back_emf=Vec(values.back_emf),
         ),
-        brakes=brakes.params(setup),
+        brakes=drives.BrakeParams(),
         cable_stiffness=Vec(values.stiffness),
         cable_damping=Vec(values.damping),
         cable_strength=Vec(values.strength),
@@ -98,7 +229,7 @@ def params(
         # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one
         # count of the DAC.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
-        torque_noise=published.CONTROLLER_TORQUE_PER_COUNT if setup.noise else 0.0,
+        torque_noise=parameter_sets.CONTROLLER_TORQUE_PER_COUNT if setup.noise else 0.0,
         noise_key=np.uint32(0),
     )
 
@@ -117,24 +248,24 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(N))
     carried = geometry.carried(weight)
     stretch = Vec(
-        cables.resting_stretch(
-            cables.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i]
+        drives.resting_stretch(
+            drives.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i]
         )
         for i in range(N)
     )
     motors = tuple(
-        encoders.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch
+        drives.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch
     )
-    fractions = Vec(motor.fraction * encoders.RAD_PER_COUNT for motor in motors)
+    fractions = Vec(motor.fraction * drives.RAD_PER_COUNT for motor in motors)
     zero = jnp.int32(0)
     return PlantState(
         motors=tuple(
-            encoders.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors
+            drives.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors
         ),
         stretch=cast(stretch, dtype),
         mvel=still,
         jvel=still,
-        brakes=brakes.init(setup, params.brakes),
+        brakes=drives.BrakeState(jnp.int32(1), zero),
         intact=Vec(jnp.asarray(1.0, dtype) for _ in range(N)) if setup.cables == "break" else None,
         tick=zero,
         jpos_ref=cast(links - geometry.joints(fractions - stretch), dtype),
@@ -156,16 +287,11 @@ def step(
 
     touched: of what the instrument touches; None: nothing is there.
     """
-    begun = _begin(setup, arm, params, state, signal)
+    under_way = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
-        step_s = TICK_S / setup.substeps
-        ready = _prepared(
-            setup, arm, params, begun.state, signal, begun.drive, begun.holding, step_s, touched
-        )
-        gained = solve_spd(ready.system, ready.right)
-        touch = None if ready.tips is None else contact.felt(ready.tips, gained)
-        begun.take(*_moved(params, begun.state, ready, gained, step_s), touch)
-    return _end(setup, arm, params, signal, begun)
+        system, right = under_way.equations()
+        under_way.move(solve_spd(system, right))
+    return under_way.end()
 
 
 def step_all(
@@ -175,118 +301,180 @@ def step_all(
     signals: tuple[PlantSignal, ...],
     touched: contact.ContactParams | None,
 ) -> tuple[tuple[PlantState, PlantOutput], ...]:
-    """`step` of every arm."""
-    if touched is not None and len(setup.arms) == 2:
-        return step_together(setup, params, states, signals, touched)
-    return tuple(
-        step(setup, arm, params[i], states[i], signals[i], touched)
-        for i, arm in enumerate(setup.arms)
-    )
-
-
-def step_together(
-    setup: RavenSetup,
-    params: tuple[PlantParams, ...],
-    states: tuple[PlantState, ...],
-    signals: tuple[PlantSignal, ...],
-    touched: contact.ContactParams,
-) -> tuple[tuple[PlantState, PlantOutput], ...]:
-    """`step` of two arms whose instruments touch tissue and each other.
+    """`step` of every arm. Two arms with contact touch tissue and each other.
 
     The force between the two is solved with both arms' equations: it is the same on both, whatever
     each gives way.
     """
     arms = setup.arms
-    one, other = begun = [_begin(setup, arms[i], params[i], states[i], signals[i]) for i in (0, 1)]
-    step_s = TICK_S / setup.substeps
+    if touched is None or len(arms) < 2:
+        return tuple(
+            step(setup, arm, params[i], states[i], signals[i], touched)
+            for i, arm in enumerate(arms)
+        )
+    both = [_ArmTick(setup, arms[i], params[i], states[i], signals[i], touched) for i in (0, 1)]
+    one, other = both
     for _ in range(setup.substeps):
-        jpos = [
-            _jpos(_coupling(setup, arms[i], params[i]), begun[i].state, setup.precision.real)
-            for i in (0, 1)
-        ]
-        ends = (one.state.jvel, other.state.jvel)
-        pair = contact.meeting((arms[0], arms[1]), touched, (jpos[0], jpos[1]), ends, step_s)
-        ready = [
-            _prepared(
-                setup,
-                arms[i],
-                params[i],
-                begun[i].state,
-                signals[i],
-                begun[i].drive,
-                begun[i].holding,
-                step_s,
-                touched,
-                pair.ways[i] * pair.normal.force,
-            )
-            for i in (0, 1)
-        ]
-        yielding = [solve_spd(item.system, way) for item, way in zip(ready, pair.ways, strict=True)]
-        gained = [solve_spd(item.system, item.right) for item in ready]
+        jpos, jvel = (one.jpos(), other.jpos()), (one.state.jvel, other.state.jvel)
+        pair = contact.meeting((arms[0], arms[1]), touched, jpos, jvel, one.dt)
+        ready = [arm.equations(pair.ways[i] * pair.normal.force) for i, arm in enumerate(both)]
+        yielding = [solve_spd(ready[i][0], pair.ways[i]) for i in (0, 1)]
+        gained = [solve_spd(system, right) for system, right in ready]
         force = pair.solved((gained[0], gained[1]), (yielding[0], yielding[1]))
-        for i in (0, 1):
+        for i, arm in enumerate(both):
             speeds = gained[i] + yielding[i] * (force - pair.normal.force)
-            tips = ready[i].tips
-            assert tips is not None
-            touch = contact.felt(tips, speeds)
-            touch = replace(touch, force=touch.force + pair.apart[i] * force, instrument=force)
-            begun[i].take(*_moved(params[i], begun[i].state, ready[i], speeds, step_s), touch)
-    return tuple(_end(setup, arms[i], params[i], signals[i], begun[i]) for i in (0, 1))
+            arm.move(speeds, (pair.apart[i], force))
+    return one.end(), other.end()
 
 
-class _Begun:
-    """A tick under way."""
+class _ArmTick:
+    """A tick of one arm under way."""
 
     def __init__(
-        self, state: PlantState, drive: Vec, holding: Scalar, brake_state: brakes.BrakeState
+        self,
+        setup: RavenSetup,
+        arm: ArmName,
+        params: PlantParams,
+        state: PlantState,
+        signal: PlantSignal,
+        touched: contact.ContactParams | None,
     ) -> None:
-        self.state, self.drive, self.holding, self.brakes = state, drive, holding, brake_state
-        self.carried: list[Vec] = []
-        self.touches: list[contact.Touch | None] = []
+        self._setup, self._arm, self._params = setup, arm, params
+        self._signal, self._touched = signal, touched
+        self.state, self.dt = state, TICK_S / setup.substeps
+        brakes, self._holding = drives.step_brakes(params.brakes, state.brakes, signal.brakes)
+        self._brakes = cast(brakes, "int32")
+        self._drive = _drive(setup, arm, params, state, signal)
+        self._geometry = _coupling(setup, arm, params)
+        self._carried: list[Vec] = []
+        self._touches: list[contact.Touch] = []
 
-    def take(self, state: PlantState, tension: Vec, touch: contact.Touch | None) -> None:
-        """A substep's state, what each cable carried in it (N), and what the instrument touched."""
-        self.state = state
-        self.carried.append(tension.map(jnp.abs))
-        self.touches.append(touch)
+    def jpos(self) -> Vec:
+        """Joints, rad and m."""
+        return _jpos(self._geometry, self.state, self._setup.precision.real)
 
+    def equations(self, pushed: Vec | None = None) -> tuple[tuple[Vec, ...], Vec]:
+        """A 7x7 system (its lower triangle) and its right side (N m, N), whose solution is what the
+        joints gain in the coming substep. pushed: what the other instrument puts on the joints.
+        """
+        params, state, signal, dt = self._params, self.state, self._signal, self.dt
+        motor = params.actuators
+        jpos, jvel = self.jpos(), state.jvel
+        mass, bias = link_dynamics.mass_matrix_and_bias(
+            self._setup, self._arm, jpos, jvel, params.gravity, params.mass_scale
+        )
+        friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
+        self._link_speed = self._geometry.motors(jvel)
+        scale = _whole(state, signal.cable_scale)
+        self._springs = [
+            drives.linearise(
+                drives.ARMS_M[i],
+                _stiffness(params, i, scale[i]),
+                mul(scale[i], params.cable_damping[i]),
+                state.stretch[i],
+                dt,
+            )
+            for i in range(N)
+        ]
+        self._solved = []
+        for i in range(N):
+            coulomb = motor.coulomb[i] * friction[i]
+            self._solved.append(
+                drives.eliminate(
+                    inertia_rate=motor.inertia[i] * (1.0 / dt),
+                    viscous=motor.viscous[i] * friction[i],
+                    coulomb=coulomb + self._holding if i < POSITIONING else coulomb,
+                    reaction_scale=motor.reaction_scale[i],
+                    drive=self._drive[i],
+                    speed=state.mvel[i],
+                    link_speed=self._link_speed[i],
+                    cable=self._springs[i],
+                )
+            )
+        system = self._geometry.congruence(Vec(item.stiffening for item in self._solved))
+        loads = self._geometry.loads(Vec(item.force for item in self._solved))
+        self._tips = ()
+        if self._touched is not None:
+            self._tips = contact.tips(self._arm, self._touched, jpos, jvel, dt)
+            for one in self._tips:
+                one.stiffen(system)
+                loads = loads + one.tip.along(one.force())
+        if pushed is not None:
+            loads = loads + pushed
+        right: list[Scalar] = []
+        for i in range(N):
+            for j in range(i + 1):
+                system[i][j] = add(system[i][j], mul(1.0 / dt, mass[i][j]))
+            viscous = params.link_viscous[i] * friction[i]
+            stop = stops.contact(params.stops, i, jpos[i], jvel[i], dt)
+            system[i][i] = system[i][i] + (viscous + stop.damping)
+            load = add(sub(loads[i], bias[i]), signal.external_torque[i])
+            force = load - viscous * jvel[i] + stop.force
+            stick = drives.coulomb_damping(
+                params.link_coulomb[i] * friction[i], system[i][i] * jvel[i] + force, system[i][i]
+            )
+            system[i][i] = system[i][i] + stick
+            right.append(force - stick * jvel[i])
+        return tuple(Vec(row) for row in system), Vec(right)
 
-def _begin(
-    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
-) -> _Begun:
-    brake_state, holding = brakes.step(setup, params.brakes, state.brakes, signal.brakes)
-    brake_state = cast(brake_state, "int32")
-    return _Begun(state, _drive(setup, arm, params, state, signal), holding, brake_state)
+    def move(self, gained: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
+        """One substep, in which the joints gain so much speed (rad/s, m/s). pressed: way and size
+        (N) of the other instrument's force.
+        """
+        state = self.state
+        if self._tips:
+            touch = contact.felt(self._tips, gained)
+            if pressed is not None:
+                way, force = pressed
+                touch = replace(touch, force=touch.force + way * force, instrument=force)
+            self._touches.append(touch)
+        pulled = self._geometry.motors(gained)
+        mvel, stretch, motors, carried = [], [], [], []
+        for i, item in enumerate(self._solved):
+            link_speed = self._link_speed[i] + pulled[i]
+            speed = (item.momentum + item.coupling * link_speed) * item.inverse
+            rate = item.stretch_rate - item.resistance * item.inverse * pulled[i]
+            mvel.append(speed)
+            stretch.append(state.stretch[i] + self.dt * rate)
+            motors.append(drives.advance(state.motors[i], self.dt * speed))
+            carried.append(self._springs[i].carried(drives.ARMS_M[i], rate))
+        intact = state.intact
+        if intact is not None:
+            overloaded = Vec(carried).map(
+                lambda force, strength: jnp.abs(force) > strength, self._params.cable_strength
+            )
+            intact = intact.map(lambda whole, over: jnp.where(over, 0.0, whole), overloaded)
+        self.state = replace(
+            state,
+            motors=tuple(motors),
+            stretch=Vec(stretch),
+            mvel=Vec(mvel),
+            jvel=state.jvel + gained,
+            intact=intact,
+        )
+        self._carried.append(Vec(carried).map(jnp.abs))
 
-
-def _end(
-    setup: RavenSetup, arm: ArmName, params: PlantParams, signal: PlantSignal, done: _Begun
-) -> tuple[PlantState, PlantOutput]:
-    dtype, state = setup.precision.real, done.state
-    state = PlantState(
-        motors=state.motors,
-        stretch=cast(state.stretch, dtype),
-        mvel=cast(state.mvel, dtype),
-        jvel=cast(state.jvel, dtype),
-        brakes=done.brakes,
-        intact=cast(state.intact, dtype),
-        tick=state.tick + 1,
-        jpos_ref=state.jpos_ref,
-        count_ref=state.count_ref,
-        frame=state.frame,
-    )
-    out = observe(setup, arm, params, state, signal.cable_scale)
-    carried = functools.reduce(lambda a, b: a.map(jnp.maximum, b), done.carried)
-    return state, replace(out, carried=carried, touch=_mean(done.touches))
-
-
-def _mean(touches: Sequence[contact.Touch | None]) -> contact.Touch | None:
-    """Over the substeps."""
-    first = touches[0]
-    if first is None or len(touches) == 1:
-        return first
-    share = 1.0 / len(touches)
-    return tree.mapped(lambda *parts: functools.reduce(lambda a, b: a + b, parts) * share, *touches)
+    def end(self) -> tuple[PlantState, PlantOutput]:
+        """The state after the tick, and what can be seen of it."""
+        dtype, state = self._setup.precision.real, self.state
+        state = replace(
+            state,
+            stretch=cast(state.stretch, dtype),
+            mvel=cast(state.mvel, dtype),
+            jvel=cast(state.jvel, dtype),
+            brakes=self._brakes,
+            intact=cast(state.intact, dtype),
+            tick=state.tick + 1,
+        )
+        out = observe(self._setup, self._arm, self._params, state, self._signal.cable_scale)
+        carried = functools.reduce(lambda a, b: a.map(jnp.maximum, b), self._carried)
+        touch = self._touches[0] if self._touches else None
+        if len(self._touches) > 1:
+            share = 1.0 / len(self._touches)
+            touch = tree.mapped(
+                lambda *parts: functools.reduce(lambda a, b: a + b, parts) * share, *self._touches
+            )
+        return state, replace(out, carried=carried, touch=touch)
 
 
 def observe(
@@ -301,14 +489,14 @@ def observe(
     """
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
-        cables.tension(
-            _stiffness(params, i, scale[i]), 0.0, cables.ARMS_M[i] * state.stretch[i], 0.0
+        drives.tension(
+            _stiffness(params, i, scale[i]), 0.0, drives.ARMS_M[i] * state.stretch[i], 0.0
         )
         for i in range(N)
     )
     dtype = setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
-    turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
+    turned = Vec(drives.radians(motor, dtype) for motor in state.motors)
     counts = [
         motor.count + reference
         for motor, reference in zip(state.motors, state.count_ref, strict=True)
@@ -316,7 +504,7 @@ def observe(
     if setup.noise:
         counts = [
             count
-            + encoders.noise_counts(
+            + drives.noise_counts(
                 params.encoder_noise, params.noise_key, state.tick, _channel(arm, i)
             )
             for i, count in enumerate(counts)
@@ -326,7 +514,7 @@ def observe(
         jpos=_jpos(_coupling(setup, arm, params), state, dtype),
         jvel=state.jvel,
         mpos=Vec(
-            turn + reference.astype(dtype) * encoders.RAD_PER_COUNT
+            turn + reference.astype(dtype) * drives.RAD_PER_COUNT
             for turn, reference in zip(turned, state.count_ref, strict=True)
         ),
         mvel=state.mvel,
@@ -340,142 +528,6 @@ def observe(
 def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
     """True tip (3, m, registered frame 0) with the links at `jpos`, as in `PlantOutput`."""
     return kinematic_errors.tip(arm, params.kinematic_errors, state.frame, jpos)
-
-
-class _Prepared(NamedTuple):
-    """One arm's equations of a substep: `system` gained = `right`, and what goes on from what
-    the joints gain.
-    """
-
-    system: tuple[Vec, ...]  # 7 of 7, lower triangle
-    right: Vec  # 7, N m, N
-    geometry: Coupling | BuiltCoupling
-    link_speed: Vec  # rad/s, in motor angle
-    springs: list[cables.Linear]
-    solved: list[actuators.Eliminated]
-    tips: tuple[contact.TipContact, ...] | None
-
-
-def _prepared(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: PlantParams,
-    state: PlantState,
-    signal: PlantSignal,
-    drive: Vec,
-    holding: Scalar,
-    dt: float,
-    touched: contact.ContactParams | None,
-    pushed: Vec | None = None,
-) -> _Prepared:
-    """The equations of the coming `dt` (s). pushed: what the other instrument puts on the
-    joints, N m, N.
-    """
-    geometry = _coupling(setup, arm, params)
-    motor = params.actuators
-    jpos, jvel = _jpos(geometry, state, setup.precision.real), state.jvel
-    mass, bias = link_dynamics.mass_matrix_and_bias(
-        setup, arm, jpos, jvel, params.gravity, params.mass_scale
-    )
-    friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
-    link_speed = geometry.motors(jvel)
-    scale = _whole(state, signal.cable_scale)
-    springs = [
-        cables.linearise(
-            cables.ARMS_M[i],
-            _stiffness(params, i, scale[i]),
-            mul(scale[i], params.cable_damping[i]),
-            state.stretch[i],
-            dt,
-        )
-        for i in range(N)
-    ]
-
-    solved = []
-    for i in range(N):
-        coulomb = motor.coulomb[i] * friction[i]
-        solved.append(
-            actuators.eliminate(
-                inertia_rate=motor.inertia[i] * (1.0 / dt),
-                viscous=motor.viscous[i] * friction[i],
-                coulomb=coulomb + holding if i < POSITIONING else coulomb,
-                reaction_scale=motor.reaction_scale[i],
-                drive=drive[i],
-                speed=state.mvel[i],
-                link_speed=link_speed[i],
-                cable=springs[i],
-            )
-        )
-
-    system = geometry.congruence(Vec(item.stiffening for item in solved))
-    loads = geometry.loads(Vec(item.force for item in solved))
-    tips = None
-    if touched is not None:
-        tips = contact.tips(arm, touched, jpos, jvel, dt)
-        for one in tips:
-            one.stiffen(system)
-            loads = loads + one.tip.along(one.force())
-    if pushed is not None:
-        loads = loads + pushed
-    right: list[Scalar] = []
-    for i in range(N):
-        for j in range(i + 1):
-            system[i][j] = add(system[i][j], mul(1.0 / dt, mass[i][j]))
-        viscous = params.link_viscous[i] * friction[i]
-        stop = stops.contact(params.stops, i, jpos[i], jvel[i], dt)
-        system[i][i] = system[i][i] + (viscous + stop.damping)
-        force = (
-            add(sub(loads[i], bias[i]), signal.external_torque[i]) - viscous * jvel[i] + stop.force
-        )
-        stick = coulomb_damping(
-            params.link_coulomb[i] * friction[i], system[i][i] * jvel[i] + force, system[i][i]
-        )
-        system[i][i] = system[i][i] + stick
-        right.append(force - stick * jvel[i])
-
-    return _Prepared(
-        tuple(Vec(row) for row in system), Vec(right), geometry, link_speed, springs, solved, tips
-    )
-
-
-def _moved(
-    params: PlantParams, state: PlantState, ready: _Prepared, gained: Vec, dt: float
-) -> tuple[PlantState, Vec]:
-    """The state after `dt` (s), and what each cable carried in it, N. gained: speed of the
-    joints, rad/s and m/s.
-    """
-    pulled = ready.geometry.motors(gained)
-    mvel, stretch, motors, carried = [], [], [], []
-    for i, item in enumerate(ready.solved):
-        speed = (item.momentum + item.coupling * (ready.link_speed[i] + pulled[i])) * item.inverse
-        rate = item.stretch_rate - item.resistance * item.inverse * pulled[i]
-        mvel.append(speed)
-        stretch.append(state.stretch[i] + dt * rate)
-        motors.append(encoders.advance(state.motors[i], dt * speed))
-        carried.append(ready.springs[i].carried(cables.ARMS_M[i], rate))
-    after = PlantState(
-        motors=tuple(motors),
-        stretch=Vec(stretch),
-        mvel=Vec(mvel),
-        jvel=state.jvel + gained,
-        brakes=state.brakes,
-        intact=_parted(params, state.intact, carried),
-        tick=state.tick,
-        jpos_ref=state.jpos_ref,
-        count_ref=state.count_ref,
-        frame=state.frame,
-    )
-    return after, Vec(carried)
-
-
-def _parted(params: PlantParams, intact: Vec | None, carried: Sequence[Scalar]) -> Vec | None:
-    """Which cables are whole after they carried that, N; None where none can part."""
-    if intact is None:
-        return None
-    overloaded = Vec(carried).map(
-        lambda force, strength: jnp.abs(force) > strength, params.cable_strength
-    )
-    return intact.map(lambda whole, over: jnp.where(over, 0.0, whole), overloaded)
 
 
 def _whole(state: PlantState, cable_scale: Vec) -> Vec:
@@ -501,7 +553,7 @@ def _drive(
         per_count = motor.torque_per_count[i] * motor.gain[i] * params.motor_constant_scale
         command = mul(float(signs[i]), signal.current_cmd[i].astype(setup.precision.real))
         torque = mul(signal.torque_scale[i], per_count) * command + motor.bias[i]
-        torque = actuators.limited(
+        torque = drives.limited(
             torque, state.mvel[i], motor.torque_limit[i], motor.stall_torque[i], motor.back_emf[i]
         )
         if setup.noise:
@@ -513,13 +565,13 @@ def _drive(
     return Vec(drive)
 
 
-def _jpos(geometry: Coupling | BuiltCoupling, state: PlantState, dtype: str) -> Vec:
-    turned = Vec(encoders.radians(motor, dtype) for motor in state.motors)
+def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
+    turned = Vec(drives.radians(motor, dtype) for motor in state.motors)
     return state.jpos_ref + geometry.joints(turned - state.stretch)
 
 
-def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling | BuiltCoupling:
-    return built(_nominal_coupling(setup, arm), kinematic_errors.gain(params.kinematic_errors))
+def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
+    return _nominal_coupling(setup, arm).built(kinematic_errors.gain(params.kinematic_errors))
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:

@@ -47,16 +47,16 @@ class PlcParams:
     watchdog_ticks: Annotated[  # int32; assumption: 1.5 periods of 50 ms
         Scalar,
         Quantity("ms", 1, HOUR_MS, "without a watchdog edge before the PLC trips", whole=True),
-    ]
+    ] = 75
     auto_start: Annotated[  # int32; assumption: 1
         Scalar, Quantity("", 0, 1, "1: the start button is pressed by itself, 0: never", whole=True)
-    ]
+    ] = 1
     start_ticks: Annotated[  # int32; assumption: 100 (two periods)
         Scalar,
         Quantity(
             "ms", 0, HOUR_MS, "of living watchdog in E-stop before start is pressed", whole=True
         ),
-    ]
+    ] = 100
 
 
 @record
@@ -83,11 +83,6 @@ class PlcSignal:
 class PlcOutput:
     runlevel: Scalar  # run level on the pins, int32
     brakes: Scalar  # 1: brakes commanded on, int32
-
-
-def params(setup: RavenSetup) -> PlcParams:
-    """The assumptions above."""
-    return PlcParams(watchdog_ticks=75, auto_start=1, start_ticks=100)
 
 
 def init(

@@ -7,12 +7,16 @@ was last written to it stays. DAC commands and output pins travel in one message
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.setup import RavenSetup
+
+AnyUsb = TypeVar("AnyUsb", "UsbIn", "UsbOut")
 
 
 @record
@@ -38,40 +42,20 @@ def init(setup: RavenSetup) -> UsbIn:
     )
 
 
-def step(setup: RavenSetup, state: UsbIn, read: UsbIn, read_ok: tuple[Scalar, ...]) -> UsbIn:
-    """The buffers of this cycle: fresh where the board's read succeeded (int32 1), else those of
-    the last cycle.
-    """
-    ok = tuple(flag != 0 for flag in read_ok)
-    return UsbIn(
-        tuple(
-            where(flag, new, old)
-            for flag, new, old in zip(ok, read.enc_val, state.enc_val, strict=True)
-        ),
-        tuple(
-            where(flag, new, old) for flag, new, old in zip(ok, read.pins, state.pins, strict=True)
-        ),
-    )
-
-
 def init_out(setup: RavenSetup) -> UsbOut:
     """Boards that nothing was written to."""
     zero = jnp.int32(0)
     return UsbOut(per_arm(setup, lambda *_: Vec.full(7, zero)), per_arm(setup, lambda *_: zero))
 
 
-def write(setup: RavenSetup, held: UsbOut, message: UsbOut, write_ok: tuple[Scalar, ...]) -> UsbOut:
-    """What the boards hold after this cycle: the message where the write succeeded (int32 1),
+def transfer(held: AnyUsb, message: AnyUsb, ok: tuple[Scalar, ...]) -> AnyUsb:
+    """What a side has after this cycle: the message where the board's transfer succeeded (int32 1),
     else as before.
     """
-    ok = tuple(flag != 0 for flag in write_ok)
-    return UsbOut(
-        tuple(
-            where(flag, new, old)
-            for flag, new, old in zip(ok, message.current_cmd, held.current_cmd, strict=True)
-        ),
-        tuple(
-            where(flag, new, old)
-            for flag, new, old in zip(ok, message.pins, held.pins, strict=True)
-        ),
+    done = tuple(flag != 0 for flag in ok)
+    new, old = vars(message), vars(held)
+    columns = (
+        tuple(where(flag, a, b) for flag, a, b in zip(done, new[name], old[name], strict=True))
+        for name in new
     )
+    return type(held)(*columns)

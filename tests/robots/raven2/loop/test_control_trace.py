@@ -4,16 +4,11 @@ stable number types.
 
 from __future__ import annotations
 
-import itertools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from ravenjax.engines.cpu import python
-from ravenjax.ir import lowering, regions
-from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control
@@ -22,38 +17,6 @@ from ravenjax.robots.raven2.sites import SITES
 from ravenjax.robots.raven2.stages.usb import UsbIn
 
 BOTH = {"arms": ("gold", "green"), "tools": ("r_grasper", "r_grasper")}
-ALLOWED = {
-    *(
-        "add",
-        "sub",
-        "mul",
-        "div",
-        "neg",
-        "abs",
-        "max",
-        "min",
-        "sqrt",
-        "round",
-        "sin",
-        "cos",
-        "atan2",
-    ),
-    *(
-        "eq",
-        "ne",
-        "lt",
-        "le",
-        "gt",
-        "ge",
-        "and",
-        "or",
-        "not",
-        "xor",
-        "select_n",
-        "convert_element_type",
-    ),
-    *("shift_left", "shift_right_arithmetic"),
-}
 ORDER = [
     "packet",
     "packet_header",
@@ -96,49 +59,6 @@ def inputs(setup):
 
 def arguments(setup):
     return control.params(setup), control.init(setup), inputs(setup)
-
-
-def each_pair():
-    """Every combination; those of the fast suite hold every pair of choices."""
-    choices = itertools.product(
-        (CAMPAIGN, ORIGINAL), ("raven2", "fork2015"), ("increments", "absolute")
-    )
-    for precision, software, console in choices:
-        odd = (precision is ORIGINAL) + (software == "fork2015") + (console == "absolute")
-        name = f"{'original' if precision is ORIGINAL else 'campaign'}-{software}-{console}"
-        yield pytest.param(
-            precision, software, console, id=name, marks=[pytest.mark.slow] * (odd % 2)
-        )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("precision", "software", "console"), [*each_pair()])
-def test_only_scalar_primitives_and_the_state_keeps_its_types(precision, software, console):
-    setup = RavenSetup(**BOTH, software=software, console=console, precision=precision)
-    with jax.enable_x64(precision.needs_x64):
-        given = arguments(setup)
-        jaxpr, (state, _) = jax.make_jaxpr(lambda *a: control.cycle(setup, *a), return_shape=True)(
-            *given
-        )
-        before = [jnp.asarray(x).dtype for x in jax.tree.leaves(given[1])]
-    literal = {"acos"} if precision is ORIGINAL else set()  # the original's own way to theta2
-    assert primitives(jaxpr.jaxpr) <= ALLOWED | literal | {"cond"}  # `types.rarely`
-    assert jax.tree.structure(state) == jax.tree.structure(given[1])
-    assert [leaf.dtype for leaf in jax.tree.leaves(state)] == before
-    if precision is CAMPAIGN:
-        assert {str(dtype) for dtype in before} == {"int32", "float32"}
-
-
-@pytest.mark.parametrize(("arms", "limit"), [(("gold",), 2000), (("gold", "green"), 3850)])
-def test_the_number_of_operations_stays_low(arms, limit):
-    setup = RavenSetup(arms=arms, tools=("r_grasper",) * len(arms))
-    program = lowering.lower(jax.make_jaxpr(lambda *a: control.cycle(setup, *a))(*arguments(setup)))
-    always = [
-        i
-        for i in regions.arrange(program.operations, program.needed(), program.outputs)
-        if isinstance(i, int)
-    ]
-    assert sum(program.operations[i].name not in ("input", "constant") for i in always) < limit
 
 
 def test_every_site_of_the_control_software_is_passed_once_in_order():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -139,19 +138,6 @@ def test_faults_that_a_campaign_does_not_name_are_not_in_its_tick():
     one = Injection(1, (SiteUse("usb_out", (("gold", "shoulder"),), ("overwrite",)),), ("time",))
     with_one = len(list(flat(trace(RavenSetup(injection=one)).jaxpr)))
     assert 0 < with_one - without < 60
-
-
-@pytest.mark.slow
-def test_every_state_keeps_its_type():
-    """A carried number whose type changes would compile twice, or not at all."""
-    for setup in SETUPS.values():
-        params, state, columns, reference = build(setup)
-        step = partial(tick.tick, setup, params, no_faults(setup))
-        after, _ = jax.eval_shape(
-            lambda s, n, c=columns, r=reference, f=step: f(s, Input(n, c, r)), state, jnp.int32(0)
-        )
-        before = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype), state)
-        assert before == jax.tree.map(lambda x: (x.shape, x.dtype), after)
 
 
 def test_checks_have_the_names_that_are_announced():

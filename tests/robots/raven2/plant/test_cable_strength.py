@@ -22,12 +22,13 @@ from plant_runs import (
 from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import cables, parameter_sets, power_consistent, robot
+from ravenjax.robots.raven2.plant import drives, parameter_sets, robot
+from ravenjax.robots.raven2.plant.parameter_sets import POWER_CONSISTENT
 
 CAPSTAN_M = 5.675e-3
 TORQUE_PER_COUNT = 0.0603 * 12.25 / 2730.0
 BREAKING = setup(cables="break")
-FRICTION_N = (power_consistent.MOTOR_COULOMB[0] + abs(power_consistent.BIAS[0])) / CAPSTAN_M
+FRICTION_N = (POWER_CONSISTENT.motor_coulomb[0] + abs(POWER_CONSISTENT.bias[0])) / CAPSTAN_M
 
 
 def params() -> robot.PlantParams:
@@ -46,15 +47,15 @@ def pressed(counts: int, one=BREAKING):
 
 @pytest.mark.parametrize(("share", "parts"), [(0.9, False), (1.1, True)])
 def test_a_constant_torque_parts_the_cable_that_statics_cannot_carry(share, parts) -> None:
-    counts = round(share * (cables.POSITIONING_STRENGTH) * CAPSTAN_M / TORQUE_PER_COUNT)
+    counts = round(share * (drives.POSITIONING_STRENGTH) * CAPSTAN_M / TORQUE_PER_COUNT)
     with jax.enable_x64(True):
         state, out = pressed(counts)
     carried = columns(out.carried)[:, 0]
     assert np.array(state.intact).tolist() == [0.0 if parts else 1.0, *[1.0] * 6]
     if parts:
-        broke = int(np.argmax(carried > cables.POSITIONING_STRENGTH))
+        broke = int(np.argmax(carried > drives.POSITIONING_STRENGTH))
         assert (
-            carried[broke] < 1.02 * cables.POSITIONING_STRENGTH
+            carried[broke] < 1.02 * drives.POSITIONING_STRENGTH
         )  # a slow press does not overshoot
         assert (carried[broke + 1 :] == 0.0).all() and (
             columns(out.tension)[broke:, 0] == 0.0
@@ -62,33 +63,15 @@ def test_a_constant_torque_parts_the_cable_that_statics_cannot_carry(share, part
         commanded = counts * min((broke + 1) / 600.0, 1.0) * TORQUE_PER_COUNT / CAPSTAN_M
         a_tick = counts / 600.0 * TORQUE_PER_COUNT / CAPSTAN_M
         assert commanded == pytest.approx(
-            cables.POSITIONING_STRENGTH, abs=FRICTION_N + 2.0 * a_tick
+            drives.POSITIONING_STRENGTH, abs=FRICTION_N + 2.0 * a_tick
         )
     else:
         assert carried[-1] == pytest.approx(
-            share * cables.POSITIONING_STRENGTH, abs=1.1 * FRICTION_N
+            share * drives.POSITIONING_STRENGTH, abs=1.1 * FRICTION_N
         )
 
 
-def test_a_joint_whose_cable_has_parted_feels_its_motor_no_more() -> None:
-    with jax.enable_x64(True):
-        state, _ = pressed(28000)
-        assert state.intact[0] == 0.0
-        _, idle = simulate(BREAKING, constant([0] * N, 200), params(), state=state)
-        _, driven = simulate(
-            BREAKING, constant([-20000, 0, 0, 0, 0, 0, 0], 200), params(), state=state
-        )
-    np.testing.assert_allclose(columns(idle.jpos), columns(driven.jpos), rtol=0, atol=1e-12)
-    assert abs(columns(driven.mpos)[-1, 0] - columns(idle.mpos)[-1, 0]) > 10.0
-
-
-def test_the_cable_of_a_tool_motor_holds_its_amplifiers_largest_current() -> None:
-    """Full scale of the DAC, at rest, is three quarters of what is assumed of the thinner rope."""
-    largest = power_consistent.RE30_TORQUE_LIMIT / 5.005e-3
-    assert 0.7 < largest / cables.TOOL_STRENGTH < 0.8
-    assert power_consistent.RE40_TORQUE_LIMIT / CAPSTAN_M > 1.2 * cables.POSITIONING_STRENGTH
-
-
+@pytest.mark.slow
 def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
     """Coasting against its own links; what a cable held when it parted is lost."""
     command = swings()
@@ -107,7 +90,7 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
         breakable = replace(state, intact=Vec.full(N, 1.0))
         end, out = simulate(BREAKING, coast, weak, state=breakable)
         total = energy(one, free, out)
-    arm, stiffness = np.array(cables.ARMS_M), np.array(free.cable_stiffness)
+    arm, stiffness = np.array(drives.ARMS_M), np.array(free.cable_stiffness)
     springs = 2.0 * stiffness * (np.cosh(arm * columns(out.stretch)) - 1.0)
     parted = columns(out.carried) > strength
     gone = np.logical_or.accumulate(parted, axis=0)
@@ -121,6 +104,7 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
     assert total[first - 1] - total[first] > 0.9 * lost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
 def test_cables_that_can_part_and_do_not_change_nothing(precision) -> None:
     ticks = np.arange(400)[:, None]
@@ -145,7 +129,7 @@ def test_what_a_cable_carries_is_its_stretch_and_its_damping() -> None:
     )
     with jax.enable_x64(True):
         _, out = simulate(setup(), command, params())
-    values, arm = parameter_sets.parameter_set("power_consistent"), np.array(cables.ARMS_M)
+    values, arm = parameter_sets.parameter_set("power_consistent"), np.array(drives.ARMS_M)
     stretch = arm * columns(out.stretch)
     rate = np.diff(stretch, axis=0) / 1e-3
     force = (

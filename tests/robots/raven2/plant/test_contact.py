@@ -18,11 +18,11 @@ from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import cables, contact, robot
+from ravenjax.robots.raven2.plant import contact, drives, robot
 from ravenjax.robots.raven2.plant.coupling import coupling
 from ravenjax.robots.raven2.setup import RavenSetup
 
-TOUCH = contact.params()
+TOUCH = contact.ContactParams()
 HERTZ = 16.0 / 9.0 * 12.5e3 * np.sqrt(2e-3)  # N/m^1.5: 4/3 E / (1 - 0.5^2) sqrt(R)
 STILL = Vec.full(N, 0.0)
 PRESS = np.array([0, 0, 15, 0, 0, 0, 0])  # DAC counts
@@ -68,10 +68,6 @@ def test_force_against_depth_is_that_of_hertz(depth_mm) -> None:
     )
 
 
-def test_a_sphere_of_2_mm_pressed_1_mm_into_liver_feels_some_hundredths_of_a_newton() -> None:
-    assert pytest.approx(0.0314, abs=1e-4) == HERTZ * 1e-3**1.5
-
-
 def test_pressing_is_harder_leaving_softer_and_nothing_pulls() -> None:
     with jax.enable_x64(True):
         jpos = at_depth(2e-3)
@@ -108,30 +104,6 @@ def test_friction_stays_in_its_cone_and_opposes_sliding() -> None:
         assert np.linalg.norm(along) <= 0.2 * (unit @ force) * (1 + 1e-9)
         assert along @ (velocity - unit * (unit @ velocity)) <= 0.0
         assert unit @ force >= 0.0 and law.rate >= 0.0
-
-
-def test_the_surface_is_the_one_of_the_depth_that_is_reported_with_a_ridge_where_the_vessel_is_drawn() -> (  # noqa: E501
-    None
-):
-    """The force follows the gradient of one potential: `rise` is the derivative of the depth."""
-    rng = np.random.default_rng(1)
-    with jax.enable_x64(True):
-        slope = quickly.jit(jax.grad(lambda p: scene.surface("gold", Vec(p)).depth))
-        of = quickly.jit(
-            lambda p: (scene.surface("gold", Vec(p)), scene.tissue_depth("gold", Vec(p)))
-        )
-        origin, rotation = scene.frame0("gold")
-        seen = set()
-        for x, y in rng.uniform(-0.05, 0.05, (200, 2)):
-            point = np.array(rotation).T @ (np.array([x, y, 0.18]) - np.array(origin))
-            surface, depth = of(jnp.asarray(point))
-            seen.add(bool(surface.vessel))
-            assert bool(surface.vessel) == (float(surface.depth) > float(depth) + 1e-15)
-            assert 0.0 <= float(surface.depth - depth) <= scene.VESSEL_HEIGHT + 1e-12
-            np.testing.assert_allclose(
-                -np.array(slope(jnp.asarray(point))), surface.rise, atol=1e-9
-            )
-    assert seen == {True, False}
 
 
 # --- over time ---
@@ -243,16 +215,17 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
             ],
             axis=0,
         )
-        torque = Vec(a * t for a, t in zip(cables.ARMS_M, columns(out.tension)[-1], strict=True))
+        torque = Vec(a * t for a, t in zip(drives.ARMS_M, columns(out.tension)[-1], strict=True))
         pulled = np.array([*map(float, coupling("gold", "r_grasper", "raven2").loads(torque))])
         np.testing.assert_allclose(pulled, -load, rtol=5e-2, atol=3e-2 * np.abs(load[:3]).max())
         counts = held.actuators.torque_per_count[2] * 15
-        carried = held.actuators.reaction_scale[2] * cables.ARMS_M[2] * columns(out.tension)[-1, 2]
+        carried = held.actuators.reaction_scale[2] * drives.ARMS_M[2] * columns(out.tension)[-1, 2]
         lost = 0.005 * columns(out.mvel)[-1, 2]  # the motor still creeps
         np.testing.assert_allclose(abs(carried + lost), counts, rtol=5e-2)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
 def test_an_arm_that_bounces_and_slides_on_tissue_never_gains_energy(seed) -> None:
     """Links, motors, cables and tissue together, in each tick, from a random state above the
     tissue.
@@ -270,7 +243,8 @@ def test_an_arm_that_bounces_and_slides_on_tissue_never_gains_energy(seed) -> No
     assert total[-1] < total[0]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
 def test_two_arms_that_collide_push_each_other_alike_and_gain_no_energy(seed) -> None:
     rng = np.random.default_rng(seed)
     with jax.enable_x64(True):

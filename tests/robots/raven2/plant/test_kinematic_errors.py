@@ -7,13 +7,13 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from plant_runs import N, columns, constant, setup, simulate
+from plant_runs import N, setup
 
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry import built_links, kinematics, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import kinematic_errors, registration, robot
-from ravenjax.robots.raven2.plant.coupling import built, coupling
+from ravenjax.robots.raven2.plant import kinematic_errors, robot
+from ravenjax.robots.raven2.plant.coupling import coupling
 from ravenjax.robots.raven2.plant.kinematic_errors import KinematicErrors
 from studies.healthy_robot import rigid
 
@@ -82,22 +82,11 @@ def test_the_scale_is_times_every_error() -> None:
         np.testing.assert_allclose(one, other, atol=1e-15)
 
 
-def test_without_errors_nothing_of_them_is_traced() -> None:
-    """The same operations as with neither drums nor registration: literal zeros drop out."""
-    drawn = coupling("gold", "r_grasper", "raven2")
-    assert built(drawn, kinematic_errors.gain(EXACT)) is drawn
-    assert kinematic_errors.is_exact(EXACT) and kinematic_errors.register("gold", EXACT) is None
-    assert kinematic_errors.true_joints(EXACT, START) == START
-    plain = jax.make_jaxpr(lambda q: [*kinematics.forward("gold", Vec(q)).position])([*START])
-    ours = jax.make_jaxpr(lambda q: [*kinematic_errors.tip("gold", EXACT, None, Vec(q))])([*START])
-    assert str(ours) == str(plain)
-
-
 def test_a_built_coupling_is_the_product_of_its_matrices() -> None:
     rng = np.random.default_rng(3)
     drawn, gain = coupling("gold", "large_needle", "raven2"), Vec(1.0 + rng.uniform(-0.1, 0.1, N))
     matrix = np.array(transmission.motor_matrix("gold", "large_needle")) / np.array(gain)
-    one, x = built(drawn, gain), rng.normal(size=N)
+    one, x = drawn.built(gain), rng.normal(size=N)
     np.testing.assert_allclose(one.motors(Vec(x)), matrix @ x, rtol=1e-12)
     np.testing.assert_allclose(one.joints(Vec(x)), np.linalg.solve(matrix, x), rtol=1e-9)
     np.testing.assert_allclose(one.loads(Vec(x)), matrix.T @ x, rtol=1e-9)
@@ -107,30 +96,6 @@ def test_a_built_coupling_is_the_product_of_its_matrices() -> None:
     np.testing.assert_allclose(
         np.array(one.congruence(Vec(weights)), float), lower, rtol=1e-9, atol=1e-9
     )
-
-
-def test_a_moving_arm_keeps_its_drum_s_share() -> None:
-    """Each joint of a driven arm moves as its motor and its own drum say, cable stretch apart."""
-    errors = replace(EXACT, ratio_error=Vec.full(7, 0.0).replace(0, 0.05))
-    one = replace(with_errors(), kinematic_errors=errors)
-    with jax.enable_x64(True):
-        _, out = simulate(setup(), constant([-1500, 0, 0, 0, 0, 0, 0], 200), one)
-    turned, stretch, jpos = (columns(values)[:, 0] for values in (out.mpos, out.stretch, out.jpos))
-    wound = (turned - stretch) - (turned - stretch)[0]
-    assert abs(jpos[-1] - jpos[0]) > 0.005
-    np.testing.assert_allclose(
-        jpos - jpos[0], 1.05 * wound / transmission.TR[0], rtol=1e-5, atol=1e-9
-    )
-
-
-def test_an_offset_of_the_shoulder_is_gone_once_registered() -> None:
-    """It turns the frame and nothing else."""
-    _, _, tip = at_start(with_errors())
-    turned = {"joint_offset": Vec.full(7, 0.0).replace(0, 0.2)}
-    _, _, apart = at_start(with_errors(**turned))
-    _, _, registered = at_start(with_errors(**turned, registered=np.int32(1)))
-    assert np.linalg.norm(apart - tip) > 0.01
-    np.testing.assert_allclose(registered, tip, atol=1e-9)
 
 
 def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
@@ -145,12 +110,15 @@ def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
                 kinematic_errors.tip(
                     "gold", errors, None, kinematic_errors.true_joints(errors, pose)
                 )
-                for pose in registration.POSES
+                for pose in kinematic_errors.POSES
             ]
-            frame = registration.fit("gold", true)
-            ours = np.array([[float(x) for x in registration.seen(frame, point)] for point in true])
+            frame = kinematic_errors.fit("gold", true)
+            ours = np.array(
+                [[float(x) for x in kinematic_errors.seen(frame, point)] for point in true]
+            )
             reported = np.array(
-                [kinematics.forward("gold", pose).position for pose in registration.POSES], float
+                [kinematics.forward("gold", pose).position for pose in kinematic_errors.POSES],
+                float,
             )
             left = np.square(ours - reported).sum()
             points = np.array(true, float)

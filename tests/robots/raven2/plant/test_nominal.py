@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +11,12 @@ import pytest
 import quickly
 from scipy.integrate import solve_ivp
 
-from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
+from ravenjax.numbers.setup import REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.dynamics import link_dynamics
-from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
+from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
-from ravenjax.robots.raven2.plant import nominal, nominal_target, robot
+from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETUP = RavenSetup(precision=REFERENCE)
@@ -33,9 +32,9 @@ def smooth_targets(ticks: int) -> np.ndarray:
     return np.array(HOME_JPOS) + ramp * amplitude * np.sin(2 * np.pi * frequency * time)
 
 
-def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> nominal_target.Clean:
+def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> nominal.Clean:
     dtype = setup.precision.real
-    return nominal_target.Clean(
+    return nominal.Clean(
         delta_um=Vec(jnp.int32(x) for x in delta_um),
         quat=Vec(jnp.asarray(x, dtype) for x in quat),
         grasp_mrad=jnp.int32(grasp),
@@ -101,112 +100,9 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
     assert (np.abs(ours - np.array(exact)).max(axis=0) < 0.005 * travel).all()
 
 
-def test_gains_are_the_robots_per_unit_of_inertia() -> None:
-    with jax.enable_x64(True):
-        mass, _ = link_dynamics.mass_matrix_and_bias(
-            SETUP, "gold", HOME_JPOS, Vec.full(7, 0.0), Vec((0.0, 0.0, 0.0))
-        )
-        np.testing.assert_allclose(
-            nominal.INERTIA[:5], [float(mass[i][i]) for i in range(5)], rtol=1e-4
-        )
-    params, motor = nominal.params(SETUP, "gold"), robot.params(SETUP, "gold").actuators
-    for i in range(3):
-        gain = motor.gain[i] * motor.torque_per_count[i] * transmission.COUNTS_PER_NM[i]
-        lag_robot = (nominal.KD[i] * gain + motor.viscous[i]) / (nominal.KP[i] * gain)
-        lag_model = (params.kd[i] + params.kv[i]) / params.kp[i]
-        np.testing.assert_allclose(lag_model, lag_robot, rtol=2e-3)
-        own = math.sqrt(params.kp[i] / nominal.INERTIA[i])
-        carried = (
-            motor.inertia[i] + motor.reaction_scale[i] * float(mass[i][i]) / transmission.TR[i] ** 2
-        )
-        np.testing.assert_allclose(own, math.sqrt(nominal.KP[i] * gain / carried), rtol=0.01)
-
-
-def closed_loop_robot(targets: np.ndarray, parameter_set: str) -> np.ndarray:
-    """Links of the virtual robot under the control software's law (gains, coupling, gravity
-    torque, truncation).
-    """
-    params = robot.params(SETUP, "gold", parameter_set)
-    signs = transmission.tau_signs("gold", "r_grasper")
-    reading = transmission.encoder_signs("gold", "r_grasper")
-    ki = (0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05)
-
-    def measure(state):
-        out = robot.observe(SETUP, "gold", params, state)
-        return (
-            Vec(
-                s * e * transmission.ENCODER_RAD for s, e in zip(reading, out.enc_val, strict=True)
-            ),
-            out,
-        )
-
-    def tick(carry, row):
-        state, before, integral = carry
-        mpos, out = measure(state)
-        mpos_d = transmission.motor_from_joint(
-            "gold", "r_grasper", Vec(row[i] for i in range(7)), mpos[2]
-        )
-        error = mpos_d - mpos
-        integral = integral + error * 1e-3
-        tau = error * Vec(nominal.KP) - (mpos - before) * 1e3 * Vec(nominal.KD) + integral * Vec(ki)
-        tau = tau + Vec((*gravity.gravity_torque("gold", out.jpos), 0.0, 0.0, 0.0, 0.0))
-        counts = (tau * transmission.COUNTS_PER_NM * signs).map(
-            lambda x: jnp.trunc(x).astype(jnp.int32)
-        )
-        state, out = robot.step(
-            SETUP, "gold", params, state, robot.nominal_signal(counts, jnp.int32(0))
-        )
-        return (state, mpos, integral), jnp.stack(out.jpos)
-
-    start = robot.init(SETUP, "gold", params, HOME_JPOS)
-    zero = Vec(jnp.float64(0.0) for _ in range(7))
-    run = quickly.jit(lambda c, u: jax.lax.scan(tick, c, u))
-    return np.asarray(run((start, measure(start)[0], zero), jnp.asarray(targets))[1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("parameter_set", "lag", "mean_mm", "most_mm"),
-    [("traj3", 0.1, 0.5, 1.0), ("power_consistent", 0.2, 0.8, 1.2)],
-)
-def test_it_tracks_like_the_robot(parameter_set, lag, mean_mm, most_mm) -> None:
-    """Lags of the positioning joints and the distance of the tips, while both lag by more.
-
-    The fitted dry friction makes the insertion stick, which smooth friction of the model's law does
-    not follow.
-    """
-
-    def lag_ms(followed: np.ndarray, asked: np.ndarray) -> int:
-        return min(
-            range(200), key=lambda lag: np.mean((followed[lag:] - asked[: len(asked) - lag]) ** 2)
-        )
-
-    targets = smooth_targets(3000)
-    with jax.enable_x64(True):
-        links = closed_loop_robot(targets, parameter_set)
-        model = by_targets(SETUP, targets, nominal.params(SETUP, "gold", parameter_set))
-        tip = jax.jit(
-            jax.vmap(
-                lambda q: jnp.stack(
-                    kinematics.forward("gold", Vec(q[i] for i in range(7))).position
-                )
-            )
-        )
-        robot_tip, model_tip, asked_tip = (
-            np.asarray(tip(jnp.asarray(x))) for x in (links, model, targets)
-        )
-    for i in range(3):
-        np.testing.assert_allclose(
-            lag_ms(model[:, i], targets[:, i]), lag_ms(links[:, i], targets[:, i]), rtol=lag
-        )
-    apart = np.linalg.norm(robot_tip - model_tip, axis=1)
-    lagging = np.linalg.norm(robot_tip - asked_tip, axis=1)
-    assert apart.mean() < mean_mm / 1e3 < lagging.mean() and apart.max() < most_mm / 1e3
-
-
 def run(
     setup: RavenSetup,
-    commands: list[nominal_target.Clean],
+    commands: list[nominal.Clean],
     start=HOME_JPOS,
     measured=HOME_JPOS,
     resync=0,
@@ -306,16 +202,3 @@ def test_an_unreachable_absolute_target_is_held_off() -> None:
     with jax.enable_x64(True):
         state, _ = run(one, [clean((0, 0, 0), (0.0, 0.0, 0.0, 1.0), 1570, setup=one)] * 20)
         np.testing.assert_array_equal(np.array(state.target.jpos_d), np.array(HOME_JPOS, float))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
-def test_at_rest_nothing_drifts(precision) -> None:
-    one = RavenSetup(precision=precision)
-    with jax.enable_x64(precision.needs_x64):
-        state, _ = run(one, [clean(setup=one)] * 1000)
-        # the target is whole micrometres and milliradians
-        np.testing.assert_allclose(np.array(state.jpos), np.array(HOME_JPOS, float), atol=6e-4)
-        assert state.jpos[0].dtype == precision.real
-        quat = np.array(state.target.quat, float)
-        assert abs(quat @ quat - 1) < 1e-6

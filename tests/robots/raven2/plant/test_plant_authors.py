@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from ravenjax.numbers.vec import Vec
-from validation import authors
+from studies.dsn16 import authors
 
 CONFIGURATIONS = (  # q, qd; M11, M12, M13, M22; G; bias (spec 6.5)
     (
@@ -44,8 +44,6 @@ CONFIGURATIONS = (  # q, qd; M11, M12, M13, M22; G; bias (spec 6.5)
     ),
 )
 SPEED_CLAMP = 790.0  # rad/s, of the motor speed that the Runge-Kutta form integrates
-START = (-2.6, -1.65, 0.41, 0.05, -0.08, 0.004, 73.75, 183.4, 885.2, 6.9, -9.5, 8.8)
-DAC = (300, -250, 400)
 
 
 def vec(*items: float) -> Vec:
@@ -94,78 +92,6 @@ def test_mass_matrix_gravity_and_bias(case) -> None:
         np.testing.assert_allclose(mass, expected, atol=1e-13)
         np.testing.assert_allclose(flat(authors.gravity_forces(q)), gravity, atol=1e-12)
         np.testing.assert_allclose(flat(authors.bias_forces(q, qd)), bias, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_gravity_is_the_gradient_of_one_potential() -> None:
-    """Its Jacobian is symmetric; checked where the published values do not reach."""
-    with jax.enable_x64(True):
-        hessian = jax.jacfwd(lambda q: jnp.stack(authors.gravity_forces(Vec(q))))(
-            jnp.array([-2.1, -1.2, 0.38])
-        )
-        np.testing.assert_allclose(hessian, hessian.T, atol=1e-12)
-
-
-def test_one_step_by_hand() -> None:
-    with jax.enable_x64(True):
-        slope, detail = authors.rates(state(START), vec(*DAC), tension_bug=True)
-        tension = (-8.26569084517737, 348.473054459036, 1.58669387928094)
-        np.testing.assert_allclose(flat(detail.tension), tension, rtol=1e-9)
-        reaction = (-0.00382920779970462, 0.16143547624939, -0.00382920779970462)
-        np.testing.assert_allclose(flat(detail.reaction), reaction, rtol=1e-9)
-        np.testing.assert_allclose(
-            flat(detail.motor_friction), (0.057593, -0.09501, 0.076092), rtol=1e-9
-        )
-        torque = (0.0307333606473237, -0.131172811580855, 0.112633619876432)
-        np.testing.assert_allclose(flat(detail.motor_torque), torque, rtol=1e-9)
-        bias = (1.45026508774893, -0.13822236454302, 3.94395862025755)
-        np.testing.assert_allclose(flat(detail.bias), bias, rtol=1e-9)
-        expected = (0.05, -0.08, 0.004, -37.8212678034101, 208.245955095048, -6.38959284942589)
-        expected += (6.9, -9.5, 8.8, -296.793652432803, 227.4230254003, -649.442964793562)
-        np.testing.assert_allclose(flat(slope), expected, rtol=1e-9)
-        right, _ = authors.rates(state(START), vec(*DAC))
-        np.testing.assert_allclose(float(right.md[2]), -665.474815954125, rtol=1e-9)
-
-        euler = (
-            -2.59995,
-            -1.65008,
-            0.410004,
-            0.0121787321965899,
-            0.128245955095048,
-            -0.00238959284942589,
-        )
-        euler += (73.7569, 183.3905, 885.2088, 6.6032063475672, -9.2725769745997, 8.15055703520644)
-        np.testing.assert_allclose(
-            flat(authors.euler(state(START), vec(*DAC), tension_bug=True)), euler, rtol=1e-9
-        )
-        runge_kutta = (
-            -2.59996726319698,
-            -1.64998241201958,
-            0.41000181493033,
-            0.0168196496750678,
-            0.110383169116397,
-        )
-        runge_kutta += (
-            0.00197974134978387,
-            73.7567472712639,
-            183.390621913807,
-            885.208471597026,
-            6.5904081199472,
-        )
-        runge_kutta += (-9.24817106230668, 8.13970971895712)
-        np.testing.assert_allclose(
-            flat(rk4(state(START), vec(*DAC), tension_bug=True)), runge_kutta, rtol=1e-9
-        )
-
-
-def test_standing_motors_feel_no_coulomb_friction_and_fast_ones_are_clamped() -> None:
-    with jax.enable_x64(True):
-        still = state((*START[:9], 0.0, 0.0, 0.0))
-        _, detail = authors.rates(still, vec(*DAC))
-        assert flat(detail.motor_friction).tolist() == [0.0, 0.0, 0.0]
-        fast = state((*START[:9], 2000.0, -2000.0, 0.0))
-        turned = flat(rk4(fast, vec(0, 0, 0)).m) - flat(fast.m)
-        np.testing.assert_allclose(turned[:2], (0.79, -0.79), rtol=1e-9)
 
 
 def run_of_the_authors(recording: pd.DataFrame, rows: int, step=rk4) -> np.ndarray:

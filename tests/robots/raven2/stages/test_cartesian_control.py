@@ -104,28 +104,6 @@ def test_the_forks_roll_limit_is_a_double_and_the_others_are_float32():
         assert limits.upper[1] == float(np.float32(3 * math.pi / 4))
 
 
-def test_the_limits_of_the_first_tool_serve_both_arms():
-    setup = RavenSetup(
-        arms=("gold", "green"), tools=("r_grasper", "bipolar_forceps"), precision=ORIGINAL
-    )
-    rest = (
-        AWAY.replace(4, math.radians(67)),
-    ) * 2  # beyond the forceps' 65 deg, within the grasper's 70
-    _, clamped = solve(setup, control.init(setup, rest), tuple(joints(*arm) for arm in rest))
-    assert not bool(clamped)
-
-
-def test_follow_and_sense_set_the_wanted_pose_where_told():
-    state = control.init(SETUP, (HOME_JPOS, HOME_JPOS))
-    moved = control.sense(SETUP, state, (joints(*AWAY),) * 2)
-    assert [int(x) for x in moved[0].pos_d.position_um] == [-77946, -25265, 13225]
-    assert [int(x) for x in moved[0].pos.position_um] != [-77946, -25265, 13225]
-    followed = control.follow(moved, jnp.bool_(True))
-    assert [int(x) for x in followed[0].pos_d.position_um] == [
-        int(x) for x in moved[0].pos.position_um
-    ]
-
-
 def test_nan_in_the_wanted_pose_is_rejected():
     state = control.init(SETUP, (AWAY, AWAY))
     spoilt = replace(

@@ -25,12 +25,6 @@ def test_counts_of_one_newton_metre():
     assert counts("gold", "r_grasper_B", 0.5, setup=fork)[5] == -13664
 
 
-def test_truncation_is_toward_zero():
-    per_count = 2.7057692307692305e-4
-    assert counts("green", "r_grasper", 10.9 * per_count)[:3] == [10] * 3
-    assert counts("green", "r_grasper", -10.9 * per_count)[:3] == [-10] * 3
-
-
 def test_saturation_and_what_no_int_can_hold():
     assert counts("green", "r_grasper", 20.0)[0] == 32767
     assert counts("green", "r_grasper", -20.0)[0] == -32768

@@ -65,13 +65,6 @@ def test_the_fork_filters_with_the_stated_butterworth():
     assert velocities[1:, 2] == pytest.approx(np.diff(y) * 1000, abs=2e-3)
 
 
-@pytest.mark.slow
-def test_the_forks_filter_has_unit_gain_and_starts_filled():
-    positions, velocities = run(FORK, [-5000] * 300)
-    assert positions[:, 2] == pytest.approx(np.full(300, 5000 * 2 * np.pi / 4000), rel=3e-6)
-    assert abs(velocities).max() < 0.02
-
-
 @pytest.mark.parametrize("setup", [RAVEN2, FORK], ids=["raven2", "fork2015"])
 @pytest.mark.parametrize("arm", ["gold", "green"])
 @pytest.mark.parametrize("tool", ["r_grasper", "large_needle", "r_sq_grasper"])

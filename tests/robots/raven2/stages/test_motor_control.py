@@ -70,13 +70,6 @@ def test_in_pedal_up_only_gravity_acts_and_nothing_integrates():
     assert floats(state.integral) == [0.0] * 7
 
 
-def test_below_pedal_up_everything_holds():
-    before = torques(SETUP, "gold")
-    after = torques(SETUP, "gold", active=False, pedal_down=False, error=5.0, state=before)
-    for name in ("mpos_d", "tau_d", "tau_g", "integral"):
-        assert floats(getattr(after, name)) == floats(getattr(before, name))
-
-
 def test_there_is_no_integral_clamp():
     state = None
     for _ in range(50):

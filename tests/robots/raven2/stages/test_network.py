@@ -64,14 +64,6 @@ def test_only_shorter_datagrams_are_dropped():
     assert offer(0, 1, received=0) == (False, 0, [])
 
 
-def test_after_a_lost_packet_the_next_is_lost_too():
-    state, taken = network.init(SETUP), []
-    for sequence in (1, 2, 4, 5):
-        state, accepted = network.step(SETUP, state, np.int32(0), packet(sequence))
-        taken.append(bool(accepted))
-    assert taken == [True, True, False, True]
-
-
 def test_the_margin_of_the_size_is_the_smallest_surplus():
     state = network.init(SETUP)
     for size in (130, 126, 128):

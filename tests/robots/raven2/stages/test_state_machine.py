@@ -24,11 +24,6 @@ def test_the_fourth_mismatching_cycle_is_believed_matching_ones_do_not_reset():
     assert shown == [0] * 7 + [1] * 2
 
 
-def test_a_mismatch_need_not_ask_for_the_same_level():
-    _, shown = follow([1, 2, 3, 2], machine.init(RAVEN2, 0))
-    assert shown == [0, 0, 0, 2]
-
-
 def test_entering_e_stop_clears_the_flags():
     state = replace(machine.init(RAVEN2, 3), soft_estopped=np.int32(1))
     state, _ = follow([0] * 4, state)
@@ -51,9 +46,3 @@ def test_the_fork_passes_sublevels_0_and_1_in_one_cycle():
         RAVEN2, replace(machine.init(RAVEN2, 0), runlevel=np.int32(1))
     )
     assert (int(state.sublevel), bool(follows)) == (1, False)
-
-
-def test_ready_survives_a_return_to_init_without_e_stop():
-    state = replace(machine.init(RAVEN2, 3), runlevel=np.int32(1))
-    state, follows = machine.initialise(RAVEN2, state)
-    assert (int(state.sublevel), int(state.initialized), bool(follows)) == (3, 1, False)

@@ -28,14 +28,6 @@ def test_first_26_then_25_cycles_high_and_25_low():
     assert runs == [26, 25, 25, 25, 25, 25, 25, 4]
 
 
-def test_the_counter_runs_on_while_soft_e_stopped():
-    state, high = wave(200, lambda tick: tick >= 10)
-    assert high == [True] * 10 + [False] * 190
-    assert int(state.counter) == 200
-    _, high = wave(27, state=state)
-    assert high == [False] + [True] * 25 + [False]
-
-
 def test_bits_of_the_output_byte():
     state = watchdog.init(RavenSetup())
     for level, mode, ready, expected in (

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
 from ravenjax.numbers.vec import Scalar, Vec, record
-from ravenjax.robots.raven2.plant import published
+from ravenjax.robots.raven2.plant import parameter_sets
 
 GEARBOX = 12.25
 PI = 3.141592654  # as typed in the source's cable law
@@ -159,7 +159,7 @@ def rates(
     state: AuthorsState, dac: Vec, tension_bug: bool = False, parameter_set: str = "traj3"
 ) -> tuple[Rates, Detail]:
     """Right-hand side for DAC counts in the gold arm's sign (positive drives a motor backwards)."""
-    values = published.parameter_set(parameter_set)
+    values = parameter_sets.parameter_set(parameter_set)
     zero = (PI, PI, 0.0)
     tension, friction, torque = [], [], []
     for i in range(3):
@@ -171,7 +171,7 @@ def rates(
         friction.append(
             values.motor_coulomb[i] * jnp.sign(state.md[i]) + values.motor_viscous[i] * state.md[i]
         )
-        torque.append(values.torque_per_count * dac[i] * values.gain[i] - values.bias[i])
+        torque.append(values.torque_per_count[i] * dac[i] * values.gain[i] - values.bias[i])
     reaction = Vec(CAPSTAN_M * gamma / GEARBOX for gamma in tension)
     if tension_bug:
         reaction = reaction.replace(2, CAPSTAN_M * tension[0] / GEARBOX)
@@ -182,7 +182,9 @@ def rates(
         for i in range(3)
     )
     qdd = solve_spd(mass_matrix(state.q), link_torque - link_friction - bias)
-    mdd = Vec((-torque[i] - friction[i] - reaction[i]) / published.MOTOR_INERTIA for i in range(3))
+    mdd = Vec(
+        (-torque[i] - friction[i] - reaction[i]) / parameter_sets.MOTOR_INERTIA for i in range(3)
+    )
     detail = Detail(Vec(tension), reaction, Vec(friction), Vec(torque), link_torque, bias)
     return Rates(q=state.qd, qd=qdd, m=state.md, md=mdd), detail
 

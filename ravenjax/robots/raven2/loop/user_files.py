@@ -1,0 +1,461 @@
+"""Users' files in the Raven's tick: what they see, and what they do there.
+
+All of them see one arm in one millisecond as one `View`: what has crossed a seam by then. A
+detector (`ravenjax.stages.detectors`) looks when the millisecond is over, and sees all of it.
+
+**Checks** stand between two stages, so that what they do is done before the next stage reads. They
+give a score in each millisecond of each arm, at every run level, and trip where it is above their
+threshold in `consecutive` milliseconds in a row. They leave what the built-in checks leave: first
+trip, milliseconds tripped, and the smallest margin, which is the threshold less the score. What
+they may do is what the robot's own checks do:
+
+- `watch`: nothing; they leave their columns, and count as no response;
+- `flag`: tell a person. The robot goes on; a run in which one trips counts as flagged;
+- `limit`: on an arm where they trip, what `step` gives as a third thing goes on in this
+  millisecond, as a clipped command does: nobody is told. A packet is dropped, as the network layer
+  drops one, for both arms, whose increments are in one datagram;
+- `stop`: in the control software, as the overdrive check does: the software E-stop is raised in
+  this cycle, which silences the watchdog's wave at once, and the arm's command of this cycle is 0.
+  Before the DAC conversion the raised flag does that, behind it the command is replaced. The PLC
+  then misses the wave, trips, and closes the brakes. At the boards there is no software E-stop to
+  raise. An arm's board that trips refuses: it puts 0 on its DACs, and its watchdog pin stands
+  still, so that the PLC trips 75 ms later. It goes on refusing until the PLC has been started again
+  (run level init), and passes the wave on from E-stop on, without which nobody could start. Each
+  board decides by itself.
+
+**Stages** of the control software may be files:
+
+    stage           step(params, state, view) gives         the frame that stays
+    motor_control   (state, tau_d): 7 N m at the capstan    below run level 2 the last torques are held
+    dac             (state, current_cmd): 7 int32 counts    16 bits; without enabled DACs, or in an E-stop, none of it
+
+A file that writes the built-in law gives the built-in's bits. The frame is what the rest of the
+robot relies on: no file can make an E-stop pass a command.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from typing import Any
+
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.setup import narrow, per_arm, real
+from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
+from ravenjax.parts import part
+from ravenjax.parts.part import SCORE
+from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.robots.raven2.original import constants as stored
+from ravenjax.robots.raven2.run_levels import E_STOP, INIT
+from ravenjax.robots.raven2.setup import RavenSetup
+from ravenjax.robots.raven2.stages import dac, motor_control, plc, usb
+from ravenjax.robots.raven2.stages.motor_control import MotorControlParams, MotorControlState
+from ravenjax.stages import check
+from ravenjax.stages.check import CheckHistory
+from ravenjax.vocabulary.checks import OWN
+
+PACKET, BOARDS = "packet", "usb_out"
+COMMANDS = ("current_cmd", "checked_cmd")
+"""Seams where a stop makes the command of this cycle 0 by itself."""
+
+MOTOR_CONTROL, DAC = "motor_control", "dac"
+STAGES = (MOTOR_CONTROL, DAC)
+"""Stages that a file may replace, in the order of the tick."""
+
+_WAVE = 1 << plc.PIN_WATCHDOG
+_FIELDS = {"checked_cmd": "current_cmd_checked"}
+"""Seam -> field of the view, where that has another name."""
+
+
+class View(part.View):
+    """One arm in one millisecond, in the robot's order; joints are shoulder .. grasp2. At: the
+    seam, the stage, or "the end".
+
+    Nothing that only we know is among it: not the true tip, not the links' true motion, not the
+    fault. Values are those of this millisecond, after the faults of their seam. What comes later in
+    the tick is not there yet; a check that needs it of the millisecond before remembers it where it
+    can see it. The boards of the real robot have but what stands under `usb_out`: a check there
+    that reads more than that needs a wire.
+    """
+
+    # from packet on
+    tick: Scalar  # int32, ms since the run began
+    # int32, of raven2: 0 E-stop, 1 init, 2 pedal up, 3 pedal down; at packet: of the last cycle
+    runlevel: Scalar
+    received: Scalar  # int32, 1 where a packet did reach the robot
+    sequence: Scalar  # int32
+    size: Scalar  # int32 bytes
+    delta: Vec  # 3 int32 um, increment of the tip (with console = "absolute": its position)
+    grasp: Scalar  # int32 mrad
+    surgeon_mode: Scalar  # int32, 1: pedal down
+    # from mpos on
+    enc_val: Vec  # 7 int32 counts, as read from USB
+    mpos: Vec  # 7 rad, of motors
+    mvel: Vec  # 7 rad/s
+    # from jpos on
+    jpos: Vec  # 7, rad and m
+    jvel: Vec  # 7, rad/s and m/s; tool joints 0, as in the original
+    # from jpos_d on
+    pos: Vec  # 3 int32 um, measured tip
+    pos_d: Vec  # 3 int32 um, desired tip
+    jpos_d: Vec  # 7, rad and m
+    # in stage motor_control
+    active: Scalar  # bool, run level 2 and above
+    pedal_down: Scalar  # bool, run level 3
+    tau_g: Vec  # 3 N m at the capstan, gravity of joints 1-3 at jpos; 0 in the 2015 fork
+    period: Scalar  # s
+    kp: Vec  # 7 N m/rad; this and the next three as the campaign has them at control.motor_control
+    kd: Vec  # 7 N m s/rad
+    ki: Vec  # 7 N m/(rad s)
+    mvel_d: Vec  # 7 rad/s
+    # from motor_control on
+    mpos_d: Vec  # 7 rad
+    # from tau_d on
+    tau_d: Vec  # 7 N m at the capstan
+    # in stage dac
+    amps_per_torque: Vec  # 7 A/(N m)
+    counts_per_amp: Vec  # 7 DAC counts/A
+    # from current_cmd on
+    current_cmd: Vec  # 7 int32 DAC counts, before the overdrive check
+    # from checked_cmd on
+    current_cmd_checked: Vec  # 7 int32 DAC counts, after it
+    # at usb_out: what the arm's board has
+    boards_cmd: Vec  # 7 int32 DAC counts that arrive; where the USB write failed, those it holds
+    held_cmd: Vec  # 7 int32 DAC counts that it holds from the millisecond before
+    boards_enc_val: Vec  # 7 int32 counts, as its encoders showed them when this cycle began
+    pins: Scalar  # int32 output byte to the PLC, as it arrives
+    plc_runlevel: Scalar  # int32, run level on the PLC's pins
+    # at the end, of detectors; boards_cmd is then what the board holds
+    current_cmd_written: Vec  # 7 int32 DAC counts, as written to USB
+    brakes: Scalar  # int32, 1: the PLC closes the brakes
+    # nominal model, which follows the console's clean packets
+    model_jpos: Vec  # 7, rad and m
+    model_tip: Vec  # 3 m
+    tip: Vec  # 3 m, reported tip: that of the robot's own `jpos`, unrounded
+    tip_error: Scalar  # m, distance of the two
+
+
+@record
+class CheckParams:
+    """What a campaign may vary of checks, each by its check's name."""
+
+    own: tuple[Any, ...]  # its own record, or None
+    threshold: tuple[Scalar, ...]  # in the unit of its score
+
+
+@record
+class CheckState:
+    """What a check remembers of one arm."""
+
+    own: Any  # what its `init` gave
+    recent: Vec  # scores of the last ticks, latest first, one less than `consecutive`
+
+
+@record
+class UserFilesState:
+    """What checks and stages remember; empty without them."""
+
+    checks: tuple[tuple[CheckState, ...], ...]  # of each check, one entry an arm
+    histories: tuple[CheckHistory, ...]
+    refusing: tuple[Scalar, ...]  # bool, the arm's board does; (): no check may stop it there
+    stages: tuple[tuple[Any, ...], ...]  # of each in the order of `RavenSetup.controller`
+
+
+def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
+    """What the files of the checks say, and these thresholds, in the order of the checks."""
+    names = tuple(use.name for use in setup.checks)
+    own = part.parameters(tuple(use.part for use in setup.checks))
+    return CheckParams(own, part.named(names, thresholds))
+
+
+def stage_params(setup: RavenSetup) -> Any:
+    """What the files in place of stages say, by stage; None where none is replaced."""
+    files = tuple(source for _, source in setup.controller)
+    return part.parameters(files) if files else None
+
+
+def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
+    """Nothing seen, no board refuses."""
+    arms, width = len(setup.arms), setup.precision.real
+    remembered = []
+    for use, own in zip(setup.checks, () if checks is None else checks.own, strict=True):
+        recent = Vec.full(use.consecutive - 1, real(setup, 0.0))
+        remembered.append((CheckState(part.loaded(use.part).init(own, width), recent),) * arms)
+    return UserFilesState(
+        tuple(remembered),
+        tuple(check.init(setup) for _ in setup.checks),
+        (jnp.bool_(False),) * arms if refuses(setup) else (),
+        tuple(
+            (part.loaded(source).init(own, setup.precision.narrow),) * arms
+            for (_, source), own in zip(setup.controller, stages or (), strict=True)
+        ),
+    )
+
+
+def histories(setup: RavenSetup, state: UserFilesState) -> dict[str, CheckHistory]:
+    """What became of each check, by its name in columns."""
+    return {
+        f"{OWN}{use.name}": history
+        for use, history in zip(setup.checks, state.histories, strict=True)
+    }
+
+
+def refuses(setup: RavenSetup) -> bool:
+    """Whether a board may refuse, and so its output pins be other than those of the other board."""
+    return any(use.at == BOARDS and use.acts == "stop" for use in setup.checks)
+
+
+class UserFiles:
+    """What has crossed the seams of one tick so far, and the files that look at it."""
+
+    def __init__(
+        self,
+        setup: RavenSetup,
+        checks: CheckParams | None = None,
+        stages: Any = None,
+        state: UserFilesState | None = None,
+        tick: Scalar = 0,
+    ) -> None:
+        self._setup, self._checks, self._stages = setup, checks, stages
+        state = state or UserFilesState((), (), (), ())
+        self._tick, self._state = tick, state
+        self._after, self._histories = list(state.checks), list(state.histories)
+        self._refusing, self._stage_states = state.refusing, list(state.stages)
+        self._crossed: dict[str, Any] = {"tick": tick}
+        self._stops: list[Scalar] = []
+
+    @property
+    def state(self) -> UserFilesState:
+        """What is remembered after this tick."""
+        return UserFilesState(
+            tuple(self._after), tuple(self._histories), self._refusing, tuple(self._stage_states)
+        )
+
+    def note(self, **numbers: Any) -> None:
+        """Note what has crossed: a number, or a tuple with one entry an arm."""
+        self._crossed.update(numbers)
+
+    def views(self, at: str, width: str) -> tuple[View, ...]:
+        """What a file sees of each arm, floats in a width."""
+
+        def view(i: int, _: Any) -> View:
+            numbers = {}
+            for name, value in self._crossed.items():
+                number = value if isinstance(value, Vec) or type(value) is not tuple else value[i]
+                numbers[name] = cast(number, width) if name in _FLOATS else number
+            return View(at, numbers)
+
+        return per_arm(self._setup, view)
+
+    # --- checks ---
+
+    def check_packet(self, packet: Packet) -> Packet:
+        """What the network layer takes."""
+        self.note(
+            received=packet.received,
+            sequence=packet.sequence,
+            size=packet.size,
+            delta=packet.delta,
+            grasp=packet.grasp,
+            surgeon_mode=packet.surgeon_mode,
+        )
+        nothing = tuple(Vec(()) for _ in self._setup.arms)
+        for place, use in self._checks_at(PACKET):
+            trips, _ = self._look(place, nothing)
+            if use.acts == "limit":
+                packet = replace(packet, received=jnp.where(_any(trips), 0, packet.received))
+                self.note(received=packet.received)
+            elif use.acts == "stop":
+                self._stops.append(_any(trips))
+        return packet
+
+    def check(self, seam: str, signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
+        """What goes on from a seam of the control software, one Vec an arm."""
+        name = _FIELDS.get(seam, seam)
+        self.note(**{name: signal})
+        for place, use in self._checks_at(seam):
+            floats = name in _FLOATS
+            trips, values = self._look(place, real(self._setup, signal) if floats else signal)
+            if use.acts == "limit":
+                if seam in COMMANDS:
+                    signal = _limited(trips, values, signal)
+                else:
+                    signal = _chosen(trips, narrow(self._setup, values), signal)
+            elif use.acts == "stop":
+                self._stops.append(_any(trips))
+                if seam in COMMANDS:
+                    signal = _chosen(trips, _zeros(signal), signal)
+            self.note(**{name: signal})
+        return signal
+
+    def allow(self, live: Scalar) -> Scalar:
+        """Whether the DACs get a command: `live`, unless a check before them has stopped the
+        robot in this cycle.
+        """
+        return reduce(lambda still, stop: still & ~stop, self._stops, live)
+
+    def stop(self, tripped: Scalar) -> Scalar:
+        """Whether the software E-stop is raised in this cycle: `tripped`, or by a check."""
+        return reduce(lambda a, b: a | b, self._stops, tripped)
+
+    def check_boards(
+        self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
+    ) -> usb.UsbOut:
+        """What the boards hold: what arrived there, unless a check refuses it. held: a
+        millisecond ago.
+        """
+        self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
+        commands = boards.current_cmd
+        refusing = tuple(still & (plc_runlevel != INIT) for still in self._refusing)
+        for place, use in self._checks_at(BOARDS):
+            self.note(boards_cmd=commands)
+            trips, values = self._look(place, commands)
+            if use.acts == "limit":
+                commands = _limited(trips, values, commands)
+            elif use.acts == "stop":
+                refusing = tuple(a | b for a, b in zip(refusing, trips, strict=True))
+        pins = boards.pins
+        if refusing:
+            self._refusing = refusing
+            silent = [still & (plc_runlevel != E_STOP) for still in refusing]
+            commands = _chosen(refusing, _zeros(commands), commands)
+            pins = tuple(
+                (new & ~_WAVE) | (jnp.where(quiet, old, new) & _WAVE)
+                for quiet, new, old in zip(silent, pins, held.pins, strict=True)
+            )
+        self.note(boards_cmd=commands)
+        return usb.UsbOut(commands, pins)
+
+    def _checks_at(self, seam: str) -> list[tuple[int, Any]]:
+        return [(place, use) for place, use in enumerate(self._setup.checks) if use.at == seam]
+
+    def _look(
+        self, place: int, crossing: tuple[Vec, ...]
+    ) -> tuple[tuple[Scalar, ...], tuple[Vec, ...]]:
+        """Whether a check trips in this millisecond, and what goes on where it limits."""
+        assert self._checks is not None
+        use, width = self._setup.checks[place], self._setup.precision.real
+        code, own = part.loaded(use.part), self._checks.own[place]
+        threshold, views = self._checks.threshold[place], self.views(use.at, width)
+        arms, trips, margins, values = [], [], [], list(crossing)
+        for i, before in enumerate(self._state.checks[place]):
+            gives: dict[str, Any] = {"score": SCORE}
+            if use.acts == "limit" and crossing[i]:
+                gives["values"] = crossing[i]
+            after, score, *limited = code.step(own, before.own, views[i], width, **gives)
+            values[i : i + 1] = limited or [crossing[i]]
+            score = jnp.where(score == score, score, 0.0)  # no number is above no threshold
+            lowest = reduce(jnp.minimum, [score, *before.recent])
+            arms.append(CheckState(after, Vec((score, *before.recent)[: len(before.recent)])))
+            trips.append(lowest > threshold)
+            margins.append(threshold - lowest)
+        self._after[place] = tuple(arms)
+        self._histories[place] = check.update(
+            self._histories[place], self._tick, _any(trips), reduce(jnp.minimum, margins)
+        )
+        return tuple(trips), tuple(values)
+
+    # --- stages ---
+
+    def replaces(self, stage: str) -> bool:
+        """Whether a file stands in place of that stage."""
+        return stage in dict(self._setup.controller)
+
+    def torques(
+        self,
+        params: tuple[MotorControlParams, ...],
+        states: tuple[MotorControlState, ...],
+        active: Scalar,
+        pedal_down: Scalar,
+        mpos_d: tuple[Vec, ...],
+        jpos: tuple[Vec, ...],
+    ) -> tuple[MotorControlState, ...]:
+        """As `motor_control.torques`, of every arm."""
+        setup, feels_gravity = self._setup, self._setup.software == "raven2"
+        still = tuple(Vec.full(3, 0.0) for _ in setup.arms)
+        if feels_gravity:
+            still = per_arm(setup, lambda i, arm: motor_control.gravity(setup, arm, jpos[i]))
+        gains = ("kp", "kd", "ki", "mvel_d")
+        self.note(
+            active=active,
+            pedal_down=pedal_down,
+            mpos_d=mpos_d,
+            tau_g=still,
+            period=stored.PERIOD,
+            **{name: tuple(getattr(arm, name) for arm in params) for name in gains},
+        )
+        torques = self._step_stage(MOTOR_CONTROL, tau_d=[state.tau_d for state in states])
+        return tuple(
+            replace(
+                before,
+                mpos_d=where(active, target, before.mpos_d),
+                tau_d=where(active, tau, before.tau_d),
+                tau_g=where(active, lift, before.tau_g) if feels_gravity else before.tau_g,
+            )
+            for before, target, tau, lift in zip(states, mpos_d, torques, still, strict=True)
+        )
+
+    def commands(self, live: Scalar, resting: tuple[Vec, ...]) -> tuple[Vec, ...]:
+        """As `dac.step`, of every arm."""
+        setup = self._setup
+        self.note(
+            amps_per_torque=per_arm(
+                setup,
+                lambda i, arm: Vec(stored.amps_per_torque(arm, setup.tools[i], setup.software)),
+            ),
+            counts_per_amp=Vec(transmission.COUNTS_PER_AMP),
+        )
+        counts = self._step_stage(DAC, current_cmd=resting)
+        return tuple(
+            dac.stored_counts(new, live, rest) for new, rest in zip(counts, resting, strict=True)
+        )
+
+    def _step_stage(self, stage: str, **gives: Sequence[Vec]) -> list[Vec]:
+        ((name, like),) = gives.items()
+        place = list(dict(self._setup.controller)).index(stage)
+        code, width = part.loaded(self._setup.controller[place][1]), self._setup.precision.narrow
+        after, values = [], []
+        for i, view in enumerate(self.views(stage, width)):
+            state, value = code.step(
+                self._stages[place], self._state.stages[place][i], view, width, **{name: like[i]}
+            )
+            after.append(state)
+            values.append(value)
+        self._stage_states[place] = tuple(after)
+        return values
+
+
+_FLOATS = ("mpos", "mvel", "jpos", "jvel", "jpos_d", "mpos_d", "tau_d")
+
+
+def _zeros(signal: tuple[Vec, ...]) -> tuple[Vec, ...]:
+    return tuple(Vec.full(len(one), 0) for one in signal)
+
+
+def _chosen(
+    trips: Sequence[Scalar], values: tuple[Vec, ...], signal: tuple[Vec, ...]
+) -> tuple[Vec, ...]:
+    """The values of the arms that trip, the signal of the others."""
+    return tuple(
+        where(trip, new, old) for trip, new, old in zip(trips, values, signal, strict=True)
+    )
+
+
+def _limited(
+    trips: Sequence[Scalar], values: tuple[Vec, ...], commands: tuple[Vec, ...]
+) -> tuple[Vec, ...]:
+    """Commands as a check leaves them: within 16 bits, and none where there is none: no check
+    passes an E-stop.
+    """
+    there = (_any([x != 0 for x in command]) for command in commands)
+    limited = [trip & some for trip, some in zip(trips, there, strict=True)]
+    within = tuple(
+        value.map(lambda x: jnp.minimum(jnp.maximum(x, dac.LOWEST), dac.HIGHEST))
+        for value in values
+    )
+    return _chosen(limited, within, commands)
+
+
+def _any(flags: Sequence[Scalar]) -> Scalar:
+    return reduce(lambda a, b: a | b, flags)

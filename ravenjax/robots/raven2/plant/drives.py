@@ -1,0 +1,348 @@
+"""What drives the joints of one arm: motors, encoders, brakes, cables and dry friction.
+
+Motors
+------
+
+Motors: from DAC counts to torque, and the shaft's equation of motion solved for one step.
+
+`Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda`, with torques after the gearbox,
+inertia and speed of the shaft (the authors' units, see `published`). Dry friction, and a brake as
+more of it, is decided with the joint's speed of the last step; the rest is implicit, so that the
+motor's speed at the end of the step is affine in the link's: `w = (momentum + coupling * T q') *
+inverse`, and it can be eliminated from the links' equations.
+
+Encoders
+--------
+
+Motor encoders: 4000 counts a turn on every motor (raven2: defines.h).
+
+The motor angle itself is kept as whole counts (int32) plus a fraction of one (within half a count).
+An angle near 900 rad in float32 swallows increments below 3e-5 rad a millisecond; a fraction of a
+count never does, and the reading is exact.
+
+Cables
+------
+
+Elastic cables between capstan and joint: the authors' exponential spring-damper, linearised once
+a step.
+
+Stretch is kept in motor angle, `epsilon = m - T q` (rad), with T the motor matrix including all
+cable coupling, so that zero stretch is exactly where encoders, cable coupling of the control
+software and links agree. At the capstan it is `delta = a epsilon` (m) with a = capstan radius /
+gearbox ratio. The tension difference is `gamma = ke (exp(delta)
+- exp(-delta)) + 2 be delta'` (CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates it acts as `lambda
+= a gamma`: on the motor as `-reaction_scale * lambda`, on the joints as `T^T lambda` (energy is conserved).
+
+Friction
+--------
+
+Dry friction as implicit damping, decided anew in each step.
+
+`sign(velocity)` chatters at rest and a smoothed sign creeps. Here each degree of freedom first asks
+what force `drive` would be needed, and available, to carry it through the step: `drive = inertia *
+v + forces`, all in terms of one step (inertia already divided by the step). If friction can hold
+that, the damping becomes so large that the velocity ends at zero within `CREEP`; otherwise it is
+the value that makes the friction force equal to its level at the predicted velocity (|drive| -
+level) / inertia. The breakaway level is exact, the force always opposes the velocity (it is a
+damping), and no iteration is needed.
+
+Brakes
+------
+
+Power-off brakes on the three positioning motors. A documented assumption: no source gives their
+data.
+
+The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages
+and releases some time after the PLC's command and then adds dry friction of its holding torque to
+the motor: it slips above that.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from ravenjax.numbers import counter_random
+from ravenjax.numbers.algebra import add, mul
+from ravenjax.numbers.lazy import jnp
+from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+
+CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
+
+OPPOSES = "friction opposes motion"
+"""Why no friction is negative."""
+
+
+def coulomb_damping(level: Scalar, drive: Scalar, inertia: Scalar) -> Scalar:
+    """Damping coefficient of a dry friction of `level` (N m, N) at `drive` (same unit),
+    `inertia` (level / speed).
+    """
+    excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
+    return level * inertia / jnp.maximum(excess, inertia * CREEP)
+
+
+COUNTS_PER_RAD = 4000.0 / (2.0 * math.pi)
+RAD_PER_COUNT = (2.0 * math.pi) / 4000.0
+
+
+@record
+class Angle:
+    """A motor angle, from a reference count."""
+
+    count: Scalar  # whole counts, int32
+    fraction: Scalar  # of a count, -0.5 to 0.5
+
+
+def at_angle(angle: Scalar) -> Angle:
+    """An angle (rad) as whole counts and a fraction."""
+    counts = angle * COUNTS_PER_RAD
+    whole = jnp.floor(counts + 0.5)
+    return Angle(count=as_int(whole), fraction=counts - whole)
+
+
+def advance(angle: Angle, turned: Scalar) -> Angle:
+    """The angle after turning by `turned` (rad)."""
+    moved = angle.fraction + turned * COUNTS_PER_RAD
+    whole = jnp.floor(moved + 0.5)
+    return Angle(count=angle.count + as_int(whole), fraction=moved - whole)
+
+
+def radians(angle: Angle, dtype: str) -> Scalar:
+    """The angle in rad; rounded to `dtype` once, no error accumulates."""
+    return (angle.count.astype(dtype) + angle.fraction) * RAD_PER_COUNT
+
+
+def noise_counts(rms_cnt: Scalar, key: Scalar, tick: Scalar, channel: int) -> Scalar:
+    """Reading error in whole counts, normal with `rms_cnt`, rounded to the nearest."""
+    return as_int(jnp.floor(rms_cnt * counter_random.normal(key, tick, channel) + 0.5))
+
+
+POSITIONING_ARM = (
+    5.675e-3 / 12.25
+)  # a, m of cable per rad of motor; capstan of the GP42, raven2: defines.h
+TOOL_ARM = 5.005e-3 / (26.0 / 7.0)  # a, m per rad; capstan of the GP32
+ARMS_M = (POSITIONING_ARM,) * 3 + (TOOL_ARM,) * 4
+
+POSITIONING_STRENGTH = 1200.0
+"""N, of a new stainless wire rope of 1.19 mm (3/64 in), 7x19: 270 lbf in makers' catalogues. The
+diameter is raven2's (defines.h), the construction is assumed; a worn rope, or one bent over small
+pulleys, breaks earlier."""
+TOOL_STRENGTH = POSITIONING_STRENGTH * (0.61 / 1.19) ** 2
+"""N, of a rope of 0.61 mm (diameter: raven2, defines.h); assumed: as strong per section as the
+thicker one, 315 N.
+"""
+
+
+@record
+class Linear:
+    """`lambda = force + damping * epsilon'`, for the velocity at the end of the step."""
+
+    force: Scalar  # N m (motor coordinates) at zero stretch rate
+    damping: Scalar  # N m s/rad, stiffness of the coming step included
+
+    def carried(self, arm: float, rate: Scalar) -> Scalar:
+        """What the cable carried in the step, N: stiffness and damping, at the stretch rate
+        (rad/s) of its end.
+        """
+        return (self.force + self.damping * rate) * (1.0 / arm)
+
+
+def tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scalar) -> Scalar:
+    """gamma (N) at stretch `delta` (m) and `rate` (m/s)."""
+    return 2.0 * stiffness * _sinh(delta) + 2.0 * damping * rate
+
+
+def linearise(arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float) -> Linear:
+    """Force and implicit damping over the coming `dt` (s): lever `arm` (m/rad), stretched by
+    `stretch` (rad).
+    """
+    delta = arm * stretch
+    slope = 2.0 * stiffness * _cosh(delta)
+    return Linear(
+        force=(2.0 * arm) * stiffness * _sinh(delta),
+        damping=(arm * arm) * (dt * slope + 2.0 * damping),
+    )
+
+
+def resting_stretch(arm: float, stiffness: Scalar, force: Scalar) -> Scalar:
+    """Stretch (rad) at which the cable at rest carries `force` (N m in motor coordinates)."""
+    ratio = force / (2.0 * arm * stiffness)
+    return jnp.log(ratio + jnp.sqrt(ratio * ratio + 1.0)) / arm
+
+
+# Stretches stay below 1 mm (about 5e-4 m at the published faults), where exp(d) - exp(-d) loses all
+# digits in
+# float32; these series are exact to 1e-10 relative up to 0.1 m.
+def _sinh(x: Scalar) -> Scalar:
+    square = x * x
+    return x * (1.0 + square * (1.0 / 6.0) * (1.0 + square * 0.05))
+
+
+def _cosh(x: Scalar) -> Scalar:
+    square = x * x
+    return 1.0 + square * 0.5 * (1.0 + square * (1.0 / 12.0))
+
+
+@record
+class ActuatorParams:
+    """Of seven motors."""
+
+    torque_per_count: Annotated[
+        Vec,
+        Quantity(
+            "N m per count",
+            0,
+            1,
+            "motor torque after the gearbox per DAC count, magnitude",
+            why="its sign is the wiring's",
+        ),
+    ]
+    gain: Annotated[Vec, Quantity("", 0, 100, "gain error of the amplifier, times the torque")]
+    bias: Annotated[
+        Vec,
+        Quantity(
+            "N m", -100, 100, "torque of the amplifier at any command, in positive motor direction"
+        ),
+    ]
+    inertia: Annotated[
+        Vec, Quantity("kg m2", 1e-7, 1, "of rotor and gearbox", why="a rotor has some")
+    ]  # Im
+    coulomb: Annotated[Vec, Quantity("N m", 0, 1e3, "dry friction of the motor", why=OPPOSES)]
+    viscous: Annotated[
+        Vec, Quantity("N m s/rad", 0, 1e3, "viscous friction of the motor", why=OPPOSES)
+    ]
+    reaction_scale: Annotated[
+        Vec,
+        Quantity(
+            "",
+            0,
+            100,
+            "share of the cable's torque that the motor feels; 1 as published, the gearbox ratio by"
+            " statics",
+        ),
+    ]
+    torque_limit: Annotated[
+        Vec,
+        Quantity(
+            "N m",
+            0,
+            1e6,
+            "torque after the gearbox at the amplifier's largest current",
+            why="a magnitude",
+        ),
+    ]
+    stall_torque: Annotated[
+        Vec,
+        Quantity(
+            "N m",
+            0,
+            1e6,
+            "torque after the gearbox of a blocked motor at the supply voltage",
+            why="a magnitude",
+        ),
+    ]
+    back_emf: Annotated[
+        Vec,
+        Quantity(
+            "N m s/rad",
+            0,
+            1e3,
+            "loss of that torque with the motor's speed",
+            why="a generator brakes",
+        ),
+    ]
+
+
+@record
+class Eliminated:
+    """One motor with its cable, as the links see it in this step."""
+
+    momentum: Scalar  # N m, drive and inertia over the step
+    coupling: Scalar  # N m s/rad, reaction per link speed
+    inverse: Scalar  # rad/s per N m
+    resistance: Scalar  # N m s/rad, all but the cable
+    force: Scalar  # N m on the joints (motor coordinates) if the links keep their speed
+    stretch_rate: Scalar  # rad/s if the links keep their speed
+    stiffening: Scalar  # N m s/rad, loss of that force per gain of link speed
+
+
+def limited(
+    torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
+) -> Scalar:
+    """What amplifier and supply let a motor at `speed` (rad/s) have of a commanded `torque` (both N
+    m).
+
+    The amplifier is a current source until its current or the voltage `R i + k w` ends at a limit.
+    The largest current holds, too, for a motor that is driven faster than the supply could turn it.
+    """
+    induced = back_emf * speed
+    torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
+    return jnp.minimum(jnp.maximum(torque, -torque_limit), torque_limit)
+
+
+def eliminate(
+    inertia_rate: Scalar,
+    viscous: Scalar,
+    coulomb: Scalar,
+    reaction_scale: Scalar,
+    drive: Scalar,
+    speed: Scalar,
+    link_speed: Scalar,
+    cable: Linear,
+) -> Eliminated:
+    """Solve one motor's step for its link's speed.
+
+    `inertia_rate` is Im/dt; `speed`, `link_speed` (rad/s, both in motor angle) are those at the
+    start of the step.
+    """
+    coupling = mul(reaction_scale, cable.damping)
+    push = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
+    rate = add(inertia_rate, viscous)
+    stick = coulomb_damping(coulomb, push + coupling * link_speed, rate + coupling)
+    resistance = rate + stick
+    inverse = 1.0 / (resistance + coupling)
+    stretch_rate = (push - resistance * link_speed) * inverse
+    return Eliminated(
+        momentum=push,
+        coupling=coupling,
+        inverse=inverse,
+        resistance=resistance,
+        force=cable.force + cable.damping * stretch_rate,
+        stretch_rate=stretch_rate,
+        stiffening=cable.damping * resistance * inverse,
+    )
+
+
+@record
+class BrakeParams:
+    holding_torque: Annotated[  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
+        Scalar, Quantity("N m", 0, 1e4, "dry friction of a closed brake, after the gearbox")
+    ] = 0.4 * 12.25
+    engage_ticks: Annotated[  # int32; assumption: 15 (relay and spring)
+        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to grip", whole=True)
+    ] = 15
+    release_ticks: Annotated[  # int32; assumption: 20 (coil current rises)
+        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to free", whole=True)
+    ] = 20
+
+
+@record
+class BrakeState:
+    engaged: Scalar  # 1: gripping, int32
+    pending_ticks: Scalar  # ms for which the command has differed from that, int32
+
+
+def step_brakes(
+    params: BrakeParams, state: BrakeState, commanded: Scalar
+) -> tuple[BrakeState, Scalar]:
+    """One tick with the PLC's command (1: on). Out: dry friction that the brakes add to motors
+    1-3 (N m).
+    """
+    commanded = as_int(commanded)
+    pending = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
+    delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
+    moves = pending > delay
+    engaged = jnp.where(moves, commanded, state.engaged)
+    state = BrakeState(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
+    return state, jnp.where(engaged != 0, params.holding_torque, 0.0)
