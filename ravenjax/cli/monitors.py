@@ -119,10 +119,10 @@ def operate(
     robots
         operations of each operator; default the calibration's
     """
-    from ravenjax.analyses.monitors.fresh import fresh
+    from ravenjax.analyses.monitors.calibrate import operate_afresh
 
     with _progress(as_json) as progress:
-        peaks = fresh(folder, out, hours, overrides or (), robots, engine, progress)
+        peaks = operate_afresh(folder, out, hours, overrides or (), robots, engine, progress)
     if as_json:
         return console.emit_json(
             {"folder": out, "operations": len(peaks.unit), "hours": float(peaks.hours.sum())}

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from ravenjax.analyses.monitors import score_folder, writing
-from ravenjax.analyses.monitors.monitor import Monitor, read_of, reads
+from ravenjax.analyses.monitors import code, score_folder, writing
+from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
 from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.conformal import bands, shift
 from ravenjax.stats.multiplicity import holm
@@ -119,10 +120,10 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
         place = np.searchsorted(edges, numbers[monitor.segments.field], "right")
     out = np.zeros((len(monitor.terms), monitor.segments.count), np.float32)
     for k, term in enumerate(monitor.terms):
-        own = numbers[read_of(term, term.signal)]
+        own = numbers[name_read(term, term.signal)]
         if term.kind == "residual":
             with np.errstate(invalid="ignore"):
-                own = own - numbers[read_of(term, term.against)]
+                own = own - numbers[name_read(term, term.against)]
         elif term.kind == "rate":
             with np.errstate(invalid="ignore"):
                 own = np.diff(own, prepend=own[:1])
@@ -177,7 +178,7 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshO
     one unit.
     """
     own = manifest.read(source)
-    digest = record["sha256"][writing.PART]
+    digest = record["sha256"][code.PART]
     texts = (
         ", ".join(str(one["file"]) for one in own.config.get("detector", ()) if one.get("file"))
         or "none"
@@ -189,7 +190,7 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshO
     ]
     if not names:
         raise UserError(
-            f"{source}: none of its detectors is the monitor's {writing.PART} (got {texts}); "
+            f"{source}: none of its detectors is the monitor's {code.PART} (got {texts}); "
             "name it in the campaign: [[detector]] file"
         )
     _require_length(source, own.duration_ms / 1e3, record)
@@ -229,7 +230,7 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOper
             f" {' and '.join(arms)}: calibrate with --set 'campaign.arms=[\"NAME\"]' for the arm of"
             " the log"
         )
-    names = ["live", *reads(monitor.terms, monitor.segments)]
+    names = ["live", *list_reads(monitor.terms, monitor.segments)]
     try:
         with open(source, newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
@@ -322,10 +323,5 @@ def _is_part(path: Path, digest: str) -> bool:
 
 
 def _reference(path: Path) -> dict[str, np.ndarray]:
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return {
-        name: np.array([float(row[name]) for row in rows], np.float32)
-        for name in rows[0]
-        if name != "operator"
-    }
+    table = pd.read_csv(path).drop(columns="operator")
+    return {str(name): values.to_numpy(np.float32) for name, values in table.items()}

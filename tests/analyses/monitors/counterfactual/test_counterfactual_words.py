@@ -11,13 +11,17 @@ import tiny_campaign
 import ravenjax as rj
 from ravenjax import robots
 from ravenjax.analyses.monitors import scores
-from ravenjax.analyses.monitors.counterfactual import output, words
-from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Candidate
+from ravenjax.analyses.monitors.counterfactual import output
+from ravenjax.analyses.monitors.counterfactual.candidates import (
+    MARGINS,
+    SMALLEST_SCALE,
+    Candidate,
+    Question,
+)
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.analyses.monitors.counterfactual.hazards import NEVER, Hazards
 from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
 from ravenjax.analyses.monitors.counterfactual.promise import Grounds
-from ravenjax.analyses.monitors.counterfactual.question import MARGINS, Question
 
 PARTS = tuple(Candidate(score, 1) for score in scores.catalogue(robots.USUAL)[:3])
 FAULTS = 40
@@ -59,7 +63,7 @@ def counterfactual(question, hours=100.0, peaks=0.5, robots=False, sampled=True,
 
 
 def said(one):
-    return " ".join(words.sentences(one)).replace("\u202f", " ")
+    return " ".join(output.sentences(one)).replace("\u202f", " ")
 
 
 def test_shares_are_those_of_the_half_that_states():
@@ -69,7 +73,7 @@ def test_shares_are_those_of_the_half_that_states():
     assert f"2 checks together see {seen.sum()} of {rows.sum()} ({100 * seen.mean():.1f} %" in said(
         one
     )
-    first, second = words.rows(one)
+    first, second = output.rows(one)
     assert first[1] == first[2]  # what the first sees it adds
     assert float(first[2].split()[0]) + float(second[2].split()[0]) == pytest.approx(
         100 * seen.mean(), abs=0.1
@@ -143,7 +147,7 @@ def test_lead_and_groups_are_told_as_they_were_asked():
 
 def test_a_channel_that_never_moved_alarms_at_any_change():
     part = Candidate(PARTS[0].score.scaled([2.0, SMALLEST_SCALE, 4.0]), 1)
-    assert words.levels(part, 1.5) == "x 3 um, y any, z 6 um"
+    assert output.levels(part, 1.5) == "x 3 um, y any, z 6 um"
 
 
 def test_detectors_of_the_set_have_names_that_the_campaign_has_not():

@@ -12,8 +12,8 @@ import pytest
 
 import ravenjax as rj
 from ravenjax import cli
-from ravenjax.analyses.monitors.counterfactual import confirmation, finding, output, words
-from ravenjax.analyses.monitors.counterfactual.question import Question
+from ravenjax.analyses.monitors.counterfactual import finding, output
+from ravenjax.analyses.monitors.counterfactual.candidates import Question
 from ravenjax.errors import UserError
 
 
@@ -94,11 +94,11 @@ def test_the_set_as_real_detectors_keeps_its_promise(tmp_path):
     one = finding.find(rj.load_campaign(tables()), Question(hours=0.05, lead_ms=5))
     paths = output.write(one, tmp_path)
     both = one.promise.selected.k + one.promise.covered.k
-    same = confirmation.run(
+    same = finding.confirm(
         one, paths[-1], seed=4
     )  # the same faults: what was computed offline happens, to the run
     assert (same.every.k, same.every.n) == (both, one.grounds.hazards.count)
-    other = confirmation.run(one, paths[-1], seed=5)
+    other = finding.confirm(one, paths[-1], seed=5)
     assert other.verdict == "as" and "as promised" in other.sentence
     assert other.anew.n > 20 and other.anew == other.every and other.promised == one.promise.covered
     assert one.promise.covered.value > one.best.covered.value - 1e-9
@@ -108,7 +108,7 @@ def test_the_set_as_real_detectors_keeps_its_promise(tmp_path):
     assert len(table) == len(one.parts) and table["chosen"].sum() == len(one.promise.members)
     assert set(table["kind"]) == {"bound", "rate", "residual"}
     ElementTree.parse(tmp_path / output.FIGURE)
-    said = " ".join(words.sentences(one))
+    said = " ".join(output.sentences(one))
     assert f"{one.promise.covered.k} of {one.promise.covered.n} (" in said and "too few for" in said
 
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy import stats
 
-from ravenjax.analyses.monitors.counterfactual import promise, words
+from ravenjax.analyses.monitors.counterfactual import output, promise
+from ravenjax.analyses.monitors.counterfactual.candidates import MARGINS, Question
 from ravenjax.analyses.monitors.counterfactual.hazards import NEVER, Hazards
 from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
 from ravenjax.analyses.monitors.counterfactual.promise import Grounds, JointScore
-from ravenjax.analyses.monitors.counterfactual.question import MARGINS, Question
 
 
 def motion(peaks, hours=0.1):
@@ -93,8 +93,8 @@ def test_hours_that_show_a_rate_show_it():
     hours = promise.hours_to_show(0.5)
     assert promise.stated(motion(np.zeros((10, 1)), hours / 10), 1.0).high == pytest.approx(0.5)
     for rate in (0.1, 0.5, 4.0, 30.0):
-        assert words.hours_needed(rate) >= 2 * promise.hours_to_show(rate)
-    enough = words.hours_needed(2.0, runs=4) / 2  # of the half that states
+        assert output.hours_needed(rate) >= 2 * promise.hours_to_show(rate)
+    enough = output.hours_needed(2.0, runs=4) / 2  # of the half that states
     assert promise.stated(motion(np.zeros((10, 4)), enough / 40), 1.0).high <= 2.0
 
 
