@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 import synthetic_results
 
-from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design
 from ravenjax.outcomes.events import Rules
 from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import DetectorRecord
@@ -21,13 +19,9 @@ from studies import findings as findings_files
 from studies.detectors import (
     AS_MODELLED,
     CHECKS,
-    CLIP,
-    CUE,
-    FORK,
     OTHERS,
     PUBLISHED,
     STOPS,
-    UNCERTAIN,
     FaultyScores,
     FreeScores,
 )
@@ -88,44 +82,6 @@ def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) 
         np.zeros((n, len(DETECTORS))),
         tuple(counts),
         {name: np.zeros(n, int) for name in OTHERS},
-    )
-
-
-def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> FaultyScores:
-    """Runs whose scores tell an unintended motion the better, the more they are of tip_error."""
-    rng = np.random.default_rng(seed)
-    cells = n // motions
-    moved_of = rng.random(cells) < 0.4
-    moved = np.tile(moved_of, motions)
-    skill = np.array([1.0, 0.3, 0.5, 3.0, 0.7])
-    score = np.exp(rng.normal(size=(len(moved), 5)) + moved[:, None] * skill)
-    first = tuple(
-        np.where(
-            score[:, [d]] > np.array(one.thresholds), rng.integers(100, 400, (len(moved), 1)), -1
-        )
-        for d, one in enumerate(DETECTORS)
-    )
-    return FaultyScores(
-        DETECTORS,
-        np.tile(np.arange(cells), motions),
-        np.tile(np.arange(cells), motions),
-        np.zeros(len(moved), int),
-        np.repeat(np.arange(motions), cells),
-        np.tile(rng.choice(["packets", "USB in"], cells).astype(object), motions),
-        np.full(len(moved), 100),
-        np.where(moved, 250, -1),
-        np.where(moved, "unintended motion", "none").astype(object),
-        np.tile(moved_of & (rng.random(cells) < 0.5), motions),
-        np.tile(moved_of & (rng.random(cells) < 0.5), motions),
-        score,
-        first,
-        {
-            CHECKS: np.where(moved, 260, -1),
-            STOPS: np.where(score[:, 0] > 3, 300, -1),
-            CUE: np.where(moved, 240, -1),
-        },
-        1000,
-        Rules(),
     )
 
 
@@ -243,26 +199,6 @@ def test_areas_are_told_by_kind_of_hazard_against_runs_without_any() -> None:
     assert shown.note.startswith("Against 2 faulty runs without hazard and jump")
 
 
-def test_motions_of_other_faults_are_refused() -> None:
-    made, frame = synthetic_results.manifest(runs=50), synthetic_results.frame(50)
-    with pytest.raises(ValueError, match="other groups"):
-        detectors.pooled([frame, frame.iloc[::-1].reset_index(drop=True)], made)
-
-
-@pytest.mark.parametrize(
-    ("noise", "robots"),
-    [(False, {AS_MODELLED, UNCERTAIN}), (True, {"noise", "more noise", f"{UNCERTAIN}, noise"})],
-)
-def test_noise_makes_another_robot(noise: bool, robots: set[str]) -> None:
-    groups = [f"free/{AS_MODELLED}", "free/more noise", f"free/{UNCERTAIN}", "library/C09"] * 5
-    frame = synthetic_results.frame(20).assign(group=groups, failed="")
-    frame[detectors.SCALE] = 0.1
-    made = synthetic_results.manifest(runs=20, config={"campaign": {"noise": noise}})
-    found = detectors.alone(frame, made, "reach 1")
-    assert set(found.robot) == robots
-    assert len(found.hours) == 5 * len(robots)
-
-
 def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None:
     from sklearn.metrics import roc_auc_score
 
@@ -280,18 +216,6 @@ def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None
     assert found.covariance == pytest.approx(delong)
 
 
-def test_runs_of_one_cell_add_no_certainty() -> None:
-    rng = np.random.default_rng(4)
-    positive = rng.random(80) < 0.5
-    score = rng.normal(size=(80, 2)) + positive[:, None]
-    once = detectors.areas(score, positive, np.arange(80))
-    thrice = detectors.areas(
-        np.tile(score, (3, 1)), np.tile(positive, 3), np.tile(np.arange(80), 3)
-    )
-    assert thrice.value == pytest.approx(once.value)
-    assert thrice.covariance == pytest.approx(once.covariance)
-
-
 def test_differences_of_areas_are_paired() -> None:
     rng = np.random.default_rng(5)
     positive = rng.random(200) < 0.5
@@ -306,29 +230,6 @@ def test_differences_of_areas_are_paired() -> None:
         detectors.areas(np.full((3, 1), np.nan), np.array([True, False, True]), np.arange(3))
     nothing = detectors.areas(np.ones((3, 1)), np.ones(3, bool), np.arange(3))
     assert np.isnan(nothing.value).all()
-
-
-@pytest.mark.parametrize("variant", detectors.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: detectors.Variant) -> None:
-    config = loading.load(variant.campaign, variant.overrides)
-    named = {name: thresholds for name, _, thresholds in config.detectors}
-    for name, threshold in (PUBLISHED, FORK, CLIP):
-        assert threshold in named[name]
-    assert len(named) == 6 * 3 + 3
-
-
-def test_the_groups_without_faults_come_first_and_fit_the_limits() -> None:
-    config = loading.load(detectors.CAMPAIGN)
-    without = [group for group in config.group if group.name.startswith(detectors.FREE)]
-    assert config.group[: len(without)] == tuple(without)
-    assert all(group.fault for group in config.group[len(without) :])
-
-    def runs(groups: list) -> int:
-        return design.count(config.model_copy(update={"group": tuple(groups)}))
-
-    assert runs(without) == detectors.FREE_RUNS
-    assert runs(without[:2]) == detectors.FREE_RUNS_NOISY
-    assert [group.name for group in without[:2]] == ["free/as modelled", "free/more noise"]
 
 
 @pytest.mark.slow
@@ -348,23 +249,3 @@ def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         one and 0.4 < one.low < one.value <= one.high <= 1.0 for one in areas
     )
     assert "AUC, tip_error" not in lines  # friction parts robot and model without a fault
-
-
-ASKED = [
-    ("tip_error", 1.0, True),
-    ("tip_error", 3.0, False),
-    (STOPS, np.nan, False),
-    (CUE, np.nan, False),
-    ("steps/all/1", 0.5, True),
-    (CHECKS, np.nan, True),
-]
-
-
-@pytest.mark.parametrize(("name", "threshold", "asked"), ASKED)
-def test_what_the_definitions_decide_is_not_asked(name: str, threshold: float, asked: bool) -> None:
-    runs = random_runs(100)
-    assert detectors.by_definition(runs, name, threshold) == (not asked)
-    found = detectors.before(runs, name, threshold)
-    assert (found.of == "by definition") == (not asked)
-    farther = runs._replace(rules=Rules(limit_mm=5.0))  # a motion of 5 mm can be announced at 3 mm
-    assert detectors.by_definition(farther, name, threshold) == (name == STOPS)

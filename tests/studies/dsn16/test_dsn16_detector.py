@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 
 from studies.dsn16 import detector
 from studies.dsn16.detector import Learned, Log, log, maxima_interval, pooled_interval, run_alarms
@@ -70,20 +69,6 @@ def test_learned_thresholds_are_percentiles_of_all_steps_or_of_maxima() -> None:
     assert learned.percentile(100.0)[0, 0] == 9.0
     assert learned.percentile_of_maxima(50.0)[0, 0] == 4.5
     assert (learned.percentile(99.9)[1:] == 0.0).all()
-
-
-def test_learning_leaves_the_rest_at_the_beginning_out() -> None:
-    moved = made_up()
-    moved.mpos[100:, 0] += 5.0
-    assert detector.fault_free(moved).max() == 0.0
-    assert detector.steps(moved).max() == 5.0
-    with pytest.raises(ValueError, match="at least one run"):
-        detector.learn([])
-
-
-def test_runs_with_more_packets_are_cut_to_the_shortest() -> None:
-    runs = [np.full((rows, 3, 3), float(rows)) for rows in (7, 5, 6)]
-    assert detector.learn(runs).pooled[:, :, 0, 0].tolist() == [[7.0] * 5, [5.0] * 5, [6.0] * 5]
 
 
 def test_joints_of_a_jump_are_those_of_the_packets_of_its_two_steps() -> None:
