@@ -8,11 +8,10 @@ import io
 
 import numpy as np
 import pytest
-import reacting_results as reacting
 import synthetic_results as synthetic
 from rendered_page import Page, words
 
-from evidence import argument, control_actions, failure_modes, trace
+from evidence import argument, control_actions, trace
 from evidence.control_actions import count_control_actions
 from evidence.failure_modes import count_failure_modes
 from evidence.sources import ENUMERATED, SAMPLED, Source, identify, opened
@@ -77,32 +76,6 @@ def test_failure_modes_are_counted_by_hand(source):
     assert (FRAME["failed"] != "").any()  # those are in no line
 
 
-def test_failure_modes_equal_the_report(source):
-    rows, head = count_failure_modes(source), tables.headline(source.runs, source.record)
-    assert sum(row.rate.k for row in rows) == head["evaded"].n
-    assert sum(row.rate.k for row in rows if row.evades) == head["evaded"].k > 0
-    for group in tables.group_rows(source.runs):
-        if group["faulty"]:
-            mine = [row for row in rows if row.group == group["name"]]
-            assert sum(row.rate.k for row in mine) == group["n"]
-            assert sum(row.rate.k for row in mine if row.evades) == group["evaded"].k
-            assert {row.failed_runs_of_group for row in mine} == {group["failed"]}
-
-
-def test_an_example_is_a_run_of_its_line(source):
-    ids = FRAME.set_index("run_id")
-    for row in count_failure_modes(source):
-        some = ids.loc[row.example_runs.split()]
-        assert 1 <= len(some) == min(3, row.rate.k)
-        for name, value in (
-            ("group", row.group),
-            ("response", row.response),
-            ("hazard", row.hazard),
-        ):
-            assert set(some[name]) == {value}
-        assert some["index"].is_monotonic_increasing
-
-
 def test_delays_are_medians_after_the_first_effect(source):
     lines = [
         row
@@ -125,15 +98,6 @@ def test_delays_are_medians_after_the_first_effect(source):
         assert len(mine) == row.rate.k and row.told_after_ms == pytest.approx(
             delays.median(), nan_ok=True
         )
-
-
-def test_who_noticed(source):
-    for row in count_failure_modes(source):
-        assert (row.detected_by == failure_modes.NOBODY) == (
-            row.response == "silent" and "cue" not in row.detected_by
-        )
-        assert ("stopped the robot" in row.detected_by) == (row.response == "stopped")
-        assert ("told nobody" in row.detected_by) == (row.response == "limited")
 
 
 def test_an_interval_only_where_faults_were_drawn():
@@ -189,15 +153,6 @@ def test_each_kind_of_control_action_by_its_rule():
     )
 
 
-def test_repeats_and_reactions_count_no_fault_twice():
-    frame = reacting.frame(200)
-    source = Source("R1", None, reacting.manifest(200), Runs.of(frame, reacting.manifest(200)))  # type: ignore[arg-type]
-    head = tables.headline(source.runs, source.record)
-    assert (
-        sum(row.rate.k for row in count_failure_modes(source)) == head["evaded"].n < len(frame) / 2
-    )
-
-
 def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     with opened([folder]) as sources:
         trace.write_trace(tmp_path / "trace.csv", sources)
@@ -242,15 +197,6 @@ def test_the_sentence_is_the_report_s(folder):
         complete
         == f"600 of the 600 declared runs are there, {head['failed']} of them without a valid"
         " outcome."
-    )
-
-
-def test_without_faults_there_is_nothing_to_count():
-    free = FRAME[FRAME["group"] == "fault_free"].reset_index(drop=True)
-    source = of(free)
-    assert count_failure_modes(source) == count_control_actions(source) == []
-    assert argument.say_evading(source) == "No run has a fault." and not argument.say_hazards(
-        source
     )
 
 

@@ -4,32 +4,20 @@ own.
 
 from __future__ import annotations
 
-import base64
-import json
 import math
-import re
 import tomllib
-from importlib import resources
 
 import pytest
 import tomlkit
 
-from ravenjax.analyses.explorer import bundle, program, rows, words
+from ravenjax.analyses.explorer import program, rows, words
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store import manifest
-from ravenjax.vocabulary.effects import EFFECTS
 
 STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9, "duration_ms": 5}
-
-
-def test_every_site_and_effect_has_plain_words():
-    assert set(words.SITES) == set(SITES)
-    assert set(words.EFFECT_WORDS) == set(EFFECTS)
-    assert len(set(words.SITES.values())) == len(SITES)
 
 
 def test_the_file_that_commands_begin_with_says_what_the_campaign_says():
@@ -100,17 +88,6 @@ def test_files_are_named_as_they_lie_beside_the_campaign(tmp_path):
     (tmp_path / "some.toml").write_text(tomlkit.dumps(raw))
     told = words.campaign(loading.load(tmp_path / "some.toml"))
     assert tomllib.loads(told["toml"])["operator"]["file"] == "hand.csv"
-
-
-def test_modules_import_each_other_by_names_of_the_map():
-    imports = json.loads(
-        bundle.import_map(resources.files("ravenjax.analyses.explorer") / "static")
-    )["imports"]
-    assert "page/main.js" in imports
-    for name, address in imports.items():
-        text = base64.b64decode(address.partition("base64,")[2]).decode()
-        asked = re.findall(r'(?:^(?:import|\}) .*from |import\()"([^"]+)"', text, re.MULTILINE)
-        assert not [one for one in asked if one not in imports], name
 
 
 def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):

@@ -192,15 +192,6 @@ def test_sobol_finds_what_decides(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_outcome_that_never_varies_has_no_indices(tmp_path):
-    fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
-    config = search(fault, kind="sobol", n=8, outcomes=["jump_text", "peak_golden_deviation_mm"])
-    runner.run(config, tmp_path)
-    record, _, text = files(tmp_path)
-    assert record["result"]["results"][0]["indices"] is None and "it never varies" in text
-
-
-@pytest.mark.slow
 def test_morris_ranks_each_case(tmp_path):
     fault = {
         "channel": ["shoulder", "insertion"],
@@ -237,16 +228,6 @@ def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
         "probability"
     ]
     assert "both agree" in text
-
-
-@pytest.mark.slow
-def test_progress_is_told(tmp_path):
-    told = []
-    fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
-    config = search(fault, kind="sobol", n=8, outcomes=["peak_golden_deviation_mm"])
-    runner.run(config, tmp_path, on_progress=told.append)
-    assert {status.phase for status in told} == {"compile", "run", "done"}
-    assert told[-1].total == 32 and told[-1].progress == 1.0
 
 
 @pytest.mark.slow

@@ -82,11 +82,6 @@ def test_shares_are_those_of_the_half_that_states():
     assert f"Not seen in time: a ({lost} of {among})." in said(one)
 
 
-def test_one_check_is_one_check():
-    text = said(counterfactual(Question(most=1), members=(0,)))
-    assert "1 check sees" in text and "It alarms above" in text and "a candidate at random" in text
-
-
 @pytest.mark.parametrize(
     ("question", "hours", "peaks", "words"),
     [
@@ -120,14 +115,6 @@ def test_what_hours_can_say_of_the_rate_is_said(question, hours, peaks, words):
         assert "this is shown" in said(later) or peaks > MARGINS[-1]
 
 
-def test_intervals_say_what_was_drawn():
-    assert "faults drawn as this campaign's were" in said(counterfactual(Question()))
-    assert f"{FAULTS} of the faults are enumerated" in said(
-        counterfactual(Question(), sampled=False)
-    )
-    assert "Intervals are of robots" in said(counterfactual(Question(), robots=True))
-
-
 def test_sets_chosen_without_a_group_are_tried_on_it():
     one = counterfactual(Question())
     grounds = one.grounds
@@ -135,14 +122,6 @@ def test_sets_chosen_without_a_group_are_tried_on_it():
     assert grounds.selected() == [0, 1] and grounds.selected(without="b") == [0]
     assert one.promise.covered.k > 0 and one.strangers.k == 0
     assert "tried on, sets see 0.0 %." in said(one)
-
-
-def test_lead_and_groups_are_told_as_they_were_asked():
-    assert "by the time harm begins" in said(counterfactual(Question(lead_ms=0)))
-    assert "12 ms or more before harm" in said(counterfactual(Question(lead_ms=12)))
-    assert f"{FAULTS} faults of a, b and c move" in said(
-        counterfactual(Question(groups=("a", "b", "c")))
-    )
 
 
 def test_a_channel_that_never_moved_alarms_at_any_change():

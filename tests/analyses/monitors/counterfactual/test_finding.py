@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import xml.etree.ElementTree as ElementTree
@@ -69,24 +68,6 @@ def test_a_motion_that_has_no_other_says_so(motion):
     config = rj.load_campaign(tables(operator={"motion": motion}))
     with pytest.raises(UserError, match="same motion for every seed"):
         finding.find(config, Question())
-
-
-def test_a_robot_without_signals_says_so(monkeypatch):
-    config = rj.load_campaign(tables())
-    silent = dataclasses.replace(config.robot, signals=())
-    monkeypatch.setattr(type(config), "robot", property(lambda _: silent))
-    with pytest.raises(UserError, match="declares no signals"):
-        finding.find(config, Question())
-
-
-def test_the_command_says_what_is_wrong_in_one_line(tmp_path, capsys):
-    place = str(tmp_path / "out")
-    assert cli.main(["counterfactual", "quick", "--hours", "0", "--out", place]) == 2
-    assert cli.main(["counterfactual", str(tmp_path / "none.toml"), "--out", place]) == 2
-    assert cli.main(["counterfactual", "quick", "--group", "dac", "--out", place]) == 2
-    errors = capsys.readouterr().err
-    assert errors.count("error:") == 3 and "Traceback" not in errors
-    assert "did you mean" in errors or "expected" in errors
 
 
 @pytest.mark.slow

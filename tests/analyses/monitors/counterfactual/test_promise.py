@@ -21,11 +21,6 @@ def motion(peaks, hours=0.1):
     return JointScore(peaks, np.full(peaks.shape, hours))
 
 
-def test_without_alarms_the_bound_is_one_in_one_motion_more():
-    margin = promise.calibrated(motion(np.full((9, 1), 0.5)), per_hour=2.0)
-    assert margin == (0, 0, pytest.approx(1 / (10 * 0.1)))
-
-
 def test_the_least_margin_that_keeps_the_rate_is_taken():
     peaks = np.full((99, 1), 0.5)
     peaks[:3, 0] = 1.05, 1.3, 4.0
@@ -125,11 +120,6 @@ def test_an_alarm_counts_from_the_lead_on():
     assert (covered.k, covered.n) == (hit.sum(), len(hit))
 
 
-def test_the_earliest_alarm_of_a_set_counts():
-    one = grounds([[20, 50], [NEVER, 30]] * 10)
-    assert sorted(one.leads([0, 1], 0)) == [30] * 10 + [50] * 10
-
-
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=6), st.integers(0, 5))
 def test_halves_are_halves_of_every_group(sizes, seed):
     groups = np.repeat([f"g{k}" for k in range(len(sizes))], sizes)
@@ -148,14 +138,3 @@ def test_a_robot_lies_in_one_half_and_widens_the_interval():
     alone = grounds(lead)
     wide, narrow = one.promise([0]).covered, alone.promise([0]).covered
     assert wide.high - wide.low > 1.5 * (narrow.high - narrow.low)
-
-
-def test_what_sees_every_group_sees_strangers_too():
-    lead = np.where(np.arange(60) % 3 == 0, NEVER, 100)[:, None]
-    one = grounds(lead, groups=[f"g{number % 6}" for number in range(60)])
-    strangers = one.of_strangers()
-    assert (strangers.k, strangers.n) == (one.promise([0]).covered.k, one.promise([0]).covered.n)
-    assert (
-        strangers.high - strangers.low > 0.5
-    )  # groups 0 and 3 are missed whole: six groups say little of a seventh
-    assert grounds(lead).of_strangers() is None
