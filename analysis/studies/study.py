@@ -117,9 +117,12 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def read_notes(study: str) -> tuple[str, ...]:
-    """The paragraphs of `notes/STUDY.md`, one a line: assumptions, what is not reproduced."""
-    return tuple((HERE / "notes" / f"{study}.md").read_text(encoding="utf-8").splitlines()[::2])
+def read_notes(study: str, **values: object) -> tuple[str, ...]:
+    """The paragraphs of `notes/STUDY.md`: assumptions, what is not reproduced; with these values
+    where the text has their names in braces.
+    """
+    text = (HERE / "notes" / f"{study}.md").read_text(encoding="utf-8")
+    return tuple(part.format(**values) for part in text.strip().split("\n\n"))
 
 
 class Published:
