@@ -10,7 +10,7 @@ import tomllib
 import pytest
 import tomlkit
 
-from ravenjax.analyses.explorer import program, rows, words
+from ravenjax.analyses.explorer import program, words
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.stop import adaptive
@@ -104,31 +104,11 @@ def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
     groups = [{"name": name} | ({"fault": own} if own else {}) for name, own in faults.items()]
     config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
     adaptive.run(config, tmp_path, "simd")
-    told = rows.table(tmp_path, manifest.read(tmp_path))
+    told = words.list_runs(tmp_path, manifest.read(tmp_path))
     assert (told["runs"], told["rows"], told["columns"]["group"]) == (6, 2, ["free", "timed"])
     assert told["columns"]["start_ms"][1] == 20
     assert (told["evading"]["n"], told["evading"]["k"]) == (5, 0)
     assert math.isnan(told["evading"]["low"]), "faults that were chosen have no interval"
-
-
-def test_faults_that_were_drawn_have_an_interval(tmp_path):
-    drawn = STUCK | {"start_ms": {"uniform": [20, 60]}}
-    group = {"name": "drawn", "design": "random", "runs": 6, "fault": [drawn]}
-    adaptive.run(
-        validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [group]}),
-        tmp_path,
-        "simd",
-    )
-    told = rows.table(tmp_path, manifest.read(tmp_path))["evading"]
-    assert told["n"] == 6
-    assert 0 <= told["low"] <= told["value"] < told["high"] < 1
-
-
-def test_a_page_counts_time_whatever_its_campaign_counts():
-    packets = STUCK | {"trigger": "packet", "start_ms": 20, "duration_ms": 10}
-    groups = [{"name": "one", "fault": [packets]}]
-    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
-    assert program.question_plan(config).program.setup.injection.triggers == ("time", "packet")
 
 
 def test_a_campaign_without_faults_is_refused():

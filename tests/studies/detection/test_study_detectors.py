@@ -12,7 +12,6 @@ import pytest
 import synthetic_results
 
 from ravenjax.outcomes.events import Rules
-from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import DetectorRecord
 from studies import detectors
 from studies import findings as findings_files
@@ -114,31 +113,6 @@ def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> No
     assert found.false.high == pytest.approx(3.689 / 2, rel=1e-3)
 
 
-def test_a_rate_without_spread_has_the_interval_of_its_kinds() -> None:
-    hit, every = np.ones(40, bool), np.ones(40, bool)
-    found = detectors.share(hit, every, units.units(np.repeat(np.arange(8), 5)), "runs")
-    assert (found.value, found.high, found.n) == (1.0, 1.0, 40)
-    assert found.low == pytest.approx(0.6756, abs=1e-3)  # Wilson of 8 of 8, not of 40 of 40
-    assert (
-        detectors.percent(detectors.share(hit, ~every, units.units(np.arange(40)), "runs"))
-        == "no runs"
-    )
-
-
-def test_one_run_of_each_fault_is_taken_with_the_motions_in_turn() -> None:
-    runs = faulty([[-1] * 5] * 6, [-1] * 6, cell=[0, 1, 2, 0, 1, 3])._replace(
-        motion=np.array([0, 0, 0, 1, 1, 1])
-    )
-    once = runs.once()
-    assert sorted(once.cell.tolist()) == [0, 1, 2, 3]
-    assert dict(zip(once.cell.tolist(), once.motion.tolist(), strict=True)) == {
-        0: 0,
-        1: 1,
-        2: 0,
-        3: 1,
-    }
-
-
 def test_alarms_before_the_first_effect_do_not_count() -> None:
     made = synthetic_results.manifest(runs=400)
     frame = synthetic_results.frame(400)
@@ -181,24 +155,6 @@ def test_a_check_that_trips_without_a_fault_is_a_false_alarm_whatever_the_respon
     assert found.others[STOPS].tolist() == [0, 0, 1, 0, 0, 0]
 
 
-def test_areas_are_told_by_kind_of_hazard_against_runs_without_any() -> None:
-    runs = faulty([[-1] * 5] * 8, [200, 200, -1, -1, -1, -1, -1, -1])
-    hazard = np.array(
-        ["unintended motion"] * 2 + ["loss of motion", "false report"] + ["none"] * 4, object
-    )
-    jumped, leapt = np.arange(8) >= 6, np.arange(8) == 7
-    runs = runs._replace(hazard=hazard, jumped=jumped, leapt=leapt)
-    shown = detectors.hazard_table(runs, ["tip_error"])
-    assert {row[0]: row[1] for row in shown.rows} == {
-        "unintended motion, the run's hazard": 2,
-        "loss of motion, the run's hazard": 1,
-        "false report, the run's hazard": 1,
-        "jump of the true tip": 1,
-        "jump of the reported tip alone": 1,
-    }
-    assert shown.note.startswith("Against 2 faulty runs without hazard and jump")
-
-
 def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None:
     from sklearn.metrics import roc_auc_score
 
@@ -214,22 +170,6 @@ def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None
     beats = (x[:, None] > y[None]) + 0.5 * (x[:, None] == y[None])  # [m, n, 2]
     delong = np.cov(beats.mean(axis=1).T) / len(x) + np.cov(beats.mean(axis=0).T) / len(y)
     assert found.covariance == pytest.approx(delong)
-
-
-def test_differences_of_areas_are_paired() -> None:
-    rng = np.random.default_rng(5)
-    positive = rng.random(200) < 0.5
-    good = rng.normal(size=200) + 2 * positive
-    score = np.stack([good, good, rng.normal(size=200)], axis=1)
-    found = detectors.areas(score, positive, np.arange(200))
-    same, sure = found.difference(0, 1)
-    assert (same.value, same.low, same.high, sure) == (0.0, 0.0, 0.0, 1.0)
-    gain, p = found.difference(0, 2)
-    assert gain.value > 0.3 and p < 1e-6 and gain.low > 0
-    with pytest.raises(ValueError, match="NaN"):
-        detectors.areas(np.full((3, 1), np.nan), np.array([True, False, True]), np.arange(3))
-    nothing = detectors.areas(np.ones((3, 1)), np.ones(3, bool), np.arange(3))
-    assert np.isnan(nothing.value).all()
 
 
 @pytest.mark.slow

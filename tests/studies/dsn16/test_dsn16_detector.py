@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from studies.dsn16 import detector
-from studies.dsn16.detector import Learned, Log, log, maxima_interval, pooled_interval, run_alarms
+from studies.dsn16.detector import Learned, Log, log, pooled_interval, run_alarms
 
 ONES = np.ones((3, 3))
 
@@ -91,13 +89,6 @@ def test_block_bootstrap_keeps_runs_together() -> None:
     assert wide.low <= wide.value <= wide.high
     assert wide.high - wide.low > 3.0 * (narrow.high - narrow.low)
     assert (wide.n, wide.of) == (50, "runs")
-
-
-def test_order_statistics_of_few_runs_have_no_upper_end() -> None:
-    maxima = np.arange(100.0)
-    middle, far = maxima_interval(maxima, 50.0), maxima_interval(maxima, 99.9)
-    assert 35.0 < middle.low < 49.5 < middle.high < 65.0
-    assert math.isnan(far.high) and far.low > 90.0
 
 
 def test_leap_of_the_text_is_a_millimetre_within_two_packets() -> None:

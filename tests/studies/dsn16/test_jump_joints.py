@@ -7,13 +7,11 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from made_up_runs import runs_of
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from studies.dsn16 import detector
-from studies.dsn16.detector import JumpCase, RunAlarms, Watched
 
 POSE = np.array(HOME_JPOS, float) + 0.8 * np.eye(7)[4]
 """With a bent wrist: with a straight one the roll leaves the tip where it is."""
@@ -67,20 +65,3 @@ def test_joints_that_are_a_jump_only_together():
     length = 1e3 * float(np.linalg.norm([float(b) - float(a) for a, b in zip(*ends, strict=True)]))
     result = detector.attribute(both[None], 0.97 * length)
     assert [bool(one[0]) for one in result.kinds] == [False, False, False, True]
-
-
-def case(name: str, told: bool, one_over: bool) -> JumpCase:
-    """Runs of which those of 1000 counts over 8 packets jump, by the joint `name`."""
-    runs = runs_of({(1000, 8): 10}, name)
-    alarm = RunAlarms((one_over, told, told, told), (told,) * 4, 1 if told else -1)
-    joints = np.where(runs.hits["jump"][:, None, None], moving(**{name: 1.0}), np.nan)
-    count = len(runs.index)
-    watched = Watched(
-        {}, {detector.CHOSEN: [alarm] * count}, np.zeros(count), np.zeros(count, bool), joints
-    )
-    return detector.jump_case(runs, watched, 0.1)
-
-
-def test_a_detector_that_is_silent_while_one_variable_is_over_does_not_tell():
-    line = detector.visible_line(case("shoulder", False, True))
-    assert not line.passed and "it tells 0, and in 0 none" in line.reason

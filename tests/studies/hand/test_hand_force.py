@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.campaign import loading
 from studies import hand
 from studies.hand import GRIP_COLUMN, NEWTONS_COLUMN, HandRuns
 
@@ -82,9 +81,3 @@ def test_statics_are_those_of_a_spring() -> None:
     assert float(rows["one device unit is 3.3 N", 1.0][1]) == pytest.approx(
         0.1 * 0.165 / 675.0 * 1e3, rel=0.05
     )
-
-
-def test_statics_have_the_numbers_of_campaign_and_hand() -> None:
-    config = loading.load(hand.CAMPAIGN, hand.STUDY.variants[0].overrides)
-    cue = config.haptics.cues()[0]
-    assert (cue.kp, cue.cap, config.operator.scale) == (hand.KP, hand.CAP, hand.SCALE)

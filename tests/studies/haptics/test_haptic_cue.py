@@ -16,8 +16,7 @@ from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import CueRecord
 from studies import findings as findings_files
 from studies import haptic_cue
-from studies.detectors import AS_MODELLED
-from studies.haptic_cue import KINDS, FaultyCues, FreeCues
+from studies.haptic_cue import KINDS, FaultyCues
 
 CUES = tuple(
     CueRecord(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05)
@@ -46,20 +45,6 @@ def faulty(first: list[list[int]], unintended_ms: list[int]) -> FaultyCues:
         np.where(told >= 0, 500, 0),
         1000,
         Rules(),
-    )
-
-
-def free(count: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> FreeCues:
-    """One recording a row, pulses by threshold."""
-    n = len(count)
-    return FreeCues(
-        CUES,
-        np.full(n, robot, object),
-        np.array([f"reach {k}" for k in range(n)], object),
-        np.full(n, 0.1),
-        np.full(n, hours),
-        np.repeat(np.array(count), 2, axis=1),
-        np.repeat(np.array(count), 2, axis=1) * 0.01,
     )
 
 
@@ -93,18 +78,6 @@ def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> N
     assert few.winner.tolist() == many.winner.tolist() == [0]
     assert not few.sure[0] and few.wins[0] == pytest.approx([0.5, 0.5], abs=0.05)
     assert many.sure[0] and many.wins[0, 0] == 1.0
-
-
-def test_faults_of_one_kind_are_drawn_together() -> None:
-    # 3 kinds of 100 runs each: were runs drawn, set 1 would win almost always
-    kind = np.repeat(np.arange(3), 100)
-    missed = np.stack([kind != 2, kind == 2], axis=1)
-    counts = haptic_cue.counts(missed, units.units(kind), np.ones((1, 2)), np.ones(1), np.zeros(1))
-    assert counts.hazards.tolist() == [100, 100, 100]
-    wins = haptic_cue.choose(counts, np.array([1.0])).wins[0]
-    assert wins[0] == pytest.approx(
-        1 / 9, abs=0.03
-    )  # both of two draws are kind 2; one of them is even, to set 1
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
@@ -152,12 +125,6 @@ def test_a_cue_of_the_golden_run_does_not_count() -> None:
     assert (plainly.first_ms[:, 0] >= 0).sum() > 20
     assert (shared.first_ms[:, 0] >= 0).sum() == 0
     assert (shared.first_ms[:, 1:] == plainly.first_ms[:, 1:]).all()
-
-
-def test_the_time_with_a_false_cue_is_a_share_of_the_motion() -> None:
-    motion = free([[20, 1, 0], [0, 1, 0]], hours=0.5)
-    assert haptic_cue.false_time(motion, 0, AS_MODELLED).startswith("20.0")
-    assert haptic_cue.false_time(motion, 4, AS_MODELLED).startswith("0.0")
 
 
 @pytest.mark.slow

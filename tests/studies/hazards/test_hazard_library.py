@@ -60,19 +60,6 @@ def test_every_row_is_run_or_documented(monkeypatch: pytest.MonkeyPatch) -> None
     }
 
 
-def test_values_are_counted_against_the_documented_ones() -> None:
-    frame = table()
-    assert all(
-        (k, n) == (n, len(row.case))
-        for row in RUNNABLE
-        for k, n in [hazard_library.documented(frame, row)]
-    )
-    frame.loc[frame["group"] == "library/B24", "fault0_value"] = 300.0  # not one of the 17
-    frame.loc[frame["group"] == "library/C01-below", "fault0_value"] = -100.0  # inside, not below
-    assert hazard_library.documented(frame, library.find("B24")) == (0, 1)
-    assert hazard_library.documented(frame, library.find("C01")) == (2, 3)
-
-
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
     found = findings_files.reproduce(hazard_library.STUDY, tmp_path)

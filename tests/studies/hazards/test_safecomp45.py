@@ -77,20 +77,6 @@ def test_agreement_is_counted_over_simulated_rows_without_an_interval(
     assert np.isnan(line.predicted.low)  # every row of the list: nothing was sampled
 
 
-def test_totals(monkeypatch: pytest.MonkeyPatch) -> None:
-    by_quantity = {line.quantity: line for line in findings(monkeypatch).lines}
-
-    def pair(begins: str) -> tuple[float, float, int]:
-        (line,) = (line for quantity, line in by_quantity.items() if quantity.startswith(begins))
-        assert line.published is not None and line.predicted is not None
-        return line.published.value, line.predicted.value, line.predicted.n
-
-    assert pair("unintended motion") == (6, 1, 39)
-    assert pair("USB and PLC") == (17, 18, 19)  # all but B11, of which the software's check told
-    assert pair("console and control: stopped by the overdrive") == (9, 1, 20)
-    assert pair("console and control: stopped or unresponsive otherwise") == (4, 19, 20)
-
-
 @pytest.mark.slow
 def test_the_study_runs(tmp_path: Path) -> None:
     """A pedal that flickers between two packets (C05) is seen by nobody; all other faults change

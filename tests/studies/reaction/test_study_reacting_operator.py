@@ -11,10 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import synthetic_results
 
-from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design
 from ravenjax.report.sections.reaction.pairs import EXCURSION
 from ravenjax.stats.intervals import wilson
 from ravenjax.vocabulary.reactions import RELEASE
@@ -131,12 +128,6 @@ def test_a_contrast_counts_kinds_of_faults() -> None:
     ) and reacting_operator.avoided(found).endswith("10 kinds, few")
 
 
-def test_only_faults_that_changed_a_bit_are_paired() -> None:
-    table = paired_runs(({}, ACTED), (MOVED, ACTED))
-    table.facts.loc[[0, 1], "activated"] = False
-    assert len(reacting_operator.paired(table, RELEASE).with_frame) == 1
-
-
 def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
     return runs(*rows)
 
@@ -163,18 +154,6 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
     ]  # 150, 250, 400 ms: 300 ms are enough for two
 
 
-def test_a_share_of_drawn_faults_has_an_interval_and_one_of_fixed_cells_has_none() -> None:
-    rows = [
-        ({**MOVED, "group": group}, {**ACTED, "group": group})
-        for group in ("sampled/a", "library/B24") * 3
-    ]
-    pairs = reacting_operator.paired(paired_runs(*rows), RELEASE)
-    table = reacting_operator.sites(pairs, reacting_operator.excursion(10.0), {"sampled/a"})
-    cells = {str(row[0]): (str(row[2]), str(row[4])) for row in table.rows}
-    assert cells["sampled/a"][0] == "3 faults drawn" and "(" in cells["sampled/a"][1]
-    assert cells["B24"] == ("3 cells of the design", "3 of 3, 100.0\u202f%")
-
-
 def test_a_reaction_is_idle_where_no_hazard_was_coming() -> None:
     table = paired_runs(*[({}, ACTED)] * 5, ({}, {}))
     table.facts.loc[[0, 1], "hazard"] = "loss of motion"
@@ -196,40 +175,6 @@ def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
     (found,) = reacting_operator.free_reactions(table, (3.0,))
     assert found.first.hours == pytest.approx((500 + 2000) / 3.6e6)
     assert found.first.count == 1
-
-
-def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    made, frame = synthetic_results.manifest(runs=200, limit_mm=5.0), synthetic_results.frame(200)
-    monkeypatch.setattr(reacting_operator.folder, "read_all", lambda path: frame)
-    monkeypatch.setattr(reacting_operator.manifest, "read", lambda path: made)
-    found = reacting_operator.read(Path("anywhere"))
-    assert (found.limit_mm, found.end_ms) == (5.0, 3000)
-    farther = [
-        max(pair) for pair in zip(frame["unintended_mm"], frame["unintended_off_mm"], strict=True)
-    ]
-    assert found.frame[EXCURSION].tolist() == farther
-
-
-@pytest.mark.slow
-def test_variants_of_the_operator_have_the_same_faults() -> None:
-    few = ("cross.reaction.action=[0, 1]", "campaign.limit=400")
-    inputs = [
-        "group",
-        "fault0_channel",
-        "fault0_effect",
-        "fault0_value",
-        "fault0_start_ms",
-        "fault0_duration_ms",
-    ]
-    known = design.expand(loading.load(reacting_operator.CAMPAIGN, few))[inputs]
-    for variants in reacting_operator.BLOCKS.values():
-        for words, overrides in variants.values():
-            other = design.expand(loading.load(reacting_operator.CAMPAIGN, (*few, *overrides)))[
-                inputs
-            ]
-            assert known.equals(other), words
 
 
 @pytest.mark.slow

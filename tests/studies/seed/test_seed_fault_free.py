@@ -5,7 +5,6 @@ segments.
 from __future__ import annotations
 
 import json
-import math
 
 import pytest
 
@@ -38,33 +37,6 @@ def test_the_first_four_runs_are_as_modelled(ready):
         if path not in ("operator.scale", NOISE_KEY, PACKET_KEY, *noises):
             assert values[0] == pytest.approx(own(ready, path)), path
     assert all((ready.varied[path][: len(SCALES)] == 0.0).all() for path in noises)
-
-
-@pytest.mark.parametrize(
-    ("group", "gain"),
-    [("model gains x 1/4", 0.25), ("model gains x 4", 4.0), ("model gains x 100", 100.0)],
-)
-def test_changed_gains_are_so_many_times_the_models_own(ready, group, gain):
-    row = ready.table.index[ready.table["group"] == group][0]
-    for joint in ("shoulder", "elbow", "insertion"):
-        for name, factor in (("kp", gain), ("kd", math.sqrt(gain))):
-            path = f"nominal.gold.{name}.{joint}"
-            value = own(ready, path)
-            assert ready.varied[path][row] == pytest.approx(factor * value, rel=1e-4), path
-
-
-def test_friction_is_taken_from_the_model_where_the_name_says_so(ready):
-    joints = ("shoulder", "elbow", "insertion", "tool_roll", "wrist")
-    for group, none in (
-        ("model without dry friction", ("kc",)),
-        ("model without friction", ("kc", "kv")),
-    ):
-        row = ready.table.index[ready.table["group"] == group][0]
-        for name in ("kc", "kv"):
-            for joint in joints:
-                path = f"nominal.gold.{name}.{joint}"
-                value = ready.varied[path][row] if path in ready.varied else 1.0
-                assert (value == 0.0) == (name in none), (group, path)
 
 
 def made(mean_of, peak_of=lambda motion, scale: 15.0 * scale, pulses=0):

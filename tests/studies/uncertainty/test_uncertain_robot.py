@@ -32,16 +32,6 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
     return pd.DataFrame({**columns, "layer": layers, "kind": np.arange(faults)})
 
 
-def test_ranges_and_laws_agree() -> None:
-    for one in PARAMETERS:
-        (kind, values), *_ = uncertain_robot.drawn([one])[one.path].items()
-        assert (min(values), max(values)) == (one.low, one.high), one.path
-        assert one.low <= one.nominal <= one.high, one.path
-        assert kind == "choice" or len(values) == 2
-        assert one.source
-    assert len({one.path for one in PARAMETERS}) == len(PARAMETERS)
-
-
 def test_ends_are_compared_on_the_same_faults() -> None:
     """Fault 2 changed a bit at the high end alone: it is left out."""
     frame = pd.DataFrame(
@@ -79,21 +69,6 @@ def test_events_are_those_of_the_result_table() -> None:
         assert found[event].tolist() == hits.tolist(), event
         assert 0 < hits.sum() < len(hits), event
     assert (found["injury"] >= found["unintended"]).all()
-
-
-def test_a_fault_has_the_same_number_in_every_variant() -> None:
-    """Two groups of two faults, once and at two ends each, as a campaign's column `pair` tells."""
-    assert uncertain_robot.numbered(np.array([0, 1, 2, 3])).tolist() == [0, 1, 2, 3]
-    assert uncertain_robot.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [
-        0,
-        1,
-        0,
-        1,
-        2,
-        3,
-        2,
-        3,
-    ]
 
 
 def ends(
@@ -189,17 +164,6 @@ def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
     for value in (FRICTION.low, FRICTION.high):
         mine = crossed.loc[crossed[FRICTION.column] == value, inputs].reset_index(drop=True)
         assert mine.equals(known[inputs])
-
-
-def test_the_faults_are_those_of_the_quick_campaign() -> None:
-    ours, quick = (loading.load(name) for name in (uncertain_robot.CAMPAIGN, "quick.toml"))
-    theirs = {group.name: group for group in quick.group}
-    missing = {*theirs} - {group.name for group in ours.group}
-    assert missing == {"fault_free"}, (
-        "uncertain_robot.toml has every family of quick.toml, with fewer runs"
-    )
-    for group in ours.group:
-        assert group.fault == theirs[group.name].fault, group.name
 
 
 @pytest.mark.slow
