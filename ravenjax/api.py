@@ -203,15 +203,7 @@ def check_monitor(
     from ravenjax.analyses.monitors import checking
 
     several = [sources] if isinstance(sources, str | Path) else sources
-    result = checking.check(Path(folder), [Path(source) for source in several], level, seed)
-    rows = [
-        (one.name, one.shift.place, one.shift.p, one.adjusted, one.shift.martingale, one.shifted)
-        for one in result.signals
-    ]
-    table = pd.DataFrame(rows, columns=["score", "place", "p", "adjusted", "martingale", "shifted"])
-    names = ("units", "operations", "hours", "alarms", "level")
-    table.attrs.update({name: getattr(result, name) for name in names})
-    return table
+    return checking.check(Path(folder), [Path(source) for source in several], level, seed)
 
 
 def _folder(campaign: Any) -> Path | None:

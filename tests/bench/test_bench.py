@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import jax
 import mujoco
 import numpy as np
@@ -14,7 +12,6 @@ from bench import (
     commands,
     engines,
     peers,
-    process,
     scaling,
 )
 from bench.workload import PATTERN_RUNS, Workload
@@ -134,40 +131,9 @@ def test_counts_of_cores(real, threads, usable, counts):
     assert scaling.count_cores(real, threads, usable) == counts
 
 
-def test_cores_and_gpus_get_as_much_work_each(own_cache):
-    """What GPUs are asked for is asked of a CPU: the same code but for the engine's name."""
-    allowed = os.sched_getaffinity(0)
-    small = scaling.Work(32, 20, 16, 20)
-    try:
-        cores = scaling.measure_cores(0.0, small)
-    finally:
-        os.sched_setaffinity(0, allowed)
-    (gpus,) = scaling.measure_gpus(0.0, 2, "simd", small)
-    assert cores[0]["cores"] == 1 and cores[-1]["cores"] <= len(allowed)
-    for row in (*cores, gpus):
-        assert row["runs"] == 16 * row.get("cores", row.get("gpus"))
-        kernel = row["kernel_ticks_per_s"] * min(row["kernel_s"])
-        assert kernel == pytest.approx(2 * 20 * row["runs"])
-        campaign = row["campaign_ticks_per_s"] * min(row["campaign_s"])
-        assert campaign == pytest.approx(20 * row["runs"])
-
-
 def test_a_command_is_timed_in_a_process_of_its_own(tmp_path):
     done = commands.run_command(tmp_path, "--help")
     assert done.cpu_s > 0.0 and done.seconds > 0.0
     assert 5.0 < done.peak_mb < 500.0
     with pytest.raises(RuntimeError, match="no_such_campaign"):
         commands.run_command(tmp_path, "run", "no_such_campaign")
-
-
-def test_commands_are_those_of_the_package_asked_for(tmp_path, monkeypatch):
-    """Whatever the folder is in which Python starts."""
-    package = tmp_path / "other/ravenjax"
-    (package / "cli").mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "cli/__init__.py").write_text("")
-    (package / "cli/__main__.py").write_text("import sys; sys.exit(len(sys.argv) - 2)\n")
-    monkeypatch.chdir(process.ROOT)
-    commands.run_command(tmp_path, "--help", root=tmp_path / "other")
-    with pytest.raises(RuntimeError, match="exit code 1"):
-        commands.run_command(tmp_path, "--help", "more", root=tmp_path / "other")

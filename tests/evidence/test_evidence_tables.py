@@ -6,7 +6,6 @@ import collections
 import csv
 import io
 
-import numpy as np
 import pytest
 import synthetic_results as synthetic
 from rendered_page import Page, words
@@ -14,8 +13,7 @@ from rendered_page import Page, words
 from evidence import argument, control_actions, trace
 from evidence.control_actions import count_control_actions
 from evidence.failure_modes import count_failure_modes
-from evidence.sources import ENUMERATED, SAMPLED, Source, identify, opened
-from ravenjax.errors import UserError
+from evidence.sources import Source, identify, opened
 from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
@@ -74,47 +72,6 @@ def test_failure_modes_are_counted_by_hand(source):
             row.rate.k for row in mine
         ) == len(part)
     assert (FRAME["failed"] != "").any()  # those are in no line
-
-
-def test_delays_are_medians_after_the_first_effect(source):
-    lines = [
-        row
-        for row in count_failure_modes(source)
-        if row.response == "stopped" and row.hazard != "none"
-    ]
-    assert lines
-    for row in lines:
-        cause = row.detected_by.removeprefix("check ").split(" (")[0]
-        own = (
-            (SAMPLE["group"] == row.group)
-            & (SAMPLE["response_cause"] == cause)
-            & (SAMPLE["hazard"] == row.hazard)
-        )
-        cue = SAMPLE["cue0_first_ms"] >= 0  # golden runs have none
-        mine = SAMPLE[
-            own & (SAMPLE["response"] == "stopped") & (cue == ("haptic cue" in row.detected_by))
-        ]
-        delays = (mine["told_ms"] - mine["first_active_ms"])[mine["activated"]]
-        assert len(mine) == row.rate.k and row.told_after_ms == pytest.approx(
-            delays.median(), nan_ok=True
-        )
-
-
-def test_an_interval_only_where_faults_were_drawn():
-    drawn = {"name": "encoder", "design": "random", "fault": [{"value": {"uniform": [0, 1]}}]}
-    others = [
-        {"name": name, "design": "grid", "fault": []}
-        for name in synthetic.BLOCKS
-        if name != "encoder"
-    ]
-    mixed = of(FRAME, config={**synthetic.manifest().config, "group": [drawn, *others]})
-    rows = count_failure_modes(mixed)
-    for row in rows:
-        assert row.interval == (SAMPLED if row.group == "encoder" else ENUMERATED)
-        assert np.isnan(row.rate.low) == (row.group != "encoder")
-    assert {row.group for row in rows} >= {"encoder", "plc_pins"}
-    actions = count_control_actions(mixed)
-    assert {row.site for row in actions if row.interval == SAMPLED} == {"encoder"}
 
 
 def test_unsafe_control_actions_hold_every_hazard_once(source):
@@ -198,14 +155,6 @@ def test_the_sentence_is_the_report_s(folder):
         == f"600 of the 600 declared runs are there, {head['failed']} of them without a valid"
         " outcome."
     )
-
-
-def test_a_folder_named_twice(folder):
-    with (
-        pytest.raises(UserError, match="is named twice"),
-        opened([folder, folder / ".." / folder.name]),
-    ):
-        pass
 
 
 def test_identity_is_of_what_decides_outcomes():

@@ -39,35 +39,14 @@ class FreshOperations(NamedTuple):
     scores: dict[str, np.ndarray]  # SCORE, and what else there is of `writing.measured_names`
 
 
-class SignalShift(NamedTuple):
-    """One score of the monitor."""
-
-    name: str
-    shift: shift.Shift
-    adjusted: float  # p of all scores together
-    shifted: bool
-
-
-class MonitorCheck(NamedTuple):
-    """What fresh operations say."""
-
-    signals: tuple[SignalShift, ...]  # the joint score first
-    level: float  # chance that any is called shifted where nothing changed
-    units: int
-    operations: int
-    hours: float
-    alarms: int  # operations with one
-
-    @property
-    def shifted(self) -> tuple[SignalShift, ...]:
-        """Those that are."""
-        return tuple(one for one in self.signals if one.shifted)
-
-
 def check(
     folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int = 0
-) -> MonitorCheck:
-    """Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as
+) -> pd.DataFrame:
+    """A row a score, the joint first: score, place (median place among the calibration's, 0 to 1),
+    p, adjusted (p of all together), martingale, shifted. attrs: level (chance that any is called
+    shifted where nothing changed), units, operations, hours, alarms (operations with one).
+
+    Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as
     CSV.
 
     A log has the columns of test_vector.csv: live, and what the monitor reads, a row a millisecond.
@@ -90,17 +69,28 @@ def check(
         if (both != both[0]).any():  # the same always: nothing to compare
             results[name] = shift.shift(before, after, seed)
     findings = holm({name: one.p for name, one in results.items()}, 1.0 - level)
-    return MonitorCheck(
-        signals=tuple(
-            SignalShift(n, one, findings[n].adjusted, findings[n].rejected)
-            for n, one in results.items()
-        ),
-        level=level,
-        units=len(first),
-        operations=len(fresh.unit),
-        hours=float(fresh.hours.sum()),
-        alarms=int((fresh.scores[SCORE] > monitor.threshold).sum()),
+    table = pd.DataFrame(
+        [
+            (
+                name,
+                one.place,
+                one.p,
+                findings[name].adjusted,
+                one.martingale,
+                findings[name].rejected,
+            )
+            for name, one in results.items()
+        ],
+        columns=["score", "place", "p", "adjusted", "martingale", "shifted"],
     )
+    table.attrs |= {
+        "level": level,
+        "units": len(first),
+        "operations": len(fresh.unit),
+        "hours": float(fresh.hours.sum()),
+        "alarms": int((fresh.scores[SCORE] > monitor.threshold).sum()),
+    }
+    return table
 
 
 def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarray]) -> np.ndarray:

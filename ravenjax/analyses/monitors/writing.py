@@ -162,9 +162,10 @@ def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
 
 
 def _term(table: dict[str, Any]) -> Score:
-    fields = {key: value for key, value in table.items() if key != "alarm_above"}
-    fields |= {key: tuple(table[key]) for key in ("channels", "labels", "units")}
-    return Score(**fields | {"scales": (1.0,)})
+    lists = {key: tuple(table[key]) for key in ("channels", "labels", "units")}
+    fields: dict[str, Any] = {key: value for key, value in table.items() if key != "alarm_above"}
+    fields |= lists | {"scales": (1.0,)}
+    return Score(**fields)
 
 
 def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) -> pd.DataFrame:

@@ -136,13 +136,6 @@ def test_a_damaged_part_is_set_aside_and_named(kept):
     assert not last.exists()
 
 
-def test_a_part_of_something_else_is_left_alone_and_refused(kept):
-    out, _, _ = kept
-    with pytest.raises(StoreError, match="belongs to another campaign"):
-        Journal(out, "other")
-    assert len(parts.files(out / folder.PARTS)) == 3
-
-
 def test_what_is_done_is_one_file_and_taken_over_too(kept):
     out, found, rows = kept
     made = Journal(out, "same")

@@ -87,16 +87,6 @@ def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
     assert "run again as an ordinary campaign" in text
 
 
-def test_a_longer_fault_needs_less(bounded):
-    cells = json.loads((bounded[0] / output.NUMBERS).read_text())["result"]["cells"]
-    size = {
-        tuple(cell["cell"].values()): abs(cell["harmful"])
-        for cell in cells
-        if cell["state"] == "crossing"
-    }
-    assert all(size["shoulder", 32, sign] < size["shoulder", 8, sign] for sign in "+-")
-
-
 @pytest.mark.slow
 def test_what_never_harms_is_censored(tmp_path):
     config = search(

@@ -111,15 +111,6 @@ def grounds(lead, lead_ms=10, groups=None, robots=None):
     return Grounds(Question(lead_ms=lead_ms), free, free, hazards, *hazards.halves(0))
 
 
-def test_an_alarm_counts_from_the_lead_on():
-    one = grounds([[10], [9], [NEVER], [300]] * 25)
-    covered = one.promise([0]).covered
-    whole = one.selection_half | one.statement_half
-    assert whole.all() and not (one.selection_half & one.statement_half).any()
-    hit = np.array([True, False, False, True] * 25)[one.statement_half]
-    assert (covered.k, covered.n) == (hit.sum(), len(hit))
-
-
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=6), st.integers(0, 5))
 def test_halves_are_halves_of_every_group(sizes, seed):
     groups = np.repeat([f"g{k}" for k in range(len(sizes))], sizes)
