@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from ravenjax.analyses.monitors.counterfactual import finding, output, words
-from ravenjax.analyses.monitors.counterfactual.question import Question
+from ravenjax.analyses.monitors.counterfactual import finding, output
+from ravenjax.analyses.monitors.counterfactual.candidates import Question
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection.replay import replay
 from ravenjax.campaign.loading import load_campaign
@@ -143,9 +143,9 @@ def counterfactual(
     one = finding.find(config, question, running.engine_name(engine))
     files = [] if out is None else output.write(one, Path(out))
     table = pd.read_csv(
-        io.StringIO(downloads.text(words.table(one))), keep_default_na=False, na_values=[""]
+        io.StringIO(downloads.text(output.table(one))), keep_default_na=False, na_values=[""]
     )
-    table.attrs.update({"sentences": words.sentences(one), "files": [str(path) for path in files]})
+    table.attrs.update({"sentences": output.sentences(one), "files": [str(path) for path in files]})
     return table
 
 
@@ -203,15 +203,7 @@ def check_monitor(
     from ravenjax.analyses.monitors import checking
 
     several = [sources] if isinstance(sources, str | Path) else sources
-    result = checking.check(Path(folder), [Path(source) for source in several], level, seed)
-    rows = [
-        (one.name, one.shift.place, one.shift.p, one.adjusted, one.shift.martingale, one.shifted)
-        for one in result.signals
-    ]
-    table = pd.DataFrame(rows, columns=["score", "place", "p", "adjusted", "martingale", "shifted"])
-    names = ("units", "operations", "hours", "alarms", "level")
-    table.attrs.update({name: getattr(result, name) for name in names})
-    return table
+    return checking.check(Path(folder), [Path(source) for source in several], level, seed)
 
 
 def _folder(campaign: Any) -> Path | None:

@@ -25,7 +25,7 @@ import jsonschema
 import pytest
 import snippets
 
-from ravenjax.analyses.search.file import json_schema as searches
+from ravenjax.analyses.search.file import config as searches
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.campaign.loading import tables_of
@@ -115,7 +115,7 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
         consoles.load(snippet.title)
         return
     if "search" in raw:
-        schema, load = searches.schema(ROBOT), search_loading.from_dict
+        schema, load = searches.json_schema_of(ROBOT), search_loading.from_dict
     else:
         schema, load = (
             (campaigns.schema(ROBOT), loading.from_dict)

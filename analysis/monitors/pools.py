@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from ravenjax.analyses.monitors import calibrate
-from ravenjax.analyses.monitors.monitor import WHOLE, terms
+from ravenjax.analyses.monitors.monitor import WHOLE, split_scores
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
@@ -44,7 +44,7 @@ def main() -> None:
     for seed, (name, share) in enumerate({"drawn": 1.0, "one": 1.0, "shifted": 0.1}.items()):
         began, config = time.perf_counter(), campaign(name)
         design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
-        wanted = terms(calibrate.chosen(config.robot, calibrate.SIGNALS))
+        wanted = split_scores(calibrate.chosen(config.robot, calibrate.SIGNALS))
         count, place = max(1, round(share * options.operators)), options.folder / name
         peaks = calibrate.operate(
             config, design, wanted, WHOLE, place, count, options.engine, lambda *_: None

@@ -35,7 +35,7 @@ from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import OTHER_LAYER
 from studies import kinds, motions_alike
 from studies.motions_alike import MOTIONS, RECORDINGS, Activated
-from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
+from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant, read_notes
 
 FREE = "free/"
 """Begin of the names of groups without faults."""
@@ -864,36 +864,14 @@ def _lines(
 
 def _notes(faulty: FaultyScores, modelled: FreeScores) -> tuple[str, ...]:
     hours, recordings = float(modelled.hours.sum()), len(np.unique(modelled.recording))
-    return (
-        (
-            f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. Whether"
-            " tip_error and the cue come before it is not asked where they fire at that distance"
-            " or beyond, nor of a stop: their definitions alone decide it."
-        ),
-        (
-            "Of the built-in checks those count that stop the robot or tell a person. Beside"
-            " faults, what a check does on the golden run, too, is not counted; without a fault"
-            " every trip is. What stops prevented is in no rate."
-        ),
-        (
-            "The detectors see the virtual robot as its own perfect model. A real detector adds the"
-            " error of its model to every step, and no figure here holds that."
-        ),
-        (
-            f"Thresholds stand on {hours:.1f} h of generated motion of {recordings} recordings,"
-            " robot as modelled. Without any alarm the true rate could still be"
-            f" {alarm_rate(0, hours).high:.1f} an hour (95 %, were the hours independent): at most"
-            f" {PER_HOUR:g} an hour is what was seen, not what is known."
-        ),
-        (
-            "Which faults there are is a design, so rates compare detectors and are no"
-            " probabilities of missing a fault in use."
-        ),
-        kinds.NOTE,
-        (
-            "Detectors are armed in pedal-down without a software E-stop, from 0.5 s on: a fault"
-            " that stops the robot at once counts as without alarm."
-        ),
+    return read_notes(
+        "detectors",
+        motion=events.meaning("unintended_motion", faulty.rules),
+        hours=hours,
+        recordings=recordings,
+        unseen=alarm_rate(0, hours).high,
+        per_hour=PER_HOUR,
+        kinds=kinds.NOTE,
     )
 
 

@@ -27,6 +27,7 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    read_notes,
 )
 
 
@@ -259,7 +260,7 @@ def compare(context: Context) -> Findings:
     return Findings(
         lines=tuple(_lines(effects, released)),
         tables=(_followed(effects), _changed(effects), _loop(), _measured(), _avoided(released)),
-        notes=_NOTES,
+        notes=read_notes("hand"),
     )
 
 
@@ -461,29 +462,6 @@ def _delayed(delay_ms: float) -> str:
 def _crossed(name: str, values: tuple[float, ...]) -> str:
     return f"cross.hand.{name}=[{', '.join(map(str, values))}]"
 
-
-_NOTES = (
-    (
-        "Reference: outcomes compare with the golden run, whose hand is moved by its own cues, if"
-        " it has any, and with the nominal model, which follows the hand. So a tip that the cue"
-        " alone moves is on its model and no unintended motion; it is off the golden run."
-    ),
-    (
-        "A robot and a model that both follow the hand keep their distance. Faults with a cue are"
-        " often such that the robot does not follow its input: a motor, a packet or the robot"
-        " itself has stopped. There the model follows alone, and a pull towards the model takes it"
-        " farther away. The force of the other sign is the null: it changes that distance as much"
-        " the other way."
-    ),
-    (
-        "A person who stiffens against a force that stays, or corrects by eye what it does, is not"
-        " in it."
-    ),
-    (
-        "Newtons in a device unit, the grip's factor and everything about an operator are assumed,"
-        " see `stages/hand.py`."
-    ),
-)
 
 _NOBODY = ("cross.reaction.action=[0]", "haptics.threshold_mm=[3]", "hand.grip=0.5")
 

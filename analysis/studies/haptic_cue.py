@@ -45,7 +45,7 @@ from studies.detectors import (
     share,
 )
 from studies.motions_alike import MOTIONS, RECORDINGS, Activated
-from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant
+from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, Variant, read_notes
 
 RESAMPLES = 2000
 WEIGHTS = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
@@ -772,41 +772,12 @@ def _range(values: Sequence[float], wins: np.ndarray) -> tuple[float, float]:
 
 
 def _notes(faulty: FaultyCues, modelled: FreeCues) -> tuple[str, ...]:
-    return (
-        (
-            f"Unintended motion: {events.meaning('unintended_motion', faulty.rules)}. A cue at that"
-            " distance of the reported tip from the model, or beyond, is no warning of it: the"
-            " motion begins at that distance from the same model. Only of lower thresholds is it a"
-            " finding whether they come before it. What the choice hangs on asks again for motion"
-            " that could injure and for jumps of the true tip alone."
-        ),
-        (
-            "An unintended motion counts as missed where the cue never came, or the golden run had"
-            " it by then: a surgeon who feels it in normal motion, too, learns nothing from it."
-        ),
-        (
-            f"False cues: separate pulses in {modelled.hours.sum():.1f} h of generated motion, of"
-            f" {len(np.unique(modelled.recording))} recordings at four scales each. A pulse that"
-            " flickers about the threshold counts each time, one that stays counts once: after a"
-            " minute of clutching the cue pulls on and on, which the time with one tells. Real"
-            " motion has tails that a generated one lacks, and a real robot is not its own model."
-        ),
-        (
-            "The weight of a missed unintended motion holds two things that no source tells: how"
-            " many false cues it is worth, and how many of them come in an hour. The choice is"
-            " therefore shown over six decades, not made."
-        ),
-        (
-            "Which faults there are is a design: the library's own values and sampled ones about"
-            " the boundary of unintended motion. Another mix would move the share missed, and so"
-            " the choice."
-        ),
-        kinds.NOTE,
-        (
-            "Gains change how strongly a cue is felt, and when only through the damper: where the"
-            " robot closes in fast enough that the pull would be negative there is no cue. Nobody"
-            " reacts to the cue here."
-        ),
+    return read_notes(
+        "haptic_cue",
+        motion=events.meaning("unintended_motion", faulty.rules),
+        hours=modelled.hours.sum(),
+        recordings=len(np.unique(modelled.recording)),
+        kinds=kinds.NOTE,
     )
 
 

@@ -27,7 +27,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stats.bootstrap.resample import bootstrap
 from studies.dsn16 import authors, recording
 from studies.dsn16.recording import ARM, TOOL, JointRecording, motors
-from studies.study import Context, Findings, Line, Study, StudyEstimate, Table
+from studies.study import Context, Findings, Line, Study, StudyEstimate, Table, read_notes
 
 THREE_JOINTS, SEVEN_JOINTS = recording.FILE, "recording_gold_7joints.parquet"
 DATA = recording.DATA
@@ -340,7 +340,9 @@ def compare(context: Context) -> Findings:
     missing = [name for name in FITTED if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
     return Findings(
-        tuple(lines), tuple(printed), notes=(*absent, *_notes(lines, every), *ahead, *_NOTES)
+        tuple(lines),
+        tuple(printed),
+        notes=(*absent, *_notes(lines, every), *ahead, *read_notes("mechanics")),
     )
 
 
@@ -508,18 +510,6 @@ _REASONS = {
         " was tried reproduces both halves (docs/explanation/mechanics.md)"
     )
 }
-_NOTES = (
-    (
-        "The arm of 2018 strings its first jaw like its second, as the fork of 2015 does: with the"
-        " jaw opposed, as in raven2 today, its virtual following error has nothing in common with"
-        " the recorded one. Its tool joints have the integral of raven2's gains: recorded errors"
-        " decay while the joint moves on."
-    ),
-    (
-        "All errors are of motors, where the encoders are. Backlash and stretch behind them are not"
-        " seen here."
-    ),
-)
 
 STUDY = Study(
     name="mechanics",

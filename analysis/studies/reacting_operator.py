@@ -44,6 +44,7 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    read_notes,
 )
 
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)
@@ -602,7 +603,7 @@ def compare(context: Context) -> Findings:
                 two,
             ),
         ),
-        notes=NOTES,
+        notes=read_notes("reacting_operator"),
     )
 
 
@@ -722,46 +723,6 @@ def _needed(found: Contrast) -> StudyEstimate:
     return StudyEstimate(
         *found.needed, found.acted, f"reactions to faults of {kinds.count(found.reacted)}"
     )
-
-
-NOTES = (
-    (
-        "Assumptions, none of them fitted to an outcome: the law of reaction times, the weakest"
-        " pull that is noticed, slowed hands at a quarter of their speed, a correction by eye"
-        " with a time constant of 0.2 s. The variants show how much hangs on reaction time,"
-        " threshold, gain and touch."
-    ),
-    (
-        "The faults are a design over layers, magnitudes and lengths around the boundary of"
-        " unintended motion, and the library's rows with the values of their sources. Nobody"
-        " knows how often each occurs, so a share of all of them is no probability of an"
-        " operation. What carries over is the comparison within each fault, and who has time."
-    ),
-    (
-        "Faults of one kind resemble each other: they strike one signal with one effect. How"
-        " sure a share is depends on the number of kinds and not on that of faults, so that"
-        " intervals resample kinds; where one kind makes most of what is counted, they are"
-        " wide."
-    ),
-    (
-        "What a cue avoids of motions of its own threshold is in no line: motion and cue are"
-        " there at the same moment, by their definitions. A cue at 1 mm beside a motion of 3"
-        " mm, and one at 3 mm beside motions of 5 mm and more, are findings. What a reaction"
-        " makes worse is one at every size."
-    ),
-    (
-        "An operator who lifts the pedal stops the arm by its brakes, 15 ms after the software"
-        " has heard it; what the fault does behind the software in that time, or to a robot"
-        " whose brakes are the fault, is in the runs."
-    ),
-    (
-        "Context, not compared: a context-aware detector of unsafe events on recorded tasks is"
-        " published with 1.7 s before the hazard for faults and 57 ms for human errors (Yasar"
-        " and Alemzadeh, DSN 2020); mitigation by a controller, not by a person, prevented 54 %"
-        " of hazards of an artificial pancreas (Zhou et al., DSN 2021). No experiment with"
-        " operators and this cue on faults like these has been published."
-    ),
-)
 
 
 def _alternatives() -> Iterator[Variant]:

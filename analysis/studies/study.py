@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,12 +74,6 @@ class Table:
     note: str = ""  # one paragraph below it
 
 
-def table(title: str, rows: Iterable[Mapping[str, Cell]], note: str = "") -> Table:
-    """A table of rows, each column name -> cell; all rows have the same columns."""
-    listed = list(rows)
-    return Table(title, tuple(listed[0]), tuple(tuple(row.values()) for row in listed), note)
-
-
 @dataclasses.dataclass(frozen=True)
 class Findings:
     """What a study found."""
@@ -121,6 +115,14 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_notes(study: str, **values: object) -> tuple[str, ...]:
+    """The paragraphs of `notes/STUDY.md`: assumptions, what is not reproduced; with these values
+    where the text has their names in braces.
+    """
+    text = (HERE / "notes" / f"{study}.md").read_text(encoding="utf-8")
+    return tuple(part.format(**values) for part in text.strip().split("\n\n"))
 
 
 class Published:

@@ -45,6 +45,7 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    read_notes,
 )
 
 
@@ -832,47 +833,7 @@ def _lines(
 
 
 def _notes(robots: int, rounding: float, same: int) -> tuple[str, ...]:
-    return (
-        (
-            "One parameter at a time, every fault is run at both ends under the same random"
-            " numbers, so a difference is the parameter's. All parameters drawn together, each run"
-            " has a fault and a robot of its own: that shows whether a dependence survives among"
-            " all others, and needs far larger effects to be seen."
-        ),
-        (
-            f"The range over {robots} robots is of robots that differ in one parameter, and of the"
-            " published sets, which differ in many. A robot at several ends at once can lie"
-            " outside."
-        ),
-        (
-            "The nominal model, and with it the cue, stays that of the known robot, as a"
-            " simulator's does when the real robot changes: a part of each dependence is the"
-            " model's misfit rather than the fault's doing. Each run is judged against the golden"
-            " run of its own robot."
-        ),
-        (
-            "Two control cycles a packet make the operator's increments come at half the rate, so"
-            " that the hand moves at half its speed; that is another task and not only another"
-            " robot. And the jump rule counts steps from packet to packet, which are then twice as"
-            " long: what it says depends on the rate of packets by its definition."
-        ),
-        (
-            f"{same} of the robots are the known one again, as one end of a range is the known"
-            f" value: their rates differ from its by up to {100 * rounding:.2g} points. Nothing but"
-            " rounding differs there (a value that is varied enters the computation in another way"
-            " than one that is fixed), and decides runs at the very edge of an event. Differences"
-            " of that size are nothing."
-        ),
-        (
-            "A delay of commands acts between the boards and the motors, behind every check;"
-            " encoders are read without one."
-        ),
-        (
-            "Faults are drawn as in the quick campaign: shares are of its design, not of what"
-            " occurs, and hide that sites differ far more than robots do; the table of layers shows"
-            " that."
-        ),
-    )
+    return read_notes("uncertain_robot", robots=robots, same=same, rounding=100 * rounding)
 
 
 def _variants() -> Iterator[Variant]:

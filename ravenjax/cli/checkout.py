@@ -13,18 +13,21 @@ from typing import Any
 import ravenjax
 from ravenjax.errors import UserError
 
-ROOT = Path(ravenjax.__file__).resolve().parents[1]
+
+def root() -> Path:
+    """The folder that holds the package's own: of the repository, in a checkout."""
+    return Path(ravenjax.__file__).resolve().parents[1]
 
 
 def load_module(name: str) -> Any:
     """Module `name` of the folder `analysis`, as "studies.claims". Raises UserError outside of a
     checkout.
     """
-    analysis = ROOT / "analysis"
+    analysis = root() / "analysis"
     folder = analysis / name.partition(".")[0]
     if not (folder / "__init__.py").is_file():
         raise UserError(
-            f"this command needs a checkout of the repository, and this is none: {folder} is"
+            f"this command needs a checkout of the repository, and this is no checkout: {folder} is"
             " missing; clone the repository and install it with `pip install -e .`"
         )
     if str(analysis) not in sys.path:

@@ -59,8 +59,8 @@ def counterfactual(
     engine
         auto, cuda, simd, xla or mjx
     """
-    from ravenjax.analyses.monitors.counterfactual import confirmation, finding, output, words
-    from ravenjax.analyses.monitors.counterfactual.question import Question
+    from ravenjax.analyses.monitors.counterfactual import finding, output
+    from ravenjax.analyses.monitors.counterfactual.candidates import Question
     from ravenjax.cli import terminal
     from ravenjax.store import files
 
@@ -78,19 +78,19 @@ def counterfactual(
         one = finding.find(config, question, engine, stage, watch)
         paths = output.write(one, place)
         sure = (
-            confirmation.run(one, paths[-1], config.campaign.seed + 1, engine, watch)
+            finding.confirm(one, paths[-1], config.campaign.seed + 1, engine, watch)
             if confirm
             else None
         )
-    sentences = [*words.sentences(one), *([sure.sentence] if sure else [])]
+    sentences = [*output.sentences(one), *([sure.sentence] if sure else [])]
     if as_json:
         plain = {
             "sentences": sentences,
-            "checks": [row for row in words.table(one) if row["chosen"]],
+            "checks": [row for row in output.table(one) if row["chosen"]],
         }
         return console.emit_json(plain | {"files": [str(path) for path in paths]})
-    console.out.print(terminal.table("", words.COLUMNS, words.rows(one)))
-    console.say("\n".join([*(f"  {line}" for line in words.checks(one)), *sentences]))
+    console.out.print(terminal.table("", output.COLUMNS, output.rows(one)))
+    console.say("\n".join([*(f"  {line}" for line in output.checks(one)), *sentences]))
     return console.say("\n".join(f"  wrote    {path}" for path in paths))
 
 

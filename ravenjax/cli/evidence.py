@@ -92,7 +92,7 @@ def _of_model(folder: Path) -> Any:
             f"--credibility {folder}: no findings of a study there; a checkout has some in"
             f" results/reference, `ravenjax reproduce NAME --out {folder}` makes them"
         )
-    root = checkout.ROOT
+    root = checkout.root()
     statements = []
     for one in claims.of_model().values():
         places = [

@@ -119,10 +119,10 @@ def operate(
     robots
         operations of each operator; default the calibration's
     """
-    from ravenjax.analyses.monitors.fresh import fresh
+    from ravenjax.analyses.monitors.calibrate import operate_afresh
 
     with _progress(as_json) as progress:
-        peaks = fresh(folder, out, hours, overrides or (), robots, engine, progress)
+        peaks = operate_afresh(folder, out, hours, overrides or (), robots, engine, progress)
     if as_json:
         return console.emit_json(
             {"folder": out, "operations": len(peaks.unit), "hours": float(peaks.hours.sum())}
@@ -158,36 +158,36 @@ def check(
     from ravenjax.analyses.monitors import checking
 
     result = checking.check(folder, sources, level, seed)
+    shifted, about = bool(result["shifted"].any()), result.attrs
     if as_json:
-        console.emit_json(result._asdict() | {"shifted": bool(result.shifted)})
-        return 1 if result.shifted else 0
+        console.emit_json({"signals": result.to_dict("records"), **about, "shifted": shifted})
+        return int(shifted)
     rows = [
         (
-            one.name,
-            f"{one.shift.place:.2f}",
-            f"{one.shift.p:.2g}",
-            f"{one.adjusted:.2g}",
-            f"{one.shift.martingale:.3g}",
-            "shifted" if one.shifted else "",
+            row["score"],
+            f"{row['place']:.2f}",
+            f"{row['p']:.2g}",
+            f"{row['adjusted']:.2g}",
+            f"{row['martingale']:.3g}",
+            "shifted" if row["shifted"] else "",
         )
-        for one in result.signals
+        for row in result.to_dict("records")
     ]
     columns = ("score", "median place", "p", "p of all", "martingale", "")
     console.emit(
         [Listing("signals", "Fresh operations among the calibration's", columns, rows)], False
     )
-    about = (
-        f"{result.units} units, {result.operations} operations, {result.hours:.3g} h,"
-        f" {result.alarms} with an alarm"
+    console.say(
+        f"{about['units']} units, {about['operations']} operations, {about['hours']:.3g} h,"
+        f" {about['alarms']} with an alarm"
     )
-    verdict = (
+    console.say(
         f"SHIFT at level {level:g}: fresh operations are not drawn as the calibration's were, and"
         " its promise does not hold for them. Calibrate on what they are like"
-        if result.shifted
+        if shifted
         else f"no shift found at level {level:g}; with so few units a small one stays unseen"
     )
-    console.say(f"{about}\n{verdict}")
-    return 1 if result.shifted else 0
+    return int(shifted)
 
 
 @monitor.command

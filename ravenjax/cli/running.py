@@ -257,7 +257,7 @@ def search(
         numbers = json.loads((result.out / output.NUMBERS).read_text(encoding="utf-8"))
         console.emit_json({"folder": result.out} | numbers)
         return
-    for sentence in result.findings.sentences:
+    for sentence in result.sentences:
         console.say(f"- {sentence}")
     console.say(f"search: {result.out}")
     console.say(f"page: {result.out / output.PAGE}")

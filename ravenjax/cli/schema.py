@@ -40,9 +40,9 @@ def schema(kind: Kind = "campaign", *, out: Out = None) -> None:
     from ravenjax.robots.raven2 import ROBOT
 
     if kind == "search":
-        from ravenjax.analyses.search.file import json_schema
+        from ravenjax.analyses.search.file import config as searches
 
-        content = json_schema.schema(ROBOT)
+        content = searches.json_schema_of(ROBOT)
     elif kind == "scenario":
         from ravenjax.train.scenario import json_schema
 

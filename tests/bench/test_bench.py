@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import jax
 import mujoco
 import numpy as np
@@ -14,15 +12,11 @@ from bench import (
     commands,
     engines,
     peers,
-    process,
     scaling,
-    workload,
 )
 from bench.workload import PATTERN_RUNS, Workload
 from ravenjax.campaign import loading, plan
-from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdEngine
-from ravenjax.errors import UserError
 from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
 
 TICKS = 20
@@ -45,12 +39,6 @@ def test_no_two_runs_are_alike(work):
         [np.asarray(leaf, np.float64) for leaf in jax.tree.leaves(block.faults)], axis=1
     )
     assert len(np.unique(rows, axis=0)) == runs
-
-
-def test_the_last_block_is_filled_with_its_last_run(work):
-    (slot,) = work.block(10, 3, 8, np.zeros((TICKS, 6), np.float32)).faults.slots
-    assert len(np.unique(slot.value[2:])) == 1
-    assert len(np.unique(slot.value[:3])) == 3
 
 
 @pytest.mark.slow
@@ -77,26 +65,6 @@ def test_an_engine_computes_every_tick_of_every_run(work):
     assert times == 10
     assert times * 100 * TICKS <= sum(done) <= times * blocks * kernel.lanes * TICKS
     assert row["ticks_per_s"] * min(row["seconds"]) == pytest.approx(100 * TICKS)
-
-
-@pytest.mark.slow
-def test_only_a_first_kernel_has_a_start(work):
-    traced.forget()
-    first, second = engines.measure_batches(SimdEngine(), work, (16, 32), 0.0)
-    assert min(first["ready_s"], first["start_s"]) > 0.0 and "start_s" not in second
-
-
-def test_an_engine_that_is_not_there_is_named_with_its_reason():
-    with pytest.raises(UserError, match="unknown"):
-        engines.measure(1.0, "fpga")
-
-
-@pytest.mark.parametrize(("seconds", "times"), [(0.0, 1), (3.9, 1), (4.1, 2), (7.0, 3), (100.0, 5)])
-def test_repeats_are_as_many_as_fit_and_one_at_least(monkeypatch, seconds, times):
-    monkeypatch.setattr(workload, "measure_once", lambda work: (work(), 2.0)[1])
-    done = []
-    assert workload.repeat(lambda: done.append(1), seconds, 5) == [2.0] * times
-    assert len(done) == times
 
 
 @pytest.mark.slow
@@ -156,67 +124,9 @@ def test_counts_of_cores(real, threads, usable, counts):
     assert scaling.count_cores(real, threads, usable) == counts
 
 
-def test_cores_and_gpus_get_as_much_work_each(own_cache):
-    """What GPUs are asked for is asked of a CPU: the same code but for the engine's name."""
-    allowed = os.sched_getaffinity(0)
-    small = scaling.Work(32, 20, 16, 20)
-    try:
-        cores = scaling.measure_cores(0.0, small)
-    finally:
-        os.sched_setaffinity(0, allowed)
-    (gpus,) = scaling.measure_gpus(0.0, 2, "simd", small)
-    assert cores[0]["cores"] == 1 and cores[-1]["cores"] <= len(allowed)
-    for row in (*cores, gpus):
-        assert row["runs"] == 16 * row.get("cores", row.get("gpus"))
-        kernel = row["kernel_ticks_per_s"] * min(row["kernel_s"])
-        assert kernel == pytest.approx(2 * 20 * row["runs"])
-        campaign = row["campaign_ticks_per_s"] * min(row["campaign_s"])
-        assert campaign == pytest.approx(20 * row["runs"])
-
-
 def test_a_command_is_timed_in_a_process_of_its_own(tmp_path):
     done = commands.run_command(tmp_path, "--help")
     assert done.cpu_s > 0.0 and done.seconds > 0.0
     assert 5.0 < done.peak_mb < 500.0
     with pytest.raises(RuntimeError, match="no_such_campaign"):
         commands.run_command(tmp_path, "run", "no_such_campaign")
-
-
-def test_commands_are_timed_in_rounds_with_a_cache_of_their_own(monkeypatch):
-    calls = []
-
-    def run_command(folder, *tokens):
-        calls.append((folder, tokens))
-        count = len(calls)
-        return process.Finished("", 2.0 + count, 1.0 + count, 100.0 - count)
-
-    monkeypatch.setattr(commands, "run_command", run_command)
-    monkeypatch.setattr(commands.workload, "repeat", lambda work, seconds: (work(), work()))
-    rows = commands.measure(1.0)
-    cold = rows[0]
-    assert cold["command"] == "ravenjax run quick, nothing cached"
-    assert (cold["seconds"], cold["best_s"]) == ([3.0, 8.0], 3.0)
-    assert (cold["cpu_s"], cold["peak_mb"]) == (2.0, 99.0)
-    assert rows[-1]["command"] == "ravenjax --help"
-    folders = [folder for folder, _ in calls]
-    assert len(set(folders[:5])) == len(set(folders[5:])) == 1 and folders[0] != folders[5]
-    assert len({tokens[tokens.index("--out") + 1] for _, tokens in calls[:3]}) == 3
-
-
-def test_the_large_campaign_is_the_one_that_is_timed_elsewhere(tmp_path):
-    commands.list_large_commands(tmp_path, 7, 2000)
-    file, other = loading.load(str(tmp_path / "large.toml")), workload.campaign(7, 2000)
-    assert (file.group, file.operator) == (other.group, other.operator)
-
-
-def test_commands_are_those_of_the_package_asked_for(tmp_path, monkeypatch):
-    """Whatever the folder is in which Python starts."""
-    package = tmp_path / "other/ravenjax"
-    (package / "cli").mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "cli/__init__.py").write_text("")
-    (package / "cli/__main__.py").write_text("import sys; sys.exit(len(sys.argv) - 2)\n")
-    monkeypatch.chdir(process.ROOT)
-    commands.run_command(tmp_path, "--help", root=tmp_path / "other")
-    with pytest.raises(RuntimeError, match="exit code 1"):
-        commands.run_command(tmp_path, "--help", "more", root=tmp_path / "other")

@@ -41,15 +41,6 @@ def test_time_of_control_groups_is_the_least_of_all_above(tmp_path):
     assert machine.read_quota(tmp_path, own) == 0.5
 
 
-@pytest.mark.parametrize(
-    ("quota", "threads"), [(math.inf, 8), (16.0, 8), (4.0, 4), (2.5, 3), (0.2, 1)]
-)
-def test_threads_are_no_more_than_the_group_has_time_for(monkeypatch, quota, threads):
-    monkeypatch.setattr(machine.os, "sched_getaffinity", lambda _: set(range(8)))
-    monkeypatch.setattr(machine, "read_quota", lambda: quota)
-    assert machine.count_usable_cpus() == threads
-
-
 def test_this_machine_is_described():
     here = machine.describe()
     assert 1 <= here["real_cores"] <= here["cores"]

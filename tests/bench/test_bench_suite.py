@@ -5,7 +5,6 @@ be asked for.
 from __future__ import annotations
 
 import json
-import os
 import time
 from pathlib import Path
 from typing import get_args
@@ -58,41 +57,10 @@ def test_a_part_that_hangs_is_ended_in_time(some, monkeypatch):
     assert "--seconds" in absent["b"] and "campaigns" not in found
 
 
-def test_what_a_process_started_ends_with_it(some, tmp_path):
-    file = tmp_path / "child"
-    with pytest.raises(RuntimeError, match="not finished within 2 s"):
-        process.call(bench_work.sleeps, 1.0, str(file), environment={}, limit_s=2.0)
-    child = int(file.read_text())
-    for _ in range(100):
-        if not Path(f"/proc/{child}").exists() or " Z " in Path(f"/proc/{child}/stat").read_text():
-            return
-        time.sleep(0.05)
-    raise AssertionError(f"process {child} goes on")
-
-
 def test_a_signal_is_named():
     command = ["/bin/sh", "-c", "echo last words >&2; kill -9 $$"]
     with pytest.raises(RuntimeError, match="ended by SIGKILL: last words"):
         process.run_command(command, {})
-
-
-def test_parts_that_need_a_gpu_are_not_tried_without(some):
-    assert some(60.0, Part("a", "devices", bench_work.raises, 0.1, 1.0, gpus=1))[1] == {
-        "a": "no GPU"
-    }
-
-
-def test_each_number_of_gpus_sees_no_more(some, monkeypatch):
-    monkeypatch.setattr(suite.machine, "describe", bench_work.describe_three_gpus)
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
-    work = bench_work.environment
-    parts = [Part(f"{n}", "devices", work, 0.1, 1.0, gpus=n, cached=True) for n in (1, 3)]
-    found, _ = some(60.0, *parts, Part("x", "cores", work, 0.1, 1.0))
-    assert [row["CUDA_VISIBLE_DEVICES"] for row in found["devices"]] == ["5", "5,6,7"]
-    one, three = (row["RAVENJAX_CACHE"] for row in found["devices"])
-    assert one == three and not os.path.exists(one)
-    # a part that times its start shares no cache
-    assert found["cores"][0]["RAVENJAX_CACHE"] == "off"
 
 
 def test_quick_runs_say_what_they_leave_out(some):
@@ -104,20 +72,6 @@ def test_quick_runs_say_what_they_leave_out(some):
     assert absent == {"a": "left out of a quick run"} and "shell" in found
     found, absent = some(60.0, *listed, quick=True, only=["campaigns"])
     assert absent == {} and "campaigns" in found and "shell" not in found
-
-
-def test_time_is_shared_by_what_parts_can_use():
-    parts = [Part(n, n, bench_work.answers, 10.0, most) for n, most in (("a", 30.0), ("b", 10.0))]
-    assert suite.share_time(40.0, parts) == pytest.approx(15.0)
-    assert suite.share_time(1000.0, parts) == 30.0
-    assert suite.share_time(5.0, parts) == pytest.approx(3.0)
-
-
-def test_every_table_can_be_asked_for():
-    assert {part.table for part in suite.list_parts(2)} == set(get_args(commands.TableName))
-    parts = suite.list_parts(8)
-    assert len({part.name for part in parts}) == len(parts)
-    assert [part.gpus for part in parts if part.table == "devices"] == [1, 2, 4, 8]
 
 
 def test_ratios_are_those_of_the_best():

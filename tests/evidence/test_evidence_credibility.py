@@ -98,24 +98,6 @@ def test_a_linked_file_that_changes_turns_its_goal_red_and_no_result(folder, tmp
     assert credibility.GOAL in goals and len(goals) == 2, "its own and the top goal alone"
 
 
-def test_a_damaged_part_leaves_the_model_s_credibility_alone(folder, tmp_path):
-    root = tmp_path / "repository"
-    root.mkdir()
-    writing.write([folder], tmp_path / "evidence", model=of_one(root)[0])
-    part = next((folder / "parts").glob("*.parquet"))
-    part.unlink()
-    states = {node.text: node.status for node in writing.check(tmp_path / "evidence").nodes}
-    assert states[credibility.GOAL] == "holds" and states[writing.GOALS["trace.csv"]] == "broken"
-
-
 def test_without_findings_one_clear_error(folder, tmp_path, capsys):
     assert cli.main(["evidence", str(folder), "--credibility", str(tmp_path)]) == 2
     assert "no findings of a study there" in capsys.readouterr().err
-
-
-def test_evidence_without_it_leaves_none_of_before(folder, tmp_path):
-    root = tmp_path / "repository"
-    root.mkdir()
-    writing.write([folder], folder / "e", model=of_one(root)[0])
-    writing.write([folder], folder / "e")
-    assert not (folder / "e" / credibility.FILE).exists()

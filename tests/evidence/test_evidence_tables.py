@@ -6,17 +6,14 @@ import collections
 import csv
 import io
 
-import numpy as np
 import pytest
-import reacting_results as reacting
 import synthetic_results as synthetic
 from rendered_page import Page, words
 
-from evidence import argument, control_actions, failure_modes, trace
+from evidence import argument, control_actions, trace
 from evidence.control_actions import count_control_actions
 from evidence.failure_modes import count_failure_modes
-from evidence.sources import ENUMERATED, SAMPLED, Source, identify, opened
-from ravenjax.errors import UserError
+from evidence.sources import Source, identify, opened
 from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
@@ -77,82 +74,6 @@ def test_failure_modes_are_counted_by_hand(source):
     assert (FRAME["failed"] != "").any()  # those are in no line
 
 
-def test_failure_modes_equal_the_report(source):
-    rows, head = count_failure_modes(source), tables.headline(source.runs, source.record)
-    assert sum(row.rate.k for row in rows) == head["evaded"].n
-    assert sum(row.rate.k for row in rows if row.evades) == head["evaded"].k > 0
-    for group in tables.group_rows(source.runs):
-        if group["faulty"]:
-            mine = [row for row in rows if row.group == group["name"]]
-            assert sum(row.rate.k for row in mine) == group["n"]
-            assert sum(row.rate.k for row in mine if row.evades) == group["evaded"].k
-            assert {row.failed_runs_of_group for row in mine} == {group["failed"]}
-
-
-def test_an_example_is_a_run_of_its_line(source):
-    ids = FRAME.set_index("run_id")
-    for row in count_failure_modes(source):
-        some = ids.loc[row.example_runs.split()]
-        assert 1 <= len(some) == min(3, row.rate.k)
-        for name, value in (
-            ("group", row.group),
-            ("response", row.response),
-            ("hazard", row.hazard),
-        ):
-            assert set(some[name]) == {value}
-        assert some["index"].is_monotonic_increasing
-
-
-def test_delays_are_medians_after_the_first_effect(source):
-    lines = [
-        row
-        for row in count_failure_modes(source)
-        if row.response == "stopped" and row.hazard != "none"
-    ]
-    assert lines
-    for row in lines:
-        cause = row.detected_by.removeprefix("check ").split(" (")[0]
-        own = (
-            (SAMPLE["group"] == row.group)
-            & (SAMPLE["response_cause"] == cause)
-            & (SAMPLE["hazard"] == row.hazard)
-        )
-        cue = SAMPLE["cue0_first_ms"] >= 0  # golden runs have none
-        mine = SAMPLE[
-            own & (SAMPLE["response"] == "stopped") & (cue == ("haptic cue" in row.detected_by))
-        ]
-        delays = (mine["told_ms"] - mine["first_active_ms"])[mine["activated"]]
-        assert len(mine) == row.rate.k and row.told_after_ms == pytest.approx(
-            delays.median(), nan_ok=True
-        )
-
-
-def test_who_noticed(source):
-    for row in count_failure_modes(source):
-        assert (row.detected_by == failure_modes.NOBODY) == (
-            row.response == "silent" and "cue" not in row.detected_by
-        )
-        assert ("stopped the robot" in row.detected_by) == (row.response == "stopped")
-        assert ("told nobody" in row.detected_by) == (row.response == "limited")
-
-
-def test_an_interval_only_where_faults_were_drawn():
-    drawn = {"name": "encoder", "design": "random", "fault": [{"value": {"uniform": [0, 1]}}]}
-    others = [
-        {"name": name, "design": "grid", "fault": []}
-        for name in synthetic.BLOCKS
-        if name != "encoder"
-    ]
-    mixed = of(FRAME, config={**synthetic.manifest().config, "group": [drawn, *others]})
-    rows = count_failure_modes(mixed)
-    for row in rows:
-        assert row.interval == (SAMPLED if row.group == "encoder" else ENUMERATED)
-        assert np.isnan(row.rate.low) == (row.group != "encoder")
-    assert {row.group for row in rows} >= {"encoder", "plc_pins"}
-    actions = count_control_actions(mixed)
-    assert {row.site for row in actions if row.interval == SAMPLED} == {"encoder"}
-
-
 def test_unsafe_control_actions_hold_every_hazard_once(source):
     rows = count_control_actions(source)
     for hazard in trace.TRACED:
@@ -186,15 +107,6 @@ def test_each_kind_of_control_action_by_its_rule():
     assert (
         every <= {kind.name for kind in control_actions.KINDS} - {"none"}
         and "stopped too soon" in every
-    )
-
-
-def test_repeats_and_reactions_count_no_fault_twice():
-    frame = reacting.frame(200)
-    source = Source("R1", None, reacting.manifest(200), Runs.of(frame, reacting.manifest(200)))  # type: ignore[arg-type]
-    head = tables.headline(source.runs, source.record)
-    assert (
-        sum(row.rate.k for row in count_failure_modes(source)) == head["evaded"].n < len(frame) / 2
     )
 
 
@@ -243,23 +155,6 @@ def test_the_sentence_is_the_report_s(folder):
         == f"600 of the 600 declared runs are there, {head['failed']} of them without a valid"
         " outcome."
     )
-
-
-def test_without_faults_there_is_nothing_to_count():
-    free = FRAME[FRAME["group"] == "fault_free"].reset_index(drop=True)
-    source = of(free)
-    assert count_failure_modes(source) == count_control_actions(source) == []
-    assert argument.say_evading(source) == "No run has a fault." and not argument.say_hazards(
-        source
-    )
-
-
-def test_a_folder_named_twice(folder):
-    with (
-        pytest.raises(UserError, match="is named twice"),
-        opened([folder, folder / ".." / folder.name]),
-    ):
-        pass
 
 
 def test_identity_is_of_what_decides_outcomes():

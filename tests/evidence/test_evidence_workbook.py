@@ -101,22 +101,6 @@ def test_what_looks_like_a_formula_or_a_number_is_text(tmp_path):
     ]
 
 
-def test_a_table_longer_than_a_sheet_says_where_the_rest_is(tmp_path):
-    pytest.importorskip("xlsxwriter")
-    (tmp_path / "trace.csv").write_text("index\n" + "\n".join(map(str, range(10))) + "\n")
-    workbook.write_workbook(tmp_path / "some.xlsx", [tmp_path / "trace.csv"], most=4)
-    book = sheets(tmp_path / "some.xlsx")
-    assert len(book["trace"]) == 5
-    assert book["read me"][-1] == [("A", "trace: the first 4 lines; 6 more in trace.csv")]
-
-
-def test_a_disk_that_refuses(tmp_path):
-    pytest.importorskip("xlsxwriter")
-    (tmp_path / "some.csv").write_text("group\n")
-    with pytest.raises(OSError, match="nowhere"):
-        workbook.write_workbook(tmp_path / "nowhere" / "some.xlsx", [tmp_path / "some.csv"])
-
-
 def test_without_the_extra_it_is_said_what_to_install(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "xlsxwriter", None)
     assert cli.main(["evidence", str(folder), "--out", str(tmp_path / "new"), "--xlsx"]) == 2

@@ -10,6 +10,7 @@ import pytest
 
 import studies
 from ravenjax.bundled import resources
+from ravenjax.campaign import loading
 from ravenjax.cli import main
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
@@ -74,6 +75,16 @@ def test_every_study_is_found_by_its_name():
     assert [studies.find(name).name for name in studies.NAMES] == list(studies.NAMES)
     with pytest.raises(UserError, match="seed_burst"):
         studies.find("seed_brust")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", studies.NAMES)
+def test_every_variant_of_a_study_is_a_campaign_of_its_own(name):
+    variants = studies.find(name).variants
+    assert len({variant.name for variant in variants}) == len(variants)
+    for variant in variants:
+        if not variant.name.startswith("recorded"):
+            loading.load(variant.campaign, variant.overrides)
 
 
 def test_a_study_without_campaigns_is_compared_and_written_and_kept(tmp_path):

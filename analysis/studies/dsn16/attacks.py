@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,11 +69,6 @@ class CellShares(NamedTuple):
     def by_size(self) -> np.ndarray:
         """The shares with values in the order of their magnitude, [V, D]."""
         return self.shares[np.argsort(np.abs(self.values))]
-
-    @property
-    def alike(self) -> int:
-        """Cells whose runs all come out the same."""
-        return int(((self.shares == 0.0) | (self.shares == 1.0)).sum())
 
 
 def means(value: np.ndarray, duration: np.ndarray, hit: np.ndarray) -> CellShares:
@@ -374,43 +369,6 @@ def length_variants(campaign: str, *more: str) -> tuple[Variant, ...]:
     return (*lengths, *draws)
 
 
-def spread(runs: Iterable[VariantRuns], hit: str) -> np.ndarray | None:
-    """Lowest and highest percent by duration over other lengths of packets, [2, durations]; None
-    without any.
-    """
-    percent = [one.percent(hit) for one in runs if one.name in LENGTHS]
-    return np.stack([np.min(percent, axis=0), np.max(percent, axis=0)]) if percent else None
-
-
-def lengths_note(base: VariantRuns, runs: Iterable[VariantRuns]) -> str:
-    """How far the length of packets moves the jumps, in words."""
-    shares = {
-        one.name: float(one.percent("jump").mean())
-        for one in (base, *runs)
-        if one.name in (base.name, *LENGTHS)
-    }
-    listed = ", ".join(f"{name} {share:.1f} %" for name, share in shares.items())
-    if len(shares) < 2:
-        return ""
-    return (
-        f"Runs that jump, by how long packets last: {listed}. The publication does not tell it, so"
-        f" this prediction is no narrower than {min(shares.values()):.1f} to"
-        f" {max(shares.values()):.1f} %."
-    )
-
-
-def draws_note(base: VariantRuns, runs: Iterable[VariantRuns]) -> str:
-    """How far the draws of packet lengths move the jumps, in words; empty without other draws."""
-    others = [float(one.percent("jump").mean()) for one in runs if one.name in DRAWS]
-    if not others:
-        return ""
-    own = float(base.percent("jump").mean())
-    return (
-        f" How long each packet lasts is drawn anew in each run: {own:.1f} % of all runs jump, "
-        f"{' and '.join(f'{x:.1f} %' for x in others)} with other draws."
-    )
-
-
 SENSITIVITY_NOTE = (
     "Points are means over all cells of the fixed grid, each variant's cell against the same cell"
     " of the baseline. A cell changes where at least half of its runs come out the other way."
@@ -521,14 +479,6 @@ def _points(apart: float) -> str:
         return ""
     points = round(apart, 1)
     return f"{points:+.1f}" if points else "0"
-
-
-def ranked(cases: Iterable[VariantCase], baseline: VariantRuns) -> list[tuple[str, float, int]]:
-    """Name, mean difference in points and changed cells of each case, the largest difference
-    first.
-    """
-    differences = [(case.name, *shifts(case, baseline)) for case in cases]
-    return sorted((f for f in differences if not math.isnan(f[1])), key=lambda f: -abs(f[1]))
 
 
 SMALL_COUNTS = 800

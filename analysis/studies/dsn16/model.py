@@ -11,7 +11,16 @@ import numpy as np
 
 from studies.dsn16 import recording
 from studies.dsn16.recording import CLOSED, UNITS, HorizonError
-from studies.study import Context, Findings, Line, Published, Study, StudyEstimate, Table
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Published,
+    Study,
+    StudyEstimate,
+    Table,
+    read_notes,
+)
 
 LOW_PASS_HZ = 20.0
 SETS = ("traj3", "A", "B", "C", "D", "E", "matlab_main", "matlab_global", "power_consistent")
@@ -47,7 +56,8 @@ def compare(context: Context) -> Findings:
             f" {recording.FILE}"
         )
         return Findings(
-            tuple(_line(published, joint, None, absent) for joint in UNITS), notes=_NOTES
+            tuple(_line(published, joint, None, absent) for joint in UNITS),
+            notes=read_notes("dsn16_model"),
         )
     from ravenjax.numbers.lazy import jax
 
@@ -92,7 +102,7 @@ def compare(context: Context) -> Findings:
         *_notes(published, errors[AUTHORS], ahead),
         *recording.prediction_sentences(part, ahead),
     )
-    return Findings(tuple(lines), (table, beside), notes=(*sentences, *_NOTES))
+    return Findings(tuple(lines), (table, beside), notes=(*sentences, *read_notes("dsn16_model")))
 
 
 def _notes(published: Published, robot: Error, ahead: Sequence[HorizonError]) -> tuple[str, ...]:
@@ -151,24 +161,6 @@ def _low_passed(angle: np.ndarray) -> np.ndarray:
 
     return sosfiltfilt(butter(2, LOW_PASS_HZ, fs=1000, output="sos"), angle, axis=0)
 
-
-_NOTES = (
-    (
-        "Figure 8 compares ten runs of the authors' model with ten of their robot, both in closed"
-        " loop under the same operator. One of the trajectories is public. What that robot was"
-        " asked for is not in the recording and is recovered from its torque, which favours the"
-        " simulated robot: the command contains the real robot's own errors. Asked for a smoothed"
-        " recording instead it errs more, as the table shows."
-    ),
-    (
-        "The published column headings are unclear; read as degrees and mm they fit the gear"
-        " ratios, but for the elbow."
-    ),
-    (
-        "Target A2, the time of one Euler step of these equations, is a timing: `ravenjax bench`"
-        " prints it."
-    ),
-)
 
 STUDY = Study(
     name="dsn16_model",

@@ -7,12 +7,12 @@ words is judged.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 
 from ravenjax.robots.raven2.campaign.config import of_raven
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
-from studies.study import Context, Findings, Line, Study, Variant
+from studies.study import Context, Findings, Line, Study, Variant, read_notes
 
 CAMPAIGN = "dsn16_a.toml"
 BASELINE = "baseline"
@@ -24,7 +24,6 @@ WITHHELD = (
 )
 OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
 
-SHORTEST = (IDEAL_TOOLS, "every_cycle", attacks.DECLARED, "build_robot")
 """Variants that tell where a jump in one packet comes from."""
 
 ABLATIONS = (
@@ -147,7 +146,7 @@ def compare(context: Context) -> Findings:
     notes = (
         attacks.verdict("Scenario A", stated) + " " + WITHHELD,
         detector.jump_note(jumps.values()),
-        *_notes(base, runs, cases),
+        *read_notes("dsn16_a"),
     )
     return Findings(tuple(lines), tables, notes)
 
@@ -167,80 +166,6 @@ def _rates(runs: VariantRuns, hit: str) -> Iterator[Line]:
 def _overall(runs: VariantRuns, hit: str) -> Line:
     predicted = attacks.rate(runs.share(hit).shares.ravel())
     return Line(f"{OUTCOMES[hit]}, all cells; {runs.name}", "%", None, predicted)
-
-
-def _notes(
-    base: VariantRuns, runs: Mapping[str, VariantRuns], cases: Sequence[VariantCase]
-) -> tuple[str, ...]:
-    ranked = attacks.ranked(cases, base)
-    most = ", ".join(
-        f"{name} {points:+.1f} ({changed} cells)" for name, points, changed in ranked[:8]
-    )
-    rejects = [
-        f"{one.name} {float(one.percent('ik').mean()):.1f} %"
-        for one in runs.values()
-        if one.hits["ik"].any()
-    ]
-    notes = [
-        (
-            "Baseline: replayed packets carry absolute positions, so the displacement is constant"
-            " while it lasts; the fork's dynamics-simulator build, but that its tool joints have"
-            " inertia, friction and cables and are measured; packets that last as those of a"
-            " recorded robot while the hand keeps its speed; jumps by the code's rule; a lever of"
-            f" {base.lever.words}."
-        ),
-        "Displacements, durations and onsets are a fixed grid and no noise is added, so a share has"
-        " no interval." + attacks.draws_note(base, runs.values()),
-        (
-            "What the answers are worth, mean points of P(jump) over all cells against the"
-            f" baseline: {most}."
-        ),
-        attacks.lengths_note(base, runs.values()),
-        _short(base, runs),
-        _stops(base, runs),
-        (
-            "Beyond the fault-free run, the inverse kinematics found no solution in "
-            f"{', '.join(rejects) or 'no variant'} of the runs."
-        ),
-    ]
-    return tuple(filter(None, notes))
-
-
-def _short(base: VariantRuns, runs: Mapping[str, VariantRuns]) -> str:
-    """Jumps of the shortest fault, and what they hang on."""
-    named = [
-        f"{name} {float(runs[name].percent('jump')[0]):.1f} %" for name in SHORTEST if name in runs
-    ]
-    beside = f" ({', '.join(named)})" if named else ""
-    return (
-        f"A displacement in one packet makes {float(base.percent('jump')[0]):.1f} % of its runs"
-        f" jump{beside}. A build that believes its tool joints to be where they should lets the"
-        " wrist turn at once, so that the reported tip steps out in one packet and back in the"
-        " next: two long steps in a row."
-    )
-
-
-def _stops(base: VariantRuns, runs: Mapping[str, VariantRuns]) -> str:
-    """What the robot's own check does, and whether what it stops has jumped."""
-    cells, stopped = base.share("stop"), base.hits["stop"]
-    always = [
-        f"{value:,.0f}"
-        for value, row in zip(cells.values, cells.shares, strict=True)
-        if (row >= 0.5).all()
-    ]
-    levers = [
-        f"{name} {float(runs[name].percent('stop').mean()):.1f} %"
-        for name in attacks.LEVERS
-        if name in runs
-    ]
-    longer = f"; with longer levers {', '.join(levers)}" if levers else ""
-    return (
-        f"The robot stops {float(base.percent('stop').mean()):.1f} % of the runs{longer}."
-        " Displacements that it stops in at least half of the runs at every duration:"
-        f" {', '.join(always) or 'none'} um. Of {int(stopped.sum())} runs that it stops"
-        f" {int((stopped & base.hits['jump']).sum())} jump: with a software E-stop packets end, and"
-        " with them the rule that counts jumps."
-    )
 
 
 STUDY = Study(

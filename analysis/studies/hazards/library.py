@@ -12,7 +12,6 @@ import pandas as pd
 
 from ravenjax.hazards import expansion, library, maude
 from ravenjax.hazards.library import Hazard
-from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
 from ravenjax.report.sections import risk
 from ravenjax.report.sections.risk import Pool, PoolRisk
@@ -30,6 +29,7 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    read_notes,
 )
 
 BASELINE = "library"
@@ -57,7 +57,7 @@ def compare(context: Context) -> Findings:
                 "Risk by category of adverse event reports", report_risk(counts), maude.CAVEAT
             ),
         ),
-        notes=NOTES,
+        notes=read_notes("hazard_library"),
     )
 
 
@@ -236,34 +236,6 @@ def _mean(mean: Estimate | None) -> str:
         f" {wording.percent(mean.high)})"
     )
 
-
-NOTES = (
-    (
-        "A severity is of one run and given its fault. Nothing here says how often a fault strikes:"
-        " no source does. The values of a hazard are those of its source, so that a share of its"
-        " runs has no sampling interval."
-    ),
-    (
-        "Runs that changed no bit are no misses of the injection but values that the signal had"
-        " anyway, and windows in which it was not there."
-    ),
-    (
-        "A restart is taken to meet a fault again that lasts until the end of the run or comes"
-        " again and again. One of the software clears some of these, so severity 3 is an upper"
-        " bound of what needs a conversion."
-    ),
-    (
-        "Injury-capable motion is a jump of the true tip, an unintended motion of more than"
-        f" {LIMIT_MM:g} mm (live or not), or a tip more than 1 mm deeper in the tissue than its"
-        " golden run's. Whether it injures depends on where it happens; nothing here knows."
-    ),
-    (
-        "The weighted risk hangs on one row: broken instruments are almost half of the reports,"
-        " and a weak or broken cable (M01) alone stands for them, unseen by encoders on the"
-        " motors' side and so by checks and cue. Most of those reported are other parts that broke."
-    ),
-    "Jaws are not seen: C08 and C12 change their opening alone, which moves no tip.",
-)
 
 STUDY = Study(
     name="hazard_library",

@@ -27,6 +27,7 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    read_notes,
 )
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
@@ -381,42 +382,7 @@ def _notes(found: Sequence[HazardOutcome]) -> tuple[str, ...]:
     ]
     failed = sum(one.failed for one in found)
     return (
-        (
-            "How classes are told is in ravenjax/hazards/classes.py, how they are compared in"
-            " this study: a row shows a class where at least one activated run in ten has"
-            " it; equal sets agree, sets with a class in common agree partly."
-        ),
-        (
-            "Not blind: the rules were set while outcomes of the library's runs were in view. An"
-            " arm coasts by 1 to 1.6 mm between a software E-stop and its brakes; with 1 mm for"
-            " `displaced` most stops would count as both; the table of verdicts shows other limits,"
-            " too. The overdrive limits are those of the years of the experiments, the length of 7"
-            " s lets time-outs and counters come, and a fault that is there from the start was"
-            " added where the source says permanent; these were decided after a first run, for"
-            " these reasons. A first rule, by which 15 ms out of pedal-down made a stop, was"
-            " dropped: it summed flickers in which no brake closes."
-        ),
-        (
-            "Not simulated, and counted neither as agreeing nor as differing:"
-            f" {', '.join(missing)}. Of rows that were injected in homing and after it, what"
-            " happened after it is run alone."
-        ),
-        (
-            f"INJ {FIRST_PLC} to 45 strike the link to a PLC whose program nobody published. The"
-            " simulated one is an assumption made from the same papers, so that agreement there"
-            " says little; a line leaves them out."
-        ),
-        (
-            "The published outcomes are what people saw in one to forty injections of a row;"
-            " values, joints and times are only partly told. The runs here are a design over all of"
-            " them, and each value counts alike. The interval of the agreement takes the rows for"
-            " independent, which rows of one variable are not."
-        ),
-        (
-            "A row's published outcome is a phrase, read here as one to four classes. A run that"
-            " stops after it has run away shows both; where the source tells the stop alone, the"
-            " row agrees partly."
-        ),
+        *read_notes("safecomp45", missing=", ".join(missing), first_plc=FIRST_PLC),
         *([f"{failed} runs gave no valid outcome and are in no count."] if failed else []),
     )
 

@@ -31,6 +31,7 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    read_notes,
 )
 
 SCALE = "plant.kinematic_errors.scale"
@@ -150,7 +151,7 @@ def compare(context: Context) -> Findings:
             *(() if log is None else (_report(log), _explained(log))),
             _with_faults(pairs),
         ),
-        notes=(*(absent if log is None else ()), *_NOTES),
+        notes=(*(absent if log is None else ()), *read_notes("healthy_robot")),
     )
 
 
@@ -327,30 +328,6 @@ def _percent(rate: Rate) -> str:
 
 def _points(one: Estimate) -> str:
     return f"{100 * one.value:+.1f} ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
-
-
-_NOTES = (
-    (
-        "The recording is of one arm. It says how large the errors of that arm are; how much robots"
-        " differ is not in it. The distribution has one fitted number, its common factor; that its"
-        " errors are normal, independent and as large beside each other as they are is assumed."
-    ),
-    (
-        "Cameras err, too, and by how much nobody says. The distribution gives all of what they saw"
-        " to the arm, an upper bound. A fit of the arm's errors explains about half of it where"
-        " nothing was fitted: plant.kinematic_errors.scale = 0.5."
-    ),
-    (
-        "A rigid displacement of the whole arm cannot be told from the camera's place, nor does a"
-        " surgeon who looks through a camera see it. Recording and robots are therefore judged"
-        " after registration, and an offset of the shoulder, which turns the frame and does nothing"
-        " else, is left out."
-    ),
-    (
-        "The cue compares the report with the nominal model, and both know nothing of kinematic"
-        " errors: what the cue says stays the same while the true tip moves away from it."
-    ),
-)
 
 
 STUDY = Study(

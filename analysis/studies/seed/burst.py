@@ -17,7 +17,17 @@ import numpy as np
 
 from studies.seed.motions import MOTIONS, Motion, over_kinds, overrides, variant
 from studies.series import Recorder, Row, Series, rises
-from studies.study import Context, Findings, Line, Published, Study, StudyEstimate, Table, Variant
+from studies.study import (
+    Context,
+    Findings,
+    Line,
+    Published,
+    Study,
+    StudyEstimate,
+    Table,
+    Variant,
+    read_notes,
+)
 
 SHOULDER = 0
 EVENTS = 4
@@ -438,7 +448,7 @@ def compare(context: Context) -> Findings:
     return Findings(
         lines=lines,
         tables=(constants(bursts, rules), what_bands_depend_on(settings, rules)),
-        notes=NOTES,
+        notes=read_notes("seed_burst"),
     )
 
 
@@ -633,39 +643,6 @@ def _false_cues(free: Runs, published: Published) -> Line:
         reason=reason,
     )
 
-
-NOTES = (
-    (
-        "The paper gives neither the constant nor its sign, nor the cue's gains, nor the hand's"
-        " motion. Every constant is run with every motion, none is chosen, and nothing in the robot"
-        " or the nominal model was fitted. The cue's spring and damper were read off the paper's"
-        " Figure 5, so the height of pulses is no evidence; when a cue begins follows from the"
-        " stated threshold alone."
-    ),
-    (
-        "As in the paper it is not the injected command that trips the check, but the one that the"
-        " controller computes against it."
-    ),
-    (
-        "As the constant is unknown, a line that counts runs asks for one run among all constants"
-        " and motions: a weak test of a single band, so the line that asks for all of A4 in one run"
-        " is the one that decides. That the rebound takes 100 to 200 ms is this study's reading of"
-        " 'about 150 ms'."
-    ),
-    (
-        "The present software stops above a computed command of 20 000 counts; other versions of it"
-        " above 13 000 or 12 000, and the paper does not name its own. The lower limits were tried"
-        " after the difference in the stop was seen and none was adopted."
-    ),
-    (
-        "What the hand does at a burst's onset decides how large it becomes; in which burst the"
-        " robot stops is the motion's doing as much as the constant's."
-    ),
-    (
-        "How long a packet lasted is not published; packets last as on a recorded arm, while the"
-        " hand keeps its speed."
-    ),
-)
 
 STUDY = Study(
     name="seed_burst",

@@ -26,6 +26,7 @@ from studies.study import (
     StudyEstimate,
     Table,
     Variant,
+    read_notes,
 )
 
 REST_TICKS = 500
@@ -206,7 +207,7 @@ def compare(context: Context) -> Findings:
             _readings(modelled),
             _motions(modelled),
         ),
-        notes=NOTES,
+        notes=read_notes("seed_fault_free"),
     )
 
 
@@ -425,33 +426,6 @@ def _motions(modelled: Setting) -> Table:
         tuple(rows),
         "A segment is 10 s of motion, a cue pulls above 3 mm.",
     )
-
-
-NOTES = (
-    (
-        "No parameter was chosen for agreement. The nominal model's gains follow from the robot's"
-        " own, so that both are dynamically alike; the paper's model has gains of its own, which it"
-        " does not print. Motions are generated ones, the paper's is a person's hand."
-    ),
-    (
-        "A model that is stiffer or softer than the robot, or hears the operator earlier, leaves it"
-        " in proportion to speed, and so to scale; dry friction and the distance at rest between"
-        " true and measured tip (cables stretched by gravity, encoders on the motors) do not grow"
-        " with the scale."
-    ),
-    (
-        "A6 says 'about linear' without a number; that a line should explain 0.9 of the variance is"
-        " this study's reading, and the peaks lie close to it."
-    ),
-    (
-        "The text's 2.43 +- 1.72 mm does not fit the paper's own plot, whose four means are 0.3 to"
-        " 1.4 mm."
-    ),
-    (
-        "How long a packet lasted is not published; packets last as on a recorded arm, while the"
-        " hand keeps its speed. Every run draws its own."
-    ),
-)
 
 
 def _cues(setting: Setting) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import json
+import re
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +15,17 @@ import jinja2
 from markupsafe import Markup
 
 from ravenjax import robots
-from ravenjax.analyses.explorer import bundle, figure, program, rows, words
+from ravenjax.analyses.explorer import figure, program, words
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.document import html
 from ravenjax.store import files, manifest
+
+PREFIX = "page/"
+"""Before a module's name in the map; a bare name is what an import map may give an address."""
+_IMPORT = re.compile(
+    r'(\bfrom\s+|\bimport\s+|\bimport\(|\bimport\.meta\.resolve\()"\./([\w-]+\.js)"'
+)
 
 FILE = "explore.html"
 SUFFIX = ".explore.html"
@@ -32,7 +41,11 @@ def build(source: str | Path, out: Path | None = None) -> Path:
     folder = Path(source)
     if folder.is_dir():
         record = manifest.read(folder)
-        config, table, place = validated(record.config), rows.table(folder, record), folder / FILE
+        config, table, place = (
+            validated(record.config),
+            words.list_runs(folder, record),
+            folder / FILE,
+        )
     else:
         config, table = loading.load(source), None
         place = Path(config.campaign.name + SUFFIX)
@@ -42,8 +55,8 @@ def build(source: str | Path, out: Path | None = None) -> Path:
 
 
 def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """The page as text; `table` as of `rows.table`. Raises UserError for a campaign that a page
-    cannot compute.
+    """The page as text; `table` as of `words.list_runs`. Raises UserError for a campaign that a
+    page cannot compute.
     """
     data = {
         "campaign": words.campaign(config),
@@ -56,14 +69,12 @@ def render(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
         .get_template("page.html.j2")
         .render(
             campaign=data["campaign"],
-            modules=html.data(
-                bundle.import_map(resources.files("ravenjax.analyses.explorer") / "static")
-            ),
+            modules=html.data(import_map(resources.files("ravenjax.analyses.explorer") / "static")),
             data={
                 name: json.dumps(_finite(value), separators=(",", ":"))
                 for name, value in data.items()
             },
-            prefix=bundle.PREFIX,
+            prefix=PREFIX,
             figure_style=Markup(
                 (resources.files("ravenjax.analyses.explorer") / "templates/page.css").read_text(
                     "utf-8"
@@ -85,3 +96,27 @@ def _finite(value: Any) -> Any:
 @functools.cache
 def _environment() -> jinja2.Environment:
     return html.environment("ravenjax.analyses.explorer")
+
+
+def import_map(folder: Traversable) -> str:
+    """JSON of an import map with every JavaScript module of the folder: a page opened from a file
+    may import no module by its address.
+
+    The map names each module's text as a data URL; imports of `./name.js`, and
+    `import.meta.resolve` of it, become such of that name.
+    """
+    modules = sorted(
+        (file for file in folder.iterdir() if file.name.endswith(".js")), key=lambda file: file.name
+    )
+    return json.dumps(
+        {
+            "imports": {
+                PREFIX + file.name: _url(file.read_text(encoding="utf-8")) for file in modules
+            }
+        }
+    )
+
+
+def _url(source: str) -> str:
+    text = _IMPORT.sub(lambda found: f'{found[1]}"{PREFIX}{found[2]}"', source)
+    return "data:text/javascript;charset=utf-8;base64," + base64.b64encode(text.encode()).decode()

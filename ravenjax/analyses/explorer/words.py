@@ -5,10 +5,13 @@ that a command needs.
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import tomlkit
 
 from ravenjax.analyses.explorer import program
@@ -16,63 +19,16 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.hazards import ranges
 from ravenjax.outcomes import verdict
 from ravenjax.report.data.facts import OUTCOMES
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.store import schema
+from ravenjax.store.access.results import Results
+from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.sites import Channel, Site
 
-SITES: dict[str, str] = {
-    "hand": "the surgeon's hand",
-    "console": "the console's motion scaling",
-    "network": "the network between console and robot",
-    "packet": "a motion packet from the console",
-    "packet_header": "the header of a motion packet",
-    "encoder": "an encoder",
-    "usb_in": "what the computer reads over USB",
-    "usb_status": "a USB transfer",
-    "runlevel": "the run level that is asked for",
-    "mpos": "the motor position that the software estimates",
-    "mvel": "the motor velocity that the software estimates",
-    "jpos": "the joint position that the software estimates",
-    "jvel": "the joint velocity that the software estimates",
-    "pos": "the tip position that the software estimates",
-    "ori": "the tip rotation that the software estimates",
-    "pos_d": "the tip position that is asked for",
-    "ori_d": "the tip rotation that is asked for",
-    "jpos_d": "the joint position that is asked for",
-    "mpos_d": "the motor position that is asked for",
-    "tau_d": "the torque that is asked for",
-    "current_cmd": "the motor command, before the checks",
-    "usb_out": "the motor command, after the last check",
-    "pins_out": "the output pins to the safety controller",
-    "plc": "the run level of the safety controller",
-    "buttons": "the buttons of the safety controller",
-    "torque_scale": "the strength of a motor",
-    "cable_scale": "the stiffness of a cable",
-    "friction_scale": "the friction of a joint",
-    "external_torque": "a load on a joint from outside",
-    "brake": "the brakes",
-}
-"""Each site of the Raven-II in words that need no manual; of another robot's site its own words
-stand.
-"""
-
-EFFECT_WORDS = {
-    "overwrite": "replaced by",
-    "offset": "shifted by",
-    "latch_offset": "held, shifted by",
-    "scale": "multiplied by",
-    "drift": "drifts each millisecond by",
-    "stuck": "stuck",
-    "bit_flip": "one bit flipped:",
-    "periodic": "shaken by",
-    "random": "noisy, up to",
-    "toggle": "switched on and off:",
-    "drop": "lost",
-    "duplicate": "repeated",
-    "delay": "late by",
-}
-"""What an effect does to the number, before its value."""
-
-UNITS = {"cnt": "counts", "um": "µm", "mrad": "mrad", "1": "", "N m": "N m", "rad/s": "rad/s"}
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+"""Sites, effects and units in words that need no manual."""
 UNASKED = ("periodic", "random")
 """Effects that a page does not offer: a period is not among its controls, and random numbers are
 those of a row.
@@ -102,7 +58,11 @@ def campaign(config: CampaignConfig) -> dict[str, Any]:
         },
         "sites": [_site(site, robot.layers, arms) for site in robot.sites.values()],
         "effects": {
-            name: {"words": EFFECT_WORDS[name], "meaning": effect.meaning, "value": effect.value}
+            name: {
+                "words": WORDS["effects"][name],
+                "meaning": effect.meaning,
+                "value": effect.value,
+            }
             for name, effect in EFFECTS.items()
         },
         "checks": {
@@ -121,7 +81,7 @@ def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
     return {
         "site": site.name,
         "layer": layers[site.layer],
-        "words": SITES.get(site.name, site.where),
+        "words": WORDS["sites"].get(site.name, site.where),
         "where": site.where,
         "per_arm": site.per_arm,
         "channels": [_channel(site, channel, next(iter(arms))) for channel in site.channels],
@@ -133,7 +93,7 @@ def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
     low, high = channel.extent
     return {
         "name": channel.name,
-        "unit": UNITS.get(channel.unit, channel.unit),
+        "unit": WORDS["units"].get(channel.unit, channel.unit),
         "whole": channel.kind != "float",
         "bits": channel.bits,
         "low": low,
@@ -191,3 +151,84 @@ def _toml(config: CampaignConfig) -> str:
     if (motion := program.motion_name(config)) is not None:
         tables["operator"] = {"motion": motion} | tables.get("operator", {})
     return tomlkit.dumps({name: table for name, table in tables.items() if table})
+
+
+# --- the table of a result folder ---
+
+MOST = 20_000
+"""Rows of a table that go into a page, the first of them."""
+_FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
+FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
+MEASURES = (
+    "response",
+    "hazard",
+    "verdict",
+    "failed",
+    "first_active_ms",
+    "told_ms",
+    "unintended_mm",
+    "unintended_first_ms",
+    "loss_first_ms",
+    "false_report_first_ms",
+    "peak_golden_deviation_mm",
+)
+"""Columns of the result table that a page shows beside a run's fault and parameters."""
+
+
+def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
+    """JSON: folder (its name), cue (number of the set that counts), runs (of the table), rows (of
+    them, MOST at most), columns: name -> list, and evading: see `_evading`. Left out are runs that
+    a page cannot ask for, see `_asked`."""
+    cue, names = record.verdict_cue, [column.name for column in schema.columns(record.shape)]
+    columns = {
+        "run_id": "run_id",
+        "index": "index",
+        "group": "group",
+        **{name: f"fault0_{name}" for name in FAULT},
+        **{name: name for name in MEASURES},
+        "cue_ms": f"cue{cue}_first_ms",
+        **{name: name for name in names if name.startswith("param:")},
+    }
+    columns = {name: column for name, column in columns.items() if column in names}
+    further = [name for name in names if re.fullmatch(_FURTHER, name)]
+    frame = Results(record.shape, folder).frame([*columns.values(), *further])
+    first = frame.loc[_asked(frame)].head(MOST)
+    return {
+        "folder": folder.name,
+        "cue": cue,
+        "runs": len(frame),
+        "rows": len(first),
+        "evading": _evading(folder, record),
+        "columns": {name: _plain_column(first[column]) for name, column in columns.items()},
+    }
+
+
+def _evading(folder: Path, record: Manifest) -> dict[str, float]:
+    """k of n distinct faults evade, as the report counts them; low and high are NaN where faults
+    were enumerated.
+    """
+    runs = Runs.open(folder, record)
+    try:
+        return tables.headline(runs, record)["evaded"]._asdict()
+    finally:
+        runs.close()
+
+
+def _asked(frame: pd.DataFrame) -> pd.Series:
+    """Which runs a page can ask for: with one fault or none, of an effect that it offers, in one
+    window of time.
+    """
+    sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
+    if sites.empty:
+        return pd.Series(True, index=frame.index)
+    plain = frame["fault0_trigger"].astype(str).eq("time") & frame["fault0_every_ms"].eq(0)
+    offered = ~frame["fault0_effect"].astype(str).isin(UNASKED)
+    return sites.drop(columns="fault0_site").eq("").all(axis=1) & (
+        sites["fault0_site"].eq("") | plain & offered
+    )
+
+
+def _plain_column(column: pd.Series) -> list[Any]:
+    if column.dtype.kind in "fiub":
+        return [None if value != value else value for value in column.tolist()]
+    return column.astype(str).tolist()

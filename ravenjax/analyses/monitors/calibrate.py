@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax import interruption
-from ravenjax.analyses.monitors import calibration, monitor_file, writing
+from ravenjax.analyses.monitors import calibration, code, writing
 from ravenjax.analyses.monitors.calibration import Calibrated
-from ravenjax.analyses.monitors.monitor import WHOLE, Segments, terms
-from ravenjax.analyses.monitors.operations import OperationDesign, OperationRunner
-from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, ScoreFolder, filled
+from ravenjax.analyses.monitors.monitor import WHOLE, Segments, split_scores
+from ravenjax.analyses.monitors.operations import FRESH, OperationDesign, OperationRunner
+from ravenjax.analyses.monitors.score_folder import FOLDER, Peaks, ScoreFolder, filled, read_design
 from ravenjax.analyses.monitors.scores import Score, catalogue
+from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError, suggestion
 from ravenjax.stats.conformal.target import FalseAlarmTarget
@@ -94,7 +95,7 @@ def calibrate(
     hours: of operation, all operators and robots together; None: what the target needs. Raises
     UserError and StoreError; finished operators stay, and the same call goes on.
     """
-    wanted = terms(chosen(request.config.robot, request.signals))
+    wanted = split_scores(chosen(request.config.robot, request.signals))
     units = calibration.units_within(request.target, request.robots, hours)
     design = OperationDesign(
         request.motions or motions(request.config),
@@ -175,7 +176,9 @@ def measuring(
         for s in range(segments.count):
             name = f"t{t}_{s}"
             path = (place / f"{name}.py").absolute()
-            path.write_text(monitor_file.measuring(term, segments, s), encoding="utf-8")
+            title = f"{term.words}, segment {s}"
+            text = code.write_part([term], segments, title=title, segment=s)
+            path.write_text(text, encoding="utf-8")
             raw.append({"name": name, "file": str(path)})
     detector = (
         type(config).model_validate({**config.model_dump(mode="json"), "detector": raw}).detector
@@ -200,3 +203,45 @@ def described(
         "segments": segments.words,
         "code": manifest.code_hash(config.robot),
     }
+
+
+def operate_afresh(
+    folder: Path,
+    out: Path,
+    hours: float,
+    overrides: Sequence[str] = (),
+    robots: int | None = None,
+    engine: str = "auto",
+    on_operator: OnOperator = lambda *_: None,
+) -> Peaks:
+    """Operations in `out` of operators that the calibration in `folder` never had, measured as
+    there.
+
+    overrides: `key.path=value` of the campaign, as `parameters.plant.friction_scale=4`. robots: of
+    each operator; default the calibration's. Finished operators stay, and the same call goes on.
+    Raises UserError and StoreError.
+    """
+    calibration.require_hours(hours)
+    monitor, _ = writing.read(folder)
+    record = read_design(folder / FOLDER)
+    campaign, design = record["campaign"], record["design"]
+    raw = campaign | {
+        "campaign": campaign["campaign"] | {"name": "fresh"},
+        "group": [{"name": "fresh"}],
+    }
+    config = loading.from_dict(raw, overrides=overrides, template=True)
+    own = OperationDesign(
+        tuple(design["motions"]),
+        robots or design["robots"],
+        design["length_s"],
+        design["seed"],
+        FRESH,
+    )
+    units = round(hours * 3600 / (own.robots * own.length_s))
+    if units < 1:
+        raise UserError(
+            f"--hours {hours:g}: less than one operator with {own.robots} operations of"
+            f" {own.length_s:g} s each, {own.robots * own.length_s / 3600:.3g} h"
+        )
+    wanted = tuple(dataclasses.replace(term, scales=(1.0,)) for term in monitor.terms)
+    return operate(config, own, wanted, monitor.segments, out, units, engine, on_operator)

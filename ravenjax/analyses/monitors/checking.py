@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from ravenjax.analyses.monitors import score_folder, writing
-from ravenjax.analyses.monitors.monitor import Monitor, read_of, reads
+from ravenjax.analyses.monitors import code, score_folder, writing
+from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
 from ravenjax.errors import StoreError, UserError
 from ravenjax.stats.conformal import bands, shift
 from ravenjax.stats.multiplicity import holm
@@ -38,35 +39,14 @@ class FreshOperations(NamedTuple):
     scores: dict[str, np.ndarray]  # SCORE, and what else there is of `writing.measured_names`
 
 
-class SignalShift(NamedTuple):
-    """One score of the monitor."""
-
-    name: str
-    shift: shift.Shift
-    adjusted: float  # p of all scores together
-    shifted: bool
-
-
-class MonitorCheck(NamedTuple):
-    """What fresh operations say."""
-
-    signals: tuple[SignalShift, ...]  # the joint score first
-    level: float  # chance that any is called shifted where nothing changed
-    units: int
-    operations: int
-    hours: float
-    alarms: int  # operations with one
-
-    @property
-    def shifted(self) -> tuple[SignalShift, ...]:
-        """Those that are."""
-        return tuple(one for one in self.signals if one.shifted)
-
-
 def check(
     folder: Path, sources: Sequence[Path], level: float = 0.05, seed: int = 0
-) -> MonitorCheck:
-    """Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as
+) -> pd.DataFrame:
+    """A row a score, the joint first: score, place (median place among the calibration's, 0 to 1),
+    p, adjusted (p of all together), martingale, shifted. attrs: level (chance that any is called
+    shifted where nothing changed), units, operations, hours, alarms (operations with one).
+
+    Of the monitor in `folder`; sources: folders that it, or `ravenjax run`, wrote, or logs as
     CSV.
 
     A log has the columns of test_vector.csv: live, and what the monitor reads, a row a millisecond.
@@ -89,17 +69,28 @@ def check(
         if (both != both[0]).any():  # the same always: nothing to compare
             results[name] = shift.shift(before, after, seed)
     findings = holm({name: one.p for name, one in results.items()}, 1.0 - level)
-    return MonitorCheck(
-        signals=tuple(
-            SignalShift(n, one, findings[n].adjusted, findings[n].rejected)
-            for n, one in results.items()
-        ),
-        level=level,
-        units=len(first),
-        operations=len(fresh.unit),
-        hours=float(fresh.hours.sum()),
-        alarms=int((fresh.scores[SCORE] > monitor.threshold).sum()),
+    table = pd.DataFrame(
+        [
+            (
+                name,
+                one.place,
+                one.p,
+                findings[name].adjusted,
+                one.martingale,
+                findings[name].rejected,
+            )
+            for name, one in results.items()
+        ],
+        columns=["score", "place", "p", "adjusted", "martingale", "shifted"],
     )
+    table.attrs |= {
+        "level": level,
+        "units": len(first),
+        "operations": len(fresh.unit),
+        "hours": float(fresh.hours.sum()),
+        "alarms": int((fresh.scores[SCORE] > monitor.threshold).sum()),
+    }
+    return table
 
 
 def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarray]) -> np.ndarray:
@@ -119,10 +110,10 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
         place = np.searchsorted(edges, numbers[monitor.segments.field], "right")
     out = np.zeros((len(monitor.terms), monitor.segments.count), np.float32)
     for k, term in enumerate(monitor.terms):
-        own = numbers[read_of(term, term.signal)]
+        own = numbers[name_read(term, term.signal)]
         if term.kind == "residual":
             with np.errstate(invalid="ignore"):
-                own = own - numbers[read_of(term, term.against)]
+                own = own - numbers[name_read(term, term.against)]
         elif term.kind == "rate":
             with np.errstate(invalid="ignore"):
                 own = np.diff(own, prepend=own[:1])
@@ -177,7 +168,7 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshO
     one unit.
     """
     own = manifest.read(source)
-    digest = record["sha256"][writing.PART]
+    digest = record["sha256"][code.PART]
     texts = (
         ", ".join(str(one["file"]) for one in own.config.get("detector", ()) if one.get("file"))
         or "none"
@@ -189,7 +180,7 @@ def _of_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshO
     ]
     if not names:
         raise UserError(
-            f"{source}: none of its detectors is the monitor's {writing.PART} (got {texts}); "
+            f"{source}: none of its detectors is the monitor's {code.PART} (got {texts}); "
             "name it in the campaign: [[detector]] file"
         )
     _require_length(source, own.duration_ms / 1e3, record)
@@ -229,7 +220,7 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOper
             f" {' and '.join(arms)}: calibrate with --set 'campaign.arms=[\"NAME\"]' for the arm of"
             " the log"
         )
-    names = ["live", *reads(monitor.terms, monitor.segments)]
+    names = ["live", *list_reads(monitor.terms, monitor.segments)]
     try:
         with open(source, newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
@@ -322,10 +313,5 @@ def _is_part(path: Path, digest: str) -> bool:
 
 
 def _reference(path: Path) -> dict[str, np.ndarray]:
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return {
-        name: np.array([float(row[name]) for row in rows], np.float32)
-        for name in rows[0]
-        if name != "operator"
-    }
+    table = pd.read_csv(path).drop(columns="operator")
+    return {str(name): values.to_numpy(np.float32) for name, values in table.items()}

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -98,38 +99,26 @@ class Monitor:
         return np.array(self.scales) * self.threshold
 
 
-def terms(scores: list[Score]) -> tuple[Score, ...]:
+def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
     """Each channel of the scores by itself, scale 1, so that each has a band of its own."""
-    out: dict[str, Score] = {}
-    for score in scores:
-        for place in range(len(score.labels)):
-            name = score.name if len(score.labels) == 1 else f"{score.name}_{score.labels[place]}"
-            out[name] = dataclasses.replace(
-                score,
-                name=name,
-                channels=score.channels[place : place + 1],
-                labels=score.labels[place : place + 1],
-                units=score.units[place : place + 1],
-                scales=(1.0,),
-            )
-    return tuple(out.values())
+    singles = [single.scaled([1.0]) for score in scores for single in score.singles]
+    return tuple({single.name: single for single in singles}.values())
 
 
-def reads(terms: tuple[Score, ...], segments: Segments) -> dict[str, str]:
+def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
     """What a monitor reads each millisecond: name of the number -> where it stands in the
     robot's view, in order.
     """
-    out = {}
+    reads = {}
     for term in terms:
         for field in filter(None, (term.signal, term.against)):
-            out[read_of(term, field)] = (
-                f"view.{field}[{term.channels[0]}]" if term.channels else f"view.{field}"
-            )
+            place = f"[{term.channels[0]}]" if term.channels else ""
+            reads[name_read(term, field)] = f"view.{field}{place}"
     if segments.field:
-        out.setdefault(segments.field, f"view.{segments.field}")
-    return out
+        reads.setdefault(segments.field, f"view.{segments.field}")
+    return reads
 
 
-def read_of(term: Score, field: str) -> str:
+def name_read(term: Score, field: str) -> str:
     """Name of the number of a field that a term reads."""
     return f"{field}_{term.labels[0]}" if term.channels else field

@@ -5,9 +5,9 @@ what it is measured.
 - `rate`: |x - x a millisecond ago| over its scale; 0 in the first millisecond.
 - `residual`: |x - y| over its scale, of two fields of the view.
 
-A score of several channels is the largest of theirs, each over its own scale; one that is no number
-is above none. `part_file` prints scores as a part of one's own, which makes a score a detector
-(`ravenjax.stages.detectors`).
+A score of several channels is the largest of theirs, each over its own scale; a number of the view
+that is none counts as 0. `code` prints scores as a part of one's own, which makes a score a
+detector (`ravenjax.stages.detectors`).
 """
 
 from __future__ import annotations
@@ -75,20 +75,20 @@ class Score:
 
     @property
     def singles(self) -> tuple[Score, ...]:
-        """Each channel as a score of its own, at its scale; named by its number."""
+        """Each channel as a score of its own, at its scale."""
         if len(self.labels) == 1:
             return (self,)
         return tuple(
             dataclasses.replace(
                 self,
-                name=f"{self.name}_{place}",
+                name=f"{self.name}_{label}",
                 channels=(channel,),
                 labels=(label,),
                 units=(unit,),
                 scales=(scale,),
             )
-            for place, (channel, label, unit, scale) in enumerate(
-                zip(self.channels, self.labels, self.units, self.scales, strict=True)
+            for channel, label, unit, scale in zip(
+                self.channels, self.labels, self.units, self.scales, strict=True
             )
         )
 

@@ -4,15 +4,15 @@ as it runs.
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from ravenjax.analyses.monitors import monitor_file
-from ravenjax.analyses.monitors.monitor import Monitor, reads
+from ravenjax.analyses.monitors import code
+from ravenjax.analyses.monitors.monitor import Monitor, list_reads
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection.replay import LANES
@@ -34,33 +34,11 @@ software.
 _NAME, _SAME_LANES = "monitor", 2
 
 
-class TestVector(NamedTuple):
-    """One arm in one operation; arrays [milliseconds]."""
-
-    live: np.ndarray  # bool
-    inputs: dict[str, np.ndarray]  # float32, by the names that the monitor reads
-    score: np.ndarray  # float32, 0 while not live
-    alarm: np.ndarray  # bool
-
-    def text(self) -> str:
-        """As CSV: ms, live, inputs, score, alarm; nine digits of each float, which give its bits
-        back.
-        """
-        out = io.StringIO()
-        out.write(",".join(["ms", "live", *self.inputs, "score", "alarm"]) + "\n")
-        columns = [column.tolist() for column in (*self.inputs.values(), self.score)]
-        for tick, (live, alarm, *numbers) in enumerate(
-            zip(self.live, self.alarm, *columns, strict=True)
-        ):
-            out.write(
-                f"{tick},{live:d},{','.join(f'{number:.9g}' for number in numbers)},{alarm:d}\n"
-            )
-        return out.getvalue()
-
-
-def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto") -> TestVector:
-    """Of the first arm of `config`'s robot, on `engine`; with a fault where the robot has the site
-    of FAULT.
+def compute(
+    config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
+) -> pd.DataFrame:
+    """A row a millisecond of the first arm of `config`'s robot: ms, live, what the monitor reads,
+    score (0 while not live), alarm. It has a fault where the robot has the site of FAULT.
 
     Raises UserError for a robot that does not show what its detectors see.
     """
@@ -74,7 +52,8 @@ def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
     compile_cache.enable()
     with TemporaryDirectory() as folder:
         file = Path(folder) / "monitor.py"
-        file.write_text(monitor_file.text(monitor, records=True), encoding="utf-8")
+        text = code.write_part(monitor.terms, monitor.segments, monitor.scales, records=True)
+        file.write_text(text, encoding="utf-8")
         ready = plan.make_plan(_campaign(config, monitor, seed, file))
         program = part.watched(ready.program)
         tracer = selection.select(engine, program.setup.precision, compile_cache.objects()).tracer(
@@ -93,9 +72,11 @@ def of(config: CampaignConfig, monitor: Monitor, seed: int, engine: str = "auto"
     score = np.asarray(before, np.float32)
     inputs = {
         name: np.asarray(getattr(own, f"read_{name}"), np.float32)
-        for name in reads(monitor.terms, monitor.segments)
+        for name in list_reads(monitor.terms, monitor.segments)
     }
-    return TestVector(live, inputs, score, score > np.float32(monitor.threshold))
+    alarm = score > np.float32(monitor.threshold)
+    columns = {"live": live.astype(int), **inputs, "score": score, "alarm": alarm.astype(int)}
+    return pd.DataFrame({"ms": range(len(score))} | columns)
 
 
 def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import json
+import dataclasses
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import tomlkit
 
-from ravenjax.analyses.monitors import c_code, calibration, monitor_file, score_folder, test_vector
+from ravenjax.analyses.monitors import calibration, code, score_folder, test_vector
 from ravenjax.analyses.monitors.calibration import Calibrated
-from ravenjax.analyses.monitors.monitor import Monitor, Segments, reads
+from ravenjax.analyses.monitors.monitor import Monitor, Segments, list_reads
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import StoreError
 from ravenjax.store import files, manifest
 
-RECORD, PART, VECTOR, REFERENCE = "monitor.toml", "monitor.py", "test_vector.csv", "reference.csv"
+RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
 """The part as a campaign names it: a detector alarms above 1 unless it is given its threshold."""
 ENGINE = "simd"
@@ -28,25 +30,24 @@ ENGINE = "simd"
 def write(out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated) -> None:
     """Write everything but the operations, which lie in `out` already."""
     monitor, notes = result.monitor, promise(result, design)
-    vector = test_vector.of(config, monitor, design.seed, ENGINE)
+    detector = {"name": "monitor", "file": code.PART, "threshold": [_short(monitor.threshold)]}
+    title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
+    operations = out / score_folder.FOLDER
     texts = {
-        PART: monitor_file.text(
-            monitor, f"{' '.join(notes)} As a detector: threshold = {_threshold(monitor)}"
-        ),
-        DETECTOR: detector(monitor),
-        c_code.HEADER: c_code.header(monitor, notes),
-        c_code.SOURCE: c_code.source(monitor),
-        c_code.TEST: c_code.test(monitor),
-        VECTOR: vector.text(),
-        REFERENCE: _reference(score_folder.read(out / score_folder.FOLDER), monitor, result),
+        code.PART: code.write_part(monitor.terms, monitor.segments, monitor.scales, title),
+        DETECTOR: "# Copy this into a campaign; file is taken from its folder on.\n"
+        + tomlkit.dumps({"detector": [detector]}),
+        **code.write_c(monitor, notes),
+        VECTOR: _csv(test_vector.compute(config, monitor, design.seed, ENGINE)),
+        REFERENCE: _csv(_reference(score_folder.read(operations), monitor, result)),
     }
     for name, text in texts.items():
         _put(out / name, text)
-    digests = {name: files.sha256(out / name) for name in texts}
-    _put(
-        out / RECORD,
-        record(config, design, result, digests, score_folder.digest(out / score_folder.FOLDER)),
-    )
+    record = _record(config, design, result)
+    record["design"]["operations_sha256"] = score_folder.digest(operations)
+    record["sha256"] = {name: files.sha256(out / name) for name in texts}
+    head = "# Written by `ravenjax monitor calibrate`.\n\n"
+    _put(out / RECORD, head + tomlkit.dumps(record))
 
 
 def promise(result: Calibrated, design: OperationDesign) -> list[str]:
@@ -70,37 +71,17 @@ def promise(result: Calibrated, design: OperationDesign) -> list[str]:
     ]
 
 
-def detector(monitor: Monitor) -> str:
-    """detector.toml: what a campaign beside monitor.py takes to have it as a detector with its
-    threshold.
-    """
-    lines = ["# Copy this into a campaign; file is taken from its folder on."]
-    lines += [
-        "[[detector]]",
-        'name = "monitor"',
-        f'file = "{PART}"',
-        f"threshold = {_threshold(monitor)}",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def record(
-    config: CampaignConfig,
-    design: OperationDesign,
-    result: Calibrated,
-    digests: dict[str, str],
-    operations: str,
-) -> str:
-    """monitor.toml."""
+def _record(config: CampaignConfig, design: OperationDesign, result: Calibrated) -> dict[str, Any]:
+    """The tables of monitor.toml that follow from the result alone."""
     own, tested, monitor = result.threshold, result.test, result.monitor
-    tables: dict[str, dict[str, Any]] = {
+    return {
         "monitor": {
             "robot": config.campaign.robot,
             "arms": list(config.campaign.arms),
             "live": config.robot.live,
-            "threshold": monitor.threshold,
+            "threshold": _short(monitor.threshold),
             "segments": monitor.segments.words,
-            "reads": list(reads(monitor.terms, monitor.segments)),
+            "reads": list(list_reads(monitor.terms, monitor.segments)),
         },
         "promise": {
             "false_alarms_per_hour": result.target.per_hour,
@@ -136,34 +117,15 @@ def record(
             "robots": design.robots,
             "seed": design.seed,
             "code": manifest.code_hash(config.robot),
-            "operations_sha256": operations,
         },
-        "sha256": digests,
+        "term": [
+            dataclasses.asdict(term)
+            | {"scales": list(map(_short, scales)), "alarm_above": list(map(_short, limits))}
+            for term, scales, limits in zip(
+                monitor.terms, monitor.scales, monitor.limits.tolist(), strict=True
+            )
+        ],
     }
-    lines = ["# Written by `ravenjax monitor calibrate`."]
-    for name, table in tables.items():
-        lines += [
-            "",
-            f"[{name}]",
-            *(f"{_key(key)} = {_value(value)}" for key, value in table.items()),
-        ]
-    for term, scales, limits in zip(
-        monitor.terms, monitor.scales, monitor.limits.tolist(), strict=True
-    ):
-        entries = {
-            "name": term.name,
-            "kind": term.kind,
-            "signal": term.signal,
-            "against": term.against,
-            "channels": list(term.channels),
-            "labels": list(term.labels),
-            "unit": term.units[0],
-            "layer": term.layer,
-            "scales": list(scales),
-            "alarm_above": limits,
-        }
-        lines += ["", "[[term]]", *(f"{key} = {_value(value)}" for key, value in entries.items())]
-    return "\n".join(lines) + "\n"
 
 
 def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
@@ -173,20 +135,7 @@ def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     path = folder / RECORD
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-        terms = tuple(
-            Score(
-                one["name"],
-                one["kind"],
-                one["signal"],
-                tuple(one["channels"]),
-                tuple(one["labels"]),
-                (one["unit"],),
-                (1.0,),
-                one["layer"],
-                one["against"],
-            )
-            for one in content["term"]
-        )
+        terms = tuple(_term(table) for table in content["term"])
         words = content["monitor"]["segments"]
         monitor = Monitor(
             terms,
@@ -212,22 +161,21 @@ def read(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     return monitor, content
 
 
-def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) -> str:
-    """reference.csv: the first operation of each operator that learned no scale, for tests for a
-    shift.
-    """
+def _term(table: dict[str, Any]) -> Score:
+    lists = {key: tuple(table[key]) for key in ("channels", "labels", "units")}
+    fields: dict[str, Any] = {key: value for key, value in table.items() if key != "alarm_above"}
+    fields |= lists | {"scales": (1.0,)}
+    return Score(**fields)
+
+
+def _reference(peaks: score_folder.Peaks, monitor: Monitor, result: Calibrated) -> pd.DataFrame:
+    """The first operation of each operator that learned no scale, for tests for a shift."""
     _, first = np.unique(peaks.unit, return_index=True)
     some = peaks.taken_from(first)
     some = some.taken_from(~calibration.uses(some.unit).scale)
     score = calibration.joint(some, np.array(monitor.scales, np.float32))
-    rows = [",".join(["operator", "score", *measured_names(monitor)])]
-    rows += [
-        ",".join([str(unit), *(f"{number:.9g}" for number in (own, *peak))])
-        for unit, own, peak in zip(
-            some.unit.tolist(), score.tolist(), some.peak.tolist(), strict=True
-        )
-    ]
-    return "\n".join(rows) + "\n"
+    columns = dict(zip(measured_names(monitor), some.peak.T, strict=True))
+    return pd.DataFrame({"operator": some.unit, "score": score, **columns})
 
 
 def measured_names(monitor: Monitor) -> list[str]:
@@ -245,23 +193,16 @@ def _put(path: Path, text: str) -> None:
     files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
 
 
-def _threshold(monitor: Monitor) -> str:
-    return _value([monitor.threshold])
+def _csv(table: pd.DataFrame) -> str:
+    """Nine digits of each number, which give the bits of a float32 back."""
+    return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
+
+
+def _short(value: float) -> float:
+    """The same float32 in nine digits."""
+    return float(f"{value:.9g}")
 
 
 def _float32(value: Any) -> float:
     """Nine digits give its bits back."""
     return float(np.float32(value))
-
-
-def _key(name: str) -> str:
-    return name if name.replace("_", "").isalnum() else json.dumps(name)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    if isinstance(value, float):
-        word = f"{value:.9g}"
-        return word if any(mark in word for mark in ".en") else f"{word}.0"
-    return json.dumps(value, ensure_ascii=False)

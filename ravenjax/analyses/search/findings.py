@@ -1,4 +1,4 @@
-"""What a search found: numbers for programs, tables and sentences for readers, figures."""
+"""What a search found: numbers and figures; and how numbers and names are written for readers."""
 
 from __future__ import annotations
 
@@ -13,22 +13,10 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class TextTable:
-    """A table of text."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""  # how to read it
-
-
-@dataclasses.dataclass(frozen=True)
 class SearchFindings:
     """Of one search."""
 
-    numbers: dict[str, Any]  # as JSON has them, NaN as None
-    sentences: tuple[str, ...]  # the answer in short
-    tables: tuple[TextTable, ...]
+    numbers: dict[str, Any]  # of search.json; its page is made from them, too
     figures: Mapping[str, Callable[[], Figure]]  # name of the file without suffix -> draws it
 
 
@@ -83,3 +71,14 @@ def words(case: Mapping[str, Any]) -> str:
         f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")
         for name, _, unit, value in parts
     )
+
+
+def series(
+    records: list[dict[str, Any]], along: str
+) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
+    """The records of each combination of what is not `along`."""
+    groups: dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]] = {}
+    for record in records:
+        others = tuple((key, value) for key, value in record["cell"].items() if key != along)
+        groups.setdefault(others, []).append(record)
+    return groups

@@ -6,17 +6,35 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jinja2
+import numpy as np
+
 from ravenjax.analyses.search import style
-from ravenjax.analyses.search.findings import SearchFindings, TextTable, plain
+from ravenjax.analyses.search.findings import (
+    SearchFindings,
+    laws,
+    number,
+    plain,
+    series,
+    short,
+    words,
+)
 from ravenjax.document import html
 from ravenjax.errors import UserError, listed
 from ravenjax.store import files, manifest
 
 NUMBERS, TEXT, PAGE = "search.json", "search.md", "search.html"
+TEMPLATES = {
+    "boundary": "boundary.md.j2",
+    "sobol": "indices.md.j2",
+    "morris": "indices.md.j2",
+    "rare": "rare.md.j2",
+}
+"""Kind of search -> what its page is made from."""
 
 
 def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
@@ -47,18 +65,20 @@ def open_folder(out: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
     return earlier
 
 
-def write(out: Path, record: dict[str, Any], findings: SearchFindings) -> None:
-    """All files of a search; each is there whole or not at all. Raises StoreError where the disk
-    refuses.
+def write(out: Path, record: dict[str, Any], findings: SearchFindings) -> list[str]:
+    """Write all files of a search, each whole or not at all; the sentences of its page. Raises
+    StoreError where the disk refuses.
     """
     figures = {name: f"{name}.svg" for name in findings.figures}
     for name, draw in findings.figures.items():
         style.save(draw(), out / figures[name])
-    text = _markdown(record, findings, figures)
+    template = _environment().get_template(TEMPLATES[record["kind"]])
+    text = template.render(record=record, numbers=findings.numbers, figures=figures)
     drawings = {file: (out / file).read_text(encoding="utf-8") for file in figures.values()}
     _text(out / TEXT, text)
     _text(out / PAGE, html.from_markdown(text, drawings))
     _json(out / NUMBERS, record | {"result": findings.numbers})
+    return [line[2:] for line in text.splitlines() if line.startswith("- ")]
 
 
 def _json(path: Path, record: dict[str, Any]) -> None:
@@ -66,48 +86,37 @@ def _json(path: Path, record: dict[str, Any]) -> None:
 
 
 def _text(path: Path, text: str) -> None:
-    files.write_aside(path, functools.partial(_put, text))
+    files.write_aside(path, lambda aside: aside.write_text(text, encoding="utf-8"))
 
 
-def _put(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")
-
-
-def _markdown(record: dict[str, Any], findings: SearchFindings, figures: dict[str, str]) -> str:
-    campaign = record["config"]["campaign"]
-    lines = [f"# Search {campaign['name']}: {record['kind']}", ""]
-    if campaign["description"]:
-        lines += [campaign["description"], ""]
-    lines += [f"- {sentence}" for sentence in findings.sentences]
-    lines += [
-        (
-            f"- {record['runs']} different runs of {campaign['duration_s']:g} s in"
-            f" {record['batches']} batches, {_pace(record)}on engine {record['engine']}"
-            f" ({record['device']}); seed {record['seed']}."
-        ),
-        "",
-    ]
-    for name, file in figures.items():
-        lines += [f"![{name}]({file})", ""]
-    for table in findings.tables:
-        lines += _table(table)
-    return "\n".join(lines)
-
-
-def _pace(record: dict[str, Any]) -> str:
-    """How fast, where anything was computed; of an earlier start nobody knows."""
-    if not record["runs_per_s"]:
-        return ""
-    last = (
-        "" if record["computed"] == record["runs"] else f" (the last {record['computed']} of them)"
+@functools.cache
+def _environment() -> jinja2.Environment:
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.analyses.search"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
     )
-    return f"{record['runs_per_s']:.0f} runs/s{last}, "
+    templates.filters |= {
+        "cell": lambda value: str(value).replace("|", r"\|"),
+        "general": "{:g}".format,
+        "header": _header,
+        "largest": lambda values, most: np.argsort(-values)[:most],
+        "laws": laws,
+        "number": number,
+        "short": short,
+        "step": lambda step: f"{step[0]:g} to {step[1]:g} ms",
+        "words": words,
+    }
+    templates.globals |= {
+        "list_steps": lambda slopes: sorted({(one["from_ms"], one["to_ms"]) for one in slopes}),
+        "list_values": lambda cells, name: sorted({record["cell"][name] for record in cells}),
+        "series": series,
+        "smallest": lambda cells: min(cells, key=lambda record: abs(record["harmful"])),
+    }
+    return templates
 
 
-def _table(table: TextTable) -> list[str]:
-    def row(cells: tuple[str, ...]) -> str:
-        return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
-
-    note = [table.note, ""] if table.note else []
-    head = [row(table.columns), "|" + "---|" * len(table.columns)]
-    return [f"## {table.title}", "", *note, *head, *map(row, table.rows), ""]
+def _header(names: Sequence[str]) -> str:
+    """The first two lines of a table in Markdown."""
+    row = " | ".join(name.replace("|", r"\|") for name in names)
+    return f"| {row} |\n|{'---|' * len(names)}"

@@ -31,6 +31,7 @@ class SearchResult:
     out: Path  # its folder
     findings: SearchFindings
     record: dict[str, Any]  # what search.json says beside the findings
+    sentences: list[str]  # the answer in short
 
 
 def run(
@@ -76,10 +77,10 @@ def _into(
     record = (
         identity | _record(config, evaluator) | {"rows_sha256": journal.conclude(evaluator.rows())}
     )
-    output.write(folder, record, findings)
+    sentences = output.write(folder, record, findings)
     journal.forget()
     evaluator.progress.tell("done")
-    return SearchResult(folder, findings, record)
+    return SearchResult(folder, findings, record, sentences)
 
 
 def _find(config: SearchConfig, evaluator: Evaluator, folder: Path) -> SearchFindings:

@@ -18,7 +18,8 @@ import pytest
 from wasm_runtime import WasmEngine, WasmTarget
 
 import ravenjax as rj
-from ravenjax.analyses.explorer import bundle, program
+from ravenjax.analyses.explorer import program
+from ravenjax.analyses.explorer.page import PREFIX, import_map
 from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.engines import traced
@@ -67,10 +68,10 @@ def page(description, tmp_path_factory):
     """A page that holds the scripts in itself, with an engine open."""
     path = tmp_path_factory.mktemp("page") / "index.html"
     script = (
-        f'import {{ openEngine }} from "{bundle.PREFIX}engine.js"; window.openEngine = openEngine;'
+        f'import {{ openEngine }} from "{PREFIX}engine.js"; window.openEngine = openEngine;'
         " window.loaded = true"
     )
-    modules = f'<script type="importmap">{bundle.import_map(SCRIPTS)}</script>'
+    modules = f'<script type="importmap">{import_map(SCRIPTS)}</script>'
     path.write_text(
         f'<!doctype html><meta charset="utf-8">{modules}<script type="module">{script}</script>'
     )

@@ -4,32 +4,20 @@ own.
 
 from __future__ import annotations
 
-import base64
-import json
 import math
-import re
 import tomllib
-from importlib import resources
 
 import pytest
 import tomlkit
 
-from ravenjax.analyses.explorer import bundle, program, rows, words
+from ravenjax.analyses.explorer import program, words
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.sites import SITES
 from ravenjax.store import manifest
-from ravenjax.vocabulary.effects import EFFECTS
 
 STUCK = {"site": "usb_out", "channel": "elbow", "effect": "stuck", "start_ms": 9, "duration_ms": 5}
-
-
-def test_every_site_and_effect_has_plain_words():
-    assert set(words.SITES) == set(SITES)
-    assert set(words.EFFECT_WORDS) == set(EFFECTS)
-    assert len(set(words.SITES.values())) == len(SITES)
 
 
 def test_the_file_that_commands_begin_with_says_what_the_campaign_says():
@@ -102,17 +90,6 @@ def test_files_are_named_as_they_lie_beside_the_campaign(tmp_path):
     assert tomllib.loads(told["toml"])["operator"]["file"] == "hand.csv"
 
 
-def test_modules_import_each_other_by_names_of_the_map():
-    imports = json.loads(
-        bundle.import_map(resources.files("ravenjax.analyses.explorer") / "static")
-    )["imports"]
-    assert "page/main.js" in imports
-    for name, address in imports.items():
-        text = base64.b64decode(address.partition("base64,")[2]).decode()
-        asked = re.findall(r'(?:^(?:import|\}) .*from |import\()"([^"]+)"', text, re.MULTILINE)
-        assert not [one for one in asked if one not in imports], name
-
-
 def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
     timed = STUCK | {"start_ms": 20, "duration_ms": 10}
     shaken = timed | {"effect": "random", "value": 5.0}
@@ -127,31 +104,11 @@ def test_a_table_has_the_runs_that_a_page_can_ask_for(tmp_path):
     groups = [{"name": name} | ({"fault": own} if own else {}) for name, own in faults.items()]
     config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
     adaptive.run(config, tmp_path, "simd")
-    told = rows.table(tmp_path, manifest.read(tmp_path))
+    told = words.list_runs(tmp_path, manifest.read(tmp_path))
     assert (told["runs"], told["rows"], told["columns"]["group"]) == (6, 2, ["free", "timed"])
     assert told["columns"]["start_ms"][1] == 20
     assert (told["evading"]["n"], told["evading"]["k"]) == (5, 0)
     assert math.isnan(told["evading"]["low"]), "faults that were chosen have no interval"
-
-
-def test_faults_that_were_drawn_have_an_interval(tmp_path):
-    drawn = STUCK | {"start_ms": {"uniform": [20, 60]}}
-    group = {"name": "drawn", "design": "random", "runs": 6, "fault": [drawn]}
-    adaptive.run(
-        validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": [group]}),
-        tmp_path,
-        "simd",
-    )
-    told = rows.table(tmp_path, manifest.read(tmp_path))["evading"]
-    assert told["n"] == 6
-    assert 0 <= told["low"] <= told["value"] < told["high"] < 1
-
-
-def test_a_page_counts_time_whatever_its_campaign_counts():
-    packets = STUCK | {"trigger": "packet", "start_ms": 20, "duration_ms": 10}
-    groups = [{"name": "one", "fault": [packets]}]
-    config = validated({"campaign": {"name": "some", "duration_s": 0.1}, "group": groups})
-    assert program.question_plan(config).program.setup.injection.triggers == ("time", "packet")
 
 
 def test_a_campaign_without_faults_is_refused():

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import binom
 
 from ravenjax.analyses.monitors import calibrate
-from ravenjax.analyses.monitors.monitor import WHOLE, terms
+from ravenjax.analyses.monitors.monitor import WHOLE, split_scores
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.campaign import loading
 from ravenjax.stats.conformal import bands, shift, threshold
@@ -25,7 +25,7 @@ VARIED = {
 
 def operations(folder, name, changes, count, seed):
     config = loading.load("drawn_robots", changes)
-    wanted = terms(calibrate.chosen(config.robot, calibrate.SIGNALS))
+    wanted = split_scores(calibrate.chosen(config.robot, calibrate.SIGNALS))
     design = OperationDesign(calibrate.motions(config), ROBOTS, LENGTH_S, seed)
     return calibrate.operate(
         config, design, wanted, WHOLE, folder / name, count, "simd", lambda *_: None

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ravenjax import robots
-from ravenjax.analyses.monitors import part_file, scores
+from ravenjax.analyses.monitors import code, scores
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
@@ -56,23 +56,6 @@ def test_a_robot_without_signals_has_no_candidates():
         scores.catalogue(dataclasses.replace(RAVEN, signals=()))
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{"scales": (1.0, 2.0)}, {"scales": (0.0,)}, {"against": "jpos"}, {"name": "no word"}],
-)
-def test_a_score_that_makes_no_sense_is_refused(changes):
-    one = Score("mine", "bound", "mvel", (0,), ("shoulder",), ("rad/s",), (1.0,), "L5")
-    with pytest.raises(ValueError, match="score"):
-        dataclasses.replace(one, **changes)
-
-
-def test_a_part_file_needs_scores_of_different_names():
-    one = scores.catalogue(RAVEN)[0]
-    for some in ([], [one, one]):
-        with pytest.raises(UserError, match="one score or more of different names"):
-            part_file.text(some)
-
-
 VIEW = {"mvel": 7, "jpos": 7, "jpos_d": 7, "tip_error": 0}
 SOME = (
     Score(
@@ -101,20 +84,18 @@ def expected(score: Score, now: dict, before: dict | None) -> float:
     places = [score.channels] if score.channels else slice(None)
 
     def values(view: dict, field: str) -> np.ndarray:
-        return np.atleast_1d(np.float32(view[field]))[places].ravel()
+        return np.nan_to_num(np.atleast_1d(np.float32(view[field]))[places].ravel())
 
     size = values(now, score.signal)
     if score.kind == "residual":
         size = size - values(now, score.against)
     if score.kind == "rate":
         size = size - values(before, score.signal) if before else 0 * size
-    with np.errstate(invalid="ignore", over="ignore"):
-        over = np.abs(size) / np.float32(score.scales)
-    return float(np.nanmax([0.0, *over]))
+    return float(max([0.0, *(np.abs(size) / np.float32(score.scales))]))
 
 
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     st.lists(st.sampled_from(SOME), min_size=1, max_size=5, unique=True),
@@ -131,7 +112,7 @@ def expected(score: Score, now: dict, before: dict | None) -> float:
 )
 def test_the_printed_part_gives_what_the_words_say(tmp_path, some, views):
     path = tmp_path / "printed.py"
-    path.write_text(part_file.text(some))
+    path.write_text(code.write_part([single for one in some for single in one.singles]))
     own = part.loaded(part.read("printed", path))
     params = own.params()
     state = own.init(params, "float32")

@@ -91,13 +91,6 @@ def test_a_window_of_harm_is_not_taken_for_a_threshold():
     assert low < 100 <= high
 
 
-def test_harm_that_ends_within_the_range_is_not_monotone_either():
-    found = bracket(
-        lambda cell, number: (number < 50).astype(float), LOG, np.zeros(1, bool), scan=9
-    )
-    assert found.state[0] == ALWAYS and not found.monotone[0]
-
-
 def test_a_cell_with_an_invalid_answer_has_no_boundary():
     def asked(cell, number):
         return np.where((cell == 0) & (number > 5000), np.nan, number >= 100.0)

@@ -11,10 +11,9 @@ import pytest
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading, outcome
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.campaign import compile_cache, plan, runner
 from ravenjax.campaign import loading as campaigns
+from ravenjax.campaign import plan, runner
 from ravenjax.campaign.faults import sampling
-from ravenjax.engines import traced
 from ravenjax.errors import UserError
 
 RAW = {
@@ -115,21 +114,6 @@ def test_a_point_that_comes_again_is_not_run_again(points, evaluated):
     twice = evaluator(np.repeat(case[:1], 3), np.repeat(values[:1], 3, axis=0))
     np.testing.assert_array_equal(twice, np.repeat(found[:1], 3, axis=0))
     assert (evaluator.runs, evaluator.batches) == before
-
-
-@pytest.mark.slow
-def test_the_tick_is_traced_once(template, monkeypatch):
-    calls = []
-    original = traced.trace
-    traced.forget()
-    monkeypatch.setenv(compile_cache.VARIABLE, "off")
-    monkeypatch.setattr(traced, "trace", lambda *args: calls.append(1) or original(*args))
-    evaluator = Evaluator(template, [outcome.parse(WANTED[0])], "simd")
-    rng = np.random.default_rng(1)
-    for rows in (3, 20, 2):
-        case = rng.integers(0, template.cases, rows)
-        evaluator(case, template.values(case, rng.random((rows, 3))))
-    assert evaluator.batches == 3 and calls == [1]
 
 
 def test_unit_points_become_the_values_that_a_sampled_design_draws():

@@ -16,9 +16,8 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import loading, outcome
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.journal import Journal
-from ravenjax.campaign import plan, runner
 from ravenjax.errors import StoreError
-from ravenjax.store import folder, manifest, parts, schema
+from ravenjax.store import folder, manifest, parts
 
 FAULT = {
     "site": "usb_out",
@@ -37,7 +36,6 @@ TEMPLATE = Template(
         }
     ).campaign
 )
-SHAPE = runner.shape_of(plan.make_plan(TEMPLATE.config))
 CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
 
 
@@ -138,13 +136,6 @@ def test_a_damaged_part_is_set_aside_and_named(kept):
     assert not last.exists()
 
 
-def test_a_part_of_something_else_is_left_alone_and_refused(kept):
-    out, _, _ = kept
-    with pytest.raises(StoreError, match="belongs to another campaign"):
-        Journal(out, "other")
-    assert len(parts.files(out / folder.PARTS)) == 3
-
-
 def test_what_is_done_is_one_file_and_taken_over_too(kept):
     out, found, rows = kept
     made = Journal(out, "same")
@@ -166,17 +157,6 @@ def test_runs_in_both_the_file_and_a_part_count_once(kept):
     with searching(out, Journal(out, "same").conclude(rows)) as made:
         assert made.held == 30
         np.testing.assert_array_equal(ask(made), found)
-
-
-def test_runs_of_earlier_starts_that_failed_are_counted(kept):
-    out, _, rows = kept
-    spoiled = rows.to_pandas().assign(failed=["nan"] * 3 + [""] * 27)
-    made = Journal(out, "same")
-    checksum = made.conclude(schema.conform(spoiled, SHAPE))
-    made.forget()
-    with searching(out, checksum) as again:
-        found = ask(again)
-    assert again.progress.failed == np.isnan(found).sum() == 3
 
 
 def test_a_disk_that_refuses_is_told_of(tmp_path, monkeypatch):

@@ -8,7 +8,6 @@ import pytest
 
 from ravenjax.analyses.search.file import loading
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 
 FILE = """
@@ -125,21 +124,9 @@ def test_errors_name_line_key_and_what_was_expected(tmp_path, old, new, told):
     assert told in refused(written(tmp_path, old, new))
 
 
-def test_all_that_is_wrong_is_told_at_once(tmp_path):
-    path = tmp_path / "search.toml"
-    path.write_text(FILE.replace('"usb_out"', '"usb_uot"').replace("signs = [1, -1]", "scan = 1"))
-    told = refused(path)
-    assert "Did you mean 'usb_out'" in told and "search.scan" in told
-
-
 def test_an_override_is_named_as_such(tmp_path):
     assert "--set: search.scan: got 1" in refused(written(tmp_path), "search.scan=1")
     assert "--set search: expected key.path=value" in refused(written(tmp_path), "search")
-
-
-def test_a_campaign_file_is_no_search_file():
-    with pytest.raises(UserError, match=r"search: missing: write a section \[search\]"):
-        loading.load(resources.find("campaigns", "seed_burst.toml"))
 
 
 @pytest.mark.parametrize(

@@ -87,16 +87,6 @@ def test_a_boundary_is_verified_by_a_campaign_of_its_two_sides(bounded):
     assert "run again as an ordinary campaign" in text
 
 
-def test_a_longer_fault_needs_less(bounded):
-    cells = json.loads((bounded[0] / output.NUMBERS).read_text())["result"]["cells"]
-    size = {
-        tuple(cell["cell"].values()): abs(cell["harmful"])
-        for cell in cells
-        if cell["state"] == "crossing"
-    }
-    assert all(size["shoulder", 32, sign] < size["shoulder", 8, sign] for sign in "+-")
-
-
 @pytest.mark.slow
 def test_what_never_harms_is_censored(tmp_path):
     config = search(
@@ -192,15 +182,6 @@ def test_sobol_finds_what_decides(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_outcome_that_never_varies_has_no_indices(tmp_path):
-    fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
-    config = search(fault, kind="sobol", n=8, outcomes=["jump_text", "peak_golden_deviation_mm"])
-    runner.run(config, tmp_path)
-    record, _, text = files(tmp_path)
-    assert record["result"]["results"][0]["indices"] is None and "it never varies" in text
-
-
-@pytest.mark.slow
 def test_morris_ranks_each_case(tmp_path):
     fault = {
         "channel": ["shoulder", "insertion"],
@@ -237,16 +218,6 @@ def test_a_rare_event_agrees_with_plain_monte_carlo(tmp_path):
         "probability"
     ]
     assert "both agree" in text
-
-
-@pytest.mark.slow
-def test_progress_is_told(tmp_path):
-    told = []
-    fault = {"value": {"uniform": [1, 5]}, "duration_ms": {"uniform": [1, 3]}}
-    config = search(fault, kind="sobol", n=8, outcomes=["peak_golden_deviation_mm"])
-    runner.run(config, tmp_path, on_progress=told.append)
-    assert {status.phase for status in told} == {"compile", "run", "done"}
-    assert told[-1].total == 32 and told[-1].progress == 1.0
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from ravenjax.analyses.search.file import json_schema as searches
+from ravenjax.analyses.search.file import config as searches
 from ravenjax.bundled import resources
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.cli import main
@@ -25,7 +25,7 @@ FOLDERS = {
 }
 SCHEMAS = {
     "campaign": campaigns.schema(ROBOT),
-    "search": searches.schema(ROBOT),
+    "search": searches.json_schema_of(ROBOT),
     "scenario": scenarios.schema(),
 }
 FILES = [

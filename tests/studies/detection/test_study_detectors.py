@@ -11,23 +11,16 @@ import numpy as np
 import pytest
 import synthetic_results
 
-from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design
 from ravenjax.outcomes.events import Rules
-from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import DetectorRecord
 from studies import detectors
 from studies import findings as findings_files
 from studies.detectors import (
     AS_MODELLED,
     CHECKS,
-    CLIP,
-    CUE,
-    FORK,
     OTHERS,
     PUBLISHED,
     STOPS,
-    UNCERTAIN,
     FaultyScores,
     FreeScores,
 )
@@ -91,44 +84,6 @@ def free(alarms: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) 
     )
 
 
-def random_runs(n: int = 300, motions: int = 2, seed: int = 0) -> FaultyScores:
-    """Runs whose scores tell an unintended motion the better, the more they are of tip_error."""
-    rng = np.random.default_rng(seed)
-    cells = n // motions
-    moved_of = rng.random(cells) < 0.4
-    moved = np.tile(moved_of, motions)
-    skill = np.array([1.0, 0.3, 0.5, 3.0, 0.7])
-    score = np.exp(rng.normal(size=(len(moved), 5)) + moved[:, None] * skill)
-    first = tuple(
-        np.where(
-            score[:, [d]] > np.array(one.thresholds), rng.integers(100, 400, (len(moved), 1)), -1
-        )
-        for d, one in enumerate(DETECTORS)
-    )
-    return FaultyScores(
-        DETECTORS,
-        np.tile(np.arange(cells), motions),
-        np.tile(np.arange(cells), motions),
-        np.zeros(len(moved), int),
-        np.repeat(np.arange(motions), cells),
-        np.tile(rng.choice(["packets", "USB in"], cells).astype(object), motions),
-        np.full(len(moved), 100),
-        np.where(moved, 250, -1),
-        np.where(moved, "unintended motion", "none").astype(object),
-        np.tile(moved_of & (rng.random(cells) < 0.5), motions),
-        np.tile(moved_of & (rng.random(cells) < 0.5), motions),
-        score,
-        first,
-        {
-            CHECKS: np.where(moved, 260, -1),
-            STOPS: np.where(score[:, 0] > 3, 300, -1),
-            CUE: np.where(moved, 240, -1),
-        },
-        1000,
-        Rules(),
-    )
-
-
 def test_a_threshold_is_the_lowest_from_which_on_alarms_are_rare_enough() -> None:
     # 2 h: 20, 0, 3 and 2 alarms at thresholds 0.5, 1, 2, 4: threshold 1 is quiet by chance,
     # threshold 2 is not
@@ -156,31 +111,6 @@ def test_a_point_counts_what_is_caught_before_the_motion_and_for_nothing() -> No
     assert found.before.value == pytest.approx(1 / 3)
     assert (found.false.value, found.false.n) == (0.0, 0)
     assert found.false.high == pytest.approx(3.689 / 2, rel=1e-3)
-
-
-def test_a_rate_without_spread_has_the_interval_of_its_kinds() -> None:
-    hit, every = np.ones(40, bool), np.ones(40, bool)
-    found = detectors.share(hit, every, units.units(np.repeat(np.arange(8), 5)), "runs")
-    assert (found.value, found.high, found.n) == (1.0, 1.0, 40)
-    assert found.low == pytest.approx(0.6756, abs=1e-3)  # Wilson of 8 of 8, not of 40 of 40
-    assert (
-        detectors.percent(detectors.share(hit, ~every, units.units(np.arange(40)), "runs"))
-        == "no runs"
-    )
-
-
-def test_one_run_of_each_fault_is_taken_with_the_motions_in_turn() -> None:
-    runs = faulty([[-1] * 5] * 6, [-1] * 6, cell=[0, 1, 2, 0, 1, 3])._replace(
-        motion=np.array([0, 0, 0, 1, 1, 1])
-    )
-    once = runs.once()
-    assert sorted(once.cell.tolist()) == [0, 1, 2, 3]
-    assert dict(zip(once.cell.tolist(), once.motion.tolist(), strict=True)) == {
-        0: 0,
-        1: 1,
-        2: 0,
-        3: 1,
-    }
 
 
 def test_alarms_before_the_first_effect_do_not_count() -> None:
@@ -225,44 +155,6 @@ def test_a_check_that_trips_without_a_fault_is_a_false_alarm_whatever_the_respon
     assert found.others[STOPS].tolist() == [0, 0, 1, 0, 0, 0]
 
 
-def test_areas_are_told_by_kind_of_hazard_against_runs_without_any() -> None:
-    runs = faulty([[-1] * 5] * 8, [200, 200, -1, -1, -1, -1, -1, -1])
-    hazard = np.array(
-        ["unintended motion"] * 2 + ["loss of motion", "false report"] + ["none"] * 4, object
-    )
-    jumped, leapt = np.arange(8) >= 6, np.arange(8) == 7
-    runs = runs._replace(hazard=hazard, jumped=jumped, leapt=leapt)
-    shown = detectors.hazard_table(runs, ["tip_error"])
-    assert {row[0]: row[1] for row in shown.rows} == {
-        "unintended motion, the run's hazard": 2,
-        "loss of motion, the run's hazard": 1,
-        "false report, the run's hazard": 1,
-        "jump of the true tip": 1,
-        "jump of the reported tip alone": 1,
-    }
-    assert shown.note.startswith("Against 2 faulty runs without hazard and jump")
-
-
-def test_motions_of_other_faults_are_refused() -> None:
-    made, frame = synthetic_results.manifest(runs=50), synthetic_results.frame(50)
-    with pytest.raises(ValueError, match="other groups"):
-        detectors.pooled([frame, frame.iloc[::-1].reset_index(drop=True)], made)
-
-
-@pytest.mark.parametrize(
-    ("noise", "robots"),
-    [(False, {AS_MODELLED, UNCERTAIN}), (True, {"noise", "more noise", f"{UNCERTAIN}, noise"})],
-)
-def test_noise_makes_another_robot(noise: bool, robots: set[str]) -> None:
-    groups = [f"free/{AS_MODELLED}", "free/more noise", f"free/{UNCERTAIN}", "library/C09"] * 5
-    frame = synthetic_results.frame(20).assign(group=groups, failed="")
-    frame[detectors.SCALE] = 0.1
-    made = synthetic_results.manifest(runs=20, config={"campaign": {"noise": noise}})
-    found = detectors.alone(frame, made, "reach 1")
-    assert set(found.robot) == robots
-    assert len(found.hours) == 5 * len(robots)
-
-
 def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None:
     from sklearn.metrics import roc_auc_score
 
@@ -278,57 +170,6 @@ def test_areas_are_those_of_scikit_learn_and_variances_those_of_delong() -> None
     beats = (x[:, None] > y[None]) + 0.5 * (x[:, None] == y[None])  # [m, n, 2]
     delong = np.cov(beats.mean(axis=1).T) / len(x) + np.cov(beats.mean(axis=0).T) / len(y)
     assert found.covariance == pytest.approx(delong)
-
-
-def test_runs_of_one_cell_add_no_certainty() -> None:
-    rng = np.random.default_rng(4)
-    positive = rng.random(80) < 0.5
-    score = rng.normal(size=(80, 2)) + positive[:, None]
-    once = detectors.areas(score, positive, np.arange(80))
-    thrice = detectors.areas(
-        np.tile(score, (3, 1)), np.tile(positive, 3), np.tile(np.arange(80), 3)
-    )
-    assert thrice.value == pytest.approx(once.value)
-    assert thrice.covariance == pytest.approx(once.covariance)
-
-
-def test_differences_of_areas_are_paired() -> None:
-    rng = np.random.default_rng(5)
-    positive = rng.random(200) < 0.5
-    good = rng.normal(size=200) + 2 * positive
-    score = np.stack([good, good, rng.normal(size=200)], axis=1)
-    found = detectors.areas(score, positive, np.arange(200))
-    same, sure = found.difference(0, 1)
-    assert (same.value, same.low, same.high, sure) == (0.0, 0.0, 0.0, 1.0)
-    gain, p = found.difference(0, 2)
-    assert gain.value > 0.3 and p < 1e-6 and gain.low > 0
-    with pytest.raises(ValueError, match="NaN"):
-        detectors.areas(np.full((3, 1), np.nan), np.array([True, False, True]), np.arange(3))
-    nothing = detectors.areas(np.ones((3, 1)), np.ones(3, bool), np.arange(3))
-    assert np.isnan(nothing.value).all()
-
-
-@pytest.mark.parametrize("variant", detectors.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: detectors.Variant) -> None:
-    config = loading.load(variant.campaign, variant.overrides)
-    named = {name: thresholds for name, _, thresholds in config.detectors}
-    for name, threshold in (PUBLISHED, FORK, CLIP):
-        assert threshold in named[name]
-    assert len(named) == 6 * 3 + 3
-
-
-def test_the_groups_without_faults_come_first_and_fit_the_limits() -> None:
-    config = loading.load(detectors.CAMPAIGN)
-    without = [group for group in config.group if group.name.startswith(detectors.FREE)]
-    assert config.group[: len(without)] == tuple(without)
-    assert all(group.fault for group in config.group[len(without) :])
-
-    def runs(groups: list) -> int:
-        return design.count(config.model_copy(update={"group": tuple(groups)}))
-
-    assert runs(without) == detectors.FREE_RUNS
-    assert runs(without[:2]) == detectors.FREE_RUNS_NOISY
-    assert [group.name for group in without[:2]] == ["free/as modelled", "free/more noise"]
 
 
 @pytest.mark.slow
@@ -348,23 +189,3 @@ def test_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         one and 0.4 < one.low < one.value <= one.high <= 1.0 for one in areas
     )
     assert "AUC, tip_error" not in lines  # friction parts robot and model without a fault
-
-
-ASKED = [
-    ("tip_error", 1.0, True),
-    ("tip_error", 3.0, False),
-    (STOPS, np.nan, False),
-    (CUE, np.nan, False),
-    ("steps/all/1", 0.5, True),
-    (CHECKS, np.nan, True),
-]
-
-
-@pytest.mark.parametrize(("name", "threshold", "asked"), ASKED)
-def test_what_the_definitions_decide_is_not_asked(name: str, threshold: float, asked: bool) -> None:
-    runs = random_runs(100)
-    assert detectors.by_definition(runs, name, threshold) == (not asked)
-    found = detectors.before(runs, name, threshold)
-    assert (found.of == "by definition") == (not asked)
-    farther = runs._replace(rules=Rules(limit_mm=5.0))  # a motion of 5 mm can be announced at 3 mm
-    assert detectors.by_definition(farther, name, threshold) == (name == STOPS)

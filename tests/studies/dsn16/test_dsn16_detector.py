@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-import pytest
 
 from studies.dsn16 import detector
-from studies.dsn16.detector import Learned, Log, log, maxima_interval, pooled_interval, run_alarms
+from studies.dsn16.detector import Learned, Log, log, pooled_interval, run_alarms
 
 ONES = np.ones((3, 3))
 
@@ -72,20 +69,6 @@ def test_learned_thresholds_are_percentiles_of_all_steps_or_of_maxima() -> None:
     assert (learned.percentile(99.9)[1:] == 0.0).all()
 
 
-def test_learning_leaves_the_rest_at_the_beginning_out() -> None:
-    moved = made_up()
-    moved.mpos[100:, 0] += 5.0
-    assert detector.fault_free(moved).max() == 0.0
-    assert detector.steps(moved).max() == 5.0
-    with pytest.raises(ValueError, match="at least one run"):
-        detector.learn([])
-
-
-def test_runs_with_more_packets_are_cut_to_the_shortest() -> None:
-    runs = [np.full((rows, 3, 3), float(rows)) for rows in (7, 5, 6)]
-    assert detector.learn(runs).pooled[:, :, 0, 0].tolist() == [[7.0] * 5, [5.0] * 5, [6.0] * 5]
-
-
 def test_joints_of_a_jump_are_those_of_the_packets_of_its_two_steps() -> None:
     trace = made_up()
     trace.joints[:, 4] = trace.packet
@@ -106,13 +89,6 @@ def test_block_bootstrap_keeps_runs_together() -> None:
     assert wide.low <= wide.value <= wide.high
     assert wide.high - wide.low > 3.0 * (narrow.high - narrow.low)
     assert (wide.n, wide.of) == (50, "runs")
-
-
-def test_order_statistics_of_few_runs_have_no_upper_end() -> None:
-    maxima = np.arange(100.0)
-    middle, far = maxima_interval(maxima, 50.0), maxima_interval(maxima, 99.9)
-    assert 35.0 < middle.low < 49.5 < middle.high < 65.0
-    assert math.isnan(far.high) and far.low > 90.0
 
 
 def test_leap_of_the_text_is_a_millimetre_within_two_packets() -> None:

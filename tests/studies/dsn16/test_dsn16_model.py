@@ -23,11 +23,6 @@ def test_without_the_recording_nothing_is_predicted_and_it_is_said_what_is_missi
     )
 
 
-def test_bands_are_those_of_the_target():
-    published = model.Published("dsn16_model")
-    assert [published.band(f"error.{joint}")[1] for joint in model.UNITS] == [1.0, 1.8, 1.4]
-
-
 def test_the_asked_motor_angles_give_back_the_torque():
     rng = np.random.default_rng(1)
     found = recording.JointRecording(*(rng.normal(size=(9, 3)) for _ in range(3)))
@@ -97,11 +92,6 @@ def test_a_steady_motion_is_what_a_held_velocity_predicts():
             )
             np.testing.assert_allclose(errors[recording.HELD_POSITION, horizon].largest, way)
             assert horizon is None or abs(part.rows(horizon) * period_ms - horizon) <= period_ms / 2
-
-
-def test_no_prediction_reaches_beyond_its_stretch():
-    part = PART._replace(angle=PART.angle[:330])
-    assert list(part.starts) == [0, 200] and part.starts[-1] + part.rows(128) < len(part.angle)
 
 
 @pytest.mark.slow

@@ -39,10 +39,6 @@ def test_lengths_are_recovered_from_the_dac():
     assert len(measured) > 770 and "".join(map(str, measured)) in "".join(map(str, lengths))
 
 
-def test_datagrams_of_one_cycle_count_once():
-    assert arrivals.lengths(np.array([0.1, 0.2, 2.9, 3.0, 3.5, 11.0])).tolist() == [2, 1, 8]
-
-
 def test_the_measured_distribution_is_that_of_the_recorded_robot(shared_data):
     lengths = recording.of_robot(recording.read(shared_data(recording.FILE)))
     shares = arrivals.shares(lengths)
@@ -62,15 +58,6 @@ def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
     stated = packets.SHARES[packets.BURSTS]
     np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-3)
     assert shares[len(stated) :].sum() < 5e-4
-
-
-def test_desired_positions_of_the_recorded_operator_do_not_repeat(shared_data):
-    table = pd.read_parquet(shared_data("operator_positions.parquet"))
-    for arm in ("gold", "green"):
-        lengths = recording.of_positions(
-            table[[f"{arm}_{axis}_um" for axis in "xyz"]].to_numpy(float)
-        )
-        assert len(lengths) > 20_000 and (lengths > 1).sum() <= 3
 
 
 def test_arrivals_of_a_campaign_have_the_quantiles_of_the_held_out_half(shared_data):

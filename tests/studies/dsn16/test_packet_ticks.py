@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_runs import runs_of
 
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
@@ -46,11 +45,6 @@ def test_drawn_packets_are_those_that_runs_receive(choice):
         assert ticks.packet(np.array([row, row]), np.array([-1, fresh[5] - 1])).tolist() == [0, 5]
 
 
-def test_runs_have_packets_of_their_own():
-    ticks = attacks.packet_ticks_of(planned(packets="measured")).ticks
-    assert (ticks[0] != ticks[1]).any() and (np.diff(ticks, axis=1) >= 1).all()
-
-
 @pytest.mark.parametrize("cycles", [1, 2])
 def test_regular_packets_are_rows_of_the_motion_however_long_they_last(cycles):
     ticks = attacks.regular(2, 10, cycles)
@@ -59,16 +53,6 @@ def test_regular_packets_are_rows_of_the_motion_however_long_they_last(cycles):
     np.testing.assert_array_equal(ticks.packet(np.zeros(2, int), (number - 1) * cycles), number)
     assert ticks.packet(np.array([1]), np.array([2 * cycles - 1])).tolist() == [2]
     assert ticks.motion_row(np.zeros(2, int), number).tolist() == [0, 2]
-
-
-def test_several_distributions_are_refused():
-    raw = {
-        "campaign": {"name": "x", "duration_s": 0.1},
-        "cross": {"network.packets": [0, 1]},
-        "group": [{"name": "a"}],
-    }
-    with pytest.raises(ValueError, match="one distribution"):
-        attacks.packet_ticks_of(plan.make_plan(loading.from_dict(raw)))
 
 
 @pytest.mark.parametrize("campaign", ["dsn16_a.toml", "dsn16_b.toml"])
@@ -84,19 +68,6 @@ def test_runs_are_long_enough_for_their_last_fault(campaign):
         assert ticks.shape[1] > last
         ends = ticks[:, last - 1]
         assert ends.max() + 500 < ready.config.campaign.ticks, overrides
-
-
-def test_what_is_said_of_lengths_and_draws_follows_the_runs():
-    base, other = runs_of({(1000, 8): 10}, "baseline"), {(1000, d): 10 for d in (8, 16, 32)}
-    cases = [base, runs_of(other, "bursts"), runs_of(other, "draws_2"), runs_of({}, "suture_110mm")]
-    assert "baseline 3.1 %, bursts 9.4 %" in attacks.lengths_note(base, cases)
-    assert "no narrower than 3.1 to 9.4 %" in attacks.lengths_note(base, cases)
-    assert attacks.draws_note(base, cases).endswith(
-        "3.1 % of all runs jump, 9.4 % with other draws."
-    )
-    assert attacks.lengths_note(base, [base]) == attacks.draws_note(base, [base]) == ""
-    low, high = attacks.spread(cases, "jump")
-    assert low.tolist() == high.tolist() == cases[1].percent("jump").tolist()
 
 
 def test_the_hand_keeps_its_speed():

@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.campaign import loading
 from studies import hand
-from studies.hand import DEFAULT_MS, DELAYS_MS, GRIP_COLUMN, MEASURED, NEWTONS_COLUMN, HandRuns
+from studies.hand import GRIP_COLUMN, NEWTONS_COLUMN, HandRuns
 
 FAULTS = 24
 SCALE = 0.1
@@ -56,11 +55,6 @@ def test_pairs_are_of_one_fault_each_and_leave_out_what_did_nothing_or_failed() 
     ).all()
 
 
-def test_a_setting_that_was_not_run_is_refused() -> None:
-    with pytest.raises(ValueError, match="has 0 runs of 66 N a unit"):
-        hand.paired(made_up(), 66.0, 0.5)
-
-
 def test_an_effect_is_over_the_hands_that_moved() -> None:
     one = hand.effect(hand.paired(made_up(), 3.3, 0.5), SCALE)
     assert (one.pairs, one.pulled, one.kinds.count) == (22, 12, 6)
@@ -79,16 +73,6 @@ def test_an_effect_is_over_the_hands_that_moved() -> None:
     assert one.unintended == (6, 5) and one.difference.value == pytest.approx(-1 / 22)
 
 
-def test_a_robot_that_was_stopped_in_one_run_stands_apart() -> None:
-    both = hand.paired(made_up(), 3.3, 0.5)
-    assert both.off.frame["pair"][both.stopped].tolist() == [4]
-
-
-def test_a_force_that_parts_robot_and_model_is_noticed() -> None:
-    one = hand.effect(hand.paired(made_up(moved_model=0.2), 3.3, 0.5), SCALE)
-    assert one.model.value == pytest.approx(0.2) and one.model_share.value == pytest.approx(1.0)
-
-
 def test_statics_are_those_of_a_spring() -> None:
     rows = {(row[0], row[1]): row[2:] for row in hand._loop().rows}
     relaxed = rows["the cap is 3.3 N", 0.0]
@@ -97,20 +81,3 @@ def test_statics_are_those_of_a_spring() -> None:
     assert float(rows["one device unit is 3.3 N", 1.0][1]) == pytest.approx(
         0.1 * 0.165 / 675.0 * 1e3, rel=0.05
     )
-
-
-def test_statics_have_the_numbers_of_campaign_and_hand() -> None:
-    config = loading.load(hand.CAMPAIGN, hand.STUDY.variants[0].overrides)
-    cue = config.haptics.cues()[0]
-    assert (cue.kp, cue.cap, config.operator.scale) == (hand.KP, hand.CAP, hand.SCALE)
-
-
-def test_every_variant_is_a_campaign_and_every_time_has_one() -> None:
-    names = {variant.name for variant in hand.STUDY.variants}
-    assert len(names) == len(hand.STUDY.variants) == 3 + len(DELAYS_MS)
-    for variant in hand.STUDY.variants:
-        loading.load(variant.campaign, variant.overrides)
-    assert {one.ms for one in MEASURED} | {DEFAULT_MS} == set(DELAYS_MS)
-    assert all(one.source and one.applies for one in MEASURED)
-    assert [one.ms for one in MEASURED] == sorted(one.ms for one in MEASURED)
-    assert {row[0] for row in hand._measured().rows} == {f"{ms:g}" for ms in DELAYS_MS}

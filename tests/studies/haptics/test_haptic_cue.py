@@ -11,18 +11,12 @@ import numpy as np
 import pytest
 import synthetic_results
 
-from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design
 from ravenjax.outcomes.events import Rules
-from ravenjax.report import wording
-from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.stages import haptics
 from ravenjax.stats.bootstrap import units
 from ravenjax.store.manifest import CueRecord
 from studies import findings as findings_files
 from studies import haptic_cue
-from studies.detectors import AS_MODELLED
-from studies.haptic_cue import KINDS, FaultyCues, FreeCues
+from studies.haptic_cue import KINDS, FaultyCues
 
 CUES = tuple(
     CueRecord(threshold_mm=mm, kp_per_mm=kp, kd_s_per_mm=9e-5, cap=0.05)
@@ -54,20 +48,6 @@ def faulty(first: list[list[int]], unintended_ms: list[int]) -> FaultyCues:
     )
 
 
-def free(count: list[list[int]], hours: float = 1.0, robot: str = AS_MODELLED) -> FreeCues:
-    """One recording a row, pulses by threshold."""
-    n = len(count)
-    return FreeCues(
-        CUES,
-        np.full(n, robot, object),
-        np.array([f"reach {k}" for k in range(n)], object),
-        np.full(n, 0.1),
-        np.full(n, hours),
-        np.repeat(np.array(count), 2, axis=1),
-        np.repeat(np.array(count), 2, axis=1) * 0.01,
-    )
-
-
 def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     # thresholds 1, 3, 8 mm miss 0, 1/4 and 3/4 of 4 hazards, with 20, 1 and 0 false cues an hour
     missed = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], bool)
@@ -78,30 +58,6 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
     assert found.cost.tolist() == [[20.0, 1.25, 0.75], [20.0, 3.5, 7.5], [20.0, 251.0, 750.0]]
     assert found.winner.tolist() == [2, 1, 0]
     assert found.wins.sum(axis=1) == pytest.approx(1.0)
-
-
-def test_a_sure_choice_always_wins_and_equals_go_to_the_higher_threshold() -> None:
-    missed = np.zeros((50, 3), bool)
-    missed[:, 2] = True
-    counts = haptic_cue.counts(
-        missed, units.units(np.arange(50)), np.array([[2, 2, 2]] * 4), np.ones(4), np.arange(4)
-    )
-    found = haptic_cue.choose(counts, np.array([100.0]))
-    assert found.winner.tolist() == [1]
-    assert found.wins[0].tolist() == [0.0, 1.0, 0.0]
-
-
-def test_an_even_choice_is_told_as_one() -> None:
-    # sets 0 and 1 each miss one of two alike halves of the hazards: a coin
-    half = np.arange(400) < 200
-    missed = np.stack([half, ~half], axis=1)
-    counts = haptic_cue.counts(
-        missed, units.units(np.arange(400)), np.zeros((2, 2)), np.ones(2), np.arange(2)
-    )
-    wins = haptic_cue.choose(counts, np.array([1.0])).wins[0]
-    assert wins == pytest.approx([0.5, 0.5], abs=0.06)
-    with pytest.raises(ValueError, match="needs hazards"):
-        haptic_cue.choose(counts._replace(hours=np.zeros(2)), np.array([1.0]))
 
 
 def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> None:
@@ -122,18 +78,6 @@ def test_a_rate_of_which_nothing_was_seen_decides_only_after_enough_hours() -> N
     assert few.winner.tolist() == many.winner.tolist() == [0]
     assert not few.sure[0] and few.wins[0] == pytest.approx([0.5, 0.5], abs=0.05)
     assert many.sure[0] and many.wins[0, 0] == 1.0
-
-
-def test_faults_of_one_kind_are_drawn_together() -> None:
-    # 3 kinds of 100 runs each: were runs drawn, set 1 would win almost always
-    kind = np.repeat(np.arange(3), 100)
-    missed = np.stack([kind != 2, kind == 2], axis=1)
-    counts = haptic_cue.counts(missed, units.units(kind), np.ones((1, 2)), np.ones(1), np.zeros(1))
-    assert counts.hazards.tolist() == [100, 100, 100]
-    wins = haptic_cue.choose(counts, np.array([1.0])).wins[0]
-    assert wins[0] == pytest.approx(
-        1 / 9, abs=0.03
-    )  # both of two draws are kind 2; one of them is even, to set 1
 
 
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
@@ -181,66 +125,6 @@ def test_a_cue_of_the_golden_run_does_not_count() -> None:
     assert (plainly.first_ms[:, 0] >= 0).sum() > 20
     assert (shared.first_ms[:, 0] >= 0).sum() == 0
     assert (shared.first_ms[:, 1:] == plainly.first_ms[:, 1:]).all()
-
-
-def test_the_sets_of_the_published_gains_rise_by_threshold() -> None:
-    assert haptic_cue.default_sets(CUES, PUBLISHED) == [0, 2, 4]
-    assert haptic_cue.sets_at(CUES, 3.0) == [2, 3]
-
-
-def test_the_time_with_a_false_cue_is_a_share_of_the_motion() -> None:
-    motion = free([[20, 1, 0], [0, 1, 0]], hours=0.5)
-    assert haptic_cue.false_time(motion, 0, AS_MODELLED).startswith("20.0")
-    assert haptic_cue.false_time(motion, 4, AS_MODELLED).startswith("0.0")
-
-
-@pytest.mark.parametrize("limit_mm", [0.5, 1.0, 2.0, 3.0, 5.0, 9.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_every_number_of_a_line_stands_in_the_table(limit_mm: float, seed: int) -> None:
-    """Whatever the limit of the motion: what the lines say of a threshold is what its row says, and
-    neither says what the definitions decide."""
-    rng = np.random.default_rng(seed)
-    times = np.where(rng.random((60, 3)) < [0.95, 0.9, 0.6], rng.integers(110, 400, (60, 3)), -1)
-    runs = faulty(times.tolist(), np.where(rng.random(60) < 0.5, 300, -1).tolist())
-    runs = runs._replace(rules=Rules(limit_mm=limit_mm))
-    motion = free([[50, 4, 0]] * 6)
-    found = haptic_cue.findings(runs, motion._replace(robot=motion.robot))
-    lines = {line.quantity: line.predicted for line in found.lines}
-    for row in found.tables[0].rows:
-        words = f"{row[0]:g} mm" + (" (published)" if row[0] == 3 else "")
-        if f"{words}: unintended motion missed" not in lines:
-            continue
-        for cell, name in ((row[1], "missed"), (row[2], "felt before it began")):
-            line = lines.get(f"{words}: unintended motion {name}")
-            if name != "missed" and float(row[0]) >= limit_mm:
-                assert line is None and cell == wording.DASH
-                continue
-            assert line and str(cell).startswith(wording.percent(line.value / 100))
-            assert (
-                f"of {wording.count(line.n)}" in str(cell)
-                and "runs with unintended motion" in line.of
-            )
-    assert any("1 mm: unintended motion missed" in name for name in lines)
-
-
-@pytest.mark.parametrize("variant", haptic_cue.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: haptic_cue.Variant) -> None:
-    config = loading.load(variant.campaign, variant.overrides)
-    assert len({cue.threshold_m for cue in config.haptics.cues()}) >= 12
-
-
-def test_the_published_set_is_that_of_the_stage() -> None:
-    config = loading.load(haptic_cue.CAMPAIGN)
-    chosen = config.haptics.cues()[config.outcomes.cue]
-    (own,) = haptics.params(RavenSetup()).cues
-    assert tuple(chosen) == pytest.approx((own.threshold_m, own.kp, own.kd, own.cap))
-
-
-def test_the_groups_without_faults_come_first_and_fit_the_limit() -> None:
-    config = loading.load(haptic_cue.CAMPAIGN)
-    without = [group for group in config.group if group.name.startswith(haptic_cue.FREE)]
-    assert config.group[: len(without)] == tuple(without)
-    assert design.count(config.model_copy(update={"group": tuple(without)})) == haptic_cue.FREE_RUNS
 
 
 @pytest.mark.slow

@@ -71,14 +71,3 @@ def test_only_activated_runs_with_an_outcome_count() -> None:
     )
     assert found.verdict == safecomp45.AGREE
     assert found.said == "stop 1"
-
-
-def test_runs_that_fit_and_runs_without_effect() -> None:
-    found = outcome("K01", STOP, {**STOP, **JUMP}, SAID, {})
-    assert (found.fitting, found.without_effect) == (1, 2)
-
-
-def test_other_limits() -> None:
-    near = {**STOP, "unintended_mm": 2.0}
-    assert outcome("K01", near).verdict == safecomp45.AGREE
-    assert outcome("K01", near, limit_mm=1.0).verdict == safecomp45.PARTLY

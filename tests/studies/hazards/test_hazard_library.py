@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 import result_rows
 
-from ravenjax.campaign import loading
-from ravenjax.hazards import expansion, library, maude, naming
+from ravenjax.hazards import expansion, library
 from studies import findings as findings_files
 from studies.hazards import library as hazard_library
 from studies.study import Findings, Table
@@ -59,35 +58,6 @@ def test_every_row_is_run_or_documented(monkeypatch: pytest.MonkeyPatch) -> None
         "rows with at least one activated run": len(RUNNABLE),
         "rows whose every run was activated": len(RUNNABLE),
     }
-
-
-def test_values_are_counted_against_the_documented_ones() -> None:
-    frame = table()
-    assert all(
-        (k, n) == (n, len(row.case))
-        for row in RUNNABLE
-        for k, n in [hazard_library.documented(frame, row)]
-    )
-    frame.loc[frame["group"] == "library/B24", "fault0_value"] = 300.0  # not one of the 17
-    frame.loc[frame["group"] == "library/C01-below", "fault0_value"] = -100.0  # inside, not below
-    assert hazard_library.documented(frame, library.find("B24")) == (0, 1)
-    assert hazard_library.documented(frame, library.find("C01")) == (2, 3)
-
-
-def test_report_shares_come_with_their_caveat(monkeypatch: pytest.MonkeyPatch) -> None:
-    shown = titled(findings(monkeypatch, table()), "Risk by category")
-    assert maude.CAVEAT in shown.note
-    assert [row[2] for row in shown.rows if row[0] == "video"] == ["not simulated"]
-
-
-@pytest.mark.parametrize("variant", hazard_library.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads_and_names_hazards(variant: hazard_library.Variant) -> None:
-    config = loading.load(variant.campaign, variant.overrides)
-    known = {row.id for row in library.rows()}
-    for group in config.group:
-        ids = naming.hazards_of(group.name)
-        assert set(ids) <= known
-        assert bool(ids) == bool(group.fault), group.name
 
 
 @pytest.mark.slow

@@ -34,9 +34,3 @@ def test_a_mean_over_robots_has_an_interval_over_robots() -> None:
     one = healthy_robot.mean(values, "rms")
     assert one.low < values["rms"].mean() == pytest.approx(one.value)
     assert one.high - one.low == pytest.approx(4 * 0.05, rel=0.2)
-
-
-def test_the_tables_name_every_headline() -> None:
-    table = healthy_robot._with_faults(made_up(2))
-    assert [row[0] for row in table.rows] == list(healthy_robot.SHARES.values())
-    assert {row[3].partition(" ")[0] for row in table.rows} == {"30.0"}

@@ -11,12 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import synthetic_results
 
-from ravenjax.campaign import loading
-from ravenjax.campaign.faults import design
 from ravenjax.report.sections.reaction.pairs import EXCURSION
-from ravenjax.stats.intervals import Estimate, wilson
+from ravenjax.stats.intervals import wilson
 from ravenjax.vocabulary.reactions import RELEASE
 from studies import findings as findings_files
 from studies import reacting_operator
@@ -131,18 +128,6 @@ def test_a_contrast_counts_kinds_of_faults() -> None:
     ) and reacting_operator.avoided(found).endswith("10 kinds, few")
 
 
-def test_needed_is_the_reciprocal_of_the_difference() -> None:
-    assert reacting_operator.needed(Estimate(-0.1, -0.2, -0.05)) == pytest.approx((10.0, 5.0, 20.0))
-    assert reacting_operator.needed(Estimate(-0.1, -0.2, 0.01)).high == math.inf
-    assert reacting_operator.needed(Estimate(0.1, 0.05, 0.2)) == (math.inf, math.inf, math.inf)
-
-
-def test_only_faults_that_changed_a_bit_are_paired() -> None:
-    table = paired_runs(({}, ACTED), (MOVED, ACTED))
-    table.facts.loc[[0, 1], "activated"] = False
-    assert len(reacting_operator.paired(table, RELEASE).with_frame) == 1
-
-
 def timed(*rows: tuple[dict[str, Any], dict[str, Any]]) -> ReactionRuns:
     return runs(*rows)
 
@@ -169,40 +154,6 @@ def test_leads_are_of_motion_and_of_the_faults_own_cue() -> None:
     ]  # 150, 250, 400 ms: 300 ms are enough for two
 
 
-def test_no_table_says_what_is_true_by_definition() -> None:
-    rows = [({"cue0_first_ms": 1100}, BEGAN), ({}, BEGAN)]
-    listed = [
-        reacting_operator.advance(timed(*rows), 0, threshold)
-        for threshold in (1.0, 3.0, 10.0, 12.0)
-    ]  # motion of 10 mm
-    assert [row[0] for row in reacting_operator.advance_table(listed).rows] == [1.0, 3.0]
-
-
-def test_a_share_of_drawn_faults_has_an_interval_and_one_of_fixed_cells_has_none() -> None:
-    rows = [
-        ({**MOVED, "group": group}, {**ACTED, "group": group})
-        for group in ("sampled/a", "library/B24") * 3
-    ]
-    pairs = reacting_operator.paired(paired_runs(*rows), RELEASE)
-    table = reacting_operator.sites(pairs, reacting_operator.excursion(10.0), {"sampled/a"})
-    cells = {str(row[0]): (str(row[2]), str(row[4])) for row in table.rows}
-    assert cells["sampled/a"][0] == "3 faults drawn" and "(" in cells["sampled/a"][1]
-    assert cells["B24"] == ("3 cells of the design", "3 of 3, 100.0\u202f%")
-
-
-def test_a_jump_has_its_own_time() -> None:
-    table = timed(
-        ({"jump_tip": True, "jump_tip_first_ms": 1050, "cue0_first_ms": 1040}, {}), ({}, BEGAN)
-    )
-    np.testing.assert_array_equal(reacting_operator.leads_ms(table, 0, jump=True), [10, np.nan])
-    assert reacting_operator.advance(table, 0, 3.0, jump=True).size_mm is None
-
-
-def test_only_faults_that_changed_a_bit_and_that_nobody_meets_are_timed() -> None:
-    table = timed(({}, {}), ({ACTION: 1.0}, {}), ({}, {"activated": False}))
-    assert reacting_operator.unreacted(table).frame.index.tolist() == [0]
-
-
 def test_a_reaction_is_idle_where_no_hazard_was_coming() -> None:
     table = paired_runs(*[({}, ACTED)] * 5, ({}, {}))
     table.facts.loc[[0, 1], "hazard"] = "loss of motion"
@@ -224,71 +175,6 @@ def test_interruptions_are_counted_in_the_time_up_to_them() -> None:
     (found,) = reacting_operator.free_reactions(table, (3.0,))
     assert found.first.hours == pytest.approx((500 + 2000) / 3.6e6)
     assert found.first.count == 1
-
-
-@pytest.mark.parametrize("variant", reacting_operator.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: reacting_operator.Variant) -> None:
-    config = loading.load(variant.campaign, variant.overrides)
-    assert len({cue.threshold_m for cue in config.haptics.cues()}) == len(config.haptics.cues())
-
-
-def test_each_size_is_timed_by_the_campaign_that_has_it_as_its_limit() -> None:
-    limits = {
-        v.name: loading.load(v.campaign, v.overrides).rules.limit_mm
-        for v in reacting_operator.STUDY.variants
-    }
-    sized = {f"timed_{size:g}": size for size in reacting_operator.SIZES_MM[1:]}
-    assert {name: limit for name, limit in limits.items() if name in sized} == sized
-    assert {limit for name, limit in limits.items() if name not in sized} == {
-        reacting_operator.SIZES_MM[0]
-    }
-
-
-def test_a_folder_is_read_with_its_own_limit_and_how_far_the_tip_went(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    made, frame = synthetic_results.manifest(runs=200, limit_mm=5.0), synthetic_results.frame(200)
-    monkeypatch.setattr(reacting_operator.folder, "read_all", lambda path: frame)
-    monkeypatch.setattr(reacting_operator.manifest, "read", lambda path: made)
-    found = reacting_operator.read(Path("anywhere"))
-    assert (found.limit_mm, found.end_ms) == (5.0, 3000)
-    farther = [
-        max(pair) for pair in zip(frame["unintended_mm"], frame["unintended_off_mm"], strict=True)
-    ]
-    assert found.frame[EXCURSION].tolist() == farther
-
-
-def test_the_limit_of_the_variants_cuts_at_the_library() -> None:
-    config = loading.load(reacting_operator.CAMPAIGN, ("cross.reaction.action=[0, 1]",))
-    sampled = design.expand(config)["group"].astype(str).str.startswith("sampled/").to_numpy()
-    assert sampled[: 2 * reacting_operator.SAMPLED].all()
-    assert not sampled[2 * reacting_operator.SAMPLED :].any()
-
-
-def test_the_haptic_sets_are_those_of_the_tables() -> None:
-    for name in (reacting_operator.CAMPAIGN, reacting_operator.FREE):
-        thresholds = [1e3 * cue.threshold_m for cue in loading.load(name).haptics.cues()]
-        assert thresholds == pytest.approx(reacting_operator.THRESHOLDS_MM)
-
-
-@pytest.mark.slow
-def test_variants_of_the_operator_have_the_same_faults() -> None:
-    few = ("cross.reaction.action=[0, 1]", "campaign.limit=400")
-    inputs = [
-        "group",
-        "fault0_channel",
-        "fault0_effect",
-        "fault0_value",
-        "fault0_start_ms",
-        "fault0_duration_ms",
-    ]
-    known = design.expand(loading.load(reacting_operator.CAMPAIGN, few))[inputs]
-    for variants in reacting_operator.BLOCKS.values():
-        for words, overrides in variants.values():
-            other = design.expand(loading.load(reacting_operator.CAMPAIGN, (*few, *overrides)))[
-                inputs
-            ]
-            assert known.equals(other), words
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from studies.seed.fault_free import REST_TICKS, growth, segment
-from studies.seed.motions import MOTIONS, over_kinds, overrides, variant
 
 TICKS = 2500
 
@@ -46,40 +45,7 @@ def test_a_segment_begins_with_the_motion():
     assert found.zeroed_mean_mm == pytest.approx(0.7 + 3.0 / 2000)
 
 
-def test_a_segment_ends_with_the_robots_stop():
-    found = segment(ROW | {"check_estop_first_ms": 900}, made())
-    assert found.stop_ms == 900 and found.peak_mm == pytest.approx(1.0) and found.pulses == 0
-
-
 def test_a_line_through_a_line_is_that_line():
     line = growth([0.05, 0.1, 0.15, 0.2], [1.0, 1.5, 2.0, 2.5])
     assert line.slope == pytest.approx(10.0) and line.at_zero == pytest.approx(0.5)
     assert line.explained == pytest.approx(1.0)
-
-
-def test_a_line_explains_nothing_of_a_tent():
-    assert growth([1, 2, 3], [0.0, 1.0, 0.0]).explained == pytest.approx(0.0)
-    assert growth([1, 2, 3], [1.0, 1.0, 1.0]).explained == 1.0
-
-
-def test_kinds_of_motion_are_the_independent_units():
-    found = over_kinds({("a", 1): 1.0, ("a", 2): 3.0, ("b", 1): 4.0, ("c", 1): 6.0})
-    assert (
-        found.value == pytest.approx(4.0)
-        and found.n == 3
-        and found.of == "kinds of motion (4 motions)"
-    )
-    half = 4.302653 * 2.0 / np.sqrt(3.0)  # t of 2 degrees of freedom, standard deviation of 2, 4, 6
-    assert found.high - found.value == pytest.approx(half, rel=1e-5)
-    assert found.value - found.low == pytest.approx(half, rel=1e-5)
-
-
-def test_one_kind_has_no_interval():
-    found = over_kinds({("a", 1): 1.0, ("a", 2): 3.0})
-    assert found.value == 2.0 and found.n == 1 and np.isnan(found.low) and np.isnan(found.high)
-
-
-def test_variants_have_names_of_their_own():
-    assert len({variant(motion) for motion in MOTIONS}) == len(MOTIONS)
-    assert overrides(("reach", 2)) == ("operator.motion=reach", "operator.seed=2")
-    assert variant(("reach", 2), "set B") == "reach_2_set_B"

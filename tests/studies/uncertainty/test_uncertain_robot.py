@@ -18,7 +18,7 @@ from ravenjax.campaign.faults import design
 from ravenjax.report.data import facts as run_facts
 from studies import findings as findings_files
 from studies import uncertain_robot
-from studies.uncertain_robot import EVENTS, PARAMETERS, SETS, RobotRates, Uncertain
+from studies.uncertain_robot import EVENTS, PARAMETERS, RobotRates, Uncertain
 
 FRICTION = PARAMETERS[0]
 
@@ -30,22 +30,6 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
     columns = {event: np.isin(np.arange(faults), hits.get(event, [])) for event in EVENTS}
     layers = np.where(np.arange(faults) % 2, "packets", "USB in")
     return pd.DataFrame({**columns, "layer": layers, "kind": np.arange(faults)})
-
-
-def test_ranges_and_laws_agree() -> None:
-    for one in PARAMETERS:
-        (kind, values), *_ = uncertain_robot.drawn([one])[one.path].items()
-        assert (min(values), max(values)) == (one.low, one.high), one.path
-        assert one.low <= one.nominal <= one.high, one.path
-        assert kind == "choice" or len(values) == 2
-        assert one.source
-    assert len({one.path for one in PARAMETERS}) == len(PARAMETERS)
-
-
-def test_a_parameter_that_is_left_alone_has_its_known_value() -> None:
-    frame = pd.DataFrame({FRICTION.column: [0.5, math.nan]})
-    assert FRICTION.values(frame).tolist() == [0.5, 1.0]
-    assert PARAMETERS[1].values(frame).tolist() == [1.0, 1.0]
 
 
 def test_ends_are_compared_on_the_same_faults() -> None:
@@ -85,21 +69,6 @@ def test_events_are_those_of_the_result_table() -> None:
         assert found[event].tolist() == hits.tolist(), event
         assert 0 < hits.sum() < len(hits), event
     assert (found["injury"] >= found["unintended"]).all()
-
-
-def test_a_fault_has_the_same_number_in_every_variant() -> None:
-    """Two groups of two faults, once and at two ends each, as a campaign's column `pair` tells."""
-    assert uncertain_robot.numbered(np.array([0, 1, 2, 3])).tolist() == [0, 1, 2, 3]
-    assert uncertain_robot.numbered(np.array([0, 1, 0, 1, 4, 5, 4, 5])).tolist() == [
-        0,
-        1,
-        0,
-        1,
-        2,
-        3,
-        2,
-        3,
-    ]
 
 
 def ends(
@@ -160,55 +129,6 @@ def test_thirds_find_the_parameter_that_decides() -> None:
     assert math.isnan(told["jump", first.path].p)
 
 
-def test_the_range_names_its_robots() -> None:
-    robots = [
-        RobotRates("a", table(10, cue=[1])),
-        RobotRates("b", table(10, cue=[])),
-        RobotRates("c", table(10, cue=[1, 2, 3])),
-    ]
-    span = uncertain_robot.over(robots, "cue")
-    assert (span.low_robot, span.low.k, span.high_robot, span.high.k) == ("b", 0, "c", 3)
-
-
-def test_rounding_is_what_sets_the_known_robot_apart_from_itself() -> None:
-    known = RobotRates("known", table(100, unintended=[1, 2]))
-    one = FRICTION._replace(low=FRICTION.nominal)
-    again = {
-        one: (
-            RobotRates("low", table(100, unintended=[1, 2, 3])),
-            RobotRates("high", table(100, unintended=list(range(50)))),
-        )
-    }
-    assert uncertain_robot.rounding(known, again) == (pytest.approx(0.01), 1)
-    apart, same = uncertain_robot.rounding(known, ends(100, [1], [2]))
-    assert math.isnan(apart)
-    assert same == 0
-
-
-def test_the_plain_table_names_what_a_conclusion_depends_on() -> None:
-    known = RobotRates("known robot", table(100, unintended=list(range(15))))
-    pairs = ends(100, list(range(20)), list(range(5)))
-    robots = [known, *pairs[FRICTION]]
-    shown = uncertain_robot.conclusion_table(
-        known, robots, uncertain_robot.parameter_effects(pairs), [], {}
-    )
-    rows = {str(row[0]): row for row in shown.rows}
-    assert rows[EVENTS["unintended"]][2] == "5.0\u202f% to 20.0\u202f%"
-    assert rows[EVENTS["unintended"]][3] == "high; low"
-    assert rows[EVENTS["unintended"]][4] == "friction (−15)"
-    assert rows[EVENTS["jump"]][4] == uncertain_robot.NONE
-
-
-def test_layers_have_places() -> None:
-    robots = [
-        RobotRates("a", table(10, unintended=[1, 3])),
-        RobotRates("b", table(10, unintended=[0, 2, 4, 1])),
-    ]
-    rows = {str(row[0]): row for row in uncertain_robot.layer_table(robots, "unintended").rows}
-    assert rows["packets"][4:] == (1, "1 to 2")
-    assert rows["USB in"][4:] == (2, "1 to 2")
-
-
 def record(paths: list[str], **indices: dict[str, list[float]]) -> dict[str, Any]:
     case = {"case": {"fault0_channel": "elbow"}, "mean": 2.0, "deviation": 0.5, "indices": indices}
     return {"results": [case], "points": 10, "inputs": paths}
@@ -230,17 +150,6 @@ def test_indices_of_both_searches_are_joined_by_parameter() -> None:
     assert found[0].runs == 20
 
 
-@pytest.mark.parametrize("variant", uncertain_robot.STUDY.variants, ids=lambda v: v.name)
-def test_every_variant_loads(variant: uncertain_robot.Variant) -> None:
-    config = loading.load(variant.campaign, variant.overrides)
-    varied = {*config.parameters, *config.cross}
-    assert varied <= {one.path for one in PARAMETERS}
-    assert (
-        len(varied)
-        == {"known": 0, "set": 0, "alone": 1, "drawn": len(PARAMETERS)}[variant.name.split("_")[0]]
-    )
-
-
 def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
     inputs = [
         "group",
@@ -255,23 +164,6 @@ def test_one_parameter_alone_has_the_faults_of_the_known_robot() -> None:
     for value in (FRICTION.low, FRICTION.high):
         mine = crossed.loc[crossed[FRICTION.column] == value, inputs].reset_index(drop=True)
         assert mine.equals(known[inputs])
-
-
-def test_the_faults_are_those_of_the_quick_campaign() -> None:
-    ours, quick = (loading.load(name) for name in (uncertain_robot.CAMPAIGN, "quick.toml"))
-    theirs = {group.name: group for group in quick.group}
-    missing = {*theirs} - {group.name for group in ours.group}
-    assert missing == {"fault_free"}, (
-        "uncertain_robot.toml has every family of quick.toml, with fewer runs"
-    )
-    for group in ours.group:
-        assert group.fault == theirs[group.name].fault, group.name
-
-
-def test_the_published_sets_are_all_there() -> None:
-    from ravenjax.robots.raven2.plant import parameter_sets
-
-    assert {*SETS, "traj3"} == set(parameter_sets.SETS)
 
 
 @pytest.mark.slow

@@ -6,15 +6,19 @@ The figure shows the share of faults that are seen at least so many milliseconds
 
 from __future__ import annotations
 
+import functools
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import jinja2
 import numpy as np
 
-from ravenjax.analyses.monitors import part_file
-from ravenjax.analyses.monitors.counterfactual import words
+from ravenjax.analyses.monitors import code
+from ravenjax.analyses.monitors.counterfactual.candidates import SMALLEST_SCALE, Candidate
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
-from ravenjax.analyses.monitors.counterfactual.promise import Promise
+from ravenjax.analyses.monitors.counterfactual.promise import Promise, hours_to_show
 from ravenjax.campaign import writing
 from ravenjax.document import palette
 from ravenjax.document.figure_style import INK, STYLE
@@ -100,7 +104,7 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
     folder = place / FOLDER
     require_writable(folder)
     paths = [place / TABLE, place / FIGURE]
-    _write(paths[0], downloads.text(words.table(one)))
+    _write(paths[0], downloads.text(table(one)))
     write_aside(paths[1], lambda target: draw(one, target))
     for member, name in zip(one.promise.members, names(one), strict=True):
         part = one.parts[member]
@@ -109,7 +113,7 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
             f"{part.words[:1].upper()}{part.words[1:]}: 1 is the most that fault-free motion"
             " reached"
         )
-        _write(paths[-1], part_file.text([part.score], title))
+        _write(paths[-1], code.write_part(part.score.singles, title=title))
     paths.append(folder / CAMPAIGN)
     _write(paths[-1], campaign(one))
     return paths
@@ -145,7 +149,7 @@ def campaign(one: Counterfactual) -> str:
         for member, name in zip(one.promise.members, names(one), strict=True)
     ]
     own, groups = raw.pop("detector", []), raw.pop("group")
-    head = "".join(f"# {sentence}\n" for sentence in words.sentences(one))
+    head = "".join(f"# {sentence}\n" for sentence in sentences(one))
     stop = (
         '# acts = "stop" lets a check press the E-stop. Other faults of the same kinds: --set'
         " campaign.seed=N\n"
@@ -155,3 +159,105 @@ def campaign(one: Counterfactual) -> str:
 
 def _write(path: Path, text: str) -> None:
     write_aside(path, lambda target: target.write_text(text, encoding="utf-8"))
+
+
+COLUMNS = ("check", "sees", "adds", "lead ms", "false alarms")
+"""Of the table of the set; each check at the margin of the set."""
+
+
+def sentences(one: Counterfactual) -> list[str]:
+    """What was found: faults, coverage, false alarms, what other sets do, what is missed, of
+    what it holds.
+    """
+    text = _environment().get_template("sentences.txt.j2")
+    return text.render(one=one, hours_needed=hours_needed).splitlines()
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.analyses.monitors.counterfactual"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+    )
+    names = ("count", "hours", "interval", "many", "number", "percent")
+    templates.filters |= {name: getattr(wording, name) for name in names}
+    templates.filters |= {"quantile": np.quantile, "listed": _list_names}
+    return templates
+
+
+def _list_names(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def hours_needed(per_hour: float, runs: int = 1) -> float:
+    """Hours of motions in all, of so many runs each, that show a rate where none alarms; to two
+    digits, upwards.
+    """
+    hours = (
+        2.05 * runs * hours_to_show(per_hour)
+    )  # half of the motions state, a few of their seconds are not live
+    digits = 10 ** (math.floor(math.log10(hours)) - 1)
+    return round(math.ceil(hours / digits) * digits, 10)
+
+
+def rows(one: Counterfactual) -> list[tuple[str, ...]]:
+    """Of the table of the set, in the order of selection."""
+    return [
+        (
+            one.parts[member.place].name,
+            wording.percent(member.sees),
+            wording.percent(member.adds),
+            wording.number(member.lead_ms),
+            wording.count(member.false_alarms),
+        )
+        for member in one.members
+    ]
+
+
+def checks(one: Counterfactual) -> list[str]:
+    """What each check of the set looks at, and from which size on it alarms, a line each."""
+    parts, margin = [one.parts[place] for place in one.promise.members], one.promise.margin.value
+    return [f"{part.name}: {part.words}; above {levels(part, margin)}" for part in parts]
+
+
+def levels(part: Candidate, margin: float) -> str:
+    """At which size each channel alarms: "shoulder 0.12 rad, elbow 0.1 rad"; "any" where it
+    never moved.
+    """
+    score, out = part.score, []
+    for label, unit, scale in zip(score.labels, score.units, score.scales, strict=True):
+        size = (
+            "any" if scale <= SMALLEST_SCALE else f"{wording.number(scale * margin)} {unit}".strip()
+        )
+        out.append(f"{label} {size}".strip())
+    return ", ".join(out)
+
+
+def table(one: Counterfactual) -> list[dict[str, object]]:
+    """One row a candidate, as `counterfactual.csv` has them."""
+    return [
+        {
+            "candidate": part.name,
+            "chosen": place in one.promise.members,
+            "kind": part.score.kind,
+            "signal": part.score.signal,
+            "against": part.score.against,
+            "layer": part.score.layer,
+            "consecutive_ms": part.consecutive,
+            "looks_at": part.words,
+            "scales": "; ".join(
+                f"{label} {scale!r} {unit}".strip()
+                for label, unit, scale in zip(
+                    part.score.labels, part.score.units, part.score.scales, strict=True
+                )
+            ),
+            "margin": alone.margin.value,
+            "calibrated_false_alarms_per_hour": alone.margin.bound,
+            "false_alarms": alone.false_alarms,
+            "selection": alone.selected,
+            "statement": alone.covered,
+            "lead_ms": alone.lead_ms,
+        }
+        for place, (part, alone) in enumerate(zip(one.parts, one.alone, strict=True))
+    ]

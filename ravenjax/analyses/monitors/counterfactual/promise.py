@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.analyses.monitors.counterfactual.hazards import Hazards
-from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
-from ravenjax.analyses.monitors.counterfactual.question import (
+from ravenjax.analyses.monitors.counterfactual.candidates import (
     CONFIDENCE,
     MARGINS,
     PROPOSED,
     Question,
 )
+from ravenjax.analyses.monitors.counterfactual.hazards import Hazards
+from ravenjax.analyses.monitors.counterfactual.motions import FreeMotion
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate

@@ -19,13 +19,15 @@ import pandas as pd
 
 from ravenjax.analyses.search.boundary import brackets
 from ravenjax.analyses.search.boundary.brackets import CROSSING, Brackets, SearchRange
-from ravenjax.analyses.search.boundary.words import FOLDER, sentences, series, tables
 from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Boundary
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.findings import SearchFindings
+from ravenjax.analyses.search.findings import SearchFindings, series
 from ravenjax.campaign import runner
+
+FOLDER = "verified"
+"""Of the campaign of both sides of every bracket, inside the search's folder."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,9 +100,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
             "folder": FOLDER,
         },
     }
-    return SearchFindings(
-        numbers, tuple(sentences(numbers)), tuple(tables(numbers)), _figures(numbers)
-    )
+    return SearchFindings(numbers, {"boundary": functools.partial(_draw, numbers)})
 
 
 def _along(told: tuple[dict[str, Any], ...]) -> str | None:
@@ -188,7 +188,7 @@ def _exponents(records: list[dict[str, Any]], along: str | None) -> list[dict[st
     return exponents
 
 
-def _figures(numbers: dict[str, Any]) -> dict[str, Any]:
+def _draw(numbers: dict[str, Any]) -> Any:
     from ravenjax.analyses.search.boundary import figure
 
-    return {"boundary": functools.partial(figure.draw, numbers)}
+    return figure.draw(numbers)

@@ -11,6 +11,8 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Section
+from ravenjax.campaign.inspection import json_schema
+from ravenjax.vocabulary.robot import Robot
 
 
 def _outcome(raw: Any) -> Any:
@@ -175,3 +177,21 @@ class SearchConfig:
         return self.campaign.model_dump(mode="json") | {
             "search": self.search.model_dump(mode="json")
         }
+
+
+def json_schema_of(robot: Robot) -> dict[str, Any]:
+    """JSON Schema of a search file."""
+    whole: dict[str, Any] = {**json_schema.schema(robot), "title": "ravenjax search"}
+    for name, model in KINDS.items():
+        table = model.model_json_schema(ref_template="#/$defs/{model}")
+        json_schema.tidy(table)
+        table["properties"]["kind"] = {"const": name, "description": "which search"}
+        whole["$defs"][model.__name__] = table
+    kinds = [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()]
+    whole["properties"]["search"] = {
+        "description": "[search]: what is asked of the runs",
+        "oneOf": kinds,
+    }
+    whole["properties"]["group"]["maxItems"] = 1
+    whole["required"] = [*whole["required"], "search"]
+    return whole

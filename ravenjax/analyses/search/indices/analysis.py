@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Morris, Sobol
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.findings import SearchFindings, TextTable, laws, number, short, words
+from ravenjax.analyses.search.findings import SearchFindings
 from ravenjax.stats.inputs import sensitivity
 
 CONFIDENCE = 0.95
@@ -66,9 +66,7 @@ def find(template: Template, search: Sobol | Morris, evaluator: Evaluator) -> Se
         "resamples": RESAMPLES,
         "results": records,
     }
-    return SearchFindings(
-        numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers)
-    )
+    return SearchFindings(numbers, {search.kind: functools.partial(_draw, numbers)})
 
 
 def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
@@ -120,84 +118,7 @@ def _bounded(found: Any) -> dict[str, np.ndarray]:
     }
 
 
-# --- in words -------------------------------------------------------------------------------------
-# --------------------
-
-
-def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
-    names = [short(one["name"]) for one in numbers["inputs"]]
-    yield f"Inputs, independent of each other: {laws(numbers['inputs'])}."
-    yield (
-        f"{numbers['points']} points, the same ones in every case and for every outcome; n is that"
-        " of each row."
-    )
-    leading = "ST" if numbers["method"] == "sobol" else "mu_star"
-    for record in numbers["results"]:
-        where = f" ({words(record['case'])})" if record["case"] else ""
-        if record["indices"] is None:
-            why = (
-                f"{record['invalid']} runs have no valid one"
-                if record["invalid"]
-                else "it never varies"
-            )
-            yield f"`{record['outcome']}`{where}: no indices, {why}."
-            continue
-        order = np.argsort(-record["indices"][leading]["value"])
-        first = ", ".join(
-            f"{names[i]} {number(record['indices'][leading]['value'][i], 2)}" for i in order[:3]
-        )
-        what = "total index" if leading == "ST" else "mean effect over its range"
-        yield f"`{record['outcome']}`{where}: what decides most, by {what}: {first}."
-
-
-def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
-    method = numbers["method"]
-    half = f"In brackets: {CONFIDENCE:.0%} interval ({RESAMPLES} bootstrap samples)."
-    notes = {
-        "sobol": (
-            "S1: share of the variance that the input causes by itself; ST: with all that it does"
-            f" together with others, S1 <= ST <= 1. {half} Estimates scatter about 0 where there is"
-            " nothing."
-        ),
-        "morris": (
-            "Elementary effects, per whole range of the input, in the outcome's unit. mean"
-            " |effect|: how much it matters; deviation: how much that depends on where one is."
-            f" {half}"
-        ),
-    }
-    for record in numbers["results"]:
-        if record["indices"] is None:
-            continue
-        rows = []
-        for i, one in enumerate(numbers["inputs"]):
-            cells = []
-            for name in INDICES[method]:
-                index = {key: values[i] for key, values in record["indices"][name].items()}
-                bounds = (
-                    f" ({number(index['low'], 2)} to {number(index['high'], 2)})"
-                    if "low" in index
-                    else ""
-                )
-                cells.append(number(index["value"], 3) + bounds)
-            rows.append((short(one["name"]), *cells, str(numbers["points"])))
-        where = f"; {words(record['case'])}" if record["case"] else ""
-        unit = f" {record['unit']}" if record["unit"] else ""
-        moments = (
-            f"mean {number(record['mean'], 3)}, deviation {number(record['deviation'], 3)}{unit}"
-        )
-        columns = tuple(
-            f"{name}, {what}" if method == "sobol" else what
-            for name, what in INDICES[method].items()
-        )
-        yield TextTable(
-            f"{record['outcome']}{where} ({moments})",
-            ("input", *columns, "n"),
-            tuple(rows),
-            notes[method],
-        )
-
-
-def _figures(numbers: dict[str, Any]) -> dict[str, Any]:
+def _draw(numbers: dict[str, Any]) -> Any:
     from ravenjax.analyses.search.indices import figure
 
-    return {numbers["method"]: functools.partial(figure.draw, numbers)}
+    return figure.draw(numbers)

@@ -10,8 +10,6 @@ The figure shows how likely each distance to the event is, by both methods.
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +18,7 @@ from ravenjax.analyses.search.evaluator import Evaluator
 from ravenjax.analyses.search.file import outcome
 from ravenjax.analyses.search.file.config import Rare
 from ravenjax.analyses.search.file.template import Template
-from ravenjax.analyses.search.findings import SearchFindings, TextTable, laws, number, short, words
+from ravenjax.analyses.search.findings import SearchFindings, words
 from ravenjax.analyses.search.style import COLOURS, STYLE
 from ravenjax.document.figure_style import INK
 from ravenjax.stats.intervals import clopper_pearson
@@ -133,9 +131,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator) -> SearchFindin
         "share": 1.0 / search.steps,
         "results": records,
     }
-    return SearchFindings(
-        numbers, tuple(_sentences(numbers)), tuple(_tables(numbers)), _figures(numbers)
-    )
+    return SearchFindings(numbers, {"rare": functools.partial(draw, numbers)})
 
 
 def _limit_state(
@@ -191,115 +187,3 @@ def _reached(found: RareEvent, sampled: np.ndarray, search: Rare) -> list[dict[s
             )._asdict()
         reached.append(record)
     return reached
-
-
-# --- in words -------------------------------------------------------------------------------------
-# --------------------
-
-
-def _sentences(numbers: dict[str, Any]) -> Iterator[str]:
-    yield (
-        f"Event: `{numbers['event']}`. Inputs, independent of each other:"
-        f" {laws(numbers['inputs'])}."
-    )
-    for record in numbers["results"]:
-        where = f"{words(record['case'])}: " if record["case"] else ""
-        level, plain = record["subset"], record["monte_carlo"]
-        yield (
-            f"{where}probability {_estimate(level)} by subset simulation with {level['runs']} runs."
-        )
-        if plain is not None:
-            met = (
-                "which never met it and does not contradict"
-                if not plain["probability"]
-                else "and both agree"
-            )
-            agree = met if record["consistent"] else "WHICH CONTRADICTS: trust the plain one"
-            yield (
-                f"{where}plain Monte Carlo with {plain['runs']} runs: {_estimate(plain)}, {agree}."
-            )
-        if record["invalid"]:
-            yield (
-                f"{where}{record['invalid']} runs have no valid outcome and count as not the event."
-            )
-
-
-def _estimate(found: dict[str, Any]) -> str:
-    return f"{found['probability']:.2g} ({found['low']:.2g} to {found['high']:.2g})"
-
-
-def _tables(numbers: dict[str, Any]) -> Iterator[TextTable]:
-    rows = []
-    for record in numbers["results"]:
-        for name, method in (("subset", "subset simulation"), ("monte_carlo", "plain Monte Carlo")):
-            estimate = record[name]
-            if estimate is None:
-                continue
-            cov, levels = estimate["cov"], len(estimate["levels"])
-            need = (
-                ""
-                if math.isnan(cov) or not cov
-                else f"{(1 - estimate['probability']) / estimate['probability'] / cov**2:.0f}"
-            )
-            rows.append(
-                (
-                    *(str(v) for v in record["case"].values()),
-                    method,
-                    f"{estimate['probability']:.3g}",
-                    f"{estimate['low']:.2g} to {estimate['high']:.2g}",
-                    number(cov, 2),
-                    str(levels or ""),
-                    str(estimate["runs"]),
-                    need,
-                )
-            )
-    names = tuple(short(name) for name in numbers["results"][0]["case"])
-    yield TextTable(
-        f"Probability of {numbers['event']}",
-        (
-            *names,
-            "by",
-            "probability",
-            "95 % interval",
-            "coefficient of variation",
-            "levels",
-            "n",
-            "plain runs for that",
-        ),
-        tuple(rows),
-        "Interval: Clopper-Pearson of plain Monte Carlo; lognormal with the estimated variation of"
-        " subset simulation, which is somewhat too narrow. Last column: runs that plain Monte Carlo"
-        " needs for the same variation.",
-    )
-
-    rows = []
-    for record in numbers["results"]:
-        for level in record["reached"] if record["monte_carlo"] else ():
-            plain = level["monte_carlo"]
-            rows.append(
-                (
-                    *(str(v) for v in record["case"].values()),
-                    number(level["value"]),
-                    f"{level['probability']:.2g}",
-                    f"{plain['value']:.2g} ({plain['low']:.2g} to {plain['high']:.2g})",
-                    f"{plain['k']} of {plain['n']}",
-                )
-            )
-    if rows:
-        yield TextTable(
-            "Level by level",
-            (
-                *names,
-                numbers["column"],
-                "by subset simulation",
-                "by plain Monte Carlo",
-                "plain runs",
-            ),
-            tuple(rows),
-            "How likely a run is to come as far as each level; in brackets the 95 % interval.",
-        )
-
-
-def _figures(numbers: dict[str, Any]) -> dict[str, Any]:
-
-    return {"rare": functools.partial(draw, numbers)}

@@ -40,19 +40,6 @@ def test_with_room_for_all_it_covers_all_and_holds_nothing_superfluous(covered):
         assert weight_of(covered, others, ones) < weight_of(covered, members, ones)
 
 
-def test_the_first_is_the_best_alone_and_of_equal_ones_the_earlier():
-    covered = np.array([[0, 1, 1], [0, 1, 1], [1, 0, 0]], bool)
-    assert greedy(covered, 1) == [1]
-    assert greedy(covered, 3) == [1, 0]
-
-
-def test_what_later_ones_make_superfluous_is_left_out_again():
-    # the first covers most, the next two cover it whole between them
-    covered = np.zeros((8, 3), bool)
-    covered[[0, 1, 2, 3], 0] = covered[[0, 1, 4], 1] = covered[[2, 3, 5], 2] = True
-    assert greedy(covered, 3) == [1, 2]
-
-
 @pytest.mark.parametrize(("least", "size"), [(0.0, 2), (0.05, 2), (0.2, 1)])
 def test_a_candidate_that_adds_too_little_is_not_taken(least, size):
     covered = np.zeros((10, 2), bool)

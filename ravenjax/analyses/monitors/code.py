@@ -1,0 +1,106 @@
+"""The code of a monitor: a Python file that a campaign takes as a detector, and C99 for a robot's
+own software.
+
+Both are printed from the same terms. Every number is read as a float, and one that is no number as
+0, which also keeps an engine from joining the read with the subtraction that follows. The C does
+the operations of the Python file in their order, each rounded to float by itself (subtract, divide,
+compare: there is no sum of products that a compiler could fuse). So any compiler that keeps IEEE
+arithmetic gives the same bits; -ffast-math does not keep it.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jinja2
+
+from ravenjax.analyses.monitors.monitor import WHOLE, Monitor, Segments, list_reads, name_read
+from ravenjax.analyses.monitors.scores import Score
+
+PART, HEADER, SOURCE, TEST = "monitor.py", "monitor.h", "monitor.c", "monitor_test.c"
+"""Files of a monitor; each has a template of its name."""
+
+
+def write_part(
+    terms: Sequence[Score],
+    segments: Segments = WHOLE,
+    scales: Sequence[Sequence[float]] | None = None,
+    title: str = "",
+    segment: int | None = None,
+    records: bool = False,
+) -> str:
+    """The text of a Python file whose score is the largest of the terms, each over its scale.
+
+    terms: of one channel each. scales: of each term in each segment; None: the terms' own. segment:
+    the score is 0 outside of it. records: the part also remembers what it reads, as `read_NAME`,
+    and its score.
+    """
+    scales = [term.scales * segments.count for term in terms] if scales is None else scales
+    values = _values(terms, segments, scales)
+    if records:
+        values["state"] |= {f"read_{name}": name for name in values["reads"]} | {"score": "score"}
+    inside = []
+    if segment is not None:
+        inside += [f"past{segment - 1}"] if segment else []
+        inside += [f"~past{segment}"] if segment < len(segments.edges) else []
+    title = title or f"Largest of: {'; '.join(term.words for term in terms)}"
+    return _fill(PART, **values, title=title, inside=inside)
+
+
+def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
+    """The texts of the C files by name. notes: what the monitor promises, in lines."""
+    values = _values(monitor.terms, monitor.segments, monitor.scales)
+    units = dict.fromkeys(values["reads"], "")
+    for term in monitor.terms:
+        for field in filter(None, (term.signal, term.against)):
+            units[name_read(term, field)] = term.units[0]
+    return {
+        name: _fill(name, **values, units=units, notes=notes, threshold=monitor.threshold)
+        for name in (HEADER, SOURCE, TEST)
+    }
+
+
+def _values(
+    terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
+) -> dict[str, Any]:
+    """What every template takes; `state`: field that is remembered -> its value after a step."""
+    rates = [name_read(term, term.signal) for term in terms if term.kind == "rate"]
+    return {
+        "terms": [
+            {
+                "kind": term.kind,
+                "number": name_read(term, term.signal),
+                "other": name_read(term, term.against),
+                "scales": tuple(float(scale) for scale in each),
+                "words": term.words,
+            }
+            for term, each in zip(terms, scales, strict=True)
+        ],
+        "segments": segments,
+        "reads": list_reads(terms, segments),
+        "state": {f"before_{name}": name for name in rates},
+    }
+
+
+def _fill(name: str, **values: object) -> str:
+    return _environment().get_template(f"{name}.j2").render(values)
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("ravenjax.analyses.monitors"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    templates.filters["c"] = _write_float
+    return templates
+
+
+def _write_float(value: float) -> str:
+    """A float32 as C reads it back: nine digits are enough."""
+    digits = f"{value:.9g}"
+    return f"{digits if any(mark in digits for mark in '.e') else f'{digits}.0'}f"
