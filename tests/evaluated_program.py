@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from ravenjax.ir import semantics
+from ravenjax.ir.lowering import lower
 from ravenjax.ir.program import Program, number
 
 
@@ -27,3 +29,17 @@ def evaluate(
         else:
             values[i] = semantics.evaluate(name, dtype, tuple(values[o] for o in operands))
     return [values[i] for i in program.outputs]
+
+
+def in_python(function: Callable[..., Any], *shapes: Any) -> Callable[[Sequence[Any]], list[Any]]:
+    """`function` one operation at a time, without fusing, as a function of a flat list of
+    numbers: in milliseconds what XLA compiles for seconds.
+    """
+    jaxpr = jax.make_jaxpr(function)(*shapes)
+    types = [np.dtype(variable.aval.dtype) for variable in jaxpr.jaxpr.invars]
+    run = semantics.compiled(lower(jaxpr, functions="library"))
+
+    def call(numbers: Sequence[Any]) -> list[Any]:
+        return run([np.asarray(x).astype(t)[()] for x, t in zip(numbers, types, strict=True)])
+
+    return call

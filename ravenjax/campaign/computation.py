@@ -32,7 +32,7 @@ from ravenjax.campaign.memory_windows import (
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress.counts import Progress
 from ravenjax.engines.interface import Block, BranchingKernel, Engine
-from ravenjax.engines.trunk import snapshot_bytes
+from ravenjax.engines.lanes import snapshot_bytes
 from ravenjax.store import schema
 
 GOLDEN_BYTES = 2**29

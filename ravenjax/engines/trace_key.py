@@ -1,18 +1,32 @@
-"""What decides a trace, as a hash: equal keys, equal code."""
+"""What decides traced and printed code, as a hash; and such code, kept between processes by its
+hash.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import pickle
 import sys
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator, MutableMapping
 from importlib import metadata
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
+from ravenjax import interruption
+from ravenjax.bundled import resources
+
+Objects = MutableMapping[str, bytes]
+"""What outlives the process, by the hash of what it was made from."""
+Code = TypeVar("Code")
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_FLOORS = ("engines", "stages", "faults", "ir", "numbers", "vocabulary", "robots")
 _PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "numpy")
 
 
@@ -59,3 +73,49 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return ""
+
+
+def digest() -> str:
+    """sha256 over the files that decide what is traced and printed, as they are now: this package's
+    lower floors, and the robots' models.
+    """
+    files = [path for floor in _FLOORS for path in sorted((_PACKAGE / floor).rglob("*.py"))]
+    models = [*sorted(Path("models").rglob("*")), *resources.bundled("models", "**/*")]
+    result = hashlib.sha256()
+    for path in (*files, *(path for path in models if path.is_file())):
+        name = path.relative_to(_PACKAGE) if path.is_relative_to(_PACKAGE) else path.name
+        result.update(f"{name}\0{path.stat().st_size}\0".encode() + path.read_bytes())
+    return result.hexdigest()
+
+
+AT_IMPORT = digest()
+"""Of the files as they were when this module was imported: what the process runs, if they have
+not changed since.
+"""
+
+
+def lasting(*values: Any) -> str:
+    """Key of code that may outlive the process: of these values, the files and all versions; ""
+    where the files have changed, so that nobody knows what the process runs.
+    """
+    return of(*values, AT_IMPORT, versions()) if digest() == AT_IMPORT else ""
+
+
+def kept(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:
+    """What `make` makes, from `objects` where it was made before. key: "" keeps nothing.
+
+    Objects are machine code of this user's own folder, so pickles are no less safe.
+    """
+    if objects is None or not key:
+        return make()
+    if (content := objects.get(key)) is not None:
+        # Of another version, or with records of a module that is gone: made anew.
+        with contextlib.suppress(Exception):
+            return pickle.loads(zlib.decompress(content))
+    interruption.point()
+    result = make()
+    interruption.point()
+    # A record that a user defined within a function has no bytes.
+    with contextlib.suppress(pickle.PicklingError, AttributeError, TypeError):
+        objects[key] = zlib.compress(pickle.dumps(result), 1)
+    return result

@@ -10,29 +10,66 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import re
 import threading
-import zlib
-from collections.abc import Callable, MutableMapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
-from ravenjax import interruption
-from ravenjax.engines import sources, trace_key, traced_tick
+from ravenjax.engines import trace_key
 from ravenjax.engines.interface import Block, TickProgram
-from ravenjax.engines.traced_tick import TracedTick
+from ravenjax.engines.trace_key import Code, Objects
+from ravenjax.errors import UserError
+from ravenjax.ir import lowering
+from ravenjax.ir.builder import contract
+from ravenjax.ir.program import Program
+from ravenjax.ir.time_loop import TimeLoop
 from ravenjax.numbers import tree
-
-if TYPE_CHECKING:
-    from ravenjax.ir.lowering import Origin
+from ravenjax.numbers.lazy import jax
+from ravenjax.numbers.setup import Setup
+from ravenjax.numbers.vec import where
 
 KEPT = 4
 """Programs whose code this process keeps, up to 20 MB each."""
 
-Objects = MutableMapping[str, bytes]
-"""What outlives the process, by the hash of what it was made from."""
-Printed = TypeVar("Printed")
+
+@dataclasses.dataclass(frozen=True)
+class TracedTick:
+    """The loop of a lane: its inputs are the varied parameters and the faults, its results the
+    outcomes.
+
+    What enters a tick is its number and the golden run's series; what goes out is the own series,
+    then all signals.
+    """
+
+    loop: TimeLoop
+    outcomes: tuple[str, ...]  # names of the results
+    series: int  # numbers of the reference series
+    signals: Any  # structure of the signals, each leaf its dtype
+
+    def without_signals(self) -> TimeLoop:
+        """The loop that tells nothing but its reference series."""
+        step = self.loop.step
+        return dataclasses.replace(
+            self.loop,
+            step=dataclasses.replace(step, outputs=step.outputs[: self.loop.states + self.series]),
+        )
+
+    def signals_of(
+        self, out: np.ndarray, typed: Callable[[np.ndarray, np.dtype], np.ndarray]
+    ) -> Any:
+        """Every signal of the first lane, each leaf [ticks]; `typed` makes numbers of a type of a
+        column of `out`.
+
+        out: what went out, [ticks, numbers, lanes].
+        """
+        columns = np.ascontiguousarray(out[:, self.series :, 0].T)
+        dtypes = tree.leaves(self.signals)
+        return tree.filled(
+            self.signals,
+            [typed(column, dtype) for column, dtype in zip(columns, dtypes, strict=True)],
+        )
 
 
 class Forms:
@@ -43,7 +80,7 @@ class Forms:
     def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
         """key: hash of all that decides the trace; "": nothing of it is to outlive the process."""
         self.traced = traced
-        self._key, self._objects = key, objects if key else None
+        self._key, self._objects = key, objects
         self._codes: dict[Any, Any] = {}
         self._lock = threading.Lock()
 
@@ -58,31 +95,13 @@ class Forms:
         """Whether the code of this key is there."""
         return key in self._codes
 
-    def keeps(self, kind: type, key: Any) -> bool:
-        """Whether disk has what `printed` would print."""
-        return self._objects is not None and self._own_key(kind, key) in self._objects
-
-    def _own_key(self, kind: type, key: Any) -> str:
-        return trace_key.of("printed", self._key, kind.__qualname__, key)
-
-    def printed(self, kind: type[Printed], key: Any, make: Callable[[], Printed]) -> Printed:
-        """Printed code, a dataclass of texts and numbers, from disk where it was printed before.
+    def printed(self, key: Any, make: Callable[[], Code]) -> Code:
+        """Printed code, from disk where it was printed before.
 
         key: everything besides the trace that decides it.
         """
-        if self._objects is None:
-            return make()
-        own, adapter = self._own_key(kind, key), TypeAdapter(kind)
-        if (content := self._objects.get(own)) is not None:
-            with contextlib.suppress(
-                zlib.error, ValidationError
-            ):  # of another version: printed anew
-                return adapter.validate_json(zlib.decompress(content))
-        interruption.point()
-        result = make()
-        interruption.point()
-        self._objects[own] = zlib.compress(adapter.dump_json(result), 1)
-        return result
+        own = self._key and trace_key.of("printed", self._key, key)
+        return trace_key.kept(self._objects, own, make)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,9 +111,8 @@ class _Wanted:
     key: str
     program: TickProgram = dataclasses.field(compare=False)
     block: Block = dataclasses.field(compare=False)  # of no lanes
-    motion: tuple[np.ndarray, ...] = dataclasses.field(
-        compare=False
-    )  # of zeros that take no memory
+    # of zeros that take no memory
+    motion: tuple[np.ndarray, ...] = dataclasses.field(compare=False)
     objects: Objects | None = dataclasses.field(compare=False)
 
 
@@ -121,14 +139,9 @@ def forms(
         none.faults,
         [(column.shape, column.dtype.str) for column in motion],
     )
+    columns = tuple(np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion)
     with _TRACING:
-        return _forms(
-            _Wanted(trace_key.of(*decides), program, none, tuple(map(_shape, motion)), objects)
-        )
-
-
-def _shape(column: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(np.zeros((), column.dtype), column.shape)
+        return _forms(_Wanted(trace_key.of(*decides), program, none, columns, objects))
 
 
 def forget() -> None:
@@ -141,45 +154,103 @@ _TRACING = threading.Lock()  # who comes second waits instead of tracing the sam
 
 @functools.lru_cache(maxsize=KEPT)
 def _forms(wanted: _Wanted) -> Forms:
-    key = _lasting(wanted)
-    objects = wanted.objects if key else None
-    if objects is not None and (content := objects.get(key)) is not None:
-        _ = wanted.program.loop  # imports the records of its signals
-        with contextlib.suppress(
-            ValueError, KeyError, zlib.error
-        ):  # of another version: traced anew
-            return Forms(traced_tick.from_bytes(content), key, objects)
-    result = trace(wanted.program, wanted.block, wanted.motion)
-    if objects is not None and sources.unchanged():
-        with contextlib.suppress(TypeError):  # signals that have no bytes
-            objects[key] = result.to_bytes()
-    return Forms(result, key, objects)
+    # A robot of another package may take code from anywhere: no files are known to decide it.
+    ours = wanted.program.module.startswith("ravenjax.") and wanted.objects is not None
+    key = trace_key.lasting("trace", wanted.key) if ours else ""
+    result = trace_key.kept(
+        wanted.objects, key, lambda: trace(wanted.program, wanted.block, wanted.motion)
+    )
+    return Forms(result, key, wanted.objects)
 
 
-def _lasting(wanted: _Wanted) -> str:
-    """Key of what may outlive the process: with the code and all versions; "" where the code is not
-    known by files.
+def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
+    """JAX with 64-bit numbers where the setup has any, and without where it has none."""
+    return jax.enable_x64(setup.precision.needs_x64)
 
-    A robot of another package may take code from anywhere, so what is traced of it stays in this
-    process.
-    """
-    if not _ours(wanted.program) or wanted.objects is None or not sources.unchanged():
-        return ""
-    return trace_key.of("trace", wanted.key, sources.AT_IMPORT, trace_key.versions())
+
+@contextlib.contextmanager
+def leaks_refused() -> Iterator[None]:
+    """Turn JAX's error about a number that outlived its trace into a UserError with its line."""
+    try:
+        yield
+    except jax.errors.UnexpectedTracerError as error:
+        created = re.search(r"created on line (\S+?:\d+)", str(error))
+        place = created[1] if created else "a detector, check, controller or operator"
+        raise UserError(
+            f"{place}: uses a number of jnp that it kept from another call, in a global or a"
+            " cache; keep plain numbers, or what init gives"
+        ) from error
+
+
+def shapes(record: Any) -> Any:
+    """A record of dtypes as tracing takes it: single numbers of these types."""
+    return tree.mapped(lambda dtype: jax.ShapeDtypeStruct((), dtype), record)
 
 
 def trace(
-    program: TickProgram, block: Block, motion: Sequence[np.ndarray], origin: Origin | None = None
+    program: TickProgram,
+    block: Block,
+    motion: Sequence[np.ndarray],
+    origin: lowering.Origin | None = None,
 ) -> TracedTick:
-    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`."""
-    # Imports JAX, which a process that finds its traces on disk does without.
-    from ravenjax.engines import tracing
+    """Trace the tick for blocks like this one; `origin` as for `lowering.lower`.
 
-    return tracing.trace(program, block, motion, origin)
+    No array is made, so that JAX looks for no device.
+    """
+    loop, setup = program.loop, program.setup
+    series = loop.series_length(setup)
+    columns = tuple(jax.ShapeDtypeStruct(column.shape, column.dtype) for column in motion)
+    lane = shapes(
+        (
+            [np.asarray(block.varied[path]).dtype for path in program.varied],
+            tree.mapped(lambda leaf: np.asarray(leaf).dtype, block.faults),
+            (np.dtype(np.int32),) if program.ends else (),
+        )
+    )
+    entering = shapes((np.int32, [np.dtype(setup.precision.real)] * series))
+
+    def begin(varied: Any, faults: Any, end: Any) -> Any:
+        return loop.init(setup, program.params_of(varied))
+
+    def step(
+        varied: Any, faults: Any, end: Any, state: Any, now: Any, golden: Any, motion: Any
+    ) -> tuple[Any, Any, Any]:
+        params = program.params_of(varied)
+        new, own, signals = loop.advance(setup, params, faults, state, now, motion, golden)
+        return frozen(now, end, new, state), own, signals
+
+    def finish(varied: Any, faults: Any, end: Any, state: Any) -> dict[str, Any]:
+        return loop.outcomes(setup, program.params_of(varied), state)
+
+    with x64(setup):
+        first, state = trace_function(begin, *lane, origin=origin)
+        middle, (_, _, signals) = trace_function(
+            step, *lane, state, *entering, columns, origin=origin
+        )
+        last, outcomes = trace_function(finish, *lane, state, origin=origin)
+    signals = tree.mapped(lambda leaf: np.dtype(leaf.dtype), signals)
+    return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), series, signals)
 
 
-def _ours(program: TickProgram) -> bool:
-    return program.module.startswith("ravenjax.")
+def trace_function(
+    function: Callable[..., Any],
+    *arguments: Any,
+    origin: lowering.Origin | None = None,
+    functions: lowering.Functions = "polynomials",
+) -> tuple[Program, Any]:
+    """The program of a function of these shapes, and the shapes of its results.
+
+    functions: as for `lowering.lower`; sums with a product are fused where those are polynomials.
+    """
+    with leaks_refused():
+        jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
+    program = lowering.lower(jaxpr, origin, functions)
+    return (contract(program) if functions == "polynomials" else program), results
+
+
+def frozen(now: Any, end: tuple[Any, ...], new: Any, state: Any) -> Any:
+    """The state after tick `now`: as it was where the lane has ended."""
+    return where(now < end[0], new, state) if end else new
 
 
 def printable(program: TickProgram) -> TickProgram:

@@ -1,16 +1,20 @@
 """Writes programs: each operation once (common subexpressions are shared), constants folded, what
 is simple shortened.
 
-What the simplifier writes instead gives the same bits (a NaN's payload aside), for every operand
-there is.
+What is written instead gives the same bits (a NaN's payload aside), for every operand there is.
+Only rules are here without which the tick would have more operations, or which move a sign to
+where `contract` finds the product: with all others that come to mind it has 0.2 % less.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ravenjax.ir import semantics, simplify
+import numpy as np
+
+from ravenjax.ir import semantics
 from ravenjax.ir.program import Operation, Program, bits, number
 
 COMMUTATIVE = frozenset(("add", "mul", "and", "or", "xor", "eq", "ne"))
@@ -58,7 +62,7 @@ class Builder:
             )
         if name in COMMUTATIVE and operands[0] > operands[1]:
             operands = (operands[1], operands[0])
-        simpler = simplify.simplify(self, name, dtype, operands)
+        simpler = _simplified(self, name, dtype, operands)
         return self._write(Operation(name, dtype, operands)) if simpler is None else simpler
 
     def lookup(self, table: int, index: int) -> int:
@@ -82,6 +86,143 @@ class Builder:
             self.operations.append(operation)
             self.origins.append(self.origin)
         return place
+
+
+FLOATS = ("float32", "float64")
+
+
+def _simplified(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int | None:
+    """The number of a simpler result that equals the operation's; None where there is none."""
+    if name in ("convert", "bitcast"):
+        return _converted(b, name, dtype, operands[0])
+    if name == "select":
+        return _choice(b, dtype, *operands)
+    if name in ("shl", "shr"):
+        by = b.constants.get(operands[1])
+        out = by is not None and not 0 <= int(by) < np.dtype(dtype).itemsize * 8
+        return b.constant(dtype, 0) if out else None
+    if dtype == "bool" and name in ("and", "or", "xor"):
+        return _logic(b, name, *operands)
+    if name == "neg":
+        return _negated(b, operands[0])
+    if dtype in FLOATS and name in ("max", "min"):
+        return _extreme(b, name, dtype, *operands)
+    rule = {"add": _sum, "sub": _difference, "mul": _product, "div": _quotient}.get(name)
+    return rule(b, dtype, *operands) if rule and dtype in FLOATS else None
+
+
+def _operands_of(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
+    """Operands of operation `i` if it has this name."""
+    operation = b.operations[i]
+    return operation.operands if operation.name == name else None
+
+
+def _negated(b: Builder, i: int) -> int | None:
+    """What operation `i` is the negative of."""
+    operands = _operands_of(b, i, "neg")
+    return operands[0] if operands else None
+
+
+def _is(b: Builder, i: int, value: float) -> bool:
+    """Whether an operation is this constant, its sign of zero included."""
+    constant = b.constants.get(i)
+    return (
+        constant is not None
+        and constant == value
+        and bool(np.signbit(constant)) == (math.copysign(1.0, value) < 0)
+    )
+
+
+def _sum(b: Builder, dtype: str, x: int, y: int) -> int | None:
+    for p, q in ((x, y), (y, x)):
+        if _is(b, p, -0.0):
+            return q
+        if (inner := _negated(b, p)) is not None:
+            return b.emit("sub", dtype, q, inner)
+    return None
+
+
+def _difference(b: Builder, dtype: str, x: int, y: int) -> int | None:
+    if _is(b, y, 0.0):
+        return x
+    if _is(b, x, -0.0):
+        return b.emit("neg", dtype, y)
+    inner = _negated(b, y)
+    return None if inner is None else b.emit("add", dtype, x, inner)
+
+
+def _product(b: Builder, dtype: str, x: int, y: int) -> int | None:
+    for p, q in ((x, y), (y, x)):
+        if _is(b, p, 1.0):
+            return q
+        if _is(b, p, -1.0):
+            return b.emit("neg", dtype, q)
+    for p, q in ((x, y), (y, x)):
+        if (inner := _negated(b, p)) is not None:
+            return b.emit("neg", dtype, b.emit("mul", dtype, inner, q))
+    return None
+
+
+def _quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
+    """By a power of two: a product, which may be fused with a sum."""
+    divisor = b.constants.get(y)
+    if divisor is not None and np.isfinite(divisor) and abs(math.frexp(divisor)[0]) == 0.5:
+        inverse = 1.0 / float(divisor)
+        if np.finfo(dtype).tiny <= abs(inverse) <= np.finfo(dtype).max:
+            return b.emit("mul", dtype, x, b.constant(dtype, inverse))
+    for p, q in ((x, y), (y, x)):
+        if (inner := _negated(b, p)) is not None:
+            quotient = (inner, q) if p == x else (q, inner)
+            return b.emit("neg", dtype, b.emit("div", dtype, *quotient))
+    return None
+
+
+def _extreme(b: Builder, name: str, dtype: str, x: int, y: int) -> int | None:
+    if x == y:
+        return x
+    # A constant first: no NaN can come from there.
+    swapped = y in b.constants and not np.isnan(b.constants[y])
+    return b.emit(name, dtype, y, x) if swapped else None
+
+
+def _logic(b: Builder, name: str, x: int, y: int) -> int | None:
+    """Of truth values one of which is known."""
+    for p, q in ((x, y), (y, x)):
+        if p in b.constants:
+            if name == "xor":
+                return b.emit("not", "bool", q) if b.constants[p] else q
+            return q if bool(b.constants[p]) == (name == "and") else p
+    return None
+
+
+def _choice(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | None:
+    if yes == no:
+        return yes
+    if condition in b.constants:
+        return yes if b.constants[condition] else no
+    # `vec.to_int32` spelt out becomes one operation.
+    if dtype != "int32" or no not in b.constants or b.constants[no] != -2147483648:
+        return None
+    converted = _operands_of(b, yes, "convert")
+    choice = converted and _operands_of(b, converted[0], "select")
+    if not choice or choice[0] != condition or choice[2] not in b.constants:
+        return None
+    x = choice[1]
+    real = b.operations[x].dtype
+    low, high = b.constant(real, -2147483648.0), b.constant(real, 2147483648.0)
+    fits = b.emit("and", "bool", b.emit("le", "bool", low, x), b.emit("lt", "bool", x, high))
+    return b.emit("truncate", "int32", x) if fits == condition else None
+
+
+def _converted(b: Builder, name: str, dtype: str, x: int) -> int | None:
+    source = b.operations[x].dtype
+    if source == dtype:
+        return x
+    if source == "bool":
+        return b.emit("select", dtype, x, b.constant(dtype, 1), b.constant(dtype, 0))
+    if dtype == "bool":
+        return b.emit("ne", "bool", x, b.constant(source, 0))
+    return None
 
 
 def rewrite(

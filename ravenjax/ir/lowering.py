@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import jax
 import numpy as np
-from jax.extend import core
 
 from ravenjax.ir import elementary, polynomials
 from ravenjax.ir.builder import Builder
 from ravenjax.ir.program import TYPES, WIDE_INTEGERS, Program
+from ravenjax.numbers.lazy import lax
+
+if TYPE_CHECKING:
+    from jax.extend import core
 
 
 def sign(b: Builder, dtype: str, x: int) -> int:
@@ -90,7 +92,7 @@ _CALLS = {
     "checkpoint": "jaxpr",
 }
 
-Origin = Callable[[core.JaxprEqn], str]
+Origin = Callable[["core.JaxprEqn"], str]
 Functions = Literal["polynomials", "library"]
 
 
@@ -183,9 +185,8 @@ class _Walk:
         values.update(zip(jaxpr.invars, inputs, strict=True))
 
         def read(atom: Any) -> _Value:
-            if isinstance(atom, core.Literal):
-                aval: Any = atom.aval
-                return self.constant(np.asarray(atom.val, np.dtype(aval.dtype)))
+            if hasattr(atom, "val"):  # a literal
+                return self.constant(np.asarray(atom.val, np.dtype(atom.aval.dtype)))
             return values[atom]
 
         for eqn in jaxpr.eqns:
@@ -307,7 +308,7 @@ class _Walk:
         index = b.emit("convert", "int32", _single(operands[1]))
         result = nearest(b, table.length, table.read, index)
         mode = eqn.params.get("mode")
-        if mode is None or mode != jax.lax.GatherScatterMode.FILL_OR_DROP:
+        if mode is None or mode != lax.GatherScatterMode.FILL_OR_DROP:
             return result
         dtype = b.operations[result].dtype
         if not dtype.startswith("float"):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,18 +58,3 @@ def bits(dtype: str, value: Any) -> int:
 def number(dtype: str, pattern: int) -> Any:
     """The number of a bit pattern."""
     return np.asarray(pattern, f"u{np.dtype(dtype).itemsize}").view(dtype)[()]
-
-
-class ProgramWriter(Protocol):
-    """A program being written, as the simplifier reads and continues it; see `builder.Builder`."""
-
-    operations: list[Operation]
-    constants: dict[int, Any]
-
-    def constant(self, dtype: str, value: Any) -> int:
-        """A known number."""
-        ...
-
-    def emit(self, name: str, dtype: str, *operands: int) -> int:
-        """The number of an operation's result."""
-        ...

@@ -10,12 +10,13 @@ condition seldom holds (see `regions`). Functions are those of the C library, ro
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ravenjax.ir import elementary
+from ravenjax.ir.program import Program, number
 
 Array = Any
 
@@ -23,11 +24,53 @@ Array = Any
 def evaluate(name: str, dtype: str, operands: tuple[Array, ...]) -> Array:
     """The result of operation `name`, of type `dtype`, on NumPy numbers or arrays of one shape."""
     with np.errstate(all="ignore"):
-        if name in ("convert", "bitcast"):
-            return (_convert if name == "convert" else _bitcast)(operands[0], np.dtype(dtype))
-        if name == "div" and np.dtype(dtype).kind in "iu":
-            return _quotient(*operands)
-        return np.asarray(_MEANING[name](*operands)).astype(dtype)[()]
+        return _result(name, dtype, *operands)
+
+
+def _result(name: str, dtype: str, *operands: Array) -> Array:
+    if name in ("convert", "bitcast"):
+        return (_convert if name == "convert" else _bitcast)(operands[0], np.dtype(dtype))
+    if name == "div" and np.dtype(dtype).kind in "iu":
+        return _quotient(*operands)
+    return np.asarray(_MEANING[name](*operands)).astype(dtype)[()]
+
+
+_FORMS = {
+    **{"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "neg": "-{}", "not": "~{}"},
+    **{"eq": "{} == {}", "ne": "{} != {}", "lt": "{} < {}", "le": "{} <= {}"},
+    **{"and": "{} & {}", "or": "{} | {}", "xor": "{} ^ {}"},
+    **{"select": "{1} if {0} else {2}", "rarely": "{1} if {0} else {2}"},
+}
+"""What NumPy's single numbers have operators for; the operands are names."""
+
+
+def compiled(program: Program) -> Callable[..., list[Any]]:
+    """`program` as a Python function of its inputs, NumPy numbers of its types, and its tables."""
+    scope: dict[str, Any] = {"result": _result}
+    body: list[str] = []
+    for i in program.needed():
+        name, dtype, operands, detail = program.operations[i]
+        names = [f"v{o}" for o in operands]
+        if name == "constant":
+            scope[f"v{i}"] = number(dtype, detail)
+            continue
+        if name == "input":
+            text = f"inputs[{detail}]"
+        elif name == "lookup":
+            text = f"tables[{detail}][{names[0]}]"
+        elif name in _FORMS or (name == "div" and dtype.startswith("float")):
+            text = _FORMS.get(name, "{} / {}").format(*names)
+        else:
+            text = f"result({name!r}, {dtype!r}, {', '.join(names)})"
+        body.append(f"    v{i} = {text}\n")
+    results = ", ".join(f"v{i}" for i in program.outputs)
+    exec(f"def evaluate(inputs, tables):\n{''.join(body)}    return [{results}]", scope)
+
+    def run(inputs: Sequence[Any], *tables: Array) -> list[Any]:
+        with np.errstate(all="ignore"):
+            return scope["evaluate"](inputs, tables)
+
+    return run
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:

@@ -27,9 +27,11 @@ import math
 
 import numpy as np
 
+from ravenjax.numbers import tree
+
 
 class Numpy:
-    """`jax.numpy` of plain numbers: NumPy's own functions, single numbers out."""
+    """`jax.numpy` of plain numbers, or arrays of them: NumPy's own functions."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(np, name)
@@ -37,12 +39,12 @@ class Numpy:
     @staticmethod
     def sin(x: Any) -> Any:
         """Sine."""
-        return _of_type(x)(math.sin(x))
+        return np.sin(x) if np.ndim(x) else _of_type(x)(math.sin(x))
 
     @staticmethod
     def cos(x: Any) -> Any:
         """Cosine."""
-        return _of_type(x)(math.cos(x))
+        return np.cos(x) if np.ndim(x) else _of_type(x)(math.cos(x))
 
     @staticmethod
     def where(condition: Any, yes: Any, no: Any) -> Any:
@@ -57,6 +59,11 @@ class Lax:
     def convert_element_type(x: Any, dtype: Any) -> Any:
         """`x` as a number of that type."""
         return np.asarray(x).astype(dtype)[()]
+
+    @staticmethod
+    def cond(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
+        """What `yes` or `no` gives; both are computed, and numbers may be arrays."""
+        return tree.mapped(lambda a, b: np.where(condition, a, b)[()], yes(), no())
 
 
 def _of_type(x: Any) -> Any:

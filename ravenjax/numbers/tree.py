@@ -7,22 +7,18 @@ order.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+import itertools
+import operator
+from collections.abc import Callable, Sequence
 from typing import Any
 
 
 def leaves(tree: Any) -> list[Any]:
     """Every number of a tree, in order."""
-    return list(_leaves(tree))
-
-
-def _leaves(tree: Any) -> Iterator[Any]:
     branches = _branches(tree)
     if branches is None:
-        yield tree
-        return
-    for branch in branches:
-        yield from _leaves(branch)
+        return [tree]
+    return [leaf for branch in branches for leaf in leaves(branch)]
 
 
 def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
@@ -45,8 +41,21 @@ def filled(tree: Any, numbers: list[Any]) -> Any:
     """
     if len(numbers) != (wanted := len(leaves(tree))):
         raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
-    rest = iter(numbers)
-    return mapped(lambda _: next(rest), tree)
+    return filler(tree)(numbers)
+
+
+def filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
+    """`filled` of a tree, for those who fill many: of as many numbers as it has leaves."""
+    places = itertools.count()
+
+    def of(node: Any) -> Callable[[Sequence[Any]], Any]:
+        branches = _branches(node)
+        if branches is None:
+            return operator.itemgetter(next(places))
+        parts = [of(branch) for branch in branches]
+        return lambda numbers: _joined(node, [part(numbers) for part in parts])
+
+    return of(tree)
 
 
 def structure(tree: Any) -> Any:

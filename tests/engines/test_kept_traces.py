@@ -11,12 +11,11 @@ import pytest
 
 import ravenjax as rj
 from ravenjax.campaign import plan
-from ravenjax.engines import sources, trace_key, traced, traced_tick
-from ravenjax.engines.cpu.kernel import VectorKernel, print_kernel
-from ravenjax.engines.gpu.kernel import Form, KernelSource, print_loop
+from ravenjax.engines import trace_key, traced
+from ravenjax.engines.cpu.kernel import print_kernel
+from ravenjax.engines.gpu.kernel import Form, print_loop
 from ravenjax.engines.interface import Block
 from ravenjax.ir.time_loop import split
-from ravenjax.numbers import tree
 
 FAULT = {
     "site": "usb_out",
@@ -69,18 +68,6 @@ def forms(made, objects):
     return traced.forms(made.program, block(made), made.columns, objects)
 
 
-def test_a_trace_comes_back_from_its_bytes(fresh):
-    again = traced_tick.from_bytes(fresh.to_bytes())
-    assert again == fresh and type(again.signals) is type(fresh.signals)
-    columns = np.arange(2 * (fresh.series + len(tree.leaves(fresh.signals)))).reshape(2, -1, 1)
-    one, other = (
-        trace.signals_of(columns, lambda column, dtype: column.astype(dtype))
-        for trace in (fresh, again)
-    )
-    for first, second in zip(tree.leaves(one), tree.leaves(other), strict=True):
-        np.testing.assert_array_equal(first, second)
-
-
 def test_the_next_process_does_not_trace_again_whatever_the_varied_values_are(made, fresh, counted):
     objects = {}
     forms(made, objects)
@@ -120,8 +107,8 @@ def test_other_code_or_versions_are_traced(made, counted, monkeypatch):
         patch.setattr(trace_key, "versions", lambda: ("3.99",))
         forms(made, objects)
     with monkeypatch.context() as patch:
-        patch.setattr(sources, "AT_IMPORT", "other files")
-        patch.setattr(sources, "digest", lambda: "other files")
+        patch.setattr(trace_key, "AT_IMPORT", "other files")
+        patch.setattr(trace_key, "digest", lambda: "other files")
         forms(made, objects)
     assert len(counted) == 3
     forms(made, objects)
@@ -134,7 +121,7 @@ def test_code_that_changed_since_it_was_imported_keeps_and_finds_nothing(
     objects = {}
     forms(made, objects)
     number = len(objects)
-    monkeypatch.setattr(sources, "digest", lambda: "edited meanwhile")
+    monkeypatch.setattr(trace_key, "digest", lambda: "edited meanwhile")
     forms(made, objects)
     assert len(counted) == 2 and len(objects) == number
 
@@ -163,23 +150,18 @@ def test_what_is_no_trace_is_traced_anew(made, fresh, counted, content):
     assert objects[key] != content
 
 
-@pytest.mark.parametrize("kind", [VectorKernel, KernelSource])
-def test_printed_code_comes_back(made, fresh, counted, kind):
+def test_printed_code_comes_back(made, fresh, counted):
     parts = split(fresh.without_signals(), range(1), range(len(fresh.loop.step.inputs)))
-    printed = (
-        print_kernel(parts, 8, frozenset())
-        if kind is VectorKernel
-        else print_loop(parts, Form(), True)
-    )
     objects, calls = {}, []
-    for _ in range(2):
-        assert (
-            forms(made, objects).printed(kind, ("key", 8), lambda: calls.append(1) or printed)
-            == printed
-        )
-    assert len(calls) == 1
-    forms(made, objects).printed(kind, ("key", 4), lambda: calls.append(1) or printed)
-    assert len(calls) == 2
+    for printed in (print_kernel(parts, 8, frozenset()), print_loop(parts, Form(), True)):
+        for key in (
+            (type(printed).__name__, 8),
+            (type(printed).__name__, 8),
+            (type(printed).__name__, 4),
+        ):
+            make = lambda printed=printed: calls.append(1) or printed  # noqa: E731
+            assert forms(made, objects).printed(key, make) == printed
+    assert len(calls) == 4
 
 
 def test_numbers_of_unlike_types_have_unlike_keys():

@@ -17,9 +17,8 @@ import numpy as np
 import pytest
 from compiled_program import compiled, same_bits
 from cuda_as_cpp import Library
-from evaluated_program import evaluate
+from evaluated_program import evaluate, in_python
 
-from ravenjax.engines.cpu import python
 from ravenjax.engines.gpu import cuda
 from ravenjax.faults import fault, injection
 from ravenjax.ir import lowering
@@ -159,11 +158,9 @@ def check(use: Use, draw: random.Random, folder=None, xla: bool = False) -> None
         for got, expected in zip(as_cpp(program, columns, folder), meant, strict=True):
             same_bits(got, expected)
     by_xla = jax.jit(jax.vmap(use.struck))(*columns) if xla else meant
-    function = python.compile(jaxpr)
+    function = in_python(use.struck, *shapes)
     by_wasm = wasm_results(program, 4, tuple(columns)) if wasm_results else meant
-    by_python = zip(
-        *(function(function.represent(row)) for row in zip(*columns, strict=True)), strict=True
-    )
+    by_python = zip(*(function(row) for row in zip(*columns, strict=True)), strict=True)
     exact = not {"periodic", "drift", "random"} & set(
         use.effects
     )  # XLA fuses; sines and their like are its own

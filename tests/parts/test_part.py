@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ravenjax.engines.tracing import leaks_refused
+from ravenjax.engines.traced import leaks_refused
 from ravenjax.errors import UserError
 from ravenjax.parts import part
 from ravenjax.parts.part import SCORE

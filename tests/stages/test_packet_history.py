@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from compiled_program import compiled, lowered, same_bits
+from evaluated_program import in_python
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.engines.cpu import python
 from ravenjax.numbers.vec import Vec
 from ravenjax.stages import packet_history
 from ravenjax.stages.packet_history import NEVER, WORD, PacketHistory
@@ -30,7 +30,7 @@ def answers(newer, ticks, fresh, *words):
 
 
 KINDS = (jnp.int32(0), jnp.int32(0), jnp.bool_(False), *(jnp.uint32(0) for _ in range(WORDS)))
-PLAIN = python.compile(jax.make_jaxpr(answers)(*KINDS))
+PLAIN = in_python(answers, *KINDS)
 
 
 def packed(sent) -> list[int]:
@@ -49,7 +49,7 @@ histories = st.lists(st.booleans(), min_size=TICKS, max_size=TICKS)
 
 @given(histories, st.integers(0, TICKS + 5), st.integers(0, TICKS + 40), st.booleans())
 def test_ages_and_counts_are_those_of_the_list(sent, newer, ticks, fresh):
-    age, within, *words = PLAIN(PLAIN.represent((newer, ticks, fresh, *packed(sent))))
+    age, within, *words = PLAIN((newer, ticks, fresh, *packed(sent)))
     assert age == expected_age(sent, newer)
     assert within == sum(sent[:ticks])
     assert words == packed([fresh, *sent[:-1]])
@@ -61,8 +61,8 @@ def test_what_is_that_old_is_the_first_packet_that_is_not_within(sent):
     younger.
     """
     for ticks in range(0, TICKS, 7):
-        within = PLAIN(PLAIN.represent((0, ticks, False, *packed(sent))))[1]
-        age = PLAIN(PLAIN.represent((within, 0, False, *packed(sent))))[0]
+        within = PLAIN((0, ticks, False, *packed(sent)))[1]
+        age = PLAIN((within, 0, False, *packed(sent)))[0]
         assert age == next((i for i in range(ticks, TICKS) if sent[i]), NEVER)
 
 
@@ -85,5 +85,5 @@ def test_engines_have_the_same_bits():
     for got, right in zip(ours, jax.jit(jax.vmap(answers))(*columns), strict=True):
         same_bits(got, np.asarray(right))
     for row in range(0, size, 50):
-        plain = PLAIN(PLAIN.represent([column[row] for column in columns]))
+        plain = PLAIN([column[row] for column in columns])
         assert [int(column[row]) for column in ours] == [int(x) for x in plain]

@@ -69,7 +69,7 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
 from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.engines.interface import Block
-from ravenjax.engines.traced_tick import TracedTick
+from ravenjax.engines.traced import TracedTick
 from ravenjax.engines.wasm import code
 from ravenjax.errors import UserError
 from ravenjax.faults.fault import FaultSlot

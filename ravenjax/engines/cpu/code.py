@@ -8,14 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ravenjax.engines import trunk
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.group import LaneGroup, at
 from ravenjax.engines.cpu.kernel import FUNCTIONS, VectorKernel, print_kernel
 from ravenjax.engines.cpu.target import CodeTarget
 from ravenjax.engines.interface import Progress
-from ravenjax.engines.lanes import Lanes
-from ravenjax.engines.trunk import Trunk
+from ravenjax.engines.lanes import Lanes, Trunk, spacing
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 500
@@ -159,7 +157,7 @@ class VectorCode:
         """
         state_words = self._state_words[0]
         shared_words = self.kernel.group_state.bytes // 4
-        every = trunk.spacing(last, len(state_words) + shared_words)
+        every = spacing(last, len(state_words) + shared_words)
         with self._module.workspace() as space:
             group = LaneGroup(self.kernel, space, lanes, 1, every, max(1, len(ends)))
             state, shared = (a.view(np.uint32)[0] for a in (group.state, group.group_state))

@@ -12,18 +12,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
-from ravenjax.engines.cpu.kernel import VectorKernel
 from ravenjax.engines.cpu.target import CodeTarget
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
-from ravenjax.engines.lanes import Lanes
-from ravenjax.engines.trunk import Trunk
+from ravenjax.engines.lanes import Lanes, Trunk
 
 MIN_LANES, MAX_LANES = 256, 1024
 """Lanes of a block: with fewer what their group shares is no small part of the work, and with many
@@ -33,10 +31,9 @@ BLOCKS = 8
 """Blocks for each thread, at least, where they have more than the fewest lanes."""
 
 REPAID = 400_000
-"""Ticks of vectors that a kernel runs in vain, at most, for want of a second form of its code: to
+"""Ticks of vectors that a kernel runs in vain, about, for want of a second form of its code: to
 print and compile one takes 1.3 s, and a tick of a vector 3.3 us (`quick.toml`, AVX-512 at 2 GHz).
-Who pays for lack of a form what it costs, and only then buys it, pays at most twice what the
-cheaper would have been, however much is still to be run."""
+"""
 UNSHARED = 0.5
 """By how much a vector takes longer, about, that computes by itself what its group could share."""
 
@@ -72,8 +69,7 @@ class SimdKernel:
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Trace and compile for blocks and motions like these."""
         self._trace(block, motion)
-        for part in self._plan(traced.inputs(self.program, block)).parts:
-            self._code(block, motion, part.grouped)
+        self._code(block, motion, self._plan(traced.inputs(self.program, block)).grouped)
 
     def run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
@@ -107,33 +103,26 @@ class SimdKernel:
         self._trace(block, motion)
         inputs, ticks = traced.inputs(self.program, block), self.program.ticks
         plan = self._plan(inputs if block.ends is None else [*inputs, block.ends])
-        self._vain += plan.vain * ticks
-        codes = {part.grouped: self._code(block, motion, part.grouped) for part in plan.parts}
-        lanes, outputs, tables = (
-            len(plan.place),
-            next(iter(codes.values())).outputs,
-            self._tables(motion),
-        )
+        code = self._code(block, motion, plan.grouped)
+        lanes, outputs, tables = len(plan.place), code.outputs, self._tables(motion)
         keep = self.signals or block.reference is None
         dtype = np.uint64 if self.signals else self._dtype
         record: np.ndarray | None = None
         outcomes: list[np.ndarray] = []
         for part in plan.parts:
-            filled = np.minimum(
-                np.arange(-(-len(part.lanes) // self.width) * self.width), len(part.lanes) - 1
-            )
-            some = plan.first[part.lanes[filled]]
-            course = self._course(block, some, part.grouped)
+            filled = np.minimum(np.arange(-(-len(part) // self.width) * self.width), len(part) - 1)
+            some = plan.first[part[filled]]
+            course = self._course(block, some, plan.grouped)
             first, last = (0, ticks) if keep else (course.first, course.last)
             out = np.zeros((ticks, outputs, len(some)), dtype) if keep else None
-            tick_inputs = self._given(block, some, part.grouped, first, last)
+            tick_inputs = self._given(block, some, plan.grouped, first, last)
             vectors = Lanes([column[some] for column in inputs], tick_inputs, tables, out, first)
-            columns = codes[part.grouped].follow(vectors, course, progress)
+            columns = code.follow(vectors, course, progress)
             if progress is not None:  # what nobody had to run is done, too
                 progress(ticks * len(some) - self.width * course.vector_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
-            mine = np.flatnonzero(np.isin(plan.place, part.lanes))
-            at = np.searchsorted(part.lanes, plan.place[mine])
+            mine = np.flatnonzero(np.isin(plan.place, part))
+            at = np.searchsorted(part, plan.place[mine])
             for column, values in zip(outcomes, columns, strict=True):
                 column[mine] = values[at]
             if out is not None and len(mine) == lanes and (at == np.arange(lanes)).all():
@@ -181,36 +170,27 @@ class SimdKernel:
         first, place = _distinct(inputs) if inputs else alike
         varied = [column[first] for column in inputs[: len(self.program.varied)]]
         group = _distinct(varied)[1] if varied else np.zeros(len(first), np.int64)
-        return _Plan(first, place, *self._at_hand(_parts(group, self.width), group))
-
-    def _at_hand(self, parts: list[_Part], group: np.ndarray) -> tuple[list[_Part], float]:
-        """`parts`, or the same lanes by one form of code where a second one would not be repaid;
-        and the vectors, about, that are run in vain by that."""
-        ways = (False, True)
-        there = [
-            way for way in ways if self._forms is not None and self._forms.holds(self._key(way))
-        ]
-        if len({part.grouped for part in parts} | {*there}) == 1 or len(there) == 2 or self.signals:
-            return parts, 0.0
-        lanes = [sum(len(part.lanes) for part in parts if part.grouped == way) for way in ways]
-        (way,) = there or [lanes[True] >= lanes[False]]
-        groups = [_Part(np.flatnonzero(group == g), True) for g in range(group.max() + 1)]
-        others = groups if way else [_Part(np.arange(len(group)), False)]
-        vain = (
-            self._vectors(others)
-            - self._vectors(parts)
-            + (0.0 if way else UNSHARED * self._vectors(parts))
+        if not (grouped := self._runs_by_group(np.bincount(group))):
+            group = np.zeros_like(group)
+        return _Plan(
+            first, place, grouped, [np.flatnonzero(group == g) for g in range(group.max() + 1)]
         )
-        if self._vain + vain * self.program.ticks > REPAID or self._is_kept(not way):
-            return parts, 0.0
-        return others, vain
 
-    def _vectors(self, parts: list[_Part]) -> int:
-        return sum(-(-len(part.lanes) // self.width) for part in parts)
+    def _runs_by_group(self, sizes: np.ndarray) -> bool:
+        """Whether lanes of groups of these sizes run group by group: where that is cheaper.
 
-    def _is_kept(self, grouped: bool) -> bool:
-        """Whether the form of code is on disk, which is to have it for next to nothing."""
-        return self._forms is not None and self._forms.keeps(VectorKernel, self._key(grouped))
+        Where only the other form of code is there, it serves until it has cost as much as a second
+        form would.
+        """
+        apart = (1.0 + UNSHARED) * -(-sizes.sum() // self.width)
+        costs = {True: float((-(-sizes // self.width)).sum()), False: float(apart)}
+        best = costs[True] <= costs[False]
+        if self._forms is None or self.signals or self._forms.holds(self._key(best)):
+            return best
+        if not self._forms.holds(self._key(not best)):
+            return best
+        self._vain += (costs[not best] - costs[best]) * self.program.ticks
+        return best if self._vain > REPAID else not best
 
     def _tables(self, motion: tuple[np.ndarray, ...]) -> np.ndarray:
         """The columns of the motion one after the other."""
@@ -238,7 +218,7 @@ class SimdKernel:
 
         def make() -> VectorCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
-            printed = functools.partial(forms.printed, VectorKernel, self._key(grouped))
+            printed = functools.partial(forms.printed, self._key(grouped))
             shared = len(self.program.varied)
             return VectorCode(
                 loop, shared, grouped, self.width, self._objects, printed, self._target
@@ -247,33 +227,14 @@ class SimdKernel:
         return forms.code(self._key(grouped), make)
 
 
-class _Part(NamedTuple):
-    """Lanes that run together."""
-
-    lanes: np.ndarray  # distinct ones, ascending
-    grouped: bool  # they have the same varied parameters, and what they share is computed once
-
-
 @dataclasses.dataclass(frozen=True)
 class _Plan:
     """How the lanes of a block are run."""
 
     first: np.ndarray  # [distinct], lane in which each distinct one first occurs
     place: np.ndarray  # [lanes], which distinct one a lane is
-    parts: list[_Part]
-    vain: float = 0.0  # vectors, about, that are run for want of another form of code
-
-
-def _parts(group: np.ndarray, width: int) -> list[_Part]:
-    """Each group by itself, but those of a few lanes, which would leave most of a vector empty,
-    all together.
-    """
-    sizes = np.bincount(group)
-    few = 2 * sizes < width
-    if few.sum() < 3:
-        few[:] = False
-    own = [_Part(np.flatnonzero(group == g), True) for g in np.flatnonzero(~few)]
-    return own + ([_Part(np.flatnonzero(few[group]), False)] if few.any() else [])
+    grouped: bool  # lanes that run together share their varied parameters
+    parts: list[np.ndarray]  # distinct lanes that run together, ascending
 
 
 def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import ctypes
 import dataclasses
 import hashlib
 import platform
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -18,6 +18,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from ravenjax.engines.cpu import memory
+from ravenjax.engines.trace_key import Objects
 
 _OPTIMISATION = 1
 """Of code generation; the IR itself needs no passes. A higher level gives the same code."""
@@ -25,9 +26,6 @@ _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
 """Operations stay in the order in which they are printed: `schedule` has put them there. For the
 whole process.
 """
-
-Objects = MutableMapping[str, bytes]
-"""Compiled objects by the hash of what they were compiled from."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """One robot, compiled, advanced a tick at a time by whoever holds the clock.
 
-The same printed code as engine `simd`, one lane wide: the same bits. State, inputs and tables are
+The same operations as engine `simd`, one lane wide: the same bits. State, inputs and tables are
 plain memory between two ticks, so that inputs may change (a fault is armed), the state may be
 copied (a robot to try things on), and the operator's motion may be written row by row as it
 happens.
@@ -8,47 +8,39 @@ happens.
 
 from __future__ import annotations
 
-import ctypes
-import functools
-import math
-import struct
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from ravenjax.engines.cpu import jit, step_code
-from ravenjax.engines.cpu.group import at, packed
-from ravenjax.engines.cpu.kernel import FUNCTIONS
-from ravenjax.engines.cpu.memory import BufferLayout, buffer
+from ravenjax.engines import trace_key, traced
+from ravenjax.engines.cpu import jit
+from ravenjax.engines.cpu.memory import RowLayout, buffer, size
+from ravenjax.engines.cpu.transition import (
+    NOTHING,
+    Compiled,
+    Memory,
+    RecordKind,
+    StateTransition,
+    print_module,
+)
 from ravenjax.numbers import lazy, tree
-
-_FORMATS = {"float32": "f", "float64": "d", "int32": "i", "uint32": "I", "bool": "i"}
-_NUMBER = 4  # bytes of a number that enters or leaves a tick
-_POINTERS = ("inputs", "group", "tables", "entering", "row", "held", "state")
-"""Of a stepper's buffers, as `one_tick` finds them one after the other."""
+from ravenjax.numbers.lazy import jax
 
 
-def _one_tick() -> str:
-    """Both runs of one tick in a single call: calls from Python cost as much as either of them."""
-    loads = (
-        f"  %at_{name} = getelementptr ptr, ptr %buffers, i64 {k}\n  %{name} = load ptr, ptr"
-        f" %at_{name}\n"
-        for k, name in enumerate(_POINTERS)
-    )
-    entering = f"ptr %entering, i64 0, i64 {_NUMBER}, ptr %row"
-    return (
-        f"define void @one_tick(ptr %buffers, i32 %tick, ptr %out) {{\n{''.join(loads)}  call void"
-        f" @shared_run(ptr %inputs, ptr %group, ptr %tables, {entering}, i32 %tick, i64 1)\n  call"
-        f" void @lane_run(ptr %inputs, ptr %held, ptr %state, ptr %tables, {entering}, ptr %out,"
-        f" i64 0, i64 {_NUMBER}, i64 1)\n  ret void\n}}\n"
-    )
+@dataclasses.dataclass(frozen=True)
+class _Form:
+    """What is kept of traced and printed code."""
+
+    text: str
+    state: RecordKind
+    outcomes: RecordKind
+    outputs: int  # numbers that go out of a tick
 
 
 class StepCode:
-    """A traced and compiled loop: `begin`, `step` and `finish` as described in `compile`; shared
-    by its `Stepper`s.
-    """
+    """A traced and compiled loop, shared by its `Stepper`s."""
 
     def __init__(
         self,
@@ -64,55 +56,47 @@ class StepCode:
         """begin(inputs) -> state; step(inputs, state, tick, entering, tables) -> (state, float32
         numbers that go out); finish(inputs, state) -> named numbers. `inputs` and `entering`:
         records of numbers with the right types, of 32 bits each; `tables`: lengths of float32
-        tables. objects, key: where code is kept, and under what, see `step_code.form`."""
-        kinds, entering_kinds = (
-            tree.mapped(lambda x: np.asarray(x).dtype, numbers) for numbers in (inputs, entering)
-        )
+        tables. objects: where code is kept. key: hash of all that decides the functions, besides
+        this package's lower floors; "": nothing is kept. Raises TypeError where something else than
+        float32 goes out of a tick."""
+        self.inputs = RecordKind.of(inputs)
+        self.entering = RecordKind.of((np.int32(0), entering))
         self.tables = tuple(tables)
-        types = step_code.StepTypes(kinds, entering_kinds, self.tables)
-        form = step_code.form(step_code.StepFunctions(begin, step, finish), types, objects, key)
-        self.input_types: list[np.dtype] = tree.leaves(kinds)
-        self.entering_types: list[np.dtype] = tree.leaves(entering_kinds)
-        self.state, self.names, self.outputs, self.kernel = (
-            form.state,
-            form.names,
-            form.outputs,
-            form.kernel,
-        )
-        self._lane_state, self._shared_state = form.lane_state, form.shared_state
-        self.results = struct.Struct(
-            "=" + "".join(_FORMATS[dtype] for dtype in self.kernel.results.types)
-        )
-        text = f"{self.kernel.text}\n{_one_tick()}"
-        self._module = module = jit.compile(text, (*FUNCTIONS, "one_tick"), objects)
-        self.shared_begin = module.function("shared_begin", [ctypes.c_void_p] * 2)
-        self.lane_begin = module.function("lane_begin", [ctypes.c_void_p] * 3)
-        self.lane_finish = module.function("lane_finish", [ctypes.c_void_p] * 4)
-        self.one_tick = module.function(
-            "one_tick", [ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
-        )
 
-    @functools.cached_property
-    def state_places(self) -> dict[int, tuple[bool, int, int]]:
-        """Of each number of the state that is kept, by its place among the state's leaves: whether
-        it stands in the group's buffer, its offset there and its bytes."""
-        places = {}
-        for group, numbers, layout in (
-            (False, self._lane_state, self.kernel.state),
-            (True, self._shared_state, self.kernel.group_state),
-        ):
-            ends = (*layout.offsets[1:], layout.bytes)[: len(layout.offsets)]  # of no numbers: none
-            for k, start, end in zip(numbers, layout.offsets, ends, strict=True):
-                places[k] = (group, start, end - start)
-        return places
+        def make() -> _Form:
+            first, state = traced.trace_function(begin, self.inputs.shapes())
+            columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
+            middle, (_, out) = traced.trace_function(
+                lambda inputs, state, entering, tables: step(
+                    inputs, state, entering[0], entering[1], tables
+                ),
+                *(self.inputs.shapes(), state, self.entering.shapes(), columns),
+            )
+            last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
+            if any(x.dtype != np.float32 for x in tree.leaves(out)):
+                raise TypeError("what goes out of a tick is float32")
+            kind, fixed = RecordKind.of(state), self.inputs.layout
+            transitions = {
+                "begin": StateTransition(first, fixed, NOTHING, NOTHING),
+                "step": StateTransition(middle, fixed, kind.layout, self.entering.layout),
+                "finish": StateTransition(last, fixed, NOTHING, kind.layout),
+            }
+            named = RecordKind.of(outcomes)
+            return _Form(print_module(transitions), kind, named, len(tree.leaves(out)))
+
+        # The CPU's instructions are printed.
+        types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.entering)]
+        key = key and trace_key.lasting("step", key, types, self.tables, jit.host().text)
+        form = trace_key.kept(objects, key, make)
+        self.state, self.outcomes, self.outputs = form.state, form.outcomes, form.outputs
+        self.machine = Compiled(form.text, ("begin", "step", "finish"), objects)
 
 
 class Stepper:
     """One robot of a `StepCode`.
 
     `inputs`, `entering` and `tables` are arrays to write to: `inputs[k][0] = x` changes an input,
-    to be followed by `inputs_changed()`; `entering[k][0] = x` what enters the next tick;
-    `tables[k]` a table, which steppers may share.
+    `entering[k][0] = x` what enters the next tick; `tables[k]` a table, which steppers may share.
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
@@ -120,114 +104,60 @@ class Stepper:
         left out.
         """
         self.code = code
-        kernel = code.kernel
-        leaves = [
-            np.asarray(x, dtype).reshape(1)
-            for x, dtype in zip(tree.leaves(inputs), code.input_types, strict=True)
-        ]
-        self._inputs = packed(kernel.inputs, leaves, 1)
-        self.inputs = _views(self._inputs[0], kernel.inputs, code.input_types)
-        self._state, self._held = buffer(1, kernel.state.bytes), buffer(1, kernel.prologue.bytes)
-        self._group, self._row = buffer(1, kernel.group_state.bytes), buffer(1, kernel.row.bytes)
-        self._results = buffer(1, kernel.results.bytes)
-        self._entering = buffer(1, max(_NUMBER * len(code.entering_types), _NUMBER))
-        self.entering = [
-            self._entering[0, _NUMBER * k : _NUMBER * (k + 1)].view(
-                np.int32 if dtype.kind == "b" else dtype
-            )
-            for k, dtype in enumerate(code.entering_types)
-        ]
-        self.flat = (
-            np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables
-        )  # there before it is used
+        fixed, entering = code.inputs.row(inputs), buffer(1, code.entering.layout.bytes)
+        self.inputs: list[np.ndarray] = tree.leaves(code.inputs.views(fixed))
+        self._tick: np.ndarray
+        self._tick, *self.entering = tree.leaves(code.entering.views(entering[0]))
+        # full, not zeros: there before it is used
+        self.flat = np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables
         ends = np.cumsum(code.tables)
         self.tables = [
             self.flat[end - length : end] for end, length in zip(ends, code.tables, strict=True)
         ]
-        pointers = (  # in the order of _POINTERS
-            at(self._inputs),
-            at(self._group),
-            self.flat.ctypes.data,
-            at(self._entering),
-            at(self._row),
-            at(self._held),
-            at(self._state),
-        )
-        self._pointers = np.array(pointers, np.uintp)
-        self._buffers = self._pointers.ctypes.data
-        self._finish = (at(self._inputs), at(self._state), at(self._group), at(self._results))
+        self._state = buffer(1, code.state.layout.bytes)
+        self._results = buffer(1, code.outcomes.layout.bytes)
+        nothing = buffer(1, 0)
+        bind = code.machine.bind
+        self._begin = bind("begin", Memory(fixed, nothing, nothing, self._state))
+        out = buffer(1, RowLayout.packed(["float32"] * code.outputs).bytes)
+        self._step = bind("step", Memory(fixed, self._state, entering, out, self.flat))
+        self._finish = bind("finish", Memory(fixed, nothing, self._state, self._results))
         self.begin()
 
     def begin(self) -> None:
         """Back to before the first tick."""
-        self.code.shared_begin(at(self._inputs), at(self._group))
-        self.code.lane_begin(at(self._inputs), at(self._state), at(self._held))
+        self._begin()
 
     def step(self, tick: int, out: int) -> None:
         """One tick; writes what goes out as float32 numbers to address `out`."""
-        self.code.one_tick(self._buffers, tick, out)
-
-    def inputs_changed(self) -> None:
-        """Take over changed inputs; the state stays."""
-        before = self._state.copy()
-        self.code.lane_begin(at(self._inputs), at(self._state), at(self._held))
-        self._state[:] = before
+        self._tick[0] = tick
+        self._step.leave_at(out)
+        self._step()
 
     def outcomes(self) -> dict[str, Any]:
-        """What became of it so far; a truth value is 0 or -1."""
-        self.code.lane_finish(*self._finish)
-        return dict(
-            zip(self.code.names, self.code.results.unpack_from(self._results.data), strict=True)
-        )
+        """What became of it so far."""
+        self._finish()
+        return self.code.outcomes.read(self._results[0])
 
-    def snapshot(self) -> tuple[np.ndarray, np.ndarray]:
+    def snapshot(self) -> np.ndarray:
         """A copy of its state, for `restore` of any stepper of the same code."""
-        return self._state.copy(), self._group.copy()
+        return self._state[0].copy()
 
-    def restore(self, snapshot: tuple[np.ndarray, np.ndarray]) -> None:
+    def restore(self, snapshot: np.ndarray) -> None:
         """Take over a state."""
-        self._state[:], self._group[:] = snapshot
+        self._state[0] = snapshot
 
     def change(self, function: Callable[[Any], Any]) -> None:
         """Put `function` of the state in its place: a record of numbers in, the same with some of
         them replaced out.
-
-        A number that no tick reads is not kept: it is NaN, and replacing it does nothing.
         """
-        leaves = tree.leaves(self.code.state)
-        places = self.code.state_places
-        numbers = {
-            k: self._number(places[k], dtype) for k, dtype in enumerate(leaves) if k in places
-        }
-        before = [numbers[k][0].item() if k in numbers else math.nan for k in range(len(leaves))]
+        kind = self.code.state
         with lazy.at_once():
-            after = tree.leaves(function(tree.filled(self.code.state, before)))
-        for k, place in numbers.items():
-            if after[k] is not before[k]:
-                place[0] = after[k]
+            self._state[0] = kind.row(function(kind.read(self._state[0])))
 
-    def _number(self, place: tuple[bool, int, int], dtype: Any) -> np.ndarray:
-        """A one-number array of the state."""
-        group, start, size = place
-        stored = np.dtype(np.int32 if np.dtype(dtype).kind == "b" else dtype)
-        return (self._group if group else self._state)[0, start : start + size].view(stored)
-
-    def restore_leaves(
-        self, snapshot: tuple[np.ndarray, np.ndarray], leaves: Sequence[int]
-    ) -> None:
+    def restore_leaves(self, snapshot: np.ndarray, leaves: Sequence[int]) -> None:
         """Take over some numbers of a state, by their places among the leaves of its record."""
-        places = self.code.state_places
+        layout = self.code.state.layout
         for k in leaves:
-            if k in places:
-                group, start, size = places[k]
-                target = self._group if group else self._state
-                target[0, start : start + size] = snapshot[int(group)][0, start : start + size]
-
-
-def _views(buffer: np.ndarray, layout: BufferLayout, types: Sequence[np.dtype]) -> list[np.ndarray]:
-    """A one-number array for each number of a buffer of width 1."""
-    stored = [np.dtype(np.int32 if dtype.kind == "b" else dtype) for dtype in types]
-    return [
-        buffer[offset : offset + dtype.itemsize].view(dtype)
-        for offset, dtype in zip(layout.offsets, stored, strict=True)
-    ]
+            place = slice(layout.offsets[k], layout.offsets[k] + size(layout.types[k]))
+            self._state[0, place] = snapshot[place]

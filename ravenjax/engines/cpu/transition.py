@@ -1,39 +1,126 @@
-"""A state that moves a step at a time by functions of single numbers: (fixed, state, entering) ->
-(state, leaving).
+"""A state that moves a step at a time by functions of single numbers: (fixed, state, entering,
+tables) -> (state, leaving).
 
 All numbers stand in memory, one row of bytes for each of the four; what enters and what leaves may
-be many rows, one a step. Every operation is one IEEE operation, nothing is fused, and functions are
-those of the C library. `Compiled` and `Interpreted` have the same bits: the second is `python`'s
-printed code, to check the first by.
+be many rows, one a step. No operation is fused here. `Compiled` and `Interpreted` have the same
+bits: the second runs `ir.semantics`, to check the first by.
 """
 
 from __future__ import annotations
 
 import ctypes
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence, Set
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from jax.extend import core
 
-from ravenjax.engines.cpu import jit, python
+from ravenjax.engines import traced
+from ravenjax.engines.cpu import jit
+from ravenjax.engines.cpu.kernel import schedule
 from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeated
-from ravenjax.engines.cpu.memory import RowLayout
-from ravenjax.ir.lowering import lower
+from ravenjax.engines.cpu.memory import RowLayout, buffer, stored
+from ravenjax.ir import semantics
+from ravenjax.ir.program import Program
 from ravenjax.ir.regions import arrange
+from ravenjax.numbers import tree
 
-_CALL = ("fixed", "state", "entering0", "entering_bytes", "leaving0", "leaving_bytes", "count")
-"""What a call's block of 64-bit numbers holds: one argument instead of seven, which Python would
+NOTHING = RowLayout.packed([])
+_CALL = (
+    *("fixed", "state", "entering0", "entering_bytes", "leaving0", "leaving_bytes", "tables"),
+    "count",
+)
+"""What a call's block of 64-bit numbers holds: one argument instead of eight, which Python would
 convert each time.
 """
+_LEAVING = _CALL.index("leaving0")
+STEPS = (
+    "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
+    " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables"
+)
+"""Parameters of NAME_steps before `i64 %count`: what is fixed, the state, rows in and out and
+bytes between two, the tables.
+"""
+_MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordKind:
+    """A kind of record of single numbers, and where they stand in a row of bytes."""
+
+    record: Any  # each leaf its dtype
+    layout: RowLayout
+
+    @staticmethod
+    def of(example: Any) -> RecordKind:
+        """The kind of a record of NumPy numbers, which stand one after the other."""
+        record = tree.mapped(
+            lambda x: x.dtype if hasattr(x, "dtype") else np.asarray(x).dtype, example
+        )
+        return RecordKind(record, RowLayout.packed(map(str, tree.leaves(record))))
+
+    def shapes(self) -> Any:
+        """The record as tracing takes it."""
+        return traced.shapes(self.record)
+
+    def row(self, value: Any) -> np.ndarray:
+        """A record's numbers in memory."""
+        row = buffer(1, self.layout.bytes)[0]
+        write(self.layout, row, tree.leaves(value))
+        return row
+
+    def read(self, row: np.ndarray | bytes) -> Any:
+        """The record of numbers in memory."""
+        return self._filler(read(self.layout, row))
+
+    @functools.cached_property
+    def _filler(self) -> Callable[[Sequence[Any]], Any]:
+        return tree.filler(self.record)
+
+    def views(self, row: np.ndarray) -> Any:
+        """A record of arrays of one number each, which are those in memory."""
+        return tree.filled(self.record, [x for (x,) in _columns(self.layout, row[np.newaxis])])
+
+    def columns(self, rows: np.ndarray) -> Any:
+        """A record of arrays [rows]."""
+        pairs = zip(_columns(self.layout, rows), self.layout.types, strict=True)
+        return tree.filled(
+            self.record, [(x != 0 if kind == "bool" else x)[:, 0] for x, kind in pairs]
+        )
+
+
+def _columns(layout: RowLayout, rows: np.ndarray) -> Iterable[np.ndarray]:
+    """Numbers of rows [rows, bytes], each [rows, 1]."""
+    for start, kind in zip(layout.offsets, layout.types, strict=True):
+        dtype = stored(kind)
+        yield rows[:, start : start + dtype.itemsize].view(dtype)
+
+
+def read(layout: RowLayout, row: np.ndarray | bytes) -> list[Any]:
+    """Numbers of a row: Python's, but for float32."""
+    if not layout.types:
+        return []
+    (numbers,) = np.frombuffer(row, layout.dtype).tolist()
+    ways: dict[str, Any] = {"float32": np.float32, "bool": bool}
+    return [
+        ways[dtype](x) if dtype in ways else x
+        for dtype, x in zip(layout.types, numbers, strict=True)
+    ]
+
+
+def write(layout: RowLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
+    """Put numbers in a row, if there are any."""
+    if numbers:
+        row[: layout.bytes].view(layout.dtype)[0] = tuple(numbers)
 
 
 @dataclasses.dataclass(frozen=True)
 class StateTransition:
     """One function and where its numbers stand."""
 
-    jaxpr: core.ClosedJaxpr  # of the numbers of `fixed`, `state` and `entering`, in this order
+    # of the numbers of `fixed`, `state` and `entering` to those of `state` and `leaving`
+    program: Program
     fixed: RowLayout
     state: RowLayout
     entering: RowLayout
@@ -41,19 +128,20 @@ class StateTransition:
     @property
     def leaving(self) -> RowLayout:
         """What leaves: the results behind the new state."""
-        avals: Any = self.jaxpr.out_avals
-        return RowLayout.packed(str(aval.dtype) for aval in avals[len(self.state.types) :])
+        outputs = self.program.outputs[len(self.state.types) :]
+        return RowLayout.packed(self.program.operations[i].dtype for i in outputs)
 
 
 class Memory(NamedTuple):
     """What transitions work on, bytes each: what is fixed, the state, which they overwrite, and
-    rows in and out.
+    rows in and out; and the tables one after the other.
     """
 
     fixed: np.ndarray  # [bytes]
     state: np.ndarray  # [bytes]
     entering: np.ndarray  # [steps, bytes]
     leaving: np.ndarray  # [steps, bytes]
+    tables: np.ndarray | None = None
 
 
 class TransitionMachine(Protocol):
@@ -64,55 +152,29 @@ class TransitionMachine(Protocol):
         ...
 
 
-def rows(layout: RowLayout, steps: int) -> np.ndarray:
-    """Zeroed bytes [steps, bytes], on a cache line."""
-    raw = np.zeros(steps * layout.bytes + 64, np.uint8)
-    start = -raw.ctypes.data % 64
-    return raw[start : start + steps * layout.bytes].reshape(steps, layout.bytes)
-
-
-def read(layout: RowLayout, row: np.ndarray | bytes) -> list[Any]:
-    """Numbers of a row, as `python` represents them."""
-    if not layout.types:
-        return []
-    (numbers,) = np.frombuffer(row, layout.dtype).tolist()
-    return [_OF_TYPE.get(dtype, _same)(x) for dtype, x in zip(layout.types, numbers, strict=True)]
-
-
-def write(layout: RowLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
-    """Put numbers in a row, if there are any."""
-    if numbers:
-        row[: layout.bytes].view(layout.dtype)[0] = tuple(numbers)
-
-
-def _same(x: Any) -> Any:
-    return x
-
-
-_OF_TYPE: Mapping[str, Callable[[Any], Any]] = {"float32": np.float32, "bool": bool}
-
-
 class Interpreted:
-    """Transitions as printed Python."""
+    """Transitions one operation at a time in Python."""
 
     def __init__(self, transitions: Mapping[str, StateTransition]) -> None:
         self._functions = {
-            name: (one, python.compile(one.jaxpr)) for name, one in transitions.items()
+            name: (one, semantics.compiled(one.program)) for name, one in transitions.items()
         }
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """See `TransitionMachine`."""
+        """See `TransitionMachine`; without tables."""
         one, function = self._functions[name]
-        states, leaving = len(one.state.types), one.leaving
-        fixed = read(one.fixed, memory.fixed)
+
+        def numbers(layout: RowLayout, row: np.ndarray) -> list[Any]:
+            pairs = zip(layout.types, read(layout, row), strict=True)
+            return [np.dtype(dtype).type(x) for dtype, x in pairs]
 
         def run() -> None:
             for inputs, outputs in zip(memory.entering, memory.leaving, strict=True):
-                after = function(
-                    [*fixed, *read(one.state, memory.state), *read(one.entering, inputs)]
-                )
-                write(one.state, memory.state, after[:states])
-                write(leaving, outputs, after[states:])
+                state = numbers(one.state, memory.state)
+                fixed, entering = numbers(one.fixed, memory.fixed), numbers(one.entering, inputs)
+                after = function([*fixed, *state, *entering])
+                write(one.state, memory.state, after[: len(state)])
+                write(one.leaving, outputs, after[len(state) :])
 
         return run
 
@@ -120,36 +182,56 @@ class Interpreted:
 class Compiled:
     """Transitions as machine code, all in one module."""
 
-    def __init__(
-        self, transitions: Mapping[str, StateTransition], objects: jit.Objects | None = None
-    ) -> None:
-        """objects: where compiled code is kept."""
-        text = "\n".join(
-            [module_text(transitions, jit.host().features), *map(_called, transitions)]
-        )
-        self._module = module = jit.compile(text, list(transitions), objects)
+    def __init__(self, text: str, names: Iterable[str], objects: jit.Objects | None = None) -> None:
+        """text: of `print_module`. objects: where compiled code is kept."""
+        names = list(names)
+        self._module = module = jit.compile(text, names, objects)
         self._functions = {
             (name, brief): module.function(name, [ctypes.c_void_p], brief)
-            for name in transitions
+            for name in names
             for brief in (False, True)
         }
 
-    def bind(self, name: str, memory: Memory) -> Callable[[], None]:
+    def bind(self, name: str, memory: Memory) -> BoundTransition:
         """See `TransitionMachine`."""
-        fixed, state, entering, leaving = memory
-        inside = entering.ctypes.data, entering.strides[0], leaving.ctypes.data, leaving.strides[0]
-        block = np.array(
-            [fixed.ctypes.data, state.ctypes.data, *inside, len(entering)], np.uintp
-        )  # as _CALL names it
-        function, address = self._functions[name, len(entering) == 1], block.ctypes.data
-
-        def run(_alive: Any = (block, memory, self)) -> None:
-            function(address)
-
-        return run if len(entering) else _nothing
+        function = self._functions[name, len(memory.entering) == 1]
+        return BoundTransition(function, memory, self)
 
 
-def module_text(transitions: Mapping[str, StateTransition], features: Set[str]) -> str:
+class BoundTransition:
+    """A transition with its memory; call it to take it."""
+
+    def __init__(self, function: Any, memory: Memory, machine: Compiled) -> None:
+        fixed, state, entering, leaving, tables = memory
+        self._function, self._count, self._alive = function, len(entering), (memory, machine)
+        # as _CALL names it
+        self._block = np.array(
+            [
+                *(fixed.ctypes.data, state.ctypes.data),
+                *(entering.ctypes.data, entering.strides[0]),
+                *(leaving.ctypes.data, leaving.strides[0]),
+                *(0 if tables is None else tables.ctypes.data, len(entering)),
+            ],
+            np.uintp,
+        )
+        self._address = self._block.ctypes.data
+
+    def __call__(self) -> None:
+        """Take it once for each row."""
+        if self._count:
+            self._function(self._address)
+
+    def leave_at(self, address: int) -> None:
+        """Write what leaves to another address from now on."""
+        self._block[_LEAVING] = address
+
+
+def print_module(transitions: Mapping[str, StateTransition]) -> str:
+    """LLVM IR for this machine's CPU, with a function NAME of each transition for `Compiled`."""
+    return "\n".join([print_steps(transitions, jit.host().features), *map(_called, transitions)])
+
+
+def print_steps(transitions: Mapping[str, StateTransition], features: Set[str]) -> str:
     """LLVM IR of a function NAME_steps for each transition, for a CPU with these features; see
     `STEPS`.
     """
@@ -161,25 +243,9 @@ def module_text(transitions: Mapping[str, StateTransition], features: Set[str]) 
     return "\n".join([*texts, *sorted(declared), BRANCH_WEIGHTS])
 
 
-def _nothing() -> None:
-    """No rows, no steps."""
-
-
-STEPS = (
-    "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
-    " noalias %leaving0, i64 %leaving_bytes"
-)
-"""Parameters of NAME_steps before `i64 %count`: what is fixed, the state, rows in and out and
-bytes between two.
-"""
-_MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
-
-
 def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     """The lines of one step."""
-    program = lower(transition.jaxpr, functions="library")
-    if program.tables:
-        raise TypeError("a transition reads no tables")
+    program = transition.program
     sources_of = [
         *transition.fixed.places("%fixed"),
         *transition.state.places("%state"),
@@ -192,7 +258,8 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
     printer = LlvmPrinter(1, frozenset(features), "again")
-    printer.run(program, arrange(program.operations, order, program.outputs), sources, results)
+    regions = schedule(program.operations, arrange(program.operations, order, program.outputs))
+    printer.run(program, regions, sources, results, "%tables")
     return printer
 
 

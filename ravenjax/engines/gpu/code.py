@@ -11,14 +11,12 @@ from collections.abc import Callable
 import numpy as np
 
 from ravenjax.engines.gpu import device as cuda_device
-from ravenjax.engines.gpu.course import EVERY, BlockCourse, whole
+from ravenjax.engines.gpu.course import EVERY, BlockCourse, Places, whole
 from ravenjax.engines.gpu.cuda import OPTIONS
 from ravenjax.engines.gpu.device import Cubins, Device, DeviceSession
 from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource, print_loop
-from ravenjax.engines.gpu.places import Places
 from ravenjax.engines.interface import Progress
-from ravenjax.engines.lanes import Lanes
-from ravenjax.engines.trunk import Trunk
+from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 1000

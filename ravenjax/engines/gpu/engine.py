@@ -21,13 +21,11 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.code import CudaCode, form_for, typed
-from ravenjax.engines.gpu.course import BlockCourse, between, whole
+from ravenjax.engines.gpu.course import BlockCourse, Places, between, place, whole
 from ravenjax.engines.gpu.device import Cubins, Device
-from ravenjax.engines.gpu.kernel import WARP, KernelSource
-from ravenjax.engines.gpu.places import Places, place
+from ravenjax.engines.gpu.kernel import WARP
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
-from ravenjax.engines.lanes import Lanes
-from ravenjax.engines.trunk import Trunk
+from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.errors import UserError
 from ravenjax.numbers import tree
 from ravenjax.numbers.setup import Precision
@@ -177,9 +175,7 @@ class CudaKernel:
         def make() -> CudaCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
             shared, form = len(self.program.varied), form_for(device)
-            printed = functools.partial(
-                forms.printed, KernelSource, ("cuda", self.signals, grouped, form)
-            )
+            printed = functools.partial(forms.printed, ("cuda", self.signals, grouped, form))
             return CudaCode(loop, shared, grouped, device, form, self._cubins, printed)
 
         return forms.code(("cuda", self.signals, grouped, device), make)

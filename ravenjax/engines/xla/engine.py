@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.engines import traced, tracing
+from ravenjax.engines import traced
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
-from ravenjax.engines.tick_functions import frozen
 from ravenjax.numbers.lazy import jax, jnp, lax
 
 MAX_SEGMENT = 1000
@@ -59,7 +58,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         params = params_of(varied)
         new, series, signals = loop.advance(setup, params, faults, state, now, motion, reference)
         end = end or ((program.ticks,) if overshoots else ())
-        new = frozen(now, end, new, state)
+        new = traced.frozen(now, end, new, state)
         return new, series, signals if keep_signals else ()
 
     def begin(varied: Any) -> Any:
@@ -119,7 +118,7 @@ class ScanKernel:
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Compile for blocks and motions of these shapes."""
-        with tracing.x64(self.program.setup):
+        with traced.x64(self.program.setup):
             self._compile(*self._arguments(block, motion))
 
     def _arguments(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Any, ...]:
@@ -154,7 +153,7 @@ class ScanKernel:
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None, keep: bool
     ) -> tuple[dict[str, np.ndarray], np.ndarray, Any]:
         ticks = self.program.ticks
-        with tracing.x64(self.program.setup):
+        with traced.x64(self.program.setup):
             varied, faults, ends, state, now, reference, columns = self._arguments(block, motion)
             compiled = self._compile(varied, faults, ends, state, now, reference, columns)
             outcomes: Any = {}

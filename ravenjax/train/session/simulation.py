@@ -57,11 +57,13 @@ class SimulatedRobot:
         self.packets = [stepper.entering[series + 1 :] for stepper in (self._own, self._beside)]
         """Where a packet from outside enters the two."""
         self._fresh = self._own.snapshot()
-        places = tree.filled(code.state, list(range(len(tree.leaves(code.state)))))
+        places = tree.filled(code.state.record, list(range(len(code.state.layout.types))))
         self._slots = [
             tree.leaves(slot) for slot in places.faults.slots
         ]  # of each number, among the state's
-        self._fault_inputs = len(code.input_types) - len(_FIELDS) * (blueprint.fault_slots + 1)
+        self._fault_inputs = len(code.inputs.layout.types) - len(_FIELDS) * (
+            blueprint.fault_slots + 1
+        )
 
     def step(self) -> None:
         """One tick."""
@@ -174,11 +176,10 @@ class SimulatedRobot:
             self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
 
     def _forget(self, slots: Sequence[int] | range) -> None:
-        """Take the changed inputs over; what these slots remember of earlier faults goes."""
+        """What these slots remember of earlier faults goes."""
         self._own.restore_leaves(
             self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
         )
-        self._own.inputs_changed()
 
 
 class PacketRobot(SimulatedRobot):

@@ -49,73 +49,28 @@ def ready():
 class Forms:
     """What a kernel sees of its forms of code."""
 
-    def __init__(self, *there, kept=False):
-        self.there, self.kept = there, kept
+    def __init__(self, *there):
+        self.there = there
 
     def holds(self, key):
         return key[2] in self.there
 
-    def keeps(self, kind, key):
-        return self.kept
 
-
-def kernel(ready, *there, kept=False, vain=0.0):
+@pytest.mark.parametrize(
+    ("there", "vain", "sizes", "grouped"),
+    [
+        ((), 0, (16, 8), True),
+        ((), 0, (4, *(1,) * 12), False),
+        ((True,), 0, (4, *(1,) * 12), True),  # the form that is there serves
+        ((True,), simd.REPAID, (4, *(1,) * 12), False),  # until that has cost as much
+        ((False,), 0, (16, 8), False),
+        ((False, True), 0, (16, 8), True),
+    ],
+)
+def test_lanes_run_by_group_where_that_is_cheaper(ready, there, vain, sizes, grouped):
     one = SimdKernel(dataclasses.replace(ready.program, ticks=1000), 16)
-    one.width, one._vain, one._forms = WIDTH, vain, Forms(*there, kept=kept)
-    return one
-
-
-def planned(one, *sizes):
-    """The parts of groups of so many lanes, (lanes, grouped), and the vectors that are run in
-    vain.
-    """
-    group = np.repeat(np.arange(len(sizes)), sizes)
-    parts, vain = one._at_hand(simd._parts(group, WIDTH), group)
-    assert sorted(np.concatenate([part.lanes for part in parts]).tolist()) == list(
-        range(len(group))
-    )
-    return sorted((len(part.lanes), part.grouped) for part in parts), vain
-
-
-MIXED = (16, 1, 1, 1)
-BOTH = [(3, False), (16, True)]
-GROUPED = [(1, True), (1, True), (1, True), (16, True)]
-
-
-@pytest.mark.parametrize("there", [(), (True,)])
-def test_few_lanes_take_the_form_of_the_others(ready, there):
-    assert planned(kernel(ready, *there), *MIXED) == (GROUPED, 2.0)
-
-
-def test_a_form_that_is_there_is_used(ready):
-    assert planned(kernel(ready, False, True), *MIXED) == (BOTH, 0.0)
-
-
-def test_a_form_that_is_kept_is_used(ready):
-    assert planned(kernel(ready, kept=True), *MIXED) == (BOTH, 0.0)
-
-
-def test_a_second_form_is_made_when_its_lack_has_cost_as_much(ready):
-    almost = simd.REPAID - 2 * 1000
-    assert planned(kernel(ready, vain=almost), *MIXED)[0] == GROUPED
-    assert planned(kernel(ready, vain=almost + 1), *MIXED) == (BOTH, 0.0)
-
-
-def test_many_lanes_at_once_are_worth_a_form(ready):
-    alone = simd.REPAID // 1000 + 100
-    assert planned(kernel(ready), alone + 8, *(1,) * alone) == (
-        [(alone, False), (alone + 8, True)],
-        0.0,
-    )
-
-
-def test_where_most_lanes_stand_alone_so_do_all(ready):
-    parts, vain = planned(kernel(ready), 4, *(1,) * 12)
-    assert parts == [(16, False)] and vain == -1 + 3 * simd.UNSHARED
-
-
-def test_one_way_is_one_form(ready):
-    assert planned(kernel(ready), 16, 8) == ([(8, True), (16, True)], 0.0)
+    one.width, one._vain, one._forms = WIDTH, vain, Forms(*there)
+    assert one._runs_by_group(np.array(sizes)) == grouped
 
 
 def test_either_way_gives_the_same_bits(ready, monkeypatch):
@@ -130,10 +85,6 @@ def test_either_way_gives_the_same_bits(ready, monkeypatch):
         rows = np.arange(one.size(ready.runs)) % ready.runs
         golden = one.run(Block(*ready.lanes(rows, len(rows), harmless=True), None), ready.columns)
         found.append(one.run(Block(*ready.lanes(rows, len(rows)), golden.reference), ready.columns))
-        assert {way for way in (False, True) if forms.holds(one._key(way))} == (
-            {True} if repaid > 0 else {False, True}
-        )
-        assert (one._vain > 0) == (repaid > 0)
     first, second = found
     assert (
         first.outcomes.keys() == second.outcomes.keys()

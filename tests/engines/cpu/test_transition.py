@@ -16,8 +16,16 @@ from hypothesis import strategies as st
 from jax import lax
 
 from ravenjax.engines.cpu import transition
-from ravenjax.engines.cpu.memory import RowLayout
-from ravenjax.engines.cpu.transition import Compiled, Interpreted, Memory, StateTransition
+from ravenjax.engines.cpu.memory import RowLayout, buffer
+from ravenjax.engines.cpu.transition import (
+    NOTHING,
+    Compiled,
+    Interpreted,
+    Memory,
+    StateTransition,
+    print_module,
+)
+from ravenjax.engines.traced import trace_function
 from ravenjax.ir import elementary
 from ravenjax.numbers.vec import rarely, to_int32
 
@@ -47,16 +55,14 @@ def both(function, state, entering):
     types = [str(column.dtype) for column in columns]
     with jax.enable_x64(True):
         shapes = [jax.ShapeDtypeStruct((), dtype) for dtype in (str(state.dtype), *types)]
-        jaxpr = jax.make_jaxpr(function)(*shapes)
-        none, own = RowLayout.packed([]), RowLayout.packed([str(state.dtype)])
-        one = StateTransition(jaxpr, none, own, RowLayout.packed(types))
+        program, _ = trace_function(function, *shapes, functions="library")
+        own = RowLayout.packed([str(state.dtype)])
+        one = StateTransition(program, NOTHING, own, RowLayout.packed(types))
         results = []
-        for machine in (Compiled({"f": one}), Interpreted({"f": one})):
+        for machine in (Compiled(print_module({"f": one}), "f"), Interpreted({"f": one})):
             steps = len(columns[0])
-            memory = Memory(
-                *(transition.rows(x, n) for x, n in ((none, 1), (own, 1), (one.entering, steps))),
-                transition.rows(one.leaving, steps),
-            )
+            rooms = ((NOTHING, 1), (own, 1), (one.entering, steps), (one.leaving, steps))
+            memory = Memory(*(buffer(n, layout.bytes) for layout, n in rooms))
             transition.write(own, memory.state[0], [state])
             for row, numbers in zip(memory.entering, zip(*columns, strict=True), strict=True):
                 transition.write(one.entering, row, numbers)
@@ -156,7 +162,7 @@ def test_a_row_without_numbers_takes_no_room():
     layout = RowLayout.packed(["int32", "float64", "bool", "int64", "float32"])
     assert layout.offsets == (0, 8, 16, 24, 32) and layout.bytes == 40
     assert RowLayout.packed([]).bytes == 0
-    row = transition.rows(layout, 3)
+    row = buffer(3, layout.bytes)
     transition.write(layout, row[1], (1, 0.5, True, -(2**40), np.float32(0.1)))
     assert transition.read(layout, row[1]) == [1, 0.5, True, -(2**40), np.float32(0.1)]
     assert not row[0].any() and not row[2].any()

@@ -18,8 +18,8 @@ from ravenjax.engines.gpu import course as cuda_course
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.gpu.code import CudaCode, words
+from ravenjax.engines.gpu.course import place
 from ravenjax.engines.gpu.kernel import Form
-from ravenjax.engines.gpu.places import place
 from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError

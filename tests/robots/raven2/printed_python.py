@@ -8,8 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-
-from ravenjax.engines.cpu import python
+from evaluated_program import in_python
 
 
 def printed(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -22,9 +21,9 @@ def printed(function: Callable[..., Any]) -> Callable[..., Any]:
         numbers, structure = jax.tree.flatten(arguments)
         key = structure, tuple(jax.typeof(number) for number in numbers), jax.config.jax_enable_x64
         if key not in kept:
-            traced, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
-            kept[key] = python.compile(traced), jax.tree.structure(shape)
+            shape = jax.eval_shape(function, *arguments)
+            kept[key] = in_python(function, *arguments), jax.tree.structure(shape)
         code, result = kept[key]
-        return jax.tree.unflatten(result, code(code.represent(numbers)))
+        return jax.tree.unflatten(result, code(numbers))
 
     return call

@@ -17,11 +17,9 @@ import numpy as np
 
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import size
-from ravenjax.engines.cpu.record_kind import RecordKind
-from ravenjax.engines.cpu.transition import StateTransition
+from ravenjax.engines.cpu.transition import RecordKind, StateTransition
 from ravenjax.errors import UserError
-from ravenjax.numbers import quantity
-from ravenjax.numbers.lazy import jax
+from ravenjax.numbers import quantity, tree
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console.packet import U_STRUCT
 from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
@@ -64,7 +62,7 @@ def members(kind: RecordKind, arms: Sequence[str]) -> list[StructMember]:
     """The members of a record's struct, in order. Records within it give one member a field, named
     by the way there; numbers of a Vec are an array, and so are those of several arms that stand
     side by side."""
-    places = jax.tree.unflatten(kind.tree, range(len(kind.types)))
+    places = tree.filled(kind.record, list(range(len(kind.layout.types))))
     return list(_members(places, "", kind, arms))
 
 
@@ -94,10 +92,10 @@ def _members(
     if place is None:
         return
     if isinstance(place, int):
-        yield StructMember(name, kind.types[place], ())
+        yield StructMember(name, kind.layout.types[place], ())
     elif isinstance(place, tuple):
         numbers = list(_numbers(place))
-        types = {kind.types[k] for k in numbers}
+        types = {kind.layout.types[k] for k in numbers}
         if (dimensions := _shape(place)) is not None and len(types) == 1:
             yield StructMember(name, types.pop(), dimensions)
             return
@@ -130,7 +128,7 @@ def _numbers(place: Any) -> Iterator[int]:
         elif isinstance(item, tuple):
             yield from _numbers(item)
         else:
-            yield from jax.tree.leaves(item)
+            yield from tree.leaves(item)
 
 
 def _joined(prefix: str, name: str) -> str:
@@ -202,13 +200,13 @@ def _start(software: ControlSoftware, robot: VirtualRobot) -> dict[str, np.ndarr
 
 
 def _code(transitions: Mapping[str, StateTransition], rows: Mapping[str, np.ndarray]) -> str:
-    text = transition.module_text(transitions, frozenset())
+    text = transition.print_steps(transitions, frozenset())
     for name in transitions:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
     calls = "".join(
         f"define void @{name}(ptr %fixed, ptr %state, ptr %entering, ptr %leaving) {{\n  call void"
-        f" @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving, i64 0, i64"
-        " 1)\n  ret void\n}\n"
+        f" @{name}_steps(ptr %fixed, ptr %state, ptr %entering, i64 0, ptr %leaving, i64 0, ptr"
+        " null, i64 1)\n  ret void\n}\n"
         for name in transitions
     )
     constants = "".join(

@@ -1,4 +1,4 @@
-"""Kinematics, transmission and gravity of whole arrays of poses, in float64 whatever JAX is set to.
+"""Kinematics, transmission and gravity of whole arrays of poses, in float64, by NumPy.
 
 Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist,
 grasp1, grasp2 (rad); any leading axes, and arguments broadcast against each other. Poses are of the
@@ -7,20 +7,19 @@ out, never goes in), rotations orthonormal and right-handed; anything else, a wr
 unknown name raises UserError, a ValueError.
 """
 
-# Callers may pass anything, and JAX is typed in part.
-# pyright: reportUnnecessaryIsInstance=false, reportUnknownMemberType=false
+# Callers may pass anything.
+# pyright: reportUnnecessaryIsInstance=false
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any
+import contextlib
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.errors import UserError, shown, suggestion
-from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
@@ -40,8 +39,10 @@ def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
     (grasp2 - grasp1) / 2.
     """
     _known_arm(arm)
-    position, rotation = _over_rows("forward", arm, "", jpos=(jpos, (7,)))
-    return position, rotation
+    (joints,) = _rows(jpos=(jpos, (7,)))
+    with _numpy():
+        pose = kinematics.forward(arm, _vec(joints))
+    return _stacked(pose.position), np.stack([_stacked(row) for row in pose.rotation], axis=-2)
 
 
 def inverse_kinematics(
@@ -57,15 +58,16 @@ def inverse_kinematics(
     """
     _known_arm(arm)
     _require_rotations(rotation)
-    jpos_d, status = _over_rows(
-        "inverse",
-        arm,
-        "",
+    places, turns, openings, measured = _rows(
         position=(position, (3,)),
         rotation=(rotation, (3, 3)),
         grasp=(grasp, ()),
         jpos_ref=(jpos_ref, (7,)),
     )
+    pose = Pose(_vec(places), Vec(_vec(turns[..., k, :]) for k in range(3)))
+    with _numpy():
+        solution = kinematics.inverse(arm, pose, openings[()], _vec(measured))
+    jpos_d, status = _stacked(solution.jpos), np.asarray(solution.status)
     jpos_d[status == kinematics.REJECTED] = np.nan
     return jpos_d, status
 
@@ -75,13 +77,15 @@ def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Arra
     included.
     """
     _known_arm(arm)
-    return _over_rows("motor", arm, _known_tool(tool), jpos=(jpos, (7,)))[0]
+    (joints,) = _rows(jpos=(jpos, (7,)))
+    return _stacked(transmission.motor_from_joint(arm, _known_tool(tool), _vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
     """Joints jpos [..., 7] at the motor angles `mpos` [..., 7] (rad), cable coupling included."""
     _known_arm(arm)
-    return _over_rows("joint", arm, _known_tool(tool), mpos=(mpos, (7,)))[0]
+    (motors,) = _rows(mpos=(mpos, (7,)))
+    return _stacked(transmission.joint_from_motor(arm, _known_tool(tool), _vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
@@ -89,67 +93,33 @@ def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
     `jpos` [..., 7].
     """
     _known_arm(arm)
-    return _over_rows("gravity", arm, "", jpos=(jpos, (7,)))[0]
+    (joints,) = _rows(jpos=(jpos, (7,)))
+    with _numpy():
+        return _stacked(gravity.gravity_torque(arm, _vec(joints)))
 
 
-def _vec(row: Any) -> Vec:
-    return Vec(row[i] for i in range(row.shape[0]))
+@contextlib.contextmanager
+def _numpy() -> Iterator[None]:
+    """Let the functions of single numbers compute with whole arrays for each."""
+    with at_once(), np.errstate(all="ignore"):
+        yield
 
 
-def _row_function(name: str, arm: str, tool: str) -> Callable[..., tuple[Any, ...]]:
-    """One of the functions above for one row."""
-
-    def forward(jpos: Any) -> tuple[Any, ...]:
-        pose = kinematics.forward(arm, _vec(jpos))
-        return jnp.stack(pose.position), jnp.stack([jnp.stack(row) for row in pose.rotation])
-
-    def inverse(position: Any, rotation: Any, grasp: Any, jpos_ref: Any) -> tuple[Any, ...]:
-        pose = Pose(_vec(position), Vec(_vec(row) for row in rotation))
-        solution = kinematics.inverse(arm, pose, grasp, _vec(jpos_ref))
-        return jnp.stack(solution.jpos), solution.status
-
-    def motor(jpos: Any) -> tuple[Any, ...]:
-        return (jnp.stack(transmission.motor_from_joint(arm, tool, _vec(jpos))),)
-
-    def joint(mpos: Any) -> tuple[Any, ...]:
-        return (jnp.stack(transmission.joint_from_motor(arm, tool, _vec(mpos))),)
-
-    def torque(jpos: Any) -> tuple[Any, ...]:
-        return (jnp.stack(gravity.gravity_torque(arm, _vec(jpos))),)
-
-    functions: dict[str, Callable[..., tuple[Any, ...]]] = {
-        "forward": forward,
-        "inverse": inverse,
-        "motor": motor,
-        "joint": joint,
-        "gravity": torque,
-    }
-    return functions[name]
+def _vec(rows: Array) -> Vec:
+    return Vec(rows[..., k] for k in range(rows.shape[-1]))
 
 
-@cache
-def _compiled(name: str, arm: str, tool: str) -> Callable[..., tuple[Any, ...]]:
-    return jax.jit(jax.vmap(_row_function(name, arm, tool)))
+def _stacked(numbers: Vec) -> Array:
+    return np.stack(np.broadcast_arrays(*numbers), axis=-1)
 
 
-def _over_rows(
-    name: str, arm: str, tool: str, **arguments: tuple[ArrayLike, tuple[int, ...]]
-) -> tuple[Array, ...]:
-    """Apply to all rows. `arguments`: each value with the shape of one row of it."""
+def _rows(**arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
+    """The arguments checked, with the same leading axes; each comes with the shape of one row."""
     checked = {key: _checked(key, value, row) for key, (value, row) in arguments.items()}
     leading = _common_shape(
         {key: a.shape[: a.ndim - len(arguments[key][1])] for key, a in checked.items()}
     )
-    rows = [
-        np.broadcast_to(a, leading + arguments[key][1]).reshape(-1, *arguments[key][1])
-        for key, a in checked.items()
-    ]
-    count = len(rows[0])
-    padded = 1 << max(count - 1, 0).bit_length()  # few distinct lengths, few compiles
-    fill = [np.concatenate([a, np.ones((padded - count, *a.shape[1:]))]) for a in rows]
-    with jax.enable_x64(True):
-        results = _compiled(name, arm, tool)(*fill)
-    return tuple(np.array(r)[:count].reshape(leading + r.shape[1:]) for r in results)
+    return [np.broadcast_to(a, leading + arguments[key][1]) for key, a in checked.items()]
 
 
 def _known_arm(arm: str) -> None:

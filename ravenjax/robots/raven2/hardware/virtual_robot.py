@@ -20,11 +20,19 @@ from typing import Any, get_args
 
 import numpy as np
 
-from ravenjax.engines.cpu import transition
-from ravenjax.engines.cpu.record_kind import RecordKind
-from ravenjax.engines.cpu.transition import Compiled, Memory, StateTransition
+from ravenjax.engines import traced
+from ravenjax.engines.cpu.memory import buffer
+from ravenjax.engines.cpu.transition import (
+    NOTHING,
+    Compiled,
+    Memory,
+    RecordKind,
+    StateTransition,
+    print_module,
+    write,
+)
 from ravenjax.numbers import tree
-from ravenjax.numbers.lazy import jax, jnp
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import per_arm
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2 import run_levels
@@ -94,7 +102,7 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> Ro
 
 
 def begin(
-    setup: RavenSetup, params: RobotParams, start: tuple[Vec, ...], level: int
+    setup: RavenSetup, params: RobotParams, start: tuple[Vec, ...], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
     """At rest with the links at `start` (7 joints per arm, rad and m), the PLC in run level
     `level`.
@@ -102,7 +110,8 @@ def begin(
     arms = per_arm(setup, lambda i, arm: plant.init(setup, arm, params.arms[i], start[i]))
     state = RobotState(plc.init(setup, params.plc, level, BOARDS), arms)
     responses = per_arm(setup, lambda i, arm: plant.observe(setup, arm, params.arms[i], arms[i]))
-    relays = plc.PlcOutput(jnp.int32(level), plc.brakes_commanded(jnp.int32(level)))
+    level = jnp.int32(level)
+    relays = plc.PlcOutput(level, plc.brakes_commanded(level))
     return state, _signals(setup, params, state, relays, responses)
 
 
@@ -153,38 +162,43 @@ class RobotCode:
     """The robot of one setup: transition "robot" is one millisecond, "begin" where it starts."""
 
     transitions: dict[str, StateTransition]
-    kinds: dict[str, RecordKind]  # of "params", "state", "inputs", "signals"
+    kinds: dict[str, RecordKind]  # of "params", "state", "inputs", "signals", and of "begin"
 
     @functools.cached_property
     def machine(self) -> Compiled:
         """Compiled for this machine."""
-        return Compiled(self.transitions, objects())
+        text = print_module(self.transitions)
+        return Compiled(text, self.transitions, objects())
 
 
 @functools.lru_cache(maxsize=8)
-def code(setup: RavenSetup, level: int) -> RobotCode:
-    """Its code; `level` is the run level in which the PLC begins."""
-    own, inputs = RecordKind(numbers(params(setup))), RecordKind(_still(setup))
-    start = RecordKind(tuple(numbers(HOME_JPOS) for _ in setup.arms))
-    empty = RecordKind(())
+def code(setup: RavenSetup) -> RobotCode:
+    """Its code."""
+    fixed, inputs = RecordKind.of(numbers(params(setup))), RecordKind.of(_still(setup))
+    start = RecordKind.of((np.int32(0), tuple(numbers(HOME_JPOS) for _ in setup.arms)))
 
-    def begun(params: RobotParams, _: Any, start: tuple[Vec, ...]) -> Any:
-        return (), begin(setup, params, start, level)
+    def begun(params: RobotParams, level_and_start: Any) -> Any:
+        level, start = level_and_start
+        return begin(setup, params, start, level)
 
     def stepped(params: RobotParams, state: RobotState, inputs: RobotInputs) -> Any:
         return step(setup, params, state, inputs)
 
-    first, (_, (state, signals)) = jax.make_jaxpr(begun, return_shape=True)(
-        own.abstract(), empty.abstract(), start.abstract()
+    first, (state, signals) = traced.trace_function(
+        begun, fixed.shapes(), start.shapes(), functions="library"
     )
-    states = RecordKind(state)
-    each = jax.make_jaxpr(stepped)(own.abstract(), states.abstract(), inputs.abstract())
+    states = RecordKind.of(state)
+    each, _ = traced.trace_function(
+        stepped, fixed.shapes(), states.shapes(), inputs.shapes(), functions="library"
+    )
     transitions = {
-        "begin": StateTransition(first, own.layout, empty.layout, start.layout),
-        "robot": StateTransition(each, own.layout, states.layout, inputs.layout),
+        "begin": StateTransition(first, fixed.layout, NOTHING, start.layout),
+        "robot": StateTransition(each, fixed.layout, states.layout, inputs.layout),
     }
-    kinds = {"params": own, "state": states, "inputs": inputs, "signals": RecordKind(signals)}
-    return RobotCode(transitions, kinds)
+    kinds = {"params": fixed, "state": states, "inputs": inputs, "signals": RecordKind.of(signals)}
+    return RobotCode(
+        transitions, kinds | {"start": start, "begun": RecordKind.of((state, signals))}
+    )
 
 
 def numbers(record: Any) -> Any:
@@ -243,28 +257,20 @@ class VirtualRobot:
             if jpos is None
             else checked.joints("jpos", jpos, len(names))
         )
-        self.code = code(self.setup, level)
-        kinds = self.code.kinds
+        self.code = code(self.setup)
+        kinds, bind = self.code.kinds, self.code.machine.bind
         self.params = numbers(params(self.setup, parameter_set))
-        fixed, start = (
-            kinds["params"].row(self.params),
-            RecordKind(tuple(numbers(Vec(row)) for row in rest)),
+        fixed, nothing = kinds["params"].row(self.params), buffer(1, 0)
+        start = np.int32(level), tuple(numbers(Vec(row)) for row in rest)
+        begun = buffer(1, kinds["begun"].layout.bytes)
+        bind("begin", Memory(fixed, nothing, kinds["start"].row(start)[np.newaxis], begun))()
+        state, signals = kinds["begun"].read(begun[0])
+        self.reading = self._reading(signals)
+        self._inputs, self._out = (
+            buffer(1, kinds[name].layout.bytes) for name in ("inputs", "signals")
         )
-        first = self.code.transitions["begin"].leaving
-        rows = start.row(tuple(numbers(Vec(row)) for row in rest))[None], transition.rows(first, 1)
-        self.code.machine.bind(
-            "begin", Memory(fixed, transition.rows(RecordKind(()).layout, 1)[0], *rows)
-        )()
-        leaves = transition.read(first, rows[1][0])
-        states = len(kinds["state"].types)
-        state = jax.tree.unflatten(kinds["state"].tree, leaves[:states])
-        self.reading = self._reading(jax.tree.unflatten(kinds["signals"].tree, leaves[states:]))
-        self._row, self._out = (
-            transition.rows(kinds["inputs"].layout, 1),
-            transition.rows(kinds["signals"].layout, 1),
-        )
-        self._memory = Memory(fixed, kinds["state"].row(state), self._row, self._out)
-        self._step = self.code.machine.bind("robot", self._memory)
+        self._state = kinds["state"].row(state)
+        self._step = bind("robot", Memory(fixed, self._state, self._inputs, self._out))
 
     def step(
         self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False
@@ -278,8 +284,7 @@ class VirtualRobot:
             checked.flag("estop_button", estop_button),
             checked.flag("start_button", start_button),
         )
-        row = [number for arm in counts for number in arm]
-        transition.write(self.code.kinds["inputs"].layout, self._row[0], [*row, pins, *buttons])
+        write(self.code.kinds["inputs"].layout, self._inputs[0], [*counts.flat, pins, *buttons])
         self._step()
         self.reading = self._reading(self.code.kinds["signals"].read(self._out[0]))
         return self.reading
@@ -287,7 +292,7 @@ class VirtualRobot:
     @property
     def state(self) -> RobotState:
         """Everything that it remembers."""
-        return self.code.kinds["state"].read(self._memory.state)
+        return self.code.kinds["state"].read(self._state)
 
     def _reading(self, signals: RobotSignals) -> Reading:
         return Reading(np.array(signals.encoders, np.int32), int(signals.pins), signals)

@@ -22,12 +22,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ravenjax.engines.cpu import transition
-from ravenjax.engines.cpu.record_kind import RecordKind
-from ravenjax.engines.cpu.transition import Memory
+from ravenjax.engines import traced
+from ravenjax.engines.cpu.memory import buffer
+from ravenjax.engines.cpu.transition import Memory, RecordKind
 from ravenjax.errors import UserError, shown
-from ravenjax.numbers import paths
-from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import ORIGINAL, Precision
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ArmName
@@ -35,10 +33,9 @@ from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.software import inputs as given_inputs
-from ravenjax.robots.raven2.software import series, start
-from ravenjax.robots.raven2.software.code import ARITHMETICS, SoftwareCode, code, widths
-from ravenjax.robots.raven2.software.output import Output, OutputReader, Outputs
+from ravenjax.robots.raven2.software import inputs as checked
+from ravenjax.robots.raven2.software import start
+from ravenjax.robots.raven2.software.code import ARITHMETICS, Output, Outputs, code
 from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages import overdrive
 
@@ -85,61 +82,69 @@ class ControlSoftware:
         nearest encoder counts; `encoders`, counts [arms, 7] as `step` takes them; `state`, the
         `state` of another one, which it continues to the bit. `arithmetic`: "interpreted" gives the
         same bits, 100 times slower. Raises UserError."""
-        given_inputs.known("software", software, DEFAULT_TOOLS)
-        given_inputs.known("policy", policy, overdrive.POLICIES)
-        given_inputs.known("console", console, SIZE_BYTES)
-        given_inputs.known("arithmetic", arithmetic, ARITHMETICS)
+        checked.known("software", software, DEFAULT_TOOLS)
+        checked.known("policy", policy, overdrive.POLICIES)
+        checked.known("console", console, SIZE_BYTES)
+        checked.known("arithmetic", arithmetic, ARITHMETICS)
         if level is not None:
-            given_inputs.known("level", level, overdrive.LEVELS)
+            checked.known("level", level, overdrive.LEVELS)
         if runlevel is not None:
-            runlevel = given_inputs.whole("runlevel", runlevel, 0, 3)
+            runlevel = checked.whole("runlevel", runlevel, 0, 3)
         if not isinstance(precision, Precision):
             raise UserError(f"precision is {shown(precision)}, expected a ravenjax.Precision")
-        way = start.one_of(jpos=jpos, encoders=encoders, state=state)
-        if way == "state" and runlevel is not None:
+        starts = {"jpos": jpos, "encoders": encoders, "state": state}
+        given = [name for name, value in starts.items() if value is not None]
+        if len(given) > 1:
+            raise UserError(
+                f"{' and '.join(given)} are given, expected one of {', '.join(starts)}; leave the"
+                " others out"
+            )
+        if state is not None and runlevel is not None:
             raise UserError(
                 f"runlevel is {runlevel}, but a state has its own run level; leave one of them out"
             )
-        names = given_inputs.arm_names(arms)
-        own = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
-        chosen_tools = own if tools is None else given_inputs.tool_names(tools, names)
-        self.setup = RavenSetup(
-            arms=names, software=software, tools=chosen_tools, console=console, precision=precision
+        names = checked.arm_names(arms)
+        own_tools = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
+        self.setup = setup = RavenSetup(
+            arms=names,
+            software=software,
+            tools=own_tools if tools is None else checked.tool_names(tools, names),
+            console=console,
+            precision=precision,
         )
-        offsets = given_inputs.counts("enc_offset", enc_offset, len(names), repeated=True)
-        with widths(self.setup):
-            parameters = _parameters(self.setup, level, policy, offsets)
-            parameters = parameters if params is None else _changed(self.setup, parameters, params)
-            initial = control.init(self.setup, runlevel=runlevel)
-        if way == "jpos":
+        offsets = checked.counts("enc_offset", enc_offset, len(names), repeated=True)
+        with traced.x64(setup):
+            self.params = _parameters(
+                setup, level, policy, np.broadcast_to(offsets, (len(names), 7))
+            )
+            """What is set in it."""
+            if params is not None:
+                self.params = _changed(self.params, params)
+            initial = control.init(setup, runlevel=runlevel)
+        if jpos is not None:
             encoders = start.encoders_at(
-                self.setup, parameters, given_inputs.joints("jpos", jpos, len(names))
+                setup, self.params, checked.joints("jpos", jpos, len(names))
             )
-        if way in ("jpos", "encoders"):
-            encoders = given_inputs.counts(str(way), encoders, len(names))
-        self._kind, params_kind = RecordKind(initial), RecordKind(parameters)
-        if way == "state":
-            initial = start.saved(self._kind, state)
-        self._code = code(self.setup, params_kind, self._kind, arithmetic)
-        self._fixed = params_kind.row(parameters)
-        if way in ("jpos", "encoders"):
-            initial = start.at_encoders(
-                self.setup, self._code, self._kind, self._fixed, initial, encoders
-            )
-        self._memory(initial)
+        if encoders is not None:
+            encoders = checked.counts(given[0], encoders, len(names))
+        if state is not None:
+            initial = checked.record_like("state", state, initial)
+        self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
+        """What it is made of, for those who print it anew."""
+        if encoders is not None:
+            initial = start.at_encoders(setup, self.code, self.params, initial, encoders)
+        self._take_memory(initial)
 
-    def _memory(self, initial: control.ControlState) -> None:
+    def _take_memory(self, initial: control.ControlState) -> None:
         """Take memory for the state and for one cycle's rows."""
-        self._state, self._row = self._kind.row(initial), InputRows(self.setup)
-        self._shape, self._enc_val = self._row.enc_val.shape[1:], self._row.enc_val[0]
-        self._pins, self._read_ok = self._row.pins[0], self._row.read_ok[0]
-        self._out = transition.rows(self._code.signals.layout, 1)
+        kinds = self.code.kinds
+        self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
+        self._out = buffer(1, kinds["signals"].layout.bytes)
+        self._fixed = kinds["params"].row(self.params)
         memory = Memory(self._fixed, self._state, self._row.bytes, self._out)
         self._cycle, self._receive = (
-            self._code.machine.bind(name, memory) for name in ("cycle", "receive")
+            self.code.machine.bind(name, memory) for name in ("cycle", "receive")
         )
-        self._reader = OutputReader(self._code.signals)
-        self._increments = self.setup.console == "increments"
 
     def step(
         self,
@@ -157,34 +162,16 @@ class ControlSoftware:
         not, its last encoders and pins are used again. UserError names the argument that is wrong;
         nothing has happened then.
         """
-        if (
-            type(encoders) is np.ndarray
-            and encoders.dtype == np.int32
-            and encoders.shape == self._shape
-        ):
-            self._enc_val[...] = encoders
-        else:
-            self._enc_val[...] = given_inputs.counts("encoders", encoders, len(self.setup.arms))
-        if type(pins) is int and 0 <= pins <= 255:
-            self._pins.fill(pins)
-        else:
-            self._pins[...] = given_inputs.pins(pins, len(self.setup.arms))
-        if read_ok is True:
-            self._read_ok.fill(1)
-        else:
-            self._read_ok[...] = given_inputs.flags("read_ok", read_ok, len(self.setup.arms))
-        if packet is None:
-            self._row.silence()
-        elif type(packet) is bytes and self._increments:
-            self._row.datagram(packet)
-        else:
-            *earlier, last = self._packets(packet)
-            for one in earlier:
-                self._enter(self._row, 0, one)
-                self._receive()
-            self._enter(self._row, 0, last)
+        row, arms = self._row, len(self.setup.arms)
+        counts = checked.counts("encoders", encoders, arms)
+        bytes_in = checked.per_board("pins", pins, arms, 255)
+        flags = checked.per_board("read_ok", read_ok, arms, 1)
+        *earlier, last = self._packets(packet)
+        row.enc_val[0], row.pins[0], row.read_ok[0] = counts, bytes_in, flags
+        self._receive_all(earlier)
+        row.enter(last)
         self._cycle()
-        return self._reader.one(self._out.tobytes())
+        return self.code.output(self._out[0])
 
     def run(
         self, encoders: Any, packets: Any = None, pins: Any = 0, read_ok: Any = True
@@ -198,29 +185,41 @@ class ControlSoftware:
         wrong; nothing has happened then.
         """
         arms = len(self.setup.arms)
-        counts = series.counts("encoders", encoders, arms)
+        counts = checked.counts("encoders", encoders, arms, many=True)
         cycles = len(counts)
         rows = InputRows(self.setup, cycles)
         rows.enc_val[...] = counts
-        rows.pins[...] = series.numbers("pins", pins, (cycles, arms), 0, 255)
-        rows.read_ok[...] = series.numbers("read_ok", read_ok, (cycles, arms), 0, 1)
-        earlier = self._fill(rows, series.packets(packets, cycles))
-        out = transition.rows(self._code.signals.layout, cycles)
+        rows.pins[...] = checked.per_board("pins", pins, arms, 255, cycles)
+        rows.read_ok[...] = checked.per_board("read_ok", read_ok, arms, 1, cycles)
+        if packets is None:
+            packets = (None,) * cycles
+        if not isinstance(packets, list | tuple) or len(packets) != cycles:
+            has = isinstance(packets, list | tuple)
+            got = f"has {len(packets)} entries" if has else f"is {shown(packets)}"
+            raise UserError(
+                f"packets {got}, expected a list with one entry a cycle ({cycles}): a datagram, a"
+                " Packet, a list or None"
+            )
+        several: dict[int, list[Datagram | Packet | None]] = {}
+        for cycle, packet in enumerate(packets):
+            *earlier, last = self._packets(packet)
+            rows.enter(last, cycle)
+            if earlier:
+                several[cycle] = earlier
+        out = buffer(cycles, self.code.kinds["signals"].layout.bytes)
         begin = 0
-        for cycle in (*earlier, cycles):
+        for cycle in (*several, cycles):
             part = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
-            self._code.machine.bind("cycle", part)()
-            for one in earlier.get(cycle, ()):
-                self._enter(self._row, 0, one)
-                self._receive()
+            self.code.machine.bind("cycle", part)()
+            self._receive_all(several.get(cycle, ()))
             begin = cycle
-        return self._reader.many(out)
+        return self.code.outputs(out)
 
     def __copy__(self) -> ControlSoftware:
         """Another one in the same state, which goes its own way."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other._memory(self.state)
+        other._take_memory(self.state)
         return other
 
     def __deepcopy__(self, memo: Any) -> ControlSoftware:
@@ -231,38 +230,13 @@ class ControlSoftware:
         """Everything the software remembers, the checks' histories among it; another one may
         start with it.
         """
-        return self._kind.read(self._state)
+        return self.code.kinds["state"].read(self._state)
 
-    @property
-    def params(self) -> control.ControlParams:
-        """What is set in it."""
-        return self.code.kinds["params"].read(self._fixed)
-
-    @property
-    def code(self) -> SoftwareCode:
-        """What it is made of, for those who print it anew."""
-        return self._code
-
-    def _fill(
-        self, rows: InputRows, packets: Sequence[Any]
-    ) -> dict[int, list[Datagram | Packet | None]]:
-        """Put the last packet of each cycle in its row; those before it, by cycle."""
-        earlier: dict[int, list[Datagram | Packet | None]] = {}
-        for cycle, packet in enumerate(packets):
-            *before, last = self._packets(packet)
-            self._enter(rows, cycle, last)
-            if before:
-                earlier[cycle] = before
-        return earlier
-
-    @staticmethod
-    def _enter(rows: InputRows, cycle: int, packet: Datagram | Packet | None) -> None:
-        if packet is None:
-            rows.silence(cycle)
-        elif isinstance(packet, Packet):
-            rows.packet(packet, cycle)
-        else:
-            rows.datagram(packet, cycle)
+    def _receive_all(self, packets: Sequence[Datagram | Packet | None]) -> None:
+        """Take packets that arrive before the last of a cycle."""
+        for packet in packets:
+            self._row.enter(packet)
+            self._receive()
 
     def _packets(self, given: Any) -> list[Datagram | Packet | None]:
         many: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
@@ -272,13 +246,13 @@ class ControlSoftware:
         if given is None:
             return None
         if isinstance(given, Packet):
-            return given_inputs.packet(self.setup, given)
+            return checked.packet(self.setup, given)
         if not isinstance(given, Datagram):
             kind = type(given).__name__
             raise UserError(
                 f"packet is {kind}; give the bytes of a datagram, a Packet, a list of them, or None"
             )
-        if not self._increments:
+        if self.setup.console != "increments":
             raise UserError(
                 "a raw datagram holds increments, but console is 'absolute'; give a Packet"
             )
@@ -286,7 +260,7 @@ class ControlSoftware:
 
 
 def _parameters(
-    setup: RavenSetup, level: str | None, policy: str, offsets: Sequence[Any]
+    setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
 ) -> control.ControlParams:
     """The software's own, but for what has an argument of its own."""
     own = control.params(setup)
@@ -300,7 +274,7 @@ def _parameters(
     )
 
 
-def _changed(setup: RavenSetup, own: control.ControlParams, change: Any) -> control.ControlParams:
+def _changed(own: control.ControlParams, change: Any) -> control.ControlParams:
     """The parameters as `change` returns them, each number in its own type."""
     if not callable(change):
         raise UserError(
@@ -308,24 +282,9 @@ def _changed(setup: RavenSetup, own: control.ControlParams, change: Any) -> cont
             " returns changed ones"
         )
     new = change(own)
-    kinds, numbers = (list(paths.leaves(record, setup)) for record in (own, new))
-    if not isinstance(new, control.ControlParams) or [name for name, _ in kinds] != [
-        name for name, _ in numbers
-    ]:
+    if not isinstance(new, control.ControlParams):
         raise UserError(
             f"params returned {shown(new)}, expected the ControlParams it was given, with numbers"
             " replaced"
         )
-    return jax.tree.unflatten(
-        jax.tree.structure(own),
-        [_of_type(name, old, x) for (name, old), (_, x) in zip(kinds, numbers, strict=True)],
-    )
-
-
-def _of_type(name: str, old: Any, new: Any) -> Any:
-    if old.dtype.kind == "i":
-        return old.dtype.type(given_inputs.whole(f"parameter {name}", new, *given_inputs.INT32))
-    number = isinstance(new, int | float | np.number) and not isinstance(new, bool)
-    if not number or not abs(new) <= float(np.finfo(old.dtype).max):
-        raise UserError(f"parameter {name} is {shown(new)}, expected a finite number")
-    return old.dtype.type(new)
+    return checked.record_like("params", new, own, finite=True)

@@ -1,13 +1,12 @@
-"""What a caller hands to `ControlSoftware`, checked: each error names the argument, what was got
-and what is expected.
-
-Numbers come back as Python numbers; the printed code gives them their types.
+"""What a caller hands to `ControlSoftware` and `VirtualRobot`, checked: each error names the
+argument, what was got and what is expected.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,14 +14,13 @@ import numpy as np
 from ravenjax.errors import UserError, shown, suggestion
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
-from ravenjax.robots.raven2.console.packet import Packet
+from ravenjax.robots.raven2.console.packet import Packet, silence
 from ravenjax.robots.raven2.geometry import limits
 from ravenjax.robots.raven2.geometry.tools import find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
 INT32 = (-(2**31), 2**31 - 1)
-WORD = (-(2**31), 2**32 - 1)
-"""32 bits, read as signed or as unsigned."""
+Shape = tuple[int | None, ...]
 
 
 def known(what: str, word: Any, words: Iterable[str]) -> Any:
@@ -63,33 +61,6 @@ def tool_names(given: Any, arms: Sequence[str]) -> tuple[str, ...]:
     return tools
 
 
-def counts(what: str, given: Any, arms: int, repeated: bool = False) -> list[list[int]]:
-    """[arms, 7] whole numbers of 32 bits; `repeated`: or one number, or 7, for all of them."""
-    order = f"in the order {', '.join(JOINTS)}"
-    try:
-        array = np.asarray(given)
-        if repeated and array.shape in ((), (7,)):
-            array = np.broadcast_to(array, (arms, 7))
-    except ValueError:  # rows of different lengths
-        raise UserError(
-            f"{what} is {shown(given)}, expected one row of 7 counts per arm ({arms}) {order}"
-        ) from None
-    if array.shape != (arms, 7) or array.dtype.kind not in "iu":
-        raise UserError(
-            f"{what} has shape {array.shape} of {array.dtype}, expected integers [arms, 7] ="
-            f" [{arms}, 7]; give one row of counts per arm {order}"
-        )
-    rows: list[list[int]] = array.tolist()
-    for arm, row in enumerate(rows):
-        if max(row) > INT32[1] or min(row) < INT32[0]:
-            joint = next(i for i, count in enumerate(row) if not INT32[0] <= count <= INT32[1])
-            raise UserError(
-                f"{what}[{arm}][{joint}] ({JOINTS[joint]}) is {row[joint]}, expected a number of 32"
-                " bits"
-            )
-    return rows
-
-
 def whole(what: str, given: Any, low: int, high: int) -> int:
     """A whole number from `low` to `high`; a truth value is none."""
     try:
@@ -103,100 +74,147 @@ def whole(what: str, given: Any, low: int, high: int) -> int:
 
 def flag(what: str, given: Any) -> int:
     """0 or 1."""
-    if isinstance(given, bool | np.bool_):
-        return int(given)
-    if not isinstance(given, int | np.integer) or given not in (0, 1):
+    if not isinstance(given, bool | np.bool_ | int | np.integer) or given not in (0, 1):
         raise UserError(f"{what} is {shown(given)}, expected True or False")
     return int(given)
 
 
-def each(what: str, entries: Any, arms: int) -> tuple[Any, ...]:
-    """One entry an arm; a single one stands for all."""
-    if isinstance(entries, np.ndarray):
-        entries = entries.tolist()
-    values = tuple(entries) if isinstance(entries, list | tuple) else (entries,) * arms
-    if len(values) != arms:
-        raise UserError(
-            f"{what} has {len(values)} entries, expected one number or one per arm ({arms})"
+def counts(
+    what: str, given: Any, arms: int, many: bool = False, repeated: bool = False
+) -> np.ndarray:
+    """Whole numbers of 32 bits [arms, 7]; many: [cycles, arms, 7]; repeated: or one number, or 7,
+    for all of them.
+    """
+    is_plain = type(given) is np.ndarray and given.dtype == np.int32 and not many
+    if is_plain and given.shape == (arms, 7):
+        return given  # at once: a robot's clock ticks
+    shapes: dict[str, Shape] = {"[arms, 7]": (arms, 7)}
+    if many:
+        shapes = {"[cycles, arms, 7]": (None, arms, 7)}
+    elif repeated:
+        shapes |= {"[7]": (7,), "one number": ()}
+    return _wholes(what, given, shapes, INT32)
+
+
+def per_board(
+    what: str, given: Any, arms: int, highest: int, cycles: int | None = None
+) -> np.ndarray:
+    """Whole numbers 0 to `highest` (1: or truth values): one for all boards or one an arm. cycles:
+    one for all, [cycles, 1] or [cycles, arms].
+    """
+    if type(given) in (int, bool) and 0 <= given <= highest and (highest == 1 or given is not True):
+        return np.asarray(given, np.int32)
+    shapes: dict[str, Shape] = {"one number": (), "[arms]": (arms,)}
+    if cycles is not None:
+        shapes = {"one number": (), "[cycles]": (cycles,), "[cycles, arms]": (cycles, arms)}
+    array = _wholes(what, given, shapes, (0, highest))
+    return array[:, np.newaxis] if cycles is not None and array.ndim == 1 else array
+
+
+def _wholes(
+    what: str, given: Any, shapes: Mapping[str, Shape], limits: tuple[int, int]
+) -> np.ndarray:
+    """An array of whole numbers, of one of `shapes`, in which None is any length."""
+    array = _array(what, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
+    low, high = limits
+    if array.size and (array.min() < low or array.max() > high):
+        place = tuple(int(k) for k in np.argwhere((array < low) | (array > high))[0])
+        size = "a number of 32 bits" if limits == INT32 else f"a whole number {low}..{high}"
+        raise UserError(f"{what}{_index(place)} is {array[place]}, expected {size}")
+    return array
+
+
+def _index(place: Sequence[int]) -> str:
+    """`[0][6] (grasp2)`"""
+    joint = f" ({JOINTS[place[-1]]})" if len(place) > 1 else ""
+    return "".join(f"[{k}]" for k in place) + joint
+
+
+def _array(
+    what: str, given: Any, shapes: Mapping[str, Shape], kinds: str, numbers: str
+) -> np.ndarray:
+    def fits(shape: tuple[int, ...], wanted: Shape) -> bool:
+        return len(shape) == len(wanted) and all(
+            n in (None, m) for m, n in zip(shape, wanted, strict=True)
         )
-    return values
 
-
-def pins(given: Any, arms: int) -> list[int]:
-    """One byte a board."""
-    return [whole("pins", byte, 0, 255) for byte in each("pins", given, arms)]
-
-
-def flags(what: str, given: Any, arms: int) -> list[int]:
-    """0 or 1, one an arm."""
-    return [flag(what, one) for one in each(what, given, arms)]
-
-
-def packet(setup: RavenSetup, given: Packet) -> Packet:
-    """A packet's numbers; quaternions may hold any number, NaN among them, as a datagram may."""
-    arms = len(setup.arms)
-    deltas, quats = (
-        _rows(f"packet.{name}", getattr(given, name), arms, n)
-        for name, n in (("delta", 3), ("quat", 4))
-    )
-    openings = _row("packet.grasp", given.grasp, arms, "numbers, one an arm")
-    return Packet(
-        received=flag("packet.received", given.received),
-        size=whole("packet.size", given.size, 0, INT32[1]),
-        sequence=whole("packet.sequence", given.sequence, *WORD),
-        delta=tuple(Vec(whole("packet.delta", x, *INT32) for x in row) for row in deltas),
-        quat=tuple(Vec(_number("packet.quat", x) for x in row) for row in quats),
-        grasp=tuple(whole("packet.grasp", x, *INT32) for x in openings),
-        surgeon_mode=whole("packet.surgeon_mode", given.surgeon_mode, *INT32),
-    )
-
-
-def _rows(what: str, given: Any, arms: int, length: int) -> list[Any]:
-    rows = _row(what, given, arms, "rows, one an arm")
-    return [_row(f"{what}[{i}]", row, length, "numbers") for i, row in enumerate(rows)]
-
-
-def _row(what: str, given: Any, length: int, entries: str) -> Any:
-    if not isinstance(given, list | tuple | np.ndarray) or len(given) != length:
-        got = (
-            f"has {len(given)} entries" if isinstance(given, list | tuple) else f"is {shown(given)}"
-        )
-        raise UserError(f"{what} {got}, expected a list of {length} {entries}")
-    return given
-
-
-def _number(what: str, given: Any) -> float:
     try:
-        if isinstance(given, str | bytes):
-            raise TypeError
-        return float(given)
-    except (TypeError, ValueError, OverflowError):
-        raise UserError(f"{what} holds {shown(given)}, expected numbers") from None
+        array = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        array = None
+    if (
+        array is not None
+        and array.dtype.kind in kinds
+        and any(fits(array.shape, shape) for shape in shapes.values())
+    ):
+        return array
+    got = f"is {shown(given)}"
+    if array is not None and array.ndim:
+        got = f"has shape {array.shape} of {array.dtype}"
+    texts = [
+        f"{name} = [{', '.join('..' if n is None else str(n) for n in shape)}]" if shape else name
+        for name, shape in shapes.items()
+    ]
+    order = f" in the order {', '.join(JOINTS)}" if 7 in next(iter(shapes.values())) else ""
+    raise UserError(f"{what} {got}, expected {numbers} {' or '.join(texts)}{order}")
 
 
 def joints(what: str, given: Any, arms: int) -> list[list[float]]:
     """[arms, 7] joint positions, rad and m, anywhere within a turn and within a metre."""
-    order = f"in rad and m in the order {', '.join(JOINTS)}"
-    try:
-        array = np.asarray(given)
-    except ValueError:  # rows of different lengths
-        raise UserError(
-            f"{what} is {shown(given)}, expected one row of 7 joints per arm ({arms}) {order}"
-        ) from None
-    if array.shape != (arms, 7) or array.dtype.kind not in "iuf":
-        raise UserError(
-            f"{what} has shape {array.shape} of {array.dtype}, expected numbers [arms, 7] ="
-            f" [{arms}, 7]; give one row of joints per arm {order}"
-        )
-    rows: list[list[float]] = array.astype(np.float64).tolist()
+    array = _array(what, given, {"[arms, 7]": (arms, 7)}, "iuf", "numbers in rad and m")
     angle, travel = limits.position("position of the joint")
-    for arm, row in enumerate(rows):
-        for joint, value in zip(JOINTS, row, strict=True):
-            quantity, hint = (travel, "millimetres") if joint in LINEAR else (angle, "degrees")
-            if not quantity.low <= value <= quantity.high:
-                raise UserError(
-                    f"{what}[{arm}] ({joint}) is {value}, expected"
-                    f" {quantity.low:g}..{quantity.high:g} {quantity.unit}; give"
-                    f" {'m' if joint in LINEAR else 'rad'}, not {hint}"
-                )
-    return rows
+    for place, value in np.ndenumerate(array):
+        is_linear = JOINTS[place[1]] in LINEAR
+        quantity, hint = (travel, "millimetres") if is_linear else (angle, "degrees")
+        if not quantity.low <= value <= quantity.high:
+            raise UserError(
+                f"{what}{_index(place)} is {value}, expected {quantity.low:g}..{quantity.high:g}"
+                f" {quantity.unit}; give {quantity.unit}, not {hint}"
+            )
+    return array.astype(np.float64).tolist()
+
+
+def packet(setup: RavenSetup, given: Packet) -> Packet:
+    """A packet's numbers; quaternions may hold any number, NaN among them, as a datagram may."""
+    sequence = whole("packet.sequence", given.sequence, INT32[0], 2**32 - 1)
+    plain = dataclasses.replace(
+        given,
+        received=flag("packet.received", given.received),
+        size=whole("packet.size", given.size, 0, INT32[1]),
+        sequence=(sequence + 2**31) % 2**32 - 2**31,
+    )
+    return record_like("packet", plain, silence(setup))
+
+
+def record_like(what: str, given: Any, example: Any, finite: bool = False) -> Any:
+    """A record of the structure of `example`, each number checked and in its own type."""
+    if dataclasses.is_dataclass(example):
+        kind: Any = type(example)
+        if type(given) is not kind:
+            raise UserError(f"{what} is {shown(given)}, expected a {kind.__name__}")
+        names = [field.name for field in dataclasses.fields(example)]
+        return kind(
+            *(
+                record_like(f"{what}.{name}", getattr(given, name), getattr(example, name), finite)
+                for name in names
+            )
+        )
+    if isinstance(example, tuple):
+        if not isinstance(given, list | tuple | np.ndarray) or len(given) != len(example):
+            has = isinstance(given, list | tuple | np.ndarray)
+            got = f"has {len(given)} entries" if has else f"is {shown(given)}"
+            raise UserError(f"{what} {got}, expected {len(example)}")
+        items = [
+            record_like(f"{what}[{k}]", *pair, finite)
+            for k, pair in enumerate(zip(given, example, strict=True))
+        ]
+        return Vec(items) if isinstance(example, Vec) else tuple(items)
+    if example is None and given is None:
+        return None
+    dtype = np.asarray(example).dtype
+    if dtype.kind != "f":
+        return dtype.type(whole(what, given, *INT32))
+    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+    if not is_number or (finite and not abs(given) <= float(np.finfo(dtype).max)):
+        raise UserError(f"{what} is {shown(given)}, expected a {'finite ' * finite}number")
+    return dtype.type(given)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ravenjax.engines.cpu.record_kind import RecordKind
+from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.numbers.vec import Vec, record
 from ravenjax.robots.raven2.c_library.library import members, struct
 
@@ -39,7 +39,7 @@ class Outer:
 @settings(max_examples=15, deadline=None)
 @given(first=FIELDS, narrow=FIELDS, wide=FIELDS, last=NUMBERS)
 def test_members_lie_where_code_finds_them(tmp_path_factory, first, narrow, wide, last):
-    kind = RecordKind(Outer(first, (Inner(narrow, wide),) * 2, last))
+    kind = RecordKind.of(Outer(first, (Inner(narrow, wide),) * 2, last))
     own = members(kind, ARMS)
     names = [member.name for member in own]
     assert len(names) == len(set(names))
@@ -61,7 +61,7 @@ def test_members_lie_where_code_finds_them(tmp_path_factory, first, narrow, wide
 
 
 def test_a_struct_as_it_reads():
-    kind = RecordKind(
+    kind = RecordKind.of(
         Outer(Vec((np.float32(1),) * 3), (Inner(np.int32(1), None),) * 2, np.float64(1))
     )
     text = struct("thing", members(kind, ARMS), kind.layout.bytes, "A thing.", {"first": "rad"})

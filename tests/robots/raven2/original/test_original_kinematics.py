@@ -12,8 +12,8 @@ import jax
 import numpy as np
 import oracle_kinematics as oracle
 import pytest
+from evaluated_program import in_python
 
-from ravenjax.engines.cpu import python
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import kinematics
@@ -44,7 +44,7 @@ def printed(function, arm, *sizes):
     """
     kinds = [Vec.full(size, jax.ShapeDtypeStruct((), np.float64)) for size in sizes]
     with jax.enable_x64(True):
-        run = python.compile(jax.make_jaxpr(functools.partial(function, arm))(*kinds))
+        run = in_python(functools.partial(function, arm), *kinds)
     return lambda *vecs: run([float(x) for vec in vecs for x in vec])
 
 

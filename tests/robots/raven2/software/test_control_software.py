@@ -320,12 +320,12 @@ SETUPS = [
     ({"tools": "r_grasper"}, ("tools is 'r_grasper'", "a list")),
     ({"tools": ("r_graspr", "r_grasper")}, ("'r_graspr'", "Did you mean 'r_grasper'")),
     ({"tools": (1, 2)}, ("tool is 1",)),
-    ({"enc_offset": float("nan")}, ("enc_offset", "float64", "integers")),
+    ({"enc_offset": float("nan")}, ("enc_offset is nan", "integers")),
     ({"enc_offset": [1, 2]}, ("enc_offset has shape (2,)", "[2, 7]")),
     ({"enc_offset": None}, ("enc_offset",)),
     (
         {"enc_offset": [0, 0, 2**40, 0, 0, 0, 0]},
-        ("enc_offset[0][2] (insertion) is 1099511627776", "32 bits"),
+        ("enc_offset[2] is 1099511627776", "32 bits"),
     ),
     ({"runlevel": 9}, ("runlevel is 9", "0..3")),
     ({"runlevel": -1}, ("runlevel is -1",)),
@@ -367,7 +367,7 @@ def test_changed_parameters_are_numbers_of_their_own_type():
     ):
         refused(
             lambda v=value: ControlSoftware(params=one_gain(v)),
-            ("motor_control.gold.kp.shoulder", got, "finite"),
+            ("params.motor_control[0].kp[0]", got, "finite"),
         )
 
     def whole(params):
@@ -375,7 +375,8 @@ def test_changed_parameters_are_numbers_of_their_own_type():
         return dataclasses.replace(params, state_machine=machine)
 
     refused(
-        lambda: ControlSoftware(params=whole), ("state_machine.plc_obeyed is 0.5", "whole number")
+        lambda: ControlSoftware(params=whole),
+        ("params.state_machine.plc_obeyed is 0.5", "whole number"),
     )
 
 
@@ -386,7 +387,7 @@ def changed(**fields):
 INPUTS = [
     ({"encoders": [[0] * 8] * 2}, ("encoders has shape (2, 8)", "[2, 7]", "shoulder, elbow")),
     ({"encoders": [0] * 7}, ("encoders has shape (7,)", "[2, 7]")),
-    ({"encoders": [[0] * 7, [0] * 6]}, ("encoders is [[0, 0", "one row of 7 counts per arm (2)")),
+    ({"encoders": [[0] * 7, [0] * 6]}, ("encoders is [[0, 0", "[2, 7]")),
     ({"encoders": [[0.5] * 7] * 2}, ("encoders", "float64", "integers")),
     ({"encoders": [[True] * 7] * 2}, ("encoders", "bool", "integers")),
     ({"encoders": [[0j] * 7] * 2}, ("encoders", "complex128")),
@@ -396,31 +397,31 @@ INPUTS = [
         ("encoders[0][6] (grasp2) is 2147483648", "32 bits"),
     ),
     ({"encoders": np.full((2, 7), 2**63, np.uint64)}, ("encoders[0][0]", "9223372036854775808")),
-    ({"encoders": None}, ("encoders has shape ()",)),
-    ({"pins": [0, 0, 0]}, ("pins has 3 entries", "per arm (2)")),
+    ({"encoders": None}, ("encoders is None",)),
+    ({"pins": [0, 0, 0]}, ("pins has shape (3,)", "[arms] = [2]")),
     ({"pins": 256}, ("pins is 256", "0..255")),
-    ({"pins": [0, -1]}, ("pins is -1",)),
+    ({"pins": [0, -1]}, ("pins[1] is -1",)),
     ({"pins": 1.5}, ("pins is 1.5",)),
     ({"pins": float("nan")}, ("pins is nan",)),
     ({"pins": None}, ("pins is None",)),
     ({"pins": "192"}, ("pins is '192'",)),
-    ({"read_ok": 5}, ("read_ok is 5", "True or False")),
+    ({"read_ok": 5}, ("read_ok is 5", "0..1")),
     ({"read_ok": None}, ("read_ok is None",)),
-    ({"read_ok": [True]}, ("read_ok has 1 entries",)),
+    ({"read_ok": [True]}, ("read_ok has shape (1,)",)),
     ({"packet": "packet"}, ("packet is str", "bytes")),
     ({"packet": 5}, ("packet is int",)),
     ({"packet": [POSE, "x"]}, ("packet is str",)),
-    (changed(delta=((0.5, 0, 0), (0, 0, 0))), ("packet.delta is 0.5", "whole number")),
-    (changed(delta=((float("nan"), 0, 0), (0, 0, 0))), ("packet.delta is nan",)),
-    (changed(delta=((2**31, 0, 0), (0, 0, 0))), ("packet.delta is 2147483648",)),
+    (changed(delta=((0.5, 0, 0), (0, 0, 0))), ("packet.delta[0][0] is 0.5", "whole number")),
+    (changed(delta=((float("nan"), 0, 0), (0, 0, 0))), ("packet.delta[0][0] is nan",)),
+    (changed(delta=((2**31, 0, 0), (0, 0, 0))), ("packet.delta[0][0] is 2147483648",)),
     (
         changed(delta=((0, 0, 0), (0, 0, 0, 0)), grasp=(0,)),
-        ("packet.delta[1] has 4 entries", "3 numbers"),
+        ("packet.delta[1] has 4 entries", "expected 3"),
     ),
-    (changed(delta=((0, 0, 0),)), ("packet.delta has 1 entries", "2 rows, one an arm")),
-    (changed(quat=((0, 0, 0, 1), ("a", 0, 0, 1))), ("packet.quat holds 'a'", "numbers")),
+    (changed(delta=((0, 0, 0),)), ("packet.delta has 1 entries", "expected 2")),
+    (changed(quat=((0, 0, 0, 1), ("a", 0, 0, 1))), ("packet.quat[1][0] is 'a'", "number")),
     (changed(quat=None), ("packet.quat is None",)),
-    (changed(grasp=("a", 0)), ("packet.grasp is 'a'",)),
+    (changed(grasp=("a", 0)), ("packet.grasp[0] is 'a'",)),
     (changed(sequence=2**32), ("packet.sequence is 4294967296",)),
     (changed(received=7), ("packet.received is 7", "True or False")),
     (changed(size=-1), ("packet.size is -1",)),

@@ -71,7 +71,7 @@ WRONG = [
     ({"packets": [None]}, ("packets has 1 entries", "one entry a cycle (3)")),
     ({"packets": b""}, ("packets is b''", "a list")),
     ({"packets": [None, None, "x"]}, ("packet is str",)),
-    ({"pins": [0, 0]}, ("pins is of shape (2,)", "[cycles] = [3]", "0..255")),
+    ({"pins": [0, 0]}, ("pins has shape (2,)", "[cycles] = [3]")),
     ({"pins": 256}, ("pins is 256", "0..255")),
     ({"pins": 1.5}, ("pins is 1.5",)),
     ({"pins": [0, 0, -1]}, ("pins[2] is -1",)),
