@@ -4,16 +4,13 @@ nothing lost.
 
 from __future__ import annotations
 
-import json
 import os
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 import synthetic_results as synthetic
-from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.errors import StoreError
@@ -49,23 +46,6 @@ def test_round_trip_keeps_every_value(tmp_path):
     assert list(got.columns) == [c.name for c in schema.columns(synthetic.shape())]
     expected = schema.conform(FRAME, synthetic.shape()).to_pandas()
     pd.testing.assert_frame_equal(got, expected, check_categorical=False)
-
-
-def test_plain_pandas_reads_the_parts(tmp_path):
-    fill(tmp_path, chunk=40)
-    plain = pd.read_parquet(tmp_path / "parts").sort_values("index").reset_index(drop=True)
-    pd.testing.assert_frame_equal(plain, read_all(tmp_path), check_categorical=False)
-
-
-def test_second_start_has_nothing_to_do_and_keeps_times(tmp_path):
-    fill(tmp_path, chunk=40)
-    first = manifests.read(tmp_path)
-    folder = ResultFolder.open(tmp_path, wanted())
-    assert list(folder.missing(40)) == [] and folder.manifest.done == RUNS
-    folder.close(compile_s=0.0, run_s=0.0, rows=0)
-    second = manifests.read(tmp_path)
-    assert second.starts == 2
-    assert (second.finished, second.compile_s, second.parts) == (first.finished, 1.0, first.parts)
 
 
 def test_recording_a_part_adds_a_line_and_rewrites_nothing(tmp_path):
@@ -105,18 +85,6 @@ def test_a_torn_line_is_no_record_and_harms_no_other(tmp_path, end):
     assert path.read_bytes() == b"".join(lines)
 
 
-def test_a_finished_folder_whose_list_is_lost_is_not_read_as_if_it_were_whole(tmp_path):
-    fill(tmp_path, chunk=40)
-    path = tmp_path / "parts.jsonl"
-    path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
-    with pytest.raises(
-        StoreError, match=r"parts.jsonl: names parts of 40 of the 100 finished runs. Start the same"
-    ):
-        read_all(tmp_path)
-    ResultFolder.open(tmp_path, wanted())
-    assert len(read_all(tmp_path)) == RUNS
-
-
 def test_lost_part_is_computed_again(tmp_path):
     fill(tmp_path, chunk=40)
     a_part(tmp_path).unlink()
@@ -127,47 +95,7 @@ def test_lost_part_is_computed_again(tmp_path):
     assert len(read_all(tmp_path)) == RUNS - 40
 
 
-def a_record(first, last):
-    return parts.Part(file=f"{first}", first=first, last=last, sha256="", size=0)
-
-
-def apart(numbers):
-    """Ranges between each two of these numbers, in turn in and out."""
-    cuts = sorted(numbers)
-    return [range(a, b) for a, b in zip(cuts[::2], cuts[1::2], strict=False)]
-
-
 numbers = st.sets(st.integers(0, 60), max_size=12)
-
-
-@given(numbers, numbers, st.integers(1, 20))
-def test_gaps_are_the_wanted_rows_that_no_part_holds(held, asked, chunk):
-    finished = [a_record(rows.start, rows.stop - 1) for rows in apart(held)]
-    found = list(parts.gaps(finished, apart(asked), chunk))
-    rows = [row for some in found for row in some]
-    there = {row for part in finished for row in part.rows}
-    assert rows == [row for some in apart(asked) for row in some if row not in there]
-    assert all(some.start // chunk == (some.stop - 1) // chunk for some in found), (
-        "none reaches over a cut"
-    )
-    edges = {r.start for r in apart(asked)} | {part.last + 1 for part in finished}
-    assert all(some.start % chunk == 0 or some.start in edges for some in found), (
-        "and none is cut elsewhere"
-    )
-
-
-@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 10)), max_size=12), st.integers(0, 12))
-def test_parts_are_told_apart_as_one_by_one(spans, trusted):
-    found = [a_record(first, first + more) for first, more in spans]
-    found = [part.model_copy(update={"file": str(k)}) for k, part in enumerate(found)]
-    names = [part.file for part in found[:trusted]]
-    kept, over = parts.apart(found, names)
-    assert sorted(part.file for part in kept + over) == sorted(part.file for part in found)
-    taken: set[int] = set()
-    for part in sorted(found, key=lambda part: (part.file not in names, part.first, part.last)):
-        assert (part in kept) == taken.isdisjoint(part.rows)
-        if part in kept:
-            taken |= set(part.rows)
 
 
 def test_overlapping_parts_are_set_aside_the_unrecorded_first(tmp_path):
@@ -181,18 +109,6 @@ def test_overlapping_parts_are_set_aside_the_unrecorded_first(tmp_path):
     assert (tmp_path / "set-aside" / "part-000000070-000000089.parquet").exists()
     assert list(again.missing(40)) == []
     pd.testing.assert_frame_equal(read_all(tmp_path), whole)
-
-
-def test_a_reader_refuses_parts_that_overlap(tmp_path):
-    folder = fill(tmp_path, chunk=40)
-    one_more = parts.write(
-        tmp_path / "parts", FRAME.iloc[70:90], folder.manifest.shape, folder.manifest.config_hash
-    )
-    manifests.record(tmp_path, one_more)
-    with pytest.raises(
-        StoreError, match=r"holds rows that another part holds, too.*sets one of them aside"
-    ):
-        read_all(tmp_path)
 
 
 # --- rows of their own
@@ -213,19 +129,6 @@ def test_rows_of_a_folder_may_grow_and_the_table_is_the_same(tmp_path):
     pd.testing.assert_frame_equal(read_all(tmp_path / "grown"), read_all(tmp_path / "whole"))
 
 
-@given(st.lists(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 5)), max_size=5), max_size=4))
-def test_joined_ranges_hold_the_rows_of_all(some):
-    ranges = [tuple((first, first + more) for first, more in one) for one in some]
-    found = manifests.joined(*ranges)
-    assert found is not None
-    rows = [row for first, last in found for row in range(first, last + 1)]
-    assert rows == sorted(
-        {row for one in ranges for first, last in one for row in range(first, last + 1)}
-    )
-    assert all(b[0] > a[1] + 1 for a, b in pairwise(found)), "as few as can be"
-    assert manifests.joined(*ranges, None) is None
-
-
 # --- damage ---------------------------------------------------------------------------------------
 # --------------------
 
@@ -244,15 +147,6 @@ def test_newer_schema_is_refused_politely(tmp_path):
         read_all(tmp_path)
 
 
-def test_foreign_parquet_is_refused(tmp_path):
-    path = tmp_path / "part-000000000-000000002.parquet"
-    pq.write_table(
-        schema.conform(FRAME.iloc[:3], synthetic.shape()).replace_schema_metadata({}), path
-    )
-    with pytest.raises(StoreError, match="not a ravenjax result part"):
-        parts.read(path)
-
-
 @pytest.mark.parametrize("text", ["{", "[]", f'{{"schema_version": {schema.VERSION}}}'])
 def test_damaged_manifest_is_named_and_parts_survive_without_it(tmp_path, text):
     fill(tmp_path, chunk=40)
@@ -262,14 +156,6 @@ def test_damaged_manifest_is_named_and_parts_survive_without_it(tmp_path, text):
         read_all(tmp_path)
     path.unlink()
     assert ResultFolder.open(tmp_path, wanted()).manifest.done == RUNS
-
-
-def test_no_result_folder(tmp_path):
-    with pytest.raises(StoreError, match=r"holds no manifest.json"):
-        read_all(tmp_path)
-    ResultFolder.open(tmp_path, wanted())
-    with pytest.raises(StoreError, match="no finished part yet"):
-        read_all(tmp_path)
 
 
 # --- checks before work
@@ -309,14 +195,6 @@ def test_a_foreign_part_in_a_folder_of_this_campaign_is_set_aside(tmp_path):
     assert len(folder.notes) == 2 and path.name in told and "belongs to another campaign" in told
     assert {p.name for p in (tmp_path / "set-aside").iterdir()} == {path.name, with_another.file}
     assert list(folder.missing(1000)) == [range(40, 80)]
-
-
-def test_parts_of_another_campaign_without_manifest_are_refused(tmp_path):
-    fill(tmp_path, chunk=40)
-    (tmp_path / "manifest.json").unlink()
-    with pytest.raises(StoreError, match="belongs to another campaign"):
-        ResultFolder.open(tmp_path, wanted(config_hash="0" * 64))
-    assert len(parts.files(tmp_path / "parts")) == 3, "they may be somebody's only copy"
 
 
 def test_a_part_that_the_disk_cannot_read_is_not_taken_for_a_damaged_one(tmp_path, monkeypatch):
@@ -365,13 +243,3 @@ def test_full_disk_leaves_the_old_file(tmp_path, monkeypatch):
         manifests.write(tmp_path, folder.manifest)
     assert {p: p.read_bytes() for p in before} == before
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
-
-
-def test_manifest_hashes():
-    assert manifests.config_hash({"a": 1, "b": {"c": 2.5}}) == manifests.config_hash(
-        {"b": {"c": 2.5}, "a": 1}
-    )
-    assert manifests.config_hash({"a": 1}) != manifests.config_hash({"a": 2})
-    assert len(manifests.code_hash()) == 64
-    assert {"python", "ravenjax", "jax", "mujoco", "numpy"} <= manifests.package_versions().keys()
-    json.loads(wanted().model_dump_json())

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pyarrow as pa
 import pytest
 import synthetic_results as synthetic
 
@@ -31,28 +30,6 @@ def test_each_column_is_named_once_and_described(form):
 
 UNITLESS = {"index", "pair", "seed", "end_runlevel"} | {f"cue{k}_count" for k in range(9)}
 UNITLESS |= {f"detector{d}_threshold{k}_alarms" for d in range(9) for k in range(9)}
-
-
-def test_repeated_columns_follow_the_shape():
-    names = {
-        c.name
-        for c in schema.columns(
-            schema.Shape(arms=("gold", "green"), slots=2, cues=3, checks=("estop",))
-        )
-    }
-    assert {"fault1_site", "cue2_first_ms", "check_estop_margin", "peak_dac_green_grasp2"} <= names
-    assert not {"fault2_site", "cue3_first_ms", "check_ik_reject_margin"} & names
-
-
-def test_conform_gives_exactly_the_schema():
-    frame = synthetic.frame(50)
-    table = schema.conform(frame[frame.columns[::-1]], SHAPE)
-    assert table.schema.equals(schema.arrow_schema(SHAPE), check_metadata=True)
-    assert (
-        table["fault0_value"].type == pa.float64()
-        and table["peak_dac_gold_elbow"].type == pa.int32()
-    )
-    assert table["run_id"].to_pylist() == list(frame["run_id"])
 
 
 def test_results_readme_describes_each_column():

@@ -4,20 +4,23 @@ before it is asked for.
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import pyarrow as pa
 
+from ravenjax import threads
 from ravenjax.store import folder, parts, schema, words
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+Measured = TypeVar("Measured")
 
 
 @dataclass(frozen=True)
@@ -40,42 +43,44 @@ class Results:
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The table, or some of its columns, as Arrow. Raises StoreError as `folder.read_all`."""
         schema.require_columns(self.shape, columns or ())
-        names = None if columns is None else list(columns)
-        return pa.concat_tables(self._parts(names)).unify_dictionaries()
+        tables = self._of_parts(lambda table: table, columns)
+        return pa.concat_tables(tables).unify_dictionaries()
 
     def verdicts(self) -> dict[str, int]:
         """How many of the faulty runs have each verdict, most frequent first; "" is that of failed
         runs.
 
-        Read part by part, so that memory does not grow with the table. Raises StoreError as
+        Counted part by part, so that memory does not grow with the table. Raises StoreError as
         `folder.read_all`.
         """
         sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
-        counts: Counter[str] = Counter()
-        for table in self._parts(["verdict", *sites]):
+
+        def count(table: pa.Table) -> dict[str, int]:
             faulty = np.zeros(table.num_rows, bool)
             for site in sites:
                 faulty |= ~words.of_arrow(table.column(site)).equal("")
-            counts.update(words.of_arrow(table.column("verdict"))[faulty].counts())
+            return words.of_arrow(table.column("verdict"))[faulty].counts()
+
+        counts: Counter[str] = Counter()
+        for part in self._of_parts(count, ["verdict", *sites]):
+            counts.update(part)
         return {verdict: number for verdict, number in counts.most_common() if number}
 
-    def _parts(self, columns: list[str] | None) -> Iterator[pa.Table]:
-        """Columns of each part, by the first row; None: all of them."""
-        if self.path is None:
-            yield from (
-                table if columns is None else table.select(columns) for table in self.tables
-            )
-            return
-        record = folder.read_complete_manifest(self.path)
-        due = deque(sorted(record.parts, key=lambda part: part.first))
-        coming: deque[Future[pa.Table]] = deque()
-        with ThreadPoolExecutor(folder.READERS) as pool:
-            while due or coming:
-                while due and len(coming) < folder.READERS:
-                    part, place = due.popleft(), self.path / folder.PARTS
-                    coming.append(
-                        pool.submit(
-                            parts.read, place / part.file, record.config_hash, part, columns
-                        )
-                    )
-                yield coming.popleft().result()
+    def _of_parts(
+        self, measure: Callable[[pa.Table], Measured], columns: Sequence[str] | None
+    ) -> list[Measured]:
+        """What `measure` makes of the columns of each part, by the first row; None: of all."""
+        path = self.path
+        if path is None:
+            return [
+                measure(table if columns is None else table.select(list(columns)))
+                for table in self.tables
+            ]
+        record = folder.read_complete_manifest(path)
+        return threads.mapped(
+            lambda part: measure(
+                parts.read(path / folder.PARTS / part.file, record.config_hash, part, columns)
+            ),
+            sorted(record.parts, key=lambda part: part.first),
+            folder.READERS,
+        )

@@ -67,11 +67,6 @@ def test_joint_states_of_crtk_are_a_table(tmp_path, arm, one, swapped, name) -> 
     assert_same(read(path, arm), of_csv(tmp_path, one), 1e-12)
 
 
-def test_a_file_of_ros2_by_itself_is_as_its_folder(tmp_path) -> None:
-    folder = bags.crtk_bag(tmp_path / "log", GOLD, GREEN, 2)
-    assert_same(read(next(folder.glob("*.mcap"))), read(folder), 0.0)
-
-
 def test_a_session_of_ravenjax_can_be_read(tmp_path) -> None:
     """Its joint states come every 10 ms; a row lasts 1 ms."""
     names = [f"gold/{word}/{j}" for word in ("jpos", "jpos_d") for j in range(7)]
@@ -102,19 +97,3 @@ def test_what_is_no_bag_is_refused(tmp_path, name) -> None:
     (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n and then nothing")
     with pytest.raises(UserError, match="no bag or MCAP file that can be read"):
         read(tmp_path / name)
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "words"),
-    [
-        ("nanoseconds: ", "nanoseconds: [] #", "metadata are damaged"),
-        ("rosbag2_bagfile_information:", "x:", "that can be read"),
-    ],
-)
-def test_metadata_of_another_shape_are_refused(tmp_path, before, after, words) -> None:
-    path = bags.crtk_bag(tmp_path / "log", GOLD, GREEN, ros=2)
-    metadata = path / "metadata.yaml"
-    assert before in metadata.read_text()
-    metadata.write_text(metadata.read_text().replace(before, after))
-    with pytest.raises(UserError, match=words):
-        joint_log.read_joint_log(path, "gold", "r_grasper", "raven2", position_loop.RAVEN2)

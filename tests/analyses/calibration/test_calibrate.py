@@ -12,8 +12,6 @@ from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibratio
 from ravenjax.analyses.calibration.fit import Fit
 from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
-from ravenjax.cli import calibration
-from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.plant import robot
 
@@ -54,47 +52,6 @@ def test_nine_of_ten_hidden_values_of_every_kind_are_inside_their_intervals() ->
         inside.extend(np.abs(one.fit.steps - hidden) <= NORMAL_90 * one.told)
         assert (one.told[:7] < 0.2).all() and one.told.max() < 1.001
     assert sum(inside) >= binom.ppf(0.025, len(inside), 0.9)
-
-
-def test_unknowns_move_what_they_name() -> None:
-    base = position_loop.params(PLANT)
-    wanted = (
-        Unknown("dry_friction", ("plant.link_coulomb", "plant.actuators.viscous"), 2, 0.5, True),
-        Unknown("offset", ("plant.actuators.bias",), 0, 0.02, False),
-    )
-    moved = parameters.apply(base, wanted, np.array([2.0, -1.0])).plant
-    assert float(moved.link_coulomb[2]) == pytest.approx(
-        float(PLANT.link_coulomb[2]) * np.e, rel=1e-6
-    )
-    assert float(moved.actuators.bias[0]) == pytest.approx(
-        float(PLANT.actuators.bias[0]) - 0.02, rel=1e-6
-    )
-    assert float(moved.actuators.viscous[2]) == pytest.approx(
-        float(PLANT.actuators.viscous[2]) * np.e, rel=1e-6
-    )
-    assert moved.actuators.coulomb == PLANT.actuators.coulomb
-    np.testing.assert_allclose(
-        parameters.before(base, wanted), [PLANT.link_coulomb[2], PLANT.actuators.bias[0]]
-    )
-    assert wanted[0].path == "dry_friction.insertion"
-
-
-def test_what_is_asked_can_be_chosen() -> None:
-    everything = [one.path for one in parameters.unknowns(range(7))]
-    assert len(everything) == len({*everything}) == 6 * 7 + 2
-    assert [one.path for one in parameters.unknowns((0, 2), ("cables", "offsets"))] == [
-        "offset.shoulder",
-        "offset.insertion",
-        "cable_stiffness.shoulder",
-        "cable_stiffness.insertion",
-        "cable_damping.shoulder",
-        "cable_damping.insertion",
-    ]
-    assert ",".join(parameters.ASKS) == calibration.EVERYTHING
-    with pytest.raises(
-        UserError, match=r"got frictions, expected some of friction.*Did you mean 'friction'"
-    ):
-        parameters.unknowns((0,), ("frictions",))
 
 
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:

@@ -48,12 +48,6 @@ def test_what_a_log_does_not_tell_stays_as_it_was_believed() -> None:
     assert best.steps[1] == 0.0 and best.covariance[1, 1] == pytest.approx(1.0)
 
 
-def test_every_iteration_costs_less_in_its_own_weights() -> None:
-    best = fitting.fit(predictor, measured(np.array([1.5, 0.8]), 0.02), 2)
-    before, after = np.array(best.costs).T
-    assert (after <= before).all() and len(best.costs) < fitting.ITERATIONS
-
-
 @pytest.mark.parametrize("truth", [1.6, -1.7])
 def test_a_joint_that_sticks_is_left_by_a_longer_step(truth) -> None:
     """Between -1 and 1 nothing moves, as behind too much friction: no slope leads out."""
@@ -70,14 +64,3 @@ def test_a_joint_that_sticks_is_left_by_a_longer_step(truth) -> None:
     measured[:, 1:] = np.nan
     best = fitting.fit(sticking, measured, 1)
     assert best.steps[0] == pytest.approx(truth, abs=0.01)
-
-
-@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.95])
-def test_samples_correlated_in_time_count_for_less(correlation) -> None:
-    """The integrated autocorrelation time of an autoregressive series is (1 + r) / (1 - r)."""
-    rng = np.random.default_rng(11)
-    series = np.zeros(100_000)
-    for k, shock in enumerate(rng.normal(size=len(series) - 1)):
-        series[k + 1] = correlation * series[k] + shock
-    exact = (1.0 + correlation) / (1.0 - correlation)
-    assert fitting._autocorrelation_time(series) == pytest.approx(exact, rel=0.15)

@@ -10,7 +10,7 @@ import virtual_log
 
 from ravenjax.analyses.calibration import parameters, position_loop, replays
 from ravenjax.analyses.calibration.joint_log import JointLog
-from ravenjax.numbers.vec import Vec, replace
+from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.plant import robot
 
 BASE = position_loop.params(robot.params(virtual_log.SETUP, "gold"))
@@ -30,15 +30,6 @@ def replayed(
         virtual_log.SETUP, "gold", position_loop.RAVEN2, parameters.unknowns((), asks)
     )
     return replays.robots(setup, [replace(BASE, **changed)], log(desired))[0]
-
-
-@pytest.mark.parametrize("delay", [0.0, 1.0, 2.0, 1.25, 9.0])
-def test_commands_arrive_late_by_whole_cycles_or_as_a_mixture(delay) -> None:
-    commands = [Vec((float(10**k),)) for k in range(4)]  # latest first
-    arriving = float(position_loop._arriving(delay, commands[0], tuple(commands[1:]))[0])
-    assert arriving == pytest.approx(
-        {0.0: 1.0, 1.0: 10.0, 2.0: 100.0, 1.25: 0.75 * 10 + 25.0, 9.0: 1000.0}[delay]
-    )
 
 
 def test_a_late_setpoint_moves_the_joints_later() -> None:

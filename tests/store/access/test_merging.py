@@ -5,7 +5,6 @@ named.
 from __future__ import annotations
 
 import itertools
-import os
 import tempfile
 from pathlib import Path
 
@@ -46,10 +45,6 @@ def two(tmp_path, **changes):
     ]
 
 
-def content(folder):
-    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
 @pytest.mark.slow
 @settings(max_examples=12)
 @given(st.data())
@@ -71,16 +66,6 @@ def test_any_cut_into_parts_and_shards_in_any_order_is_the_same_table(whole, dat
         again = merging.merge(root / "out", [shards[n] for n in reversed(order)])
         assert (again.present, again.linked, again.copied) == (len(ranges), 0, 0)
         pd.testing.assert_frame_equal(read_all(root / "out"), whole)
-
-
-def test_where_links_are_not_possible_parts_are_copied(tmp_path, monkeypatch, whole):
-    def refused(*_):
-        raise OSError(18, "Invalid cross-device link")
-
-    monkeypatch.setattr(os, "link", refused)
-    done = merging.merge(tmp_path / "out", two(tmp_path))
-    assert (done.linked, done.copied) == (0, 3)
-    pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
 
 
 def test_missing_rows_are_named_unless_a_part_of_the_table_will_do(tmp_path):
@@ -154,24 +139,3 @@ def test_a_damaged_part_is_named_and_nothing_written(tmp_path):
     with pytest.raises(StoreError, match=rf"{path}: has .* bytes"):
         merging.merge(tmp_path / "out", shards)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_part_without_a_record_is_taken(tmp_path, whole):
-    shards = two(tmp_path)
-    (shards[0] / "parts.jsonl").write_bytes(b"")
-    merging.merge(tmp_path / "out", shards)
-    pd.testing.assert_frame_equal(read_all(tmp_path / "out"), whole)
-
-
-def test_a_folder_with_foreign_parts_and_one_without_shards(tmp_path):
-    shards = two(tmp_path)
-    shard(tmp_path / "out", [(10, 20)])
-    (tmp_path / "out" / "manifest.json").unlink()
-    with pytest.raises(
-        StoreError, match=r"part-000000010-000000019.parquet: is in the folder to merge into"
-    ):
-        merging.merge(tmp_path / "out", shards)
-    with pytest.raises(StoreError, match="nothing to merge"):
-        merging.merge(tmp_path / "out", [])
-    with pytest.raises(StoreError, match=r"holds no manifest.json"):
-        merging.merge(tmp_path / "new", [tmp_path])

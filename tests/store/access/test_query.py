@@ -50,12 +50,6 @@ def test_the_relation_is_the_table_whatever_the_parts(chunk):
         )
 
 
-@pytest.mark.parametrize("name", ["with space", "a[1]b", "what?*", "quote's", 'say "x"'])
-def test_any_path_will_do(tmp_path, name):
-    with query.open_folder(fill(tmp_path / name, 40)) as table:
-        assert table.row("SELECT count(*) FROM results") == (RUNS,)
-
-
 def test_parts_that_nobody_recorded_are_not_read(tmp_path):
     fill(tmp_path, 40)
     record = manifests.read(tmp_path)
@@ -75,17 +69,6 @@ def test_damage_is_refused_before_a_query(tmp_path):
         query.open_folder(tmp_path)
 
 
-def test_an_empty_and_an_incomplete_folder(tmp_path):
-    ResultFolder.open(tmp_path, synthetic.manifest(RUNS))
-    with pytest.raises(StoreError, match="no finished part yet"):
-        query.open_folder(tmp_path)
-    fill(tmp_path, 40)
-    listed = tmp_path / "parts.jsonl"
-    listed.write_bytes(listed.read_bytes().splitlines(keepends=True)[0])
-    with pytest.raises(StoreError, match=r"names parts of 40 of the 90 finished runs"):
-        query.open_folder(tmp_path)
-
-
 @pytest.mark.slow
 def test_what_does_not_fit_in_memory_is_spilled_and_what_cannot_be_is_told(tmp_path):
     with query.empty(tmp_path, memory_mb=60) as table:
@@ -97,12 +80,3 @@ def test_what_does_not_fit_in_memory_is_spilled_and_what_cannot_be_is_told(tmp_p
         pytest.raises(StoreError, match="RAVENJAX_QUERY_MB=4000"),
     ):
         table.row("SELECT len(list(hash(i))) FROM range(20000000) AS made(i)")
-
-
-def test_the_memory_that_a_user_gives(monkeypatch):
-    monkeypatch.setenv("RAVENJAX_QUERY_MB", "123")
-    with query.empty() as table:
-        assert table.row("SELECT current_setting('memory_limit')")[0].startswith("117")  # MiB
-    monkeypatch.setenv("RAVENJAX_QUERY_MB", "lots")
-    with pytest.raises(StoreError, match="RAVENJAX_QUERY_MB=lots: expected a number of MB"):
-        query.empty()

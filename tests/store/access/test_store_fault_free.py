@@ -79,15 +79,6 @@ def test_another_robot_or_the_same_motion_does_not_count_and_says_why(tmp_path, 
     assert companions.excluded[0].startswith("motion: ") and why in companions.excluded[0]
 
 
-def test_one_motion_counts_once(tmp_path):
-    put(tmp_path, "a")
-    put(tmp_path, "b", config=config(campaign={"duration_s": 60.0}))
-    companions = fault_free.find(tmp_path, CAMPAIGN)
-    assert [one.path.name for one in companions.motions] == ["a"] and companions.excluded == (
-        "b: the same motion",
-    )
-
-
 def test_with_noise_the_seed_makes_another_motion():
     noisy = synthetic.manifest(20, config=config(campaign={"noise": True}))
     again = noisy.model_copy(update={"seed": 8})

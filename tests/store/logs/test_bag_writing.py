@@ -181,51 +181,6 @@ def test_debians_rosbag_reads_it(which, request, tmp_path):
     assert told["last"]["/arm1/measured_cp"] == expected
 
 
-RECORD = """
-import sys, rosbag, rospy
-from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import JointState
-with rosbag.Bag(sys.argv[1], "w", compression=sys.argv[2]) as bag:
-    for n in range(300):
-        stamp = rospy.Time.from_sec(1700000000 + n * 0.01)
-        pose = PoseStamped()
-        pose.header.stamp, pose.header.frame_id = stamp, "arm1_base"
-        pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = -0.078 + n * 2e-5, -0.025, 0.013
-        pose.pose.orientation.w = 1.0
-        bag.write("/arm1/setpoint_cp", pose, stamp)
-        jaws = JointState(position=[0.3, 0.3], name=["grasp1", "grasp2"])
-        jaws.header.stamp = stamp
-        bag.write("/arm1/setpoint_js", jaws, stamp)
-"""  # noqa: E501
-CAMPAIGN = """
-[campaign]
-name = "of_a_bag"
-duration_s = 1.5
-arms = ["gold"]
-[operator]
-file = "{bag}"
-[[group]]
-name = "free"
-"""
-
-
-@pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
-def test_a_bag_of_debians_rosbag_is_a_motion(tmp_path, compression):
-    by_debian(RECORD, tmp_path / "hand.bag", compression)
-    one = recording.load(tmp_path / "hand.bag", ("gold",), ReplayOptions())
-    np.testing.assert_allclose(
-        one.poses.position[:, 0, 0], -0.078 + np.arange(len(one)) * 2e-6, atol=1e-9
-    )
-    np.testing.assert_allclose(one.poses.opening_mrad, 600.0)
-
-
-@pytest.mark.slow
-def test_a_bag_of_debians_rosbag_drives_a_campaign(tmp_path):
-    by_debian(RECORD, tmp_path / "hand.bag", "none")
-    (tmp_path / "of_a_bag.toml").write_text(CAMPAIGN.format(bag=tmp_path / "hand.bag"))
-    assert main(["run", str(tmp_path / "of_a_bag.toml"), "--out", str(tmp_path / "out")]) == 0
-
-
 def test_what_cannot_be_written_is_one_sentence(session, trace, tmp_path, capsys):
     there = tmp_path / "there.bag"
     there.write_bytes(b"")

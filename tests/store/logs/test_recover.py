@@ -143,14 +143,6 @@ def test_damage_anywhere_costs_at_most_the_chunks_that_it_touches(whole, tmp_pat
         assert len(hit) <= 2 and log.lost_bytes <= lost + 2 * size + 600
 
 
-def test_a_file_may_be_recovered_in_place(whole, tmp_path):
-    data, _, ends = whole
-    path = tmp_path / session_log.FILE
-    path.write_bytes(data[: ends[6] + 5])
-    mcap_records.recover(path, path)
-    assert seeking(path) == list(range(7 * BLOCK)) and list(tmp_path.iterdir()) == [path]
-
-
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4])
 @pytest.mark.parametrize("chunked", [True, False])
 def test_any_mcap_file_is_recovered(tmp_path, compression, chunked):

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -49,21 +46,3 @@ def test_every_series_is_where_its_names_say(arms):
     assert found["cue_threshold_mm"].values.tolist() == [3.0, 2.0] and found.attrs == {
         "run_id": "ab"
     }
-
-
-def test_it_is_a_file_of_other_tools(tmp_path):
-    import xarray
-
-    found = time_series.dataset(series(), {"run_id": "ab", "index": 3})
-    found.to_netcdf(tmp_path / "run.nc")
-    with xarray.open_dataset(tmp_path / "run.nc") as again:
-        np.testing.assert_array_equal(
-            again["tip"].sel(arm="green", axis="y"), found["tip"].sel(arm="green", axis="y")
-        )
-        assert again["tip"].attrs["units"] == "m" and again.attrs["run_id"] == "ab"
-
-
-@pytest.mark.slow
-def test_xarray_is_imported_when_it_is_needed():
-    code = "import sys, ravenjax.api; sys.exit('xarray' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -20,7 +20,6 @@ from ravenjax.store.motion import bag_file
 from ravenjax.train.protocol.frame import FrameLayout
 
 LAYOUT = FrameLayout.of(("gold", "green"))
-START = 1_767_323_045_678_000_000  # ns, of the header's "started"
 HEADER = {
     "arms": ["gold", "green"],
     "name": "é",

@@ -25,7 +25,6 @@ BASES = {
         (0.1, 0.2, 0.3), tuple(Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_quat())
     )
 }
-RULE = "=" * 80
 
 
 def turns(axis):
@@ -116,21 +115,6 @@ def test_poses_have_their_place_and_a_unit_quaternion(log, series, topic, place,
     wanted = series[f"gold/{rotation}"].reshape(-1, 3, 3)
     np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), wanted, atol=1e-6)
     assert np.abs(np.diff(quaternion, axis=0)).max() < 0.01  # one sign from tick to tick
-
-
-def test_the_true_tip_is_a_pose_where_it_is_known(log, series):
-    known = [message.number for message in log.topics["/arm1/true_cp"]]
-    assert known == [*range(100), *range(103, TICKS)]
-    assert [message.time_ns for message in log.topics["/arm1/true_cp"]] == [
-        1_000_000 * tick for tick in known
-    ]
-    np.testing.assert_array_equal(
-        log.column("/arm1/true_cp", "pose", "position"), series["gold/tip"][known]
-    )
-    quaternion = log.column("/arm1/true_cp", "pose", "orientation")
-    np.testing.assert_allclose(
-        Rotation.from_quat(quaternion).as_matrix(), series["gold/tip_rotation"][known], atol=1e-12
-    )
 
 
 def test_a_tip_without_orientation_is_a_point(log, series):

@@ -9,11 +9,10 @@ import struct
 
 import numpy as np
 import pytest
-from test_packet_file import FILE, table
+from test_packet_file import table
 
 from ravenjax.errors import UserError
-from ravenjax.store.motion import packet_file, recording
-from ravenjax.store.motion.options import ReplayOptions
+from ravenjax.store.motion import packet_file
 
 HERE, THERE = bytes([10, 0, 0, 1]), bytes([10, 0, 0, 2])
 needs_dpkt = pytest.mark.skipif(
@@ -166,23 +165,3 @@ def test_without_the_package_it_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(packet_file.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(UserError, match=r"pip install 'ravenjax\[pcap\]'"):
         packet_file.read_packets(path)
-
-
-@needs_dpkt
-def test_a_capture_of_the_recorded_console_is_the_motion_of_its_table(tmp_path, shared_data):
-    import pandas as pd
-
-    rows = pd.read_parquet(shared_data(FILE))[:3000]
-    rows.to_parquet(tmp_path / "rows.parquet")
-    frames = [
-        (BEGIN_NS + int(ns), ipv4(one))
-        for ns, one in zip(rows["arrival_us"], rows["packet"], strict=True)
-    ]
-    options = ReplayOptions(console="dv_trainer", max_gap_s=0.2)
-    one, other = (
-        recording.load(path, ("gold", "green"), options)
-        for path in (pcap(tmp_path / "a.pcap", frames, 101), tmp_path / "rows.parquet")
-    )
-    rows = min(len(one), len(other))
-    np.testing.assert_allclose(one.poses.position[:rows], other.poses.position[:rows], atol=1e-8)
-    assert abs(len(one) - len(other)) <= 1

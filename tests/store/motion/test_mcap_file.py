@@ -95,22 +95,6 @@ def test_each_arm_has_its_own_times(tmp_path):
     )
 
 
-def test_stamps_that_stand_still_or_go_back_are_refused(tmp_path):
-    still = TIME_S.copy()
-    still[30] = still[29]
-    path = write(
-        tmp_path / "a.mcap",
-        {("gold", "setpoint_cp"): (nanoseconds(TIME_S), nanoseconds(still), place(TIME_S))},
-    )
-    refused(path, "row 30 has the time of row 29", "header stamps of /arm1/setpoint_cp")
-    still[30] = 0.0
-    path = write(
-        tmp_path / "a.mcap",
-        {("gold", "setpoint_cp"): (nanoseconds(TIME_S), nanoseconds(still), place(TIME_S))},
-    )
-    refused(path, "row 30: time goes back by")
-
-
 def test_a_topic_of_another_kind_and_numbers_that_are_none(tmp_path):
     broken = place(TIME_S)
     broken[12, 1] = np.inf

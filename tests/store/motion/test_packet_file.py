@@ -123,12 +123,3 @@ def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(
 def test_errors(tmp_path, changes, words):
     with pytest.raises(UserError, match=words):
         packet_file.read_stream(table(tmp_path / "a.parquet", **changes), ("gold",), "raven")
-
-
-def test_tips_have_no_console(tmp_path):
-    path = tmp_path / "tips.parquet"
-    pd.DataFrame(
-        {"time_s": [0.0, 0.1], "gold_x_um": 0.0, "gold_y_um": 0.0, "gold_z_um": 0.0}
-    ).to_parquet(path)
-    with pytest.raises(UserError, match="is of a stream of packets, this file holds tips"):
-        recording.load(path, ("gold",), ReplayOptions(console="raven"))

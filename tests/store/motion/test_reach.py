@@ -9,7 +9,6 @@ from recorded_hands import HOME_MM, ROWS, play, recording, refused, tip_mm
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store.motion import replay
-from ravenjax.store.motion.reach import Bounds
 
 
 @pytest.fixture
@@ -45,30 +44,6 @@ def test_what_cannot_be_reached_is_refused_with_how_much_where_and_why(leaving):
         one = play(leaving, window_s=(float(begin), float(end)))
         assert one.summary.window_s == pytest.approx((float(begin), float(end) - 1e-3))
         assert one.summary.arms[0].inside < 1.0 and one.summary.outside_share > 0.0
-
-
-def test_window_outside_the_recording(parquet):
-    refused(
-        parquet(recording()), "outside the recording, expected in 0 .. 3.000 s", window_s=(1.0, 9.0)
-    )
-
-
-def test_nowhere_reachable(parquet):
-    frame = recording()
-    frame["gold_x_um"] += 400_000.0
-    refused(parquet(frame), "nothing can be replayed")
-
-
-def test_limits_are_those_of_the_campaign(parquet):
-    path = parquet(recording())
-    usual = replay.usual_bounds()
-    tight = Bounds((*usual.lower[:2], 0.397, *usual.lower[3:]), usual.upper)
-    refused(
-        path,
-        "insertion of gold would be at 39",
-        "soft limits 397.0 to 560.0 mm less 2 mm",
-        bounds=tight,
-    )
 
 
 # --- scale ----------------------------------------------------------------------------------------

@@ -43,24 +43,6 @@ def test_a_smooth_curve_comes_back_within_the_bound(steps, parts):
     )
 
 
-@settings(max_examples=50)
-@given(steps_ms, st.integers(0, 2**31))
-def test_it_passes_through_every_sample_and_never_leaves_its_neighbours(steps, seed):
-    time_s = np.cumsum([0.0, *steps]) * 1e-3
-    values = np.random.default_rng(seed).normal(size=(len(time_s), 3))
-    np.testing.assert_allclose(
-        resampling.by_time(time_s, values, time_s), values, rtol=0.0, atol=1e-12
-    )
-    at = np.linspace(0.0, time_s[-1], 500)
-    between = np.clip(np.searchsorted(time_s, at, side="right") - 1, 0, len(time_s) - 2)
-    low, high = (
-        np.minimum(values[between], values[between + 1]),
-        np.maximum(values[between], values[between + 1]),
-    )
-    found = resampling.by_time(time_s, values, at)
-    assert (found >= low - 1e-12).all() and (found <= high + 1e-12).all()
-
-
 @settings(max_examples=25)
 @given(
     st.lists(st.floats(0.5, 40.0), min_size=60, max_size=200),
@@ -98,10 +80,3 @@ def test_turns_are_unit_quaternions_whatever_their_sign(steps, seed):
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
     wanted = Rotation.from_rotvec(np.outer(at, [0.3, -0.2, 1.0]))
     assert (Rotation.from_quat(found) * wanted.inv()).magnitude().max() < 1e-3
-
-
-def test_a_low_pass_does_not_reach_over_a_gap():
-    values = np.concatenate([np.zeros(500), np.full(500, np.nan), np.ones(500)])[:, None]
-    smooth = resampling.low_pass(values, 5.0, [(0, 500), (1000, 1500)])
-    np.testing.assert_allclose(smooth[:500], 0.0, atol=1e-12)
-    np.testing.assert_allclose(smooth[1000:], 1.0, atol=1e-9)

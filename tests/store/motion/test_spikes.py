@@ -39,11 +39,6 @@ def test_a_tip_that_does_not_come_back_cannot_be_removed(parquet):
     assert play(path, window_s=(1.5, 3.0)).motion.duration_s == pytest.approx(2.25, abs=2e-3)
 
 
-def test_fast_but_possible_hands_have_no_spikes(shared_data):
-    path = shared_data("operator_positions.parquet")
-    assert play(path, rate_hz=1000.0, ticks=3000).summary.spikes == ()
-
-
 @settings(max_examples=60)
 @given(
     st.integers(1, ROWS - 2 - spikes.MOST_ROWS),

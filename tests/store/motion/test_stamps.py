@@ -91,36 +91,8 @@ def test_a_rate_overrules_stamps_of_arrival_and_says_so(parquet):
     np.testing.assert_allclose(one.motion.position_um, plain.motion.position_um, atol=1e-6)
 
 
-def test_a_rate_that_contradicts_the_stamps_is_refused(parquet):
-    path = parquet(table(SLOW).assign(time_s=SLOW))
-    refused(
-        path,
-        "rate_hz = 1000 makes 0.089 s of 90 rows",
-        "(30 rows a second)",
-        "slow_down",
-        rate_hz=1000.0,
-    )
-
-
 # --- what cannot be -------------------------------------------------------------------------------
 # --------------------
-
-
-def test_time_that_goes_back(parquet):
-    frame = recording()
-    frame.loc[40, "time_s"] = 0.0
-    refused(
-        parquet(frame),
-        "row 40: time goes back by 0.039 s (column time_s; 1 such row)",
-        "Sort the rows",
-    )
-
-
-def test_time_that_goes_back_in_unsigned_numbers(parquet):
-    frame = recording().drop(columns="time_s")
-    time_us = np.arange(ROWS, dtype=np.uint64) * np.uint64(1000)
-    time_us[40] = 0
-    refused(parquet(frame.assign(time_us=time_us)), "row 40: time goes back by 0.039 s")
 
 
 def test_time_that_stands_still(parquet):
