@@ -137,112 +137,91 @@ def _fitted(kind: str, whole: Scalar) -> Scalar:
     return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
 
 
-def _strike(
-    setup: Setup,
-    use: SiteUse,
-    targets: list[tuple[int, Path, str]],
-    fault: FaultSlot,
-    slot: SlotState,
-    clock: TriggerClocks,
-    signal: Any,
-    present: Scalar,
-) -> tuple[SlotState, Any]:
-    """One slot at one site; `targets` are (code, path, kind) of the site's channels."""
-    numbers = [jnp.asarray(read(signal, path)) for _, path, _ in targets]
-    aims = [fault.code == code for code, _, _ in targets]
-    x = lax.convert_element_type(numbers[0], setup.precision.real)
-    here = aims[0]
-    for aim, number in zip(aims[1:], numbers[1:], strict=True):
-        x = jnp.where(aim, lax.convert_element_type(number, setup.precision.real), x)
-        here = here | aim
-    y = apply_effect(use.effects, x, fault, slot, clock.tick)
-
-    hit = slot.active & here & present
-    changed = jnp.bool_(False)
-    flips = fault.effect == EFFECT_CODES["bit_flip"]
-    for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
-        value = _store(kind, y, number)
-        differs = value != number
-        if "bit_flip" in use.effects and kind == "float":
-            differs = (
-                differs | flips
-            )  # of a 0 the lowest bit makes a number that an engine may take for 0
-        elif "bit_flip" in use.effects:
-            bits = flipped(lax.convert_element_type(number, jnp.int32), fault)
-            bits = _fitted(kind, bits)
-            value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
-            differs = value != number
-        changed = changed | (hit & aim & differs)
-        signal = write(signal, path, jnp.where(hit & aim, value, number))
-    return (
-        replace(
-            slot,
-            latched=jnp.where(hit & (slot.age == 0), y, slot.latched),
-            before=jnp.where(here & (~slot.active | (slot.before != slot.before)), x, slot.before),
-            first_tick=jnp.where(changed & (slot.first_tick < 0), clock.tick, slot.first_tick),
-            last_tick=jnp.where(changed, clock.tick, slot.last_tick),
-            changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),
-        ),
-        signal,
-    )
-
-
-def inject(
-    setup: Setup,
-    paths: Mapping[ChannelKey, Target],
-    faults: Faults,
-    state: FaultState,
-    clock: TriggerClocks,
-    site: str,
-    signal: Any,
-    present: Scalar = True,
-) -> tuple[FaultState, Any]:
-    """The signal of `site` as the faults leave it.
-
-    paths: where each channel of `channel_keys` stands in its site's signal, and its kind ("int16",
-    "int16 saturated", "int32", "float", "bool"). present: bool, whether there is anything to strike
-    in this tick. A site that the campaign does not use costs nothing.
-    """
-    keys = channel_keys(setup)
-    for use in setup.injection.sites:
-        if use.site != site:
-            continue
-        targets = [(i + 1, *paths[key]) for i, key in enumerate(keys) if key[0] == site]
-        slots = list(state.slots)
-        for i, fault in enumerate(faults.slots):
-            slots[i], signal = _strike(setup, use, targets, fault, slots[i], clock, signal, present)
-        state = FaultState(tuple(slots))
-    return state, signal
-
-
 class Injector:
-    """`inject(site, signal)` for one tick of a robot."""
+    """`inject(site, signal)` for one tick, carrying the faults' state from site to site."""
 
     def __init__(
         self,
-        robot: Robot,
         setup: Setup,
+        paths: Mapping[ChannelKey, Target],
         faults: Faults,
         state: FaultState,
         clock: TriggerClocks,
     ) -> None:
+        """paths: where each channel of `channel_keys` stands in its site's signal, and its kind
+        ("int16", "int16 saturated", "int32", "float", "bool").
+        """
         self.setup: Any = setup  # the robot's own
-        self.robot, self.faults, self.state, self.clock = robot, faults, state, clock
-
-    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        """The signal of a site as the faults leave it, where it is `present`."""
-        self.state, signal = inject(
-            self.setup, self.paths(), self.faults, self.state, self.clock, site, signal, present
-        )
-        return signal
+        self._paths, self._faults, self._clock = paths, faults, clock
+        self.state = state
 
     def strikes(self, *sites: str) -> bool:
         """Whether the campaign hits any of these sites."""
         return strikes(self.setup, *sites)
 
-    def paths(self) -> dict[ChannelKey, Target]:
-        """Where each channel that the campaign hits stands in its site's signal."""
-        return paths(self.robot, self.setup)
+    def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
+        """The signal of a site as the faults leave it, where it is `present` (bool)."""
+        keys = channel_keys(self.setup)
+        for use in self.setup.injection.sites:
+            if use.site != site:
+                continue
+            targets = [(i + 1, *self._paths[key]) for i, key in enumerate(keys) if key[0] == site]
+            slots = list(self.state.slots)
+            for i, fault in enumerate(self._faults.slots):
+                slots[i], signal = self._strike(use, targets, fault, slots[i], signal, present)
+            self.state = FaultState(tuple(slots))
+        return signal
+
+    def _strike(
+        self,
+        use: SiteUse,
+        targets: list[tuple[int, Path, str]],
+        fault: FaultSlot,
+        slot: SlotState,
+        signal: Any,
+        present: Scalar,
+    ) -> tuple[SlotState, Any]:
+        """One slot at one site; `targets` are (code, path, kind) of the site's channels."""
+        real, tick = self.setup.precision.real, self._clock.tick
+        numbers = [jnp.asarray(read(signal, path)) for _, path, _ in targets]
+        aims = [fault.code == code for code, _, _ in targets]
+        x = lax.convert_element_type(numbers[0], real)
+        here = aims[0]
+        for aim, number in zip(aims[1:], numbers[1:], strict=True):
+            x = jnp.where(aim, lax.convert_element_type(number, real), x)
+            here = here | aim
+        y = apply_effect(use.effects, x, fault, slot, tick)
+
+        hit = slot.active & here & present
+        changed = jnp.bool_(False)
+        flips = fault.effect == EFFECT_CODES["bit_flip"]
+        for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
+            value = _store(kind, y, number)
+            differs = value != number
+            if "bit_flip" in use.effects and kind == "float":
+                differs = (
+                    differs | flips
+                )  # of a 0 the lowest bit makes a number that an engine may take for 0
+            elif "bit_flip" in use.effects:
+                bits = flipped(lax.convert_element_type(number, jnp.int32), fault)
+                bits = _fitted(kind, bits)
+                value = jnp.where(flips, lax.convert_element_type(bits, number.dtype), value)
+                differs = value != number
+            changed = changed | (hit & aim & differs)
+            signal = write(signal, path, jnp.where(hit & aim, value, number))
+        return (
+            replace(
+                slot,
+                latched=jnp.where(hit & (slot.age == 0), y, slot.latched),
+                before=jnp.where(
+                    here & (~slot.active | (slot.before != slot.before)), x, slot.before
+                ),
+                first_tick=jnp.where(changed & (slot.first_tick < 0), tick, slot.first_tick),
+                last_tick=jnp.where(changed, tick, slot.last_tick),
+                changed_ticks=slot.changed_ticks + lax.convert_element_type(changed, jnp.int32),
+            ),
+            signal,
+        )
 
 
 def strikes(setup: Setup, *sites: str) -> bool:

@@ -206,8 +206,9 @@ def step(
             if use.part is None
             else [s for _, s in files[use.part]]
         )
-        score = _largest(setup, arms)
-        detectors.append(_watch(before, thresholds, _counted(score, armed), signal.tick))
+        # as it counts: never infinite
+        counted = jnp.where(armed, jnp.minimum(_largest(setup, arms), LARGEST), 0.0)
+        detectors.append(_watch(before, thresholds, counted, signal.tick))
     own = tuple(tuple(after for after, _ in arms) for arms in files.values())
     return DetectorsState(tuple(arm for arm, _ in views), own, tuple(detectors))
 
@@ -244,23 +245,12 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
     )
 
 
-@record
-class _Scores:
-    """One arm's scores by kind."""
-
-    mpos: Scalar
-    mvel: Scalar
-    jpos: Scalar
-    derivative_sum: Scalar
-    tip_error: Scalar
-    overdrive: Scalar
-
-
 def _arm(
     setup: Setup, params: DetectorParams, before: DetectorArmState, signal: DetectorSignal, i: int
-) -> tuple[DetectorArmState, _Scores]:
-    mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in _motion(signal))
-
+) -> tuple[DetectorArmState, dict[str, Scalar]]:
+    """One arm, and its scores by kind."""
+    motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
+    mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)
     learned = (params.shoulder, params.elbow, params.insertion)
 
     def largest(name: str, now: Vec, then: Vec) -> Scalar:
@@ -281,36 +271,27 @@ def _arm(
         real(setup, jnp.abs(command)) / real(setup, jnp.maximum(limit, 1))
         for command, limit in zip(signal.command[i][:6], signal.command_limit[:6], strict=True)
     ]
-    scores = _Scores(
-        mpos=largest("mpos", mpos, before.mpos),
-        mvel=jnp.minimum(mvel_step, before.mvel_step),
-        jpos=largest("jpos", jpos, before.jpos),
-        derivative_sum=link + MOTOR_SHARE * motor,
-        tip_error=signal.tip_error[i] * 1e3,
-        overdrive=_largest(setup, shares),
-    )
+    scores = {
+        "mpos": largest("mpos", mpos, before.mpos),
+        "mvel": jnp.minimum(mvel_step, before.mvel_step),
+        "jpos": largest("jpos", jpos, before.jpos),
+        "derivative_sum": link + MOTOR_SHARE * motor,
+        "tip_error": signal.tip_error[i] * 1e3,
+        "overdrive": _largest(setup, shares),
+    }
     return DetectorArmState(mpos, mvel, jpos, jvel, mvel_step), scores
 
 
-def _motion(signal: DetectorSignal) -> tuple[tuple[Vec, ...], ...]:
-    return signal.mpos, signal.mvel, signal.jpos, signal.jvel
-
-
-def _score(use: DetectorUse, scores: _Scores) -> Scalar:
+def _score(use: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
     if use.kind != "steps":
-        return getattr(scores, use.kind)
-    if use.fusion in ("mpos", "mvel", "jpos"):
-        return getattr(scores, use.fusion)
-    a, b, c = scores.mpos, scores.mvel, scores.jpos
+        return scores[use.kind]
+    if use.fusion in scores:
+        return scores[use.fusion]
+    a, b, c = (scores[name] for name in ("mpos", "mvel", "jpos"))
     low, high = jnp.minimum(a, b), jnp.maximum(a, b)
     if use.fusion == "all":
         return jnp.minimum(low, c)
     return jnp.maximum(high, c) if use.fusion == "any" else jnp.maximum(low, jnp.minimum(high, c))
-
-
-def _counted(score: Scalar, armed: Scalar) -> Scalar:
-    """A score as it counts: never infinite."""
-    return jnp.where(armed, jnp.minimum(score, LARGEST), 0.0)
 
 
 def _watch(

@@ -21,6 +21,7 @@ from __future__ import annotations
 from functools import reduce
 from typing import Annotated
 
+from ravenjax.numbers.algebra import dot, norm
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Reserved
 from ravenjax.numbers.setup import Setup
@@ -121,12 +122,11 @@ def step(
 ) -> tuple[HapticState, HapticOutput]:
     """One tick: the force of each cue, and its record."""
     error = signal.model_position - signal.robot_position
-    square = error[0] * error[0] + error[1] * error[1] + error[2] * error[2]
-    distance = jnp.sqrt(square)
+    distance = norm(error)
     inverse = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
     direction = error * inverse
     apart = signal.model_velocity - signal.robot_velocity
-    closing_speed = apart[0] * direction[0] + apart[1] * direction[1] + apart[2] * direction[2]
+    closing_speed = dot(apart, direction)
 
     forces, cues = [], []
     for cue, before in zip(params.cues, state.cues, strict=True):

@@ -288,8 +288,8 @@ def _arm(
     fresh = signal.fresh
     new = replace(
         after,
-        pos=pos.map(lambda a, b: jnp.where(fresh, a, b), state.pos),
-        golden_pos=golden_pos.map(lambda a, b: jnp.where(fresh, a, b), state.golden_pos),
+        pos=where(fresh, pos, state.pos),
+        golden_pos=where(fresh, golden_pos, state.golden_pos),
         over=jnp.where(fresh, over, state.over),
         leapt=leapt,
         peak_model=jnp.maximum(state.peak_model, model),

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any
 
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import Setup, real
 from ravenjax.numbers.vec import Scalar, record
 
 TICK_S = 1e-3
-
-
-class Touched(Protocol):
-    """What an instrument felt in a tick, N."""
-
-    @property
-    def tissue(self) -> Scalar: ...
-    @property
-    def vessel(self) -> Scalar: ...
-    @property
-    def instrument(self) -> Scalar: ...
 
 
 @record
@@ -37,8 +26,8 @@ def init(setup: Setup) -> TouchState:
     return TouchState(*(real(setup, jnp.float32(0.0)) for _ in range(4)))
 
 
-def step(state: TouchState, instruments: tuple[Touched, ...]) -> TouchState:
-    """After this tick."""
+def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
+    """After this tick. instruments: what each felt, N: `tissue`, `vessel`, `instrument`."""
     peak, impulse, vessel = state.peak, state.impulse, state.vessel
     for one in instruments:
         peak = jnp.maximum(peak, one.tissue)

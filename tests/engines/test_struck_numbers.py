@@ -122,7 +122,8 @@ class Use:
             slots.append(fault.SlotState(active, age, latched, before, never, jnp.int32(0), never))
         clock = fault.TriggerClocks(jnp.int32(7), jnp.int32(8), jnp.int32(-1))
         given = fault.Faults(tuple(faults)), fault.FaultState(tuple(slots))
-        state, signal = injection.inject(self.setup, self.paths, *given, clock, "site", signal)
+        inject = injection.Injector(self.setup, self.paths, *given, clock)
+        signal, state = inject("site", signal), inject.state
         return jax.tree.leaves(
             (signal, [(s.latched, s.before, s.first_tick, s.changed_ticks) for s in state.slots])
         )

@@ -81,7 +81,9 @@ def make(
 
 def _tick(faults, state, signal, clock):
     state = fault.open_windows(SETUP, faults, state, clock)
-    return injection.inject(SETUP, PATHS, faults, state, clock, "pump", signal)
+    inject = injection.Injector(SETUP, PATHS, faults, state, clock)
+    signal = inject("pump", signal)
+    return inject.state, signal
 
 
 _TICK = jax.jit(_tick)

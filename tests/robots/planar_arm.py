@@ -9,7 +9,7 @@ import numpy as np
 
 from ravenjax.campaign.prepared import Prepared
 from ravenjax.faults import fault
-from ravenjax.faults.injection import Injector
+from ravenjax.faults.injection import Injector, paths
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import Setup as AnySetup
 from ravenjax.numbers.setup import real
@@ -101,7 +101,11 @@ def advance(setup, params, faults, state, now, motion, golden):
     """One millisecond: sense, control, check, move, watch."""
     clock = fault.TriggerClocks(now, now + 1, now)
     inject = Injector(
-        ROBOT, setup, faults, fault.open_windows(setup, faults, state.faults, clock), clock
+        setup,
+        paths(ROBOT, setup),
+        faults,
+        fault.open_windows(setup, faults, state.faults, clock),
+        clock,
     )
     wanted = Vec(real(setup, column[now]) for column in motion)
     (reported,) = inject("encoder", (state.jpos,))

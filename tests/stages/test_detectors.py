@@ -114,34 +114,6 @@ def test_score_first_alarm_and_alarms_follow_the_rule(series, found, d):
         )
 
 
-@pytest.mark.parametrize("errors", [(1e-3, 4e-3), (4e-3, float("nan")), (float("nan"), 4e-3)])
-def test_the_worse_arm_counts(errors):
-    """And one whose score is no number hides not the other's."""
-    setup = RavenSetup(
-        arms=("gold", "green"),
-        tools=("r_grasper", "r_grasper"),
-        precision=REFERENCE,
-        detectors=(DetectorUse("tip_error", thresholds=1),),
-    )
-    with jax.enable_x64(True):
-        still = (Vec.full(7, jnp.float64(0.0)),) * 2
-        commands = (Vec.full(7, jnp.int32(0)),) * 2
-        limit = Vec.full(7, jnp.int32(1))
-        signal = detectors.DetectorSignal(
-            *(still,) * 4,
-            tuple(map(jnp.float64, errors)),
-            commands,
-            limit,
-            True,
-            jnp.int32(700),
-            None,
-        )
-        state = detectors.step(
-            setup, detectors.params(setup), detectors.init(setup, detectors.params(setup)), signal
-        )
-        assert float(state.detectors[0].peak) == pytest.approx(4.0)
-
-
 @pytest.mark.parametrize("scores", [(2.0, float("nan")), (float("nan"), 2.0)])
 def test_a_score_that_is_no_number_hides_none_of_the_other_arm(tmp_path, scores):
     (tmp_path / "own.py").write_text("def step(params, state, view):\n    return state, view\n")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from compiled_program import compiled, lowered, same_bits
 from evaluated_program import in_python
 from hypothesis import given
 from hypothesis import strategies as st
@@ -64,26 +62,3 @@ def test_what_is_that_old_is_the_first_packet_that_is_not_within(sent):
         within = PLAIN((0, ticks, False, *packed(sent)))[1]
         age = PLAIN((within, 0, False, *packed(sent)))[0]
         assert age == next((i for i in range(ticks, TICKS) if sent[i]), NEVER)
-
-
-def test_engines_have_the_same_bits():
-    rng = np.random.default_rng(5)
-    size = 2000
-    density = rng.random((size, 1, 1))
-    bits = rng.random((size, WORDS, WORD)) < density
-    words = (
-        (bits.astype(np.uint64) << np.arange(WORD, dtype=np.uint64)).sum(axis=2).astype(np.uint32)
-    )
-    words[:3] = 0, 0xFFFFFFFF, 0x80000001
-    columns = (
-        rng.integers(0, TICKS, size).astype(np.int32),
-        rng.integers(0, TICKS + 2, size).astype(np.int32),
-        rng.random(size) < 0.5,
-        *(np.ascontiguousarray(words[:, i]) for i in range(WORDS)),
-    )
-    ours = compiled(lowered(answers, *columns), 16, columns)
-    for got, right in zip(ours, jax.jit(jax.vmap(answers))(*columns), strict=True):
-        same_bits(got, np.asarray(right))
-    for row in range(0, size, 50):
-        plain = PLAIN([column[row] for column in columns])
-        assert [int(column[row]) for column in ours] == [int(x) for x in plain]

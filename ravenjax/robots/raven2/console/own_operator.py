@@ -86,14 +86,14 @@ class PlanMoment(NamedTuple):
 class Deviation(NamedTuple):
     """What the hands make of the plan in a packet, besides their offsets; None: nothing."""
 
-    lag: Scalar | None  # int32 rows
-    lag_before: Scalar | None  # int32 rows, in the packet before
-    grasp: tuple[Scalar, ...] | None  # mrad beyond the plan, one an arm
-    grasp_before: tuple[Scalar, ...] | None
-    lifted: Scalar | None  # bool, the foot is off the pedal
+    lag: Scalar | None = None  # int32 rows
+    lag_before: Scalar | None = None  # int32 rows, in the packet before
+    grasp: tuple[Scalar, ...] | None = None  # mrad beyond the plan, one an arm
+    grasp_before: tuple[Scalar, ...] | None = None
+    lifted: Scalar | None = None  # bool, the foot is off the pedal
 
 
-PLAN = Deviation(None, None, None, None, None)
+PLAN = Deviation()
 """An operator who does what is planned."""
 
 

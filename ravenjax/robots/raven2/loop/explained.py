@@ -22,13 +22,12 @@ inside. Content of a packet counts where a packet was received.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 from ravenjax.faults import fault
 from ravenjax.numbers.lazy import jnp, lax
 from ravenjax.numbers.setup import real, wide
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers.vec import Scalar, record
 from ravenjax.robots.raven2.checks import CHECKS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
@@ -107,30 +106,52 @@ def advance(
     golden: tuple[Scalar, ...],
 ) -> tuple[ExplainedState, tuple[Scalar, ...], TickSignals]:
     """As `run.advance`, then the comparison."""
-    own, names = run.series_length(setup), len(_spans(setup))
-    beside, margins_beside = golden[own : own + names], golden[own + names :]
+    own = run.series_length(setup)
     after, series, signals = run.advance(
         setup, params, faults, state.tick, now, motion, golden[:own]
     )
-    values, present = zip(*crossing(setup, signals), strict=True)
-    bits = [_bits(value) for value in values]
-    numbers = tuple(
-        _compared(history, span, there, (value, own_bits), _as_bits(other), now)
-        for history, span, there, value, own_bits, other in zip(
-            state.numbers, _spans(setup), present, values, bits, beside, strict=True
+    beside, margins_beside = golden[own : own + len(state.numbers)], golden[own:]
+    numbers, carried = [], []
+    for history, span, (number, present), other in zip(
+        state.numbers, _spans(setup), crossing(setup, signals), beside, strict=True
+    ):
+        number = jnp.asarray(number)
+        floats = number.dtype == jnp.float32
+        bits = (
+            lax.bitcast_convert_type(number, jnp.int32)
+            if floats
+            else lax.convert_element_type(number, jnp.int32)
         )
-    )
-    margins = [real(setup, one.margin) for one in run.checks(setup, after).values()]
-    live = state.harm < 0
-    histories = tuple(
-        _nearer(history, live, margin, other, now)
-        for history, margin, other in zip(state.margins, margins, margins_beside, strict=True)
-    )
+        there = lax.bitcast_convert_type(other, jnp.int32)
+        differs, leaves = _first((bits != there) & present, history.differs, now), history.leaves
+        if span is not None:
+            outside = _outside(number, span) & ~_outside(other if floats else there, span)
+            leaves = _first(outside & present, leaves, now)
+        numbers.append(NumberHistory(differs, leaves))
+        carried.append(lax.bitcast_convert_type(bits, jnp.float32))
+    live, margins, nearest = state.harm < 0, [], []
+    for before, check, other in zip(
+        state.margins,
+        run.checks(setup, after).values(),
+        margins_beside[len(numbers) :],
+        strict=True,
+    ):
+        # a check counts where no harm came before it
+        margin = real(setup, check.margin)
+        closer = live & (margin < before.margin)
+        nearest.append(
+            MarginHistory(
+                margin=jnp.where(closer, margin, before.margin),
+                golden=jnp.where(live, other, before.golden),
+                tick=jnp.where(closer, now, before.tick),
+            )
+        )
+        margins.append(margin)
     monitor = after.monitor
     harmful = (monitor.unintended >= 0) | (monitor.loss >= 0) | (monitor.false_report >= 0)
     harm = jnp.where(harmful & live, now, state.harm)
-    carried = tuple(lax.bitcast_convert_type(own_bits, jnp.float32) for own_bits in bits)
-    return ExplainedState(after, numbers, histories, harm), (*series, *carried, *margins), signals
+    explained = ExplainedState(after, tuple(numbers), tuple(nearest), harm)
+    return explained, (*series, *carried, *margins), signals
 
 
 def series_length(setup: RavenSetup) -> int:
@@ -177,7 +198,11 @@ def crossing(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scal
         poses = [getattr(arm, name) for arm in control.arms]
         numbers_of[position] = [pose.position_um for pose in poses]
         numbers_of[rotation] = [
-            (*_quaternion(setup, pose.rotation), *_entries(pose.rotation)) for pose in poses
+            (
+                *quat_from_matrix(wide(setup, pose.rotation)),
+                *(entry for row in pose.rotation for entry in row),
+            )
+            for pose in poses
         ]
     received = packet.received != 0
     return [
@@ -209,51 +234,9 @@ _OF_PLANT = {
 """Seam -> field of `control.ArmSignals`, of `plant.robot.PlantOutput`."""
 
 
-def _quaternion(setup: RavenSetup, rotation: Vec) -> Vec:
-    return quat_from_matrix(wide(setup, rotation))
-
-
-def _entries(rotation: Vec) -> Iterator[Scalar]:
-    return (entry for row in rotation for entry in row)
-
-
 def _spans(setup: RavenSetup) -> tuple[tuple[float, float] | None, ...]:
     """Normal range of each number of `listing`."""
     return setup.explained or (None,) * len(listing(setup))
-
-
-def _bits(number: Scalar) -> Scalar:
-    """All bits of a number, as int32."""
-    number = jnp.asarray(number)
-    if number.dtype == jnp.float32:
-        return lax.bitcast_convert_type(number, jnp.int32)
-    return lax.convert_element_type(number, jnp.int32)
-
-
-def _as_bits(number: Scalar) -> Scalar:
-    """What `_bits` gave, from the series."""
-    return lax.bitcast_convert_type(number, jnp.int32)
-
-
-def _compared(
-    before: NumberHistory,
-    span: tuple[float, float] | None,
-    present: Scalar,
-    own: tuple[Scalar, Scalar],
-    golden_bits: Scalar,
-    now: Scalar,
-) -> NumberHistory:
-    """One number after this tick; own: it and its bits."""
-    number, bits = own
-    differs = _first((bits != golden_bits) & present, before.differs, now)
-    if span is None:
-        return NumberHistory(differs, None)
-    floating = jnp.asarray(number).dtype == jnp.float32
-    golden = lax.bitcast_convert_type(golden_bits, jnp.float32) if floating else golden_bits
-    return NumberHistory(
-        differs,
-        _first(_outside(number, span) & ~_outside(golden, span) & present, before.leaves, now),
-    )
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
@@ -261,18 +244,6 @@ def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
     low, high = span
     value = lax.convert_element_type(number, jnp.float32)
     return ~((value >= low) & (value <= high))
-
-
-def _nearer(
-    before: MarginHistory, live: Scalar, margin: Scalar, golden: Scalar, now: Scalar
-) -> MarginHistory:
-    """One check after this tick, which counts where no harm came before it."""
-    closer = live & (margin < before.margin)
-    return MarginHistory(
-        margin=jnp.where(closer, margin, before.margin),
-        golden=jnp.where(live, golden, before.golden),
-        tick=jnp.where(closer, now, before.tick),
-    )
 
 
 def _first(happens: Scalar, before: Scalar, now: Scalar) -> Scalar:

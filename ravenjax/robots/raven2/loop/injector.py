@@ -26,7 +26,7 @@ class RavenInjector(injection.Injector):
         state: fault.FaultState,
         clock: fault.TriggerClocks,
     ) -> None:
-        super().__init__(ROBOT, setup, faults, state, clock)
+        super().__init__(setup, _paths(setup), faults, state, clock)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         if site in ROTATIONS and self.strikes(site):
@@ -36,10 +36,6 @@ class RavenInjector(injection.Injector):
                 _rotated(self.setup, *of_arm) for of_arm in zip(signal, quats, faulty, strict=True)
             )
         return super().__call__(site, signal, present)
-
-    def paths(self) -> dict[injection.ChannelKey, injection.Target]:
-        """As declared, but for what is stored of a DAC command behind the checks."""
-        return _paths(self.setup)
 
 
 def seeded(setup: RavenSetup, what: str) -> bool:
@@ -61,6 +57,7 @@ def _rotated(setup: RavenSetup, rotation: Vec, quat: Vec, struck: Vec) -> Vec:
 
 @cache
 def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
+    """As declared, but for what is stored of a DAC command behind the checks."""
     stored = _STORED[setup.dac_words]
     return {
         key: (path, stored if key[0] == USB_SITE else kind)

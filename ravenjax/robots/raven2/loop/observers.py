@@ -94,88 +94,96 @@ def observe(
     golden: Golden | None,
     now: Scalar,
 ) -> tuple[ObserverState, Seen]:
-    """One tick of the observers: `see`, then `judge`."""
-    after, signals = see(setup, params, state, clean, fresh, robot)
-    return (
-        replace(
-            after, monitor=judge(setup, params, state, clean, fresh, robot, signals, golden, now)
-        ),
-        signals,
-    )
+    """One tick of the observers."""
+    look = Look(setup, params, state, clean, fresh, robot)
+    return replace(look.state, monitor=look.judge(golden, now)), look.seen
 
 
-def see(
-    setup: RavenSetup,
-    params: ObserverParams,
-    state: ObserverState,
-    clean: Packet,
-    fresh: Scalar,
-    robot: RobotView,
-) -> tuple[ObserverState, Seen]:
-    """One tick of the nominal model and the cue; the monitor is as before.
+class Look:
+    """One tick of the nominal model and the cue, and then of the monitor."""
 
-    clean: the newest packet as the console meant it, whatever became of it; `fresh` where it is of
-    this tick.
-    """
-    models = per_arm(
-        setup,
-        lambda i, arm: nominal.step(
-            setup,
-            arm,
-            params.nominal[i],
-            state.nominal[i],
-            _clean(setup, clean, fresh, i),
-            real(setup, robot.jpos[i]),
-        ),
-    )
-    felt, cues = zip(
-        *per_arm(setup, lambda i, arm: _cue(setup, params, state, models, robot, i, arm)),
-        strict=True,
-    )
-    tips = tuple(signal.robot_position for signal in felt) if robot.tips is None else robot.tips
-    depth = per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i]))
-    distance = scene.tip_distance(setup.arms, tips)
-    after = ObserverState(
-        tuple(new for new, _ in models), tuple(new for new, _ in cues), state.monitor
-    )
-    outs = tuple(out for _, out in models), tuple(out for _, out in cues)
-    return after, Seen(*outs, tips, depth, distance, live(robot.runlevel, robot.soft_estopped))
+    def __init__(
+        self,
+        setup: RavenSetup,
+        params: ObserverParams,
+        state: ObserverState,
+        clean: Packet,
+        fresh: Scalar,
+        robot: RobotView,
+    ) -> None:
+        """clean: the newest packet as the console meant it, whatever became of it; `fresh` where it
+        is of this tick.
+        """
+        self._setup, self._params, self._robot = setup, params, robot
+        self._clean, self._fresh = clean, fresh
 
+        def asked(i: int) -> nominal.Clean:
+            # each increment once, also where a packet spans several cycles
+            command: Any = clean.delta[i], clean.quat[i], clean.grasp[i]
+            if setup.console == "increments":
+                none = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+                command = where(fresh, command, none)
+            return nominal.Clean(*command, clean.surgeon_mode)
 
-def judge(
-    setup: RavenSetup,
-    params: ObserverParams,
-    state: ObserverState,
-    clean: Packet,
-    fresh: Scalar,
-    robot: RobotView,
-    signals: Seen,
-    golden: Golden | None,
-    now: Scalar,
-) -> monitor.MonitorState:
-    """The monitor after a tick. golden: None where there is no golden run; the nominal model
-    stands for it.
-    """
-    tips, model_tips = signals.tips, tuple(out.tip_position for out in signals.models)
-    pos = _um(tips) if robot.pos is None else real(setup, robot.pos)
-    signal = monitor.MonitorSignal(
-        tip=tips,
-        pos=pos,
-        model_tip=model_tips,
-        depth=signals.depth,
-        distance=signals.distance,
-        dac=robot.dac,
-        fresh=fresh,
-        live=signals.live,
-        pedal=clean.surgeon_mode != 0,
-        tick=now,
-    )
-    beside = (
-        monitor.Reference(model_tips, _um(model_tips))
-        if golden is None
-        else reference(setup, golden, tips, pos)
-    )
-    return monitor.step(setup, params.monitor, state.monitor, signal, beside)
+        def step_model(i: int, arm: ArmName) -> tuple[nominal.NominalState, nominal.NominalOutput]:
+            jpos = real(setup, robot.jpos[i])
+            return nominal.step(setup, arm, params.nominal[i], state.nominal[i], asked(i), jpos)
+
+        def sense(i: int, arm: ArmName) -> tuple[Any, ...]:
+            """What the console compares, the robot as its control software reports it, and the
+            cue.
+            """
+            model = models[i][1]
+            jpos, mvel = real(setup, (robot.jpos[i], robot.mvel[i]))
+            tool, software = setup.tools[i], setup.software
+            jvel = real(setup, transmission.joint_from_motor(arm, tool, mvel, software=software))
+            tip = kinematics.forward(arm, jpos).position
+            signal = haptics.HapticSignal(
+                model.tip_position,
+                model.tip_velocity,
+                tip,
+                kinematics.tip_velocity(arm, jpos, jvel),
+            )
+            return tip, *haptics.step(setup, params.haptics, state.haptics[i], signal)
+
+        models = per_arm(setup, step_model)
+        reported, felt, cues = zip(*per_arm(setup, sense), strict=True)
+        tips = reported if robot.tips is None else robot.tips
+        self.state = ObserverState(tuple(new for new, _ in models), felt, state.monitor)
+        self.seen = Seen(
+            tuple(out for _, out in models),
+            cues,
+            tips,
+            per_arm(setup, lambda i, arm: scene.tissue_depth(arm, tips[i])),
+            scene.tip_distance(setup.arms, tips),
+            live(robot.runlevel, robot.soft_estopped),
+        )
+
+    def judge(self, golden: Golden | None, now: Scalar) -> monitor.MonitorState:
+        """The monitor after a tick. golden: None where there is no golden run; the nominal model
+        stands for it.
+        """
+        setup, robot, seen = self._setup, self._robot, self.seen
+        model_tips = tuple(out.tip_position for out in seen.models)
+        pos = _um(seen.tips) if robot.pos is None else real(setup, robot.pos)
+        signal = monitor.MonitorSignal(
+            tip=seen.tips,
+            pos=pos,
+            model_tip=model_tips,
+            depth=seen.depth,
+            distance=seen.distance,
+            dac=robot.dac,
+            fresh=self._fresh,
+            live=seen.live,
+            pedal=self._clean.surgeon_mode != 0,
+            tick=now,
+        )
+        beside = (
+            monitor.Reference(model_tips, _um(model_tips))
+            if golden is None
+            else reference(setup, golden, seen.tips, pos)
+        )
+        return monitor.step(setup, self._params.monitor, self.state.monitor, signal, beside)
 
 
 def live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
@@ -201,45 +209,3 @@ def reference(
 def _um(tips: tuple[Vec, ...]) -> tuple[Vec, ...]:
     """Metres in micrometres."""
     return tuple(tip * 1e6 for tip in tips)
-
-
-def _cue(
-    setup: RavenSetup,
-    params: ObserverParams,
-    state: ObserverState,
-    models: tuple[tuple[nominal.NominalState, nominal.NominalOutput], ...],
-    robot: RobotView,
-    i: int,
-    arm: ArmName,
-) -> tuple[haptics.HapticSignal, tuple[haptics.HapticState, haptics.HapticOutput]]:
-    """What the console compares, and the cue after it."""
-    felt = _felt(setup, arm, i, models[i][1], robot.jpos[i], robot.mvel[i])
-    return felt, haptics.step(setup, params.haptics, state.haptics[i], felt)
-
-
-def _clean(setup: RavenSetup, packet: Any, fresh: Scalar, i: int) -> nominal.Clean:
-    """What the console asks of the nominal model: each increment once, also where a packet spans
-    several cycles.
-    """
-    delta, quat, grasp = packet.delta[i], packet.quat[i], packet.grasp[i]
-    if setup.console == "increments":
-        delta, quat, grasp = where(
-            fresh, (delta, quat, grasp), (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
-        )
-    return nominal.Clean(delta, quat, grasp, packet.surgeon_mode)
-
-
-def _felt(
-    setup: RavenSetup, arm: ArmName, i: int, model: nominal.NominalOutput, jpos: Vec, mvel: Vec
-) -> haptics.HapticSignal:
-    """What the console compares: the nominal model and the robot as its control software reports
-    joints and motors.
-    """
-    jpos, mvel = real(setup, (jpos, mvel))
-    jvel = real(
-        setup, transmission.joint_from_motor(arm, setup.tools[i], mvel, software=setup.software)
-    )
-    position = kinematics.forward(arm, jpos).position
-    return haptics.HapticSignal(
-        model.tip_position, model.tip_velocity, position, kinematics.tip_velocity(arm, jpos, jvel)
-    )

@@ -60,7 +60,8 @@ def tick(
         pos=tuple(arm.pos.position_um for arm in software.arms),
         tips=connections.tips(setup, params.plant, state.plant, robots),
     )
-    observed, seen = observers.see(setup, params.observers, before, clean, fresh, robot)
+    look = observers.Look(setup, params.observers, before, clean, fresh, robot)
+    seen = look.seen
     signals = TickSignals(
         packet=packet,
         control=software,
@@ -84,10 +85,7 @@ def tick(
         }
 
     watched = watch(early=True)
-    golden = observers.Golden(signal.reference, signal.apart)
-    monitor = observers.judge(
-        setup, params.observers, before, clean, fresh, robot, seen, golden, now
-    )
+    monitor = look.judge(observers.Golden(signal.reference, signal.apart), now)
     down = software.runlevel == run_levels.PEDAL_DOWN
     state = _move_hands(setup, params, state, signals, fresh, down, now)
     watched |= watch(early=False)
@@ -101,8 +99,8 @@ def tick(
     state = replace(
         state,
         faults=inject.state,
-        nominal=observed.nominal,
-        haptics=observed.haptics,
+        nominal=look.state.nominal,
+        haptics=look.state.haptics,
         files=files.state,
         watchers=watched,
         pedal_ticks=jnp.where(down, jnp.maximum(state.pedal_ticks, -1) + 1, -1),

@@ -44,7 +44,7 @@ from typing import Annotated, NamedTuple
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
@@ -186,13 +186,10 @@ def tips(
     jpos: Vec,
     jvel: Vec,
     dt: float,
-    friction_scale: Scalar = 1.0,
 ) -> tuple[TipContact, TipContact]:
     """Both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
     one, other = instrument.jaw_tips(arm, jpos)
-    return _tip(arm, params, one, jvel, dt, friction_scale), _tip(
-        arm, params, other, jvel, dt, friction_scale
-    )
+    return _tip(arm, params, one, jvel, dt), _tip(arm, params, other, jvel, dt)
 
 
 def _tip(
@@ -201,7 +198,6 @@ def _tip(
     tip: instrument.InstrumentPoint,
     jvel: Vec,
     dt: float,
-    friction_scale: Scalar,
 ) -> TipContact:
     surface, velocity = scene.surface(arm, tip.at), tip.velocity(jvel)
     rise = surface.rise
@@ -213,7 +209,7 @@ def _tip(
     steep = dot(rise, rise)
     inverse = 1.0 / steep
     sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
-    level = mul(friction_scale, params.friction) * normal.force
+    level = params.friction * normal.force
     drag = level * jnp.sqrt(steep / (sliding + CREEP_M_S**2))
     return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
 
@@ -265,7 +261,7 @@ def meeting(
     for one in pieces[0]:
         for other in pieces[1]:
             pair = _nearest(one, other)
-            best = pair if best is None else _deeper(best, pair)
+            best = pair if best is None else where(pair.depth > best.depth, pair, best)
     assert best is not None
     apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
     ways, frames = [], []
@@ -329,21 +325,6 @@ def _nearest(one: _Piece, other: _Piece) -> _Pair:
     distance = norm(away)
     beyond = s if one.jaws else s * 0.0, t if other.jaws else t * 0.0
     return _Pair(one.radius + other.radius - distance, distance, away, points, beyond)
-
-
-def _deeper(one: _Pair, other: _Pair) -> _Pair:
-    more = other.depth > one.depth
-
-    def pick(a: Scalar, b: Scalar) -> Scalar:
-        return jnp.where(more, b, a)
-
-    return _Pair(
-        pick(one.depth, other.depth),
-        pick(one.distance, other.distance),
-        one.away.map(pick, other.away),
-        (one.at[0].map(pick, other.at[0]), one.at[1].map(pick, other.at[1])),
-        (pick(one.beyond[0], other.beyond[0]), pick(one.beyond[1], other.beyond[1])),
-    )
 
 
 def _share(x: Scalar) -> Scalar:

@@ -339,7 +339,8 @@ class _ArmTick:
         signal: PlantSignal,
         touched: contact.ContactParams | None,
     ) -> None:
-        self._setup, self._arm, self._params = setup, arm, params
+        self._arm: ArmName = arm
+        self._setup, self._params = setup, params
         self._signal, self._touched = signal, touched
         self.state, self.dt = state, TICK_S / setup.substeps
         brakes, self._holding = drives.step_brakes(params.brakes, state.brakes, signal.brakes)

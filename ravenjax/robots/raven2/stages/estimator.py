@@ -10,10 +10,9 @@ from typing import Annotated
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.setup import narrow, wide
-from ravenjax.numbers.vec import Scalar, Vec, record
+from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
@@ -77,10 +76,7 @@ def step(
     counts = narrow(setup, enc_val) * signs
     angle = narrow(setup, RAD_PER_COUNT * wide(setup, counts - narrow(setup, params.enc_offset)))
     started = state.started != 0
-    filled = [
-        old.map(lambda a, b: jnp.where(started, a, b), angle)
-        for old in (*state.inputs, *state.outputs)
-    ]
+    filled = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
         (previous,) = filled
         return (

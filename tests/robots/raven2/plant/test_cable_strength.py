@@ -19,7 +19,6 @@ from plant_runs import (
     weightless,
 )
 
-from ravenjax.numbers.setup import CAMPAIGN, REFERENCE
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import drives, parameter_sets, robot
@@ -102,23 +101,6 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
     lost = (springs * parted)[first].sum()
     assert lost > 1e-6 * total[0]
     assert total[first - 1] - total[first] > 0.9 * lost
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", [REFERENCE, CAMPAIGN])
-def test_cables_that_can_part_and_do_not_change_nothing(precision) -> None:
-    ticks = np.arange(400)[:, None]
-    command = (np.array([1500, -1500, 1500, 800, -800, 800, -800]) * np.sin(ticks / 30.0)).astype(
-        np.int32
-    )
-    with jax.enable_x64(precision.needs_x64):
-        outs = [
-            simulate(setup(precision=precision, cables=how), command, params())[1]
-            for how in ("unwatched", "break")
-        ]
-    np.testing.assert_array_equal(columns(outs[0].enc_val), columns(outs[1].enc_val))
-    tolerance = 1e-12 if precision is REFERENCE else 2e-6
-    np.testing.assert_allclose(columns(outs[0].jpos), columns(outs[1].jpos), atol=tolerance)
 
 
 def test_what_a_cable_carries_is_its_stretch_and_its_damping() -> None:

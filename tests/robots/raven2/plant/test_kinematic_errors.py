@@ -10,7 +10,7 @@ import pytest
 from plant_runs import N, setup
 
 from ravenjax.numbers.vec import Vec, replace
-from ravenjax.robots.raven2.geometry import built_links, kinematics, transmission
+from ravenjax.robots.raven2.geometry import kinematics, transmission
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import kinematic_errors, robot
 from ravenjax.robots.raven2.plant.coupling import coupling
@@ -63,23 +63,6 @@ def test_a_larger_drum_moves_its_joint_further_from_home_by_its_share() -> None:
     assert reported[1] == pytest.approx(START[1], abs=1e-4)  # a count of the encoder
     _, at_home, _ = at_start(with_errors(ratio_error=error), HOME_JPOS)
     np.testing.assert_allclose(at_home, HOME_JPOS, atol=1e-12)
-
-
-def test_the_scale_is_times_every_error() -> None:
-    errors = {
-        "joint_offset": Vec.full(7, 0.01),
-        "ratio_error": Vec.full(7, 0.01),
-        "links": replace(built_links.as_drawn(), twist12=0.01),
-    }
-    half = {
-        "joint_offset": Vec.full(7, 0.005),
-        "ratio_error": Vec.full(7, 0.005),
-        "links": replace(built_links.as_drawn(), twist12=0.005),
-    }
-    for one, other in zip(
-        at_start(with_errors(scale=0.5, **errors)), at_start(with_errors(**half)), strict=True
-    ):
-        np.testing.assert_allclose(one, other, atol=1e-15)
 
 
 def test_a_built_coupling_is_the_product_of_its_matrices() -> None:
