@@ -51,7 +51,7 @@ def main() -> None:
         program = PEERS / ("dds_peer.py" if ros == "ros2" else "ros1_peer.py")
         before = os.getloadavg()[0]
         peer = subprocess.run(
-            [python, str(program), "soak", "0", seconds],
+            [python, str(program), "soak", seconds],
             stdout=subprocess.PIPE,
             text=True,
             env=environ,

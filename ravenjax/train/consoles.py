@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
-from ravenjax.train.protocol import felt
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.protocol.messages import STALE_MS
+from ravenjax.train.robot import ArmName
 from ravenjax.train.robot_link.itp import ItpServer
 from ravenjax.train.robot_link.packet_filter import TAKEN, Gate
 from ravenjax.train.session import pedal, scripts
@@ -113,7 +114,7 @@ class ItpConsole:
         if drives and frame.number("console_alive"):
             setting, cue_on = self._session.scenario, frame.number("cue_on") != 0
             gain, cap = setting.contact.units_per_n, setting.cue.cap
-            forces = {arm: felt.force(frame, arm, gain, cap, cue_on) for arm in self._arms}
+            forces = {arm: force_at_hand(frame, arm, gain, cap, cue_on) for arm in self._arms}
         self._server.send_force(
             forces,
             int(frame.number("runlevel")),
@@ -121,3 +122,21 @@ class ItpConsole:
             pedal=drives and frame.number("pedal") != 0,
             drives=drives,
         )
+
+
+def force_at_hand(
+    frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
+) -> tuple[float, float, float]:
+    """Device units along the axes of frame 0; never more than `cap`, or the cue's own where that is
+    more.
+
+    cue: whether the cue is felt. The contact's force is felt either way: it is no aid, the tissue
+    is there.
+    """
+    places, numbers = frame.layout.places, frame.numbers
+    first, touch = places[f"{arm}/force"].start, places[f"{arm}/contact"].start
+    pull = numbers[first : first + 3] if cue else [0.0, 0.0, 0.0]
+    x, y, z = (a + units_per_n * b for a, b in zip(pull, numbers[touch : touch + 3], strict=True))
+    size, most = math.hypot(x, y, z), max(cap, math.hypot(*pull))
+    share = most / size if size > most else 1.0
+    return x * share, y * share, z * share

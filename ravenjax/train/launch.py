@@ -10,7 +10,6 @@ Neither of the others can make the realtime loop wait, and both end when it is g
 from __future__ import annotations
 
 import contextlib
-import csv
 import dataclasses
 import re
 import secrets
@@ -26,7 +25,7 @@ import numpy as np
 from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry import scene
-from ravenjax.store import files, manifest
+from ravenjax.store import manifest
 from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
@@ -43,7 +42,7 @@ from ravenjax.train.robot import UDP_PORT
 from ravenjax.train.robot_link.crtk.messages import ARM_NAMES, Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.joint_server import JOINT_PORT
+from ravenjax.train.robot_link.joint_stream import JOINT_PORT
 from ravenjax.train.robot_link.process import digest, in_words
 from ravenjax.train.robot_link.remote import RemoteRobot
 from ravenjax.train.scenario import Scenario
@@ -56,12 +55,6 @@ KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
 """Rows of the rings: four seconds of frames, more events and commands than come in that time."""
 COMMANDS = "commands.jsonl"
 """What was said to the session: a script that makes it again."""
-CLAIM = ".session"
-"""Empty; there while a session begins in a folder, so that two that begin at once do not get the
-same.
-"""
-_LEFT = (description.FILE, session_log.FILE, table.FILE, COMMANDS, "debrief.html")
-"""Any of these tells that a folder holds a session."""
 Say = Callable[[str], None]
 
 
@@ -126,9 +119,9 @@ def realtime(
     if with_page:
         _require_address(options.host, options.port)
     console_profiles = profiles.choice(options.console)
-    options = _apart(with_tokens(options), say)
+    options = _with_new_folder(with_tokens(options), say)
     with contextlib.ExitStack() as stack:
-        stack.callback(_release, options.folder)
+        stack.callback(_remove_if_empty, options.folder)
         helpers = SessionHelpers.start(stack, with_page) if helpers is None else helpers
         session = Session(
             options.scenario, options.seed, cue=options.cue, robot=_robot(stack, options, say)
@@ -266,7 +259,7 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
     driver = Scripted(script, session)  # a file that is no script leaves no folder
-    options = _apart(options, say)
+    options = _with_new_folder(options, say)
     header = {"started": recorder.now(), **_header(options, session), "ended": None}
     description.write(options.folder, header)
     log = session_log.SessionWriter(
@@ -275,7 +268,6 @@ def headless(options: SessionOptions, say: Say = lambda _: None) -> FinishedSess
     block: list[np.ndarray] = []
     events: list[dict[str, Any]] = []
     first = 0
-    (options.folder / CLAIM).unlink()
     with contextlib.closing(log):
         while not session.over:
             interruption.point()
@@ -303,34 +295,29 @@ def fresh_folder(
 # --- parts ---
 
 
-def _apart(options: SessionOptions, say: Say) -> SessionOptions:
-    """The options with a folder that no session has: its own, made here, or one with a number
-    behind it, which is told.
-
-    UserError where it cannot be written.
+def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
+    """The options with a folder that is made here: their own, or, where that is there already, one
+    with a number behind it, which is told. UserError where none can be made.
     """
     folder, number = options.folder, 1
-    while any((folder / name).exists() for name in _LEFT) or not _claimed(folder):
-        number += 1
-        folder = options.folder.with_name(f"{options.folder.name}-{number}")
+    try:
+        while True:
+            with contextlib.suppress(FileExistsError):
+                folder.mkdir(parents=True)
+                break
+            number += 1
+            folder = options.folder.with_name(f"{options.folder.name}-{number}")
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be made ({error.strerror or error}); name a folder with --out that"
+            " this user may make"
+        ) from None
     if number > 1:
-        say(f"{options.folder} holds a session, which stays as it is; this one goes to {folder}")
+        say(f"{options.folder} is there already and stays as it is; this one goes to {folder}")
     return dataclasses.replace(options, folder=folder)
 
 
-def _claimed(folder: Path) -> bool:
-    """Whether the folder is this session's from now on."""
-    files.require_writable(folder)
-    try:
-        (folder / CLAIM).touch(exist_ok=False)
-    except FileExistsError:
-        return False
-    return True
-
-
-def _release(folder: Path) -> None:
-    """The folder is nobody's; one in which nothing was written goes."""
-    (folder / CLAIM).unlink(missing_ok=True)
+def _remove_if_empty(folder: Path) -> None:
     with contextlib.suppress(OSError):
         folder.rmdir()
 
@@ -452,19 +439,7 @@ def _open_page(
         instructor_token=options.instructor_token,
     )
     serving.begin(page_options)
-    if not serving.answers.poll(processes.STARTING_S):
-        raise UserError(
-            f"the page did not start within {processes.STARTING_S:g} s; try `--no-page`, or"
-            " `ravenjax doctor`"
-        )
-    try:
-        port = serving.answers.recv()
-    except (EOFError, ConnectionResetError):
-        serving.process.join(processes.STARTING_S)
-        raise UserError(
-            f"the page's process ended with code {serving.process.exitcode}; its message stands"
-            " above"
-        ) from None
+    port = serving.answer("the page's process")
     if options.port not in (0, port):
         say(f"port {options.port} is taken: the page is at port {port}")
     ask = f"&token={options.token}" if options.token else ""
@@ -507,10 +482,8 @@ def _conclude(
         seed=options.seed,
         blinded=options.is_blinded,
     )
-    with open(options.folder / table.FILE, "w", newline="", encoding="utf-8") as file:
-        writer: csv.DictWriter[str] = csv.DictWriter(file, judge.COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
+    text = table.as_csv(judge.COLUMNS, rows)
+    (options.folder / table.FILE).write_text(text, encoding="utf-8", newline="")
     command_log.write_commands(options.folder / COMMANDS, session.command_log)
     summary: dict[str, Any] = {
         "ended": session.ended,

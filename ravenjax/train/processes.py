@@ -47,6 +47,20 @@ class Helper:
                 " stands above"
             ) from None
 
+    def answer(self, name: str) -> Any:
+        """What it answers. UserError, in which it is named, where it ends or takes longer than
+        STARTING_S.
+        """
+        if not self.answers.poll(STARTING_S):
+            raise UserError(f"{name} did not start within {STARTING_S:g} s")
+        try:
+            return self.answers.recv()
+        except (EOFError, ConnectionResetError):
+            self.process.join(STARTING_S)
+            raise UserError(
+                f"{name} ended with code {self.process.exitcode}; its message stands above"
+            ) from None
+
     def keep_away(self) -> None:
         """From now on leave the CPU of the realtime loop to that."""
         cpus = clock.other_cpus()

@@ -3,7 +3,7 @@ hazard.
 
 What the words of a row mean is in `episode`. Responses: `release`: the pedal comes up (not by a
 dead console; also by an operator who gives the seat away or leaves); `slow`: the hands go at a
-quarter of their speed, for a second (`slowdown_detector`); `restart`: the operator restarts a
+quarter of their speed, for a second (`detectors`); `restart`: the operator restarts a
 robot that does not follow; `stop`: the E-stop button; `convert`: a note that says "convert" (the
 page's button sends one).
 
@@ -20,10 +20,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax.outcomes import verdict
+from ravenjax.train.judge.detectors import SlowdownDetector, Trip, Trips
 from ravenjax.train.judge.episode import PEAKS, SEEN_MM, Episode
 from ravenjax.train.judge.row import COLUMNS, OF_LIST
-from ravenjax.train.judge.slowdown_detector import SlowdownDetector
-from ravenjax.train.judge.trips import Trip, Trips
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.scenario import Armable, Scenario
 

@@ -38,25 +38,20 @@ class PageCommands:
         """drives: False where a script does, which nobody's hands may disturb."""
         self._ring, self._next = ring, 0
         self._drives = drives
-        self.lost = 0
-        """Commands that were overwritten before they were read."""
 
     def poll(self) -> list[dict[str, Any]]:
         """What has arrived."""
         if self._ring.written == self._next:
             return []
         first, rows = self._ring.read(self._next, MOST_COMMANDS)
-        self.lost += first - self._next
         self._next = first + len(rows)
-        stamped = [
-            {**one, "console": "page"} if one.get("type") in OF_CONSOLES else one
-            for one in read_json(rows)
-        ]
-        return (
-            stamped
-            if self._drives
-            else [one for one in stamped if one.get("type") not in OF_CONSOLES]
-        )
+        commands = []
+        for command in read_json(rows):
+            if command.get("type") not in OF_CONSOLES:
+                commands.append(command)
+            elif self._drives:
+                commands.append({**command, "console": "page"})
+        return commands
 
     def tell(self, frame: Frame) -> None:
         """Nothing: the page reads the ring."""

@@ -21,7 +21,7 @@ class Recording:
 
     layout: FrameLayout
     numbers: np.ndarray  # int64 [T], number of each row: gaps where rows were lost
-    rows: np.ndarray  # float32 [T, layout.size]; NaN in channels that the recording does not have
+    rows: np.ndarray  # float32 [T, layout.size]
     events: list[dict[str, Any]]
     header: dict[str, Any]  # as the session began
     complete: bool  # closed by its recorder, not cut short
@@ -59,14 +59,11 @@ def read(path: Path) -> Recording:
     log = session_log.read(path)
     arms: tuple[ArmName, ...] = ("gold", "green")
     layout = FrameLayout.of([arm for arm in arms if f"{arm}/jpos/0" in log.names])
-    names = layout.names()
-    if names == log.names:
-        rows = log.rows
-    else:  # of another version: by names
-        places = {name: i for i, name in enumerate(log.names)}
-        rows = np.full((len(log.rows), layout.size), np.nan, np.float32)
-        mine = [i for i, name in enumerate(names) if name in places]
-        rows[:, mine] = log.rows[:, [places[names[i]] for i in mine]]
+    if layout.names() != log.names:
+        raise StoreError(
+            f"{path}: has other channels than this version records; read it with the version that"
+            " session.json names"
+        )
     return Recording(
-        layout, log.numbers, rows, log.events, log.header, log.complete, log.lost_bytes
+        layout, log.numbers, log.rows, log.events, log.header, log.complete, log.lost_bytes
     )

@@ -33,7 +33,7 @@ from ravenjax.robots.raven2.loop import connections, observers
 from ravenjax.stages import monitor
 from ravenjax.train.protocol.frame import Frame
 from ravenjax.train.robot import ARMS, E_STOP
-from ravenjax.train.robot_link.joint_report import JointReport
+from ravenjax.train.robot_link.joint_stream import JointReport
 from ravenjax.train.robot_link.remote import RobotLink
 from ravenjax.train.session import blueprint as of_session
 from ravenjax.train.session.blueprint import Blueprint, hazard_distances
@@ -212,7 +212,8 @@ def _resting(blueprint: Blueprint) -> _Reported:
 
 def _half(blueprint: Blueprint) -> StepCode:
     """The compiled half; what the robot reported last enters a tick."""
-    setup, params = blueprint.setup, blueprint.plan.program.params
+    setup = blueprint.setup
+    params = blueprint.plan.program.params_of(blueprint.inputs[0])
     watched = observers.ObserverParams(params.nominal, params.haptics, params.monitor)
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 

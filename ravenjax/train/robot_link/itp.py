@@ -27,8 +27,14 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot import ARMS, ITP_AXES, UDP_PORT, V_STRUCT, ArmName, ConsoleProfile
-from ravenjax.train.robot_link.increments import Increments, merge
-from ravenjax.train.robot_link.packet_filter import DEFAULT, SIZE, Gate, PacketLimits
+from ravenjax.train.robot_link.packet_filter import (
+    DEFAULT,
+    SIZE,
+    Gate,
+    Increments,
+    PacketLimits,
+    merge,
+)
 
 LOOPBACK = "127.0.0.1"
 PER_TICK = 8

@@ -2,7 +2,7 @@
 waits.
 
 The other end of `RemoteRobot` is `ravenjax robot`, or a real Raven with a program beside it that
-sends its reports (`joint_report`) over TCP.
+sends its reports (`joint_stream`) over TCP.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.robot import UDP_PORT, ArmName
-from ravenjax.train.robot_link.joint_report import JointReport, encode_line
-from ravenjax.train.robot_link.joint_server import JOINT_PORT
+from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointReport, encode_line
 
 PATIENCE_S = 10.0
 """Longest that a robot may take to let a session in: a busy machine may leave it alone for
@@ -68,7 +67,7 @@ class RobotLink(abc.ABC):
 
     @abc.abstractmethod
     def order(self, content: dict[str, Any]) -> None:
-        """Send an order of `joint_server` to the robot."""
+        """Send an order of `joint_stream` to the robot."""
 
     @property
     def stale(self) -> bool:
@@ -120,7 +119,7 @@ class RemoteRobot(RobotLink):
             raise
 
     def order(self, content: dict[str, Any]) -> None:
-        """Send an order of `joint_server`, now or as soon as there is room.
+        """Send an order of `joint_stream`, now or as soon as there is room.
 
         After a reset there is no report until one comes from the robot that was reset.
         """

@@ -27,8 +27,7 @@ from ravenjax.train.session import blueprint, director, hands, pedal
 from ravenjax.train.session.blueprint import Blueprint
 from ravenjax.train.session.command_log import CommandLog
 from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
-from ravenjax.train.session.estop_hold import EstopHold
-from ravenjax.train.session.simulation import SimulatedRobot
+from ravenjax.train.session.simulation import EstopHold, SimulatedRobot
 
 Event = dict[str, Any]
 READY, RUNNING, PAUSED, STOPPED, OVER, LOST = range(len(PHASES))

@@ -39,11 +39,6 @@ class CommandLog:
     def __iter__(self) -> Iterator[tuple[int, dict[str, Any]]]:
         return ((tick, command) for tick, command in map(json.loads, self._lines))
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, CommandLog) and self._lines == other._lines
-
-    __hash__ = None  # type: ignore[assignment]
-
 
 # 1e9 keeps whole numbers exact and squares finite.
 _Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False, strict=True)]

@@ -15,11 +15,10 @@ from ravenjax.numbers import tree
 from ravenjax.numbers.vec import replace
 from ravenjax.robots.raven2.loop import run
 from ravenjax.stages import monitor
-from ravenjax.train.protocol.frame import GOLDEN, Frame
-from ravenjax.train.robot import Packet
+from ravenjax.train.protocol.frame import GOLDEN, Frame, FrameLayout
+from ravenjax.train.robot import E_STOP, Packet
 from ravenjax.train.session import blueprint
 from ravenjax.train.session.blueprint import Blueprint
-from ravenjax.train.session.estop_hold import EstopHold
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
@@ -180,6 +179,45 @@ class SimulatedRobot:
         self._own.restore_leaves(
             self._fresh, [leaf for slot in slots for leaf in self._slots[slot]]
         )
+
+
+class EstopHold:
+    """Holds the nominal model of a stopped robot in its rows.
+
+    The tick's model follows the console's clean packets, and a foot that stays on the pedal of a
+    stopped robot would lead it on: hundreds of millimetres away, with the cue at its cap. So, from
+    the first tick of an E-stop, the robot's own or its software's, until the robot begins anew, the
+    model stands where it was in that tick, the error is the measured tip's distance from there, and
+    there is no force, for a hand cannot bring a robot back that holds its brakes. That is what is
+    shown, felt and recorded; the tick itself is the campaigns', bit for bit.
+    """
+
+    def __init__(self, layout: FrameLayout) -> None:
+        places = layout.places
+        self._runlevel, self._software = places["runlevel"].start, places["soft_estopped"].start
+        self._arms = [
+            tuple(
+                places[f"{arm}/{name}"] for name in ("model_tip", "position", "error_mm", "force")
+            )
+            for arm in layout.arms
+        ]
+        names = ("model_jpos", "model_tip")
+        held = [places[f"{arm}/{name}"] for arm in layout.arms for name in names]
+        self._model = np.r_[*held]
+        # Pose of the models as the robot stopped; None: it is not stopped.
+        self._pose: np.ndarray | None = None
+
+    def apply(self, row: np.ndarray) -> None:
+        """Change a row, float32, of this tick in place."""
+        if row[self._runlevel] != E_STOP and not row[self._software]:
+            self._pose = None
+            return
+        if self._pose is None:
+            self._pose = row[self._model]
+        row[self._model] = self._pose
+        for tip, position, error, force in self._arms:
+            row[error] = 1e3 * np.linalg.norm(row[position] - row[tip])
+            row[force] = 0.0
 
 
 class PacketRobot(SimulatedRobot):

@@ -10,7 +10,7 @@ import pytest
 from made_frames import kinds, made, running
 
 from ravenjax.train.judge import COLUMNS, Judge
-from ravenjax.train.judge.slowdown_detector import SLOW_FOR_MS
+from ravenjax.train.judge.detectors import SLOW_FOR_MS
 
 FAULT = [
     {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
@@ -193,12 +193,6 @@ def test_what_comes_after_a_person_could_have_acted_counts_on_what_was_left():
     assert (row["outcome"], row["score"]) == ("avoided", 75.0)
 
 
-def test_harm_that_a_person_could_have_prevented_stays_harm():
-    play = Play()
-    row = play.run(1000).strike(gold__off_mm=4.0).run(149).run(300, gold__off_mm=10.5).over()
-    assert (row["outcome"], row["score"]) == ("harm", 0.0)
-
-
 def test_without_the_cue_nothing_is_felt_and_the_reaction_has_the_same_origin():
     rows = []
     for cue_on in (True, False):
@@ -228,15 +222,6 @@ def test_a_dead_console_is_no_response_and_feels_nothing():
     assert [(event["number"], event["by"]) for event in play.of("interrupted")] == [(0, "console")]
 
 
-def test_a_pedal_that_others_lift_is_no_response_and_the_hazard_is_not_scored():
-    play = Play().run(1000).strike().run(20, gold__known_mm=2.0, gold__off_mm=2.0)
-    play.events += play.judge.lifted(play.tick, "resume")
-    play.run(100, pedal=0, runlevel=2).run(100, pedal=1, runlevel=3).run(100, pedal=0, runlevel=2)
-    row = play.over()
-    assert (row["response"], row["outcome"], row["score"]) == (None, "interrupted", None)
-    assert play.judge.result()["score"] is None
-
-
 def test_what_was_answered_before_it_was_cut_off_counts():
     play = (
         Play()
@@ -264,31 +249,6 @@ def test_a_right_response_that_comes_too_late_is_not_ok():
     row = play.over()
     assert (row["response"], row["response_ok"], row["outcome"]) == ("release", False, "missed")
     assert play.of("response")[0]["ok"] is False and row["score"] == 50.0
-
-
-@pytest.mark.parametrize("limit_mm", [0.5, 3.0, 8.0])
-@pytest.mark.parametrize(
-    ("channel", "word", "event"),
-    [
-        ("gold__off_mm", "unintended motion", "unintended_motion"),
-        ("gold__loss_mm", "loss of motion", "loss_of_motion"),
-        ("gold__false_report_mm", "false report", "false_report"),
-    ],
-)
-def test_the_limit_of_each_hazard_is_the_scenarios(limit_mm, channel, word, event):
-    play = Play(limit_mm=limit_mm)
-    play.run(10).strike(gold__known_mm=1.0, **{channel: limit_mm}).run(200)
-    assert play.judge.rows()[0]["motion_hazard"] == "none" and not play.of(event)
-    row = play.run(50, **{channel: limit_mm + 0.25}).over()
-    assert (row["motion_hazard"], row["limit_mm"]) == (word, limit_mm)
-    assert play.of(event) == [
-        {"tick": 211, "kind": event, "number": 0, "arm": "gold", "mm": limit_mm + 0.25}
-    ]
-    assert (row["outcome"] == "harm") is (
-        word == "unintended motion"
-    )  # neither of the others moved the instrument
-    times = [row[f"{name}_first_ms"] for name in ("unintended", "loss", "false_report")]
-    assert times.count(211) == 1 and times.count(None) == 2
 
 
 def test_a_report_that_cannot_be_judged_has_no_distance():
@@ -339,43 +299,10 @@ def test_a_robot_that_halts_by_itself_is_halted_and_a_late_foot_is_no_response()
     assert row["halted"] and row["outcome"] == "halted" and row["response"] is None
 
 
-def test_a_robot_that_halts_in_the_very_tick_of_the_strike_is_halted_too():
-    play = Play()
-    play.run(10).strike(runlevel=0, soft_estopped=1)
-    row = play.over()
-    assert row["halted"] and (row["knowable_ms"], row["knowable_by"]) == (10, "runlevel")
-
-
-def test_motion_while_the_robot_is_not_live_is_harm_and_no_hazard():
-    play = Play(limit_mm=3.0)
-    play.run(10).strike(gold__known_mm=1.0, gold__off_mm=2.0).run(200)
-    play.run(300, runlevel=0, soft_estopped=1, gold__off_mm=3.5)  # its brakes slip
-    row = play.over()
-    assert (row["unintended_mm"], row["unintended_off_mm"]) == (2.0, 3.5)
-    assert (row["motion_hazard"], row["outcome"]) == ("none", "harm")
-
-
 def test_going_on_is_no_answer_to_a_robot_that_halted():
     play = Play(right_response=["continue"])
     row = play.run(10).strike(gold__known_mm=1.0).run(50).run(10, runlevel=0).over()
     assert row["outcome"] == "halted" and not row["response_ok"]
-
-
-def test_a_robot_out_of_pedal_down_without_a_check_has_lost_its_motion_after_a_while():
-    play = Play(right_response=["restart"])
-    play.run(10).strike().run(5, runlevel=2)
-    halted = [play.run(1, halted_ms=ms, golden_halted_ms=20).judge.rows()[0] for ms in (220, 221)]
-    assert [row["motion_hazard"] for row in halted] == ["none", "loss of motion"] and halted[0][
-        "halted"
-    ]
-    assert play.of("loss_of_motion") == [
-        {"tick": 17, "kind": "loss_of_motion", "number": 0, "halted_ms": 201}
-    ]
-    assert (halted[1]["halted_ms"], halted[1]["golden_halted_ms"], halted[1]["loss_first_ms"]) == (
-        221,
-        20,
-        None,
-    )
 
 
 def test_the_time_after_the_operators_e_stop_is_no_loss_of_motion():
@@ -438,12 +365,6 @@ def test_slowing_down_counts_from_its_beginning_if_it_lasts():
     assert slowed(SLOW_FOR_MS + 300, 0.1, ["release"])["response"] is None  # not asked for
 
 
-def test_hands_that_stood_when_it_struck_have_not_slowed_down():
-    play = Play(right_response=["slow"])
-    play.run(3000).strike(gold__known_mm=1.0).run(3000)
-    assert play.over()["response"] is None
-
-
 def test_alarms_are_those_that_tripped_since_and_the_first_trip_is_exact():
     play = Play()
     play.outcomes = {
@@ -483,63 +404,11 @@ def test_a_limit_is_told_to_nobody_and_kept_as_such():
     ]
 
 
-def test_what_the_golden_run_trips_too_is_no_response():
-    play = Play()
-    play.golden = {"check_joint_limit_count": 0}
-    play.outcomes = {"check_joint_limit_count": 0, "check_joint_limit_first_ms": -1}
-    play.run(100).strike()
-    play.golden = {"check_joint_limit_count": 4}
-    play.outcomes = {"check_joint_limit_count": 4, "check_joint_limit_first_ms": 5105}
-    play.run(20)
-    assert play.of("alarm")  # the operator is told all the same
-    row = play.judge.rows()[0]
-    assert (row["check_response"], row["alarm"], row["knowable_by"]) == ("silent", None, None)
-    play.outcomes = {"check_joint_limit_count": 6, "check_joint_limit_first_ms": 5105}
-    row = play.run(20).over()
-    assert (row["check_response"], row["alarm"], row["alarm_ms"]) == ("flagged", "joint_limit", 130)
-
-
-def test_a_trip_just_before_the_hazard_is_taken_back_counts():
-    play = Play()
-    play.outcomes = {"check_ik_reject_count": 0, "check_ik_reject_first_ms": -1}
-    play.run(101).strike().run(5)
-    play.events += play.judge.look({"check_ik_reject_count": 1, "check_ik_reject_first_ms": 5104})
-    assert (row := play.over())["alarm"] == "ik_reject" and row["alarm_ms"] == 104
-
-
-def test_the_strongest_response_names_its_own_check():
-    play = Play()
-    columns = {
-        f"check_{name}_{kind}": 0
-        for name in ("ik_reject", "plc_watchdog")
-        for kind in ("count", "first_ms")
-    }
-    play.outcomes = columns
-    play.run(100).strike()
-    play.outcomes = columns | {"check_ik_reject_count": 1, "check_ik_reject_first_ms": 5110}
-    play.run(20)
-    play.outcomes = play.outcomes | {
-        "check_plc_watchdog_count": 1,
-        "check_plc_watchdog_first_ms": 5125,
-    }
-    row = play.run(20).over()
-    assert (row["check_response"], row["check_cause"]) == ("stopped", "plc_watchdog")
-    assert (row["alarm"], row["alarm_ms"]) == ("ik_reject", 110)
-
-
 def test_a_cue_that_the_golden_run_has_too_is_not_of_the_hazard():
     play = Play()
     play.run(1000).strike(gold__known_mm=0.1).run(50, golden_cue=1).run(50, golden_cue=0)
     row = play.run(10, gold__force=(0.1, 0, 0)).over()
     assert row["cue_ms"] is None and [event["number"] for event in play.of("cue")] == [-1]
-
-
-def test_a_force_about_its_threshold_is_one_cue():
-    play = Play()
-    for _ in range(20):
-        play.run(20, gold__force=(0.1, 0, 0)).run(20, gold__force=(0, 0, 0))
-    play.run(400).run(5, gold__force=(0.1, 0, 0))
-    assert [(event["tick"], event["number"]) for event in play.of("cue")] == [(0, -1), (1200, -1)]
 
 
 def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
@@ -555,18 +424,6 @@ def test_a_check_that_keeps_tripping_is_told_once_with_its_count():
         and counts == sorted(counts)
         and len(counts) <= 1 + play.tick / 1000
     )
-
-
-def test_a_count_goes_on_where_the_robot_begins_anew():
-    play = Play().run(10)
-    for _ in range(2):
-        play.outcomes = {
-            "check_joint_limit_count": 4,
-            "check_joint_limit_first_ms": play.tick + 5000,
-        }
-        play.run(2000)
-        play.events += play.judge.restarted(play.tick)
-    assert [alarm["count"] for alarm in play.of("alarm")] == [4, 8]
 
 
 def test_a_hazard_that_never_struck_has_a_row():

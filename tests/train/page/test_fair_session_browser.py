@@ -236,4 +236,4 @@ def test_a_session_is_never_overwritten(begin):
         assert session.ended() == 0
         folders.append(session.said("session: ").partition(" (")[0])
     assert folders == [str(session.folder), f"{session.folder}-2"]
-    assert "holds a session, which stays as it is; this one goes to" in "".join(session.lines)
+    assert "stays as it is; this one goes to" in "".join(session.lines)

@@ -8,10 +8,11 @@ import pytest
 from ravenjax.campaign import loading
 from ravenjax.robots.raven2.console.packet import decode
 from ravenjax.train import scenario
-from ravenjax.train.judge.trips import Trips
+from ravenjax.train.judge.detectors import Trips
 from ravenjax.train.protocol.frame import PHASES
 from ravenjax.train.robot_link.distant import DistantRobot
-from ravenjax.train.robot_link.joint_report import JointReport, encode_report
+from ravenjax.train.robot_link.joint_stream import JointReport, encode_report
+from ravenjax.train.robot_link.packet_filter import Increments
 from ravenjax.train.session import advance, blueprint
 from ravenjax.train.session.advance import Session
 from ravenjax.train.session.simulation import PacketRobot, SimulatedRobot
@@ -205,3 +206,19 @@ def test_a_robot_that_nothing_is_heard_of_is_waited_for_as_long_as_it_takes(monk
     assert (
         session.frame["gold/error_mm"] < 1.0 and not session.frame["gold/force"].any()
     )  # the model came along
+
+
+def test_the_model_begins_where_the_robot_stands():
+    chosen = scenario.from_dict({"name": "far", "duration_s": 30, "task": {"kind": "free"}})
+    robot, number = PacketRobot(scenario.campaign(chosen, 0)), 0
+    for pedal, ticks, um in ((0, 20, 0), (1, 300, 0), (1, 300, 60), (0, 300, 0)):
+        for _ in range(ticks):
+            number += 1
+            increments = Increments(0, pedal, ((um, 0, 0),), ((0.0, 0.0, 0.0, 1.0),), (0,))
+            robot.tick(increments.packet(number))
+    session = Session(chosen, 0, robot=lambda made: DistantRobot(made, Wire(robot)))
+    start = session.blueprint.plan.motion.start_jpos[0]
+    for _ in range(100):
+        session.tick([])
+    assert np.abs(session.frame["gold/jpos"] - start).max() > 0.01
+    assert session.frame.number("gold/error_mm") < 0.1

@@ -19,7 +19,7 @@ from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network
 from ravenjax.store.consoles import loading as consoles
-from ravenjax.train.robot_link.packet_filter import CAUSES, TAKEN, Gate, PacketLimits
+from ravenjax.train.robot_link.packet_filter import CAUSES, TAKEN, Gate
 
 CONSOLE, OTHER = ("127.0.0.1", 40000), ("127.0.0.1", 40001)
 BOTH = ("gold", "green")
@@ -85,18 +85,6 @@ def test_content(fields, cause):
     )
 
 
-def test_an_arm_that_is_not_there_may_have_any_content():
-    nothing = (0.0, 0.0, 0.0, 0.0)
-    assert (
-        sent(Gate(("gold",)), 1, green=(10**6, 0, 0), quats=(IDENTITY, nothing), grasp=(0, 9999))
-        == TAKEN
-    )
-    assert (
-        sent(Gate(("green",)), 1, gold=(10**6, 0, 0), quats=(nothing, IDENTITY), grasp=(9999, 0))
-        == TAKEN
-    )
-
-
 def test_numbers():
     gate = Gate(BOTH)
     assert sent(gate, 0) == "zero"
@@ -142,13 +130,7 @@ def test_one_console_until_it_is_silent():
     assert gate.peer(9999.0) is None
 
 
-def test_only_the_named_console():
-    gate = Gate(BOTH, PacketLimits(console="10.0.0.7"))
-    assert sent(gate, 1) == "stranger"
-    assert sent(gate, 1, source=("10.0.0.7", 9)) == TAKEN
-
-
-@settings(max_examples=40)
+@settings(max_examples=15, deadline=None)
 @given(st.lists(st.integers(0, 2200), min_size=1, max_size=6), st.integers(1, 1100))
 def test_takes_nothing_that_the_robot_would_drop(numbers, first):
     """The rules of `stages.network`, run beside, on streams without pauses: the gate is only

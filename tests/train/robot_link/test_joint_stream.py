@@ -9,12 +9,13 @@ import waiting
 
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import Frame, FrameLayout
-from ravenjax.train.robot_link.joint_report import JointReport, encode_report
-from ravenjax.train.robot_link.joint_server import (
+from ravenjax.train.robot_link.joint_stream import (
     BUFFER_BYTES,
     LONGEST_LINE,
     MOST_CLIENTS,
+    JointReport,
     JointServer,
+    encode_report,
 )
 
 GREETING = {"robot": "ravenjax"}

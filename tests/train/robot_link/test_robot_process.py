@@ -12,9 +12,8 @@ from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.robot_link import process
 from ravenjax.train.robot_link.itp import ItpServer
-from ravenjax.train.robot_link.joint_server import JointServer
-from ravenjax.train.robot_link.process import Strike
-from ravenjax.train.robot_link.station import Station
+from ravenjax.train.robot_link.joint_stream import JointServer
+from ravenjax.train.robot_link.process import Station, Strike
 
 BOTH = ("gold", "green")
 

@@ -22,7 +22,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.train.protocol.messages import STALE_MS
 from ravenjax.train.scenario import Speeds
 from ravenjax.train.session.command_log import read_commands, write_commands
-from ravenjax.train.session.hands import FARTHEST_UM, SMOOTHING_MS, Hands
+from ravenjax.train.session.hands import SMOOTHING_MS, Hands
 
 ARMS = ("gold", "green")
 SETUP = RavenSetup(arms=ARMS, tools=("r_grasper", "r_grasper"))
@@ -209,20 +209,6 @@ def test_hands_can_be_put_where_a_row_has_them():
     np.testing.assert_allclose(other.advance(0).columns, row, rtol=1e-6)
 
 
-def test_one_bad_arm_refuses_the_whole_message():
-    who = hands()
-    assert not who.take(
-        incremented(gold={"delta_um": [5, 5, 5]}, green={"delta_um": [FARTHEST_UM * 2, 0, 0]}), 0
-    )
-    assert not who.advance(0).columns.any(where=np.arange(17) % 8 != 6)
-
-
-def test_an_arm_that_the_session_does_not_have_is_no_error():
-    who = hands(("gold",))
-    assert who.take(incremented(gold={"delta_um": [5, 0, 0]}, green={"delta_um": [7, 0, 0]}), 0)
-    assert who.advance(0).columns.shape == (9,)
-
-
 BAD = [
     said(pedal=1),
     said() | {"arms": []},
@@ -263,7 +249,7 @@ _KEYED = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.lists(_KEYED, max_size=5))
 def test_nothing_that_a_script_says_raises_or_makes_numbers_that_are_none(messages):
     who, good = hands(), []

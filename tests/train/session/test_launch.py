@@ -105,12 +105,9 @@ def test_its_recording_is_a_log_for_other_tools(headless):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("by", ["script", "commands"])
-def test_the_same_session_again_has_the_same_bits(headless, tmp_path, by):
-    said = options(tmp_path / "one")
-    if by == "commands":
-        said = dataclasses.replace(said, script=str(headless.folder / "commands.jsonl"))
-    again = launch.headless(said)
+def test_the_same_commands_again_have_the_same_bits(headless, tmp_path):
+    script = str(headless.folder / "commands.jsonl")
+    again = launch.headless(dataclasses.replace(options(tmp_path / "one"), script=script))
     np.testing.assert_array_equal(reader.read(again.folder).rows, reader.read(headless.folder).rows)
     assert (again.folder / "hazards.csv").read_bytes() == (
         headless.folder / "hazards.csv"
@@ -225,14 +222,14 @@ def test_a_second_session_begins_without_jax_trimesh_and_pandas(tmp_path):
     assert ran.stdout.strip() == "[]"
 
 
-def test_a_session_that_never_began_leaves_nothing(tmp_path):
-    folder = tmp_path / "x"
-    assert launch._claimed(folder) and not launch._claimed(folder)
-    launch._release(folder)
-    assert not folder.exists() and launch._claimed(folder)
-    (folder / "session.json").touch()
-    launch._release(folder)
-    assert [one.name for one in folder.iterdir()] == ["session.json"]
+def test_a_folder_that_is_there_is_left_alone(tmp_path):
+    lines, folder = [], tmp_path / "x"
+    first, second = (launch._with_new_folder(options(folder), lines.append) for _ in range(2))
+    assert (first.folder, second.folder) == (folder, tmp_path / "x-2")
+    assert len(lines) == 1 and f"this one goes to {tmp_path / 'x-2'}" in lines[0]
+    (folder / "file").touch()
+    with pytest.raises(UserError, match="cannot be made"):
+        launch._with_new_folder(options(folder / "file" / "y"), lines.append)
 
 
 def started(folder, *options, port=0):
@@ -249,7 +246,7 @@ def started(folder, *options, port=0):
 
 
 @pytest.mark.slow
-def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
+def test_sigterm_before_it_begins_ends_it_without_a_traceback(tmp_path):
     ran, said = started(tmp_path / "x"), ""
     for line in ran.stdout:
         said += line
@@ -257,7 +254,7 @@ def test_sigterm_before_it_begins_leaves_no_claim(tmp_path):
             ran.terminate()
     assert ran.wait(60) == 128 + signal.SIGTERM
     assert "of a session that had begun the recording is kept" in said
-    assert "Traceback" not in said and not (tmp_path / "x" / launch.CLAIM).exists()
+    assert "Traceback" not in said
 
 
 @pytest.mark.slow
@@ -281,7 +278,6 @@ def test_one_interruption_ends_it_whenever_it_comes(tmp_path, when):
         assert f"port {port} is taken: the page is at port" in said
     if when == "realtime:":
         assert (tmp_path / "x" / "debrief.html").exists() and "(interrupted)" in said
-    assert not (tmp_path / "x" / launch.CLAIM).exists()
 
 
 @pytest.mark.slow

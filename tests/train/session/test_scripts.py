@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
-
 import numpy as np
 import pytest
 from made_frames import TIPS, made, put, running
-from recording_operator import RecordingOperator
 
 from ravenjax.errors import UserError
 from ravenjax.train import scenario, tasks
 from ravenjax.train.protocol.frame import PHASES
-from ravenjax.train.session.advance import Session
-from ravenjax.train.session.command_log import read_commands, write_commands
+from ravenjax.train.session.command_log import read_commands
 from ravenjax.train.session.hands import Hands
 from ravenjax.train.session.scripts import INPUT_EVERY_MS, Follower, Recorded
 
@@ -104,26 +99,6 @@ def test_it_restarts_a_stopped_robot_and_steps_on_again():
     assert [down for _, down in pedals(said(operator, frame, 2001, 3500))] == [False, True]
 
 
-def test_it_restarts_a_robot_that_does_not_follow_its_pedal():
-    operator, _ = follower()
-    frame, lifted = running(), running()
-    said(operator, frame, 0, 500)
-    frame["runlevel"] = lifted["runlevel"] = 2
-    lifted["pedal"] = 0
-    assert [m for _, m in said(operator, frame, 500, 2300) if m["type"] == "operator"] == []
-    spoken = said(operator, lifted, 2300, 4000)
-    restarts = [tick for tick, message in spoken if message["type"] == "operator"]
-    assert restarts == [500 + 1000 + 1500]
-
-
-def test_what_was_said_can_be_kept_and_said_again(tmp_path):
-    operator, _ = follower()
-    first = said(operator, running(), 0, 100)
-    write_commands(tmp_path / "said.jsonl", first)
-    again = Recorded(read_commands(tmp_path / "said.jsonl"))
-    assert said(again, running(), 0, 100) == first
-
-
 def test_a_recorded_operator_says_what_was_missed_at_once_and_in_order():
     operator = Recorded([(5, {"do": "b"}), (1, {"do": "a"}), (9, {"do": "c"})])
     assert [m["do"] for m in operator.messages(6, running())] == ["a", "b"]
@@ -145,47 +120,3 @@ def test_a_line_that_is_no_message_is_told_with_its_number(tmp_path, line):
 
 
 # --- a whole session ---
-
-DRIFT = {"site": "jpos_d", "channel": "shoulder", "effect": "drift", "value": 4e-5}
-CREEPING = {
-    "name": "creeping",
-    "duration_s": 9,
-    "task": {"kind": "reach", "targets": 50, "tolerance_mm": 3},
-    "harm": {"excursion_mm": 10},
-    "hazard": [
-        {"name": "creep", "when": 2, "within_s": 3, "fault": [DRIFT | {"duration_ms": 4000}]}
-    ],
-}
-
-
-def played(session, operator):
-    """The session's frames, hashed, and its events."""
-    hashed, events, tick = hashlib.sha256(), [], 0
-    while not session.over:
-        events += session.tick(operator.messages(tick, session.frame))
-        hashed.update(session.frame.row.tobytes())
-        tick += 1
-    return hashed.hexdigest(), events
-
-
-@pytest.mark.slow
-def test_a_session_runs_without_a_person_and_is_the_same_again():
-    chosen = scenario.from_dict(CREEPING)
-    session = Session(chosen, 1)
-    kept = RecordingOperator(Follower(session.task, session.arms, chosen.speeds))
-    frames, events = played(session, kept)
-    (row,) = session.judge.rows()
-    assert row["struck_ms"] == 2212 and row["knowable_by"] == "tip"
-    assert 100 < row["knowable_ms"] - 2212 < row["cue_ms"] - 2212  # a drift: 1 mm off before 3 mm
-    assert (
-        row["response"] == "release" and row["response_ms"] == row["cue_ms"] + 251
-    )  # felt a tick later
-    assert (
-        row["outcome"] == "avoided"
-        and 3.0 < row["unintended_mm"] < 10.0
-        and math.isfinite(row["deepest_mm"])
-    )
-    assert session.task.result()["reached"] >= 5
-    again = Session(chosen, 1, ready=session.blueprint)
-    assert played(again, Recorded(kept.said)) == (frames, events)
-    assert again.judge.rows() == [row]

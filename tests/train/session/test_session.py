@@ -4,10 +4,9 @@ without a clock.
 
 import numpy as np
 import pytest
-from recording_operator import RecordingOperator
 
 from ravenjax.train import scenario
-from ravenjax.train.session import scripts
+from ravenjax.train.session import advance, scripts
 from ravenjax.train.session.advance import Session
 from ravenjax.train.session.simulation import SimulatedRobot
 
@@ -87,15 +86,13 @@ def follower(session, **settings):
     return scripts.Follower(session.task, session.arms, CHOSEN.speeds, **settings)
 
 
-def test_a_session_comes_again_to_the_bit_from_its_script_and_from_what_was_said(made):
+def test_a_session_comes_again_to_the_bit_from_what_was_said(made):
     first = Session(CHOSEN, 5, ready=made)
-    heard = RecordingOperator(follower(first))
-    rows, events, hazards = whole(first, heard)
-    for operator in (None, scripts.Recorded(heard.said)):
-        again = Session(CHOSEN, 5, ready=made)
-        other, told, table = whole(again, operator or follower(again))
-        np.testing.assert_array_equal(rows, other)
-        assert (events, hazards) == (told, table)
+    rows, events, hazards = whole(first, follower(first))
+    again = scripts.Recorded(first.command_log)
+    other, told, table = whole(Session(CHOSEN, 5, ready=made), again)
+    np.testing.assert_array_equal(rows, other)
+    assert (events, hazards) == (told, table)
     kinds = [event["kind"] for event in events]
     for kind in (
         "phase",
@@ -214,10 +211,10 @@ def test_a_pedal_that_is_still_down_drives_nothing_until_it_was_seen_up(session,
     assert moved_mm(session, 300, move=(1.0, 0.0, 0.0)) > 3.0
 
 
-def test_the_time_of_a_session_begins_with_the_first_pedal_down(session):
-    rows, events = drive(
-        session, 40_000, pedal=False
-    )  # longer than the session, and than a robot waits
+def test_the_time_of_a_session_begins_with_the_first_pedal_down(session, monkeypatch):
+    monkeypatch.setattr(advance, "STAND_BY_MS", 1000)
+    # Longer than the session, and than a robot waits.
+    rows, events = drive(session, 13_000, pedal=False)
     assert not session.over and not [event for event in events if event["kind"] == "hazard_armed"]
     assert set(channel(session, rows, "left_ms").ravel()) == {12_000.0}
     rows, events = drive(session, 12_100)

@@ -119,7 +119,6 @@ class BridgeOptions:
 
     rows: str  # names of the rings
     commands: str
-    says: Connection  # takes None once the process speaks, later why it ends
     ros: Ros
     arms: tuple[ArmName, ...]
     tools: tuple[str, ...]
@@ -140,31 +139,21 @@ def spawn(
     """
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)
-    answers, says = multiprocessing.Pipe(duplex=False)
-    stack.callback(answers.close)
     setup, control = blueprint.setup, blueprint.plan.program.params.control
     options = BridgeOptions(
         console.rows.name,
         console.commands.name,
-        says,
         ros,
         blueprint.layout.arms,
         setup.tools,
         int(control.teleoperation.grasp_gain),
         setup.contact and not elsewhere,
     )
-    process = processes.spawn(stack, run, options)
-    says.close()
-    if not answers.poll(processes.STARTING_S):
-        raise UserError(f"CRTK over {ros} did not start within {processes.STARTING_S:g} s")
-    try:
-        trouble = answers.recv()
-    except EOFError:
-        process.join(processes.STARTING_S)
-        trouble = f"the process that speaks CRTK ended with code {process.exitcode}; see above"
-    if trouble:
+    helper = processes.Helper(stack, run)
+    helper.begin(options)
+    if trouble := helper.answer("the process that speaks CRTK"):
         raise UserError(trouble)
-    console.process_says = answers
+    console.process_says = helper.answers
     return console
 
 
@@ -199,10 +188,13 @@ class RobotRings:
         self._commands.close()
 
 
-def run(options: BridgeOptions) -> None:
+def run(robot: Connection) -> None:
     """Speak until the process is terminated or the robot's is gone. The entry point of a spawned
     process.
+
+    robot: gives `BridgeOptions`, and takes None once the process speaks, later why it ends.
     """
+    options: BridgeOptions = robot.recv()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the robot's to take
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # others are told that the topics are gone
     arms, contact = options.arms, options.contact
@@ -210,7 +202,7 @@ def run(options: BridgeOptions) -> None:
         topics = messages.published(arms, options.ros, contact), messages.subscribed(arms)
         transport = connect(options.ros, *topics)
     except UserError as error:
-        options.says.send(str(error))
+        robot.send(str(error))
         return
     rings = RobotRings(options.rows, options.commands, FrameLayout.of(arms))
 
@@ -220,7 +212,7 @@ def run(options: BridgeOptions) -> None:
     interpreter = Interpreter(
         arms, options.tools, transport.types, options.grasp_gain, contact, refused
     )
-    options.says.send(None)
+    robot.send(None)
     parent = multiprocessing.parent_process()
     published = checked = time.monotonic()
     try:
@@ -248,7 +240,7 @@ def run(options: BridgeOptions) -> None:
                     transport.publish(name, message)
             time.sleep(max(0.0, PERIOD_S - (time.monotonic() - began)))
     except UserError as error:
-        options.says.send(str(error))
+        robot.send(str(error))
     finally:
         transport.close()
         rings.close()

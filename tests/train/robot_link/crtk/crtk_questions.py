@@ -2,8 +2,8 @@
 each question.
 
 Only the conventions are known here, not the robot's code; it runs in any Python, that of ROS 1 too.
-The questions about frame, scale, rate and precondition are those that a public suite for CRTK over
-ROS 1 asks; the rest is ours.
+The questions about frame, scale and rate are those that a public suite for CRTK over ROS 1 asks;
+the rest is ours.
 
 A peer has `last(topic)` (a message or None), `count(topic)`, `send(topic, **fields)`,
 `stamp(message)` in s, `arrived(topic)` in s since 1970, and calls `heard(topic, message)` for each
@@ -17,12 +17,10 @@ see `Questions.asked`.
 import itertools
 import json
 import math
-import socket
 import threading
 import time
 
 ARM = "arm1"
-JOINTS = ["shoulder", "elbow", "insertion", "tool_roll", "wrist", "grasp1", "grasp2"]
 TOLD = [
     "measured_js",
     "setpoint_js",
@@ -48,8 +46,8 @@ def until(true, seconds=20.0):
 
 
 class Questions:
-    def __init__(self, peer, joint_port):
-        self.peer, self.port = peer, joint_port
+    def __init__(self, peer):
+        self.peer = peer
         self.held = None  # the servo command that is repeated while answers are awaited
         self.states = []  # that were told
         self.held_up = 0  # how often somebody was kept waiting
@@ -148,27 +146,9 @@ class Questions:
             "homed": bool(self.get("operating_state").is_homed),
         }
 
-    def precondition(self):
-        """Whether motion is refused before the robot is enabled, and invalid commands change
-        nothing.
-        """
-        before = self.joints()
-        states = []
-        for word in ("pause", "resume"):
-            told = len(self.states)
-            self.peer.send(ARM + "/state_command", string=word)
-            until(lambda n=told: len(self.states) > n)  # each command is answered
-            states.append(self.state())
-        self.stream("servo_jr", {"position": [0.01, 0, 0, 0, 0, 0, 0]}, 0.5)
-        self.held = None
-        return {
-            "moved": max(abs(a - b) for a, b in zip(self.joints(), before, strict=True)),
-            "states": states,
-        }
-
     def frame(self):
-        """Displacements of setpoint and measurement for 4 mm along each axis of the frame that
-        poses are told in.
+        """Displacements of the setpoint for 4 mm along each axis of the frame that poses are told
+        in, and how far the measured tip is from there.
         """
         moved = []
         self.held = None
@@ -178,35 +158,10 @@ class Questions:
             goal = list(start)
             goal[axis] += 0.004
             self.stream("servo_cp", {"position": goal, "quat": quat}, 1.0)
-            reached = self.place()[0]
-            measured = self.place("measured_cp")[0]
-            moved.append(
-                {
-                    "setpoint": [a - b for a, b in zip(reached, start, strict=True)],
-                    "off": math.sqrt(
-                        sum((a - b) ** 2 for a, b in zip(measured, reached, strict=True))
-                    ),
-                }
-            )
-            self.stream("servo_cp", {"position": start, "quat": quat}, 0.6)
+            reached, measured = self.place()[0], self.place("measured_cp")[0]
+            off = math.sqrt(sum((a - b) ** 2 for a, b in zip(measured, reached, strict=True)))
+            moved.append(([a - b for a, b in zip(reached, start, strict=True)], off))
         return moved
-
-    def turn(self):
-        """A turn of 0.1 rad about the frame's z: setpoint's quaternion times the inverse of the
-        one before.
-        """
-        start, (x, y, z, w) = self.place()
-        self.ready()
-        s, c = math.sin(0.05), math.cos(0.05)
-        goal = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
-        self.stream("servo_cp", {"position": start, "quat": goal}, 1.0)
-        a, b, d, e = self.place()[1]
-        relative = [
-            a * w - x * e - (b * z - d * y),
-            b * w - y * e - (d * x - a * z),
-            d * w - z * e - (a * y - b * x),
-        ]
-        return {"axis_times_sine": relative, "sine": s}
 
     def scale(self):
         """Joints: what ten relative steps and an absolute setpoint come to."""
@@ -241,83 +196,21 @@ class Questions:
         off = [a - b for a, b in zip(self.joints(), goal, strict=True)]
         return {"busy": busy, "done": done, "seconds": seconds, "off": off, "state": self.state()}
 
-    def clutch(self):
-        """Feet on the pedals: who steps off is paused, and the clutch lets go without a word."""
+    def feet(self):
+        """Who steps off is paused, and the clutch lets go without a word."""
         peer = self.peer
-        result = {"paused": self.command("pause", "PAUSED")}
-        peer.send("console/operator_present", buttons=[0])
-        time.sleep(0.1)
-        peer.send("console/operator_present", buttons=[1])
-        result["present"] = until(lambda: self.state() == "ENABLED")
-        peer.send("console/clutch", buttons=[1])
-        result["clutched"] = until(lambda: self.state() == "PAUSED")
-        before, (place, quat) = self.place()[0], self.place()
-        self.stream(
-            "servo_cp", {"position": [place[0] + 0.003, place[1], place[2]], "quat": quat}, 0.4
-        )
-        self.held = None
-        result["moved"] = max(abs(a - b) for a, b in zip(self.place()[0], before, strict=True))
-        peer.send("console/clutch", buttons=[0])
-        result["released"] = until(lambda: self.state() == "ENABLED")
-        peer.send("console/operator_present", buttons=[0])
-        result["left"] = until(lambda: self.state() == "PAUSED")
+        result = [self.command("pause", "PAUSED")]
+        for topic, button, state in (
+            ("operator_present", 0, "PAUSED"),
+            ("operator_present", 1, "ENABLED"),
+            ("clutch", 1, "PAUSED"),
+            ("clutch", 0, "ENABLED"),
+            ("operator_present", 0, "PAUSED"),
+        ):
+            time.sleep(0.1)
+            peer.send("console/" + topic, buttons=[button])
+            result.append(until(lambda state=state: self.state() == state))
         return result
-
-    def disabling(self):
-        """Off, and on again."""
-        self.held = None
-        self.peer.send("console/operator_present", buttons=[0])
-        result = {
-            "disabled": self.command("disable", "DISABLED"),
-            "homed": bool(self.get("operating_state").is_homed),
-        }
-        result["enabled"] = self.command("enable", "ENABLED")
-        result["homed_again"] = bool(self.get("operating_state").is_homed)
-        return result
-
-    def estop(self):
-        """Somebody presses the E-stop while a foot is on the pedal: nothing but an act of its
-        own drives again.
-        """
-        peer = self.peer
-        peer.send("console/operator_present", buttons=[1])
-        time.sleep(0.2)
-        with socket.create_connection(("127.0.0.1", self.port)) as stream:
-            stream.sendall(json.dumps({"order": "estop"}).encode() + b"\n")
-            result = {"fault": until(lambda: self.state() == "FAULT")}
-            result["homed"] = bool(self.get("operating_state").is_homed)
-        peer.send("console/operator_present", buttons=[1])  # the foot that never moved
-        peer.send(ARM + "/state_command", string="resume")
-        peer.send(ARM + "/servo_jr", position=[0.01, 0, 0, 0, 0, 0, 0])
-        time.sleep(0.4)
-        result["still"] = self.state()
-        result["home"] = self.command("home", "PAUSED")
-        peer.send("console/operator_present", buttons=[1])
-        time.sleep(0.4)
-        result["foot"] = self.state()
-        peer.send("console/operator_present", buttons=[0])
-        time.sleep(0.05)
-        peer.send("console/operator_present", buttons=[1])
-        result["enabled"] = until(lambda: self.state() == "ENABLED")
-        return result
-
-    def silence(self):
-        """How long after the last servo command the pedal is up, s, and the force then."""
-        self.ready()
-        self.stream("servo_jr", {"position": [0.0] * 7}, 0.5)
-        self.held = None
-        began = time.time()
-        self.peer.send(ARM + "/servo_jr", position=[0.0] * 7)
-        driven = self.state() == "ENABLED"
-        paused = until(lambda: self.state() == "PAUSED")
-        seconds = time.time() - began
-        force = self.fresh("cue_cf").wrench.force
-        return {
-            "driven": driven,
-            "paused": paused,
-            "seconds": seconds,
-            "force": [force.x, force.y, force.z],
-        }
 
     def asked(self, word, moves=False):
         """The answer of a question; asked again where somebody was kept waiting meanwhile.
@@ -335,12 +228,14 @@ class Questions:
                 return answer
 
     def all(self):
-        answers = {word: self.asked(word) for word in ("reading", "precondition")}
+        answers = {"reading": self.asked("reading")}
         assert self.command("enable", "ENABLED"), self.state()
-        moves = ("frame", "turn", "scale", "move")
-        answers |= {word: self.asked(word, moves=True) for word in moves}
+        answers |= {word: self.asked(word, moves=True) for word in ("frame", "scale", "move")}
+        answers["feet"] = self.asked("feet")
+        # The last two leave the robot where it begins.
         return answers | {
-            word: self.asked(word) for word in ("clutch", "disabling", "estop", "silence")
+            word: self.command(word, state)
+            for word, state in (("disable", "DISABLED"), ("enable", "ENABLED"))
         }
 
     def enable(self):
@@ -425,11 +320,11 @@ class Questions:
 
 
 def main(peer, arguments):
-    """Arguments: all | hold | visit | soak, the robot's joint port, s of a soak."""
+    """Arguments: all | hold | visit | soak, s of a soak."""
     time.sleep(1.0)
-    questions = Questions(peer, int(arguments[1]))
+    questions = Questions(peer)
     if arguments[0] == "soak":
-        print(json.dumps(questions.soak(float(arguments[2]))), flush=True)
+        print(json.dumps(questions.soak(float(arguments[1]))), flush=True)
     elif arguments[0] in ("hold", "visit"):
         assert until(lambda: questions.get("operating_state") is not None, 60.0)
         getattr(questions, arguments[0])()

@@ -22,8 +22,8 @@ from ravenjax.train.robot_link.crtk import messages, ros1
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
-from ravenjax.train.robot_link.increments import Increments
-from ravenjax.train.robot_link.station import Station
+from ravenjax.train.robot_link.packet_filter import Increments
+from ravenjax.train.robot_link.process import Station
 from ravenjax.train.session import pedal
 from ravenjax.train.session.advance import Session
 
