@@ -40,7 +40,7 @@ def fresh(
         "campaign": campaign["campaign"] | {"name": "fresh"},
         "group": [{"name": "fresh"}],
     }
-    config = loading.from_dict(raw, overrides=overrides, template=True)
+    config = loading.from_dict(raw, overrides=overrides)
     own = OperationDesign(
         tuple(design["motions"]),
         robots or design["robots"],

@@ -122,7 +122,7 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
         for one in error.errors():
             yield _of_file(scenario, one["loc"], []), one["msg"].removeprefix("Value error, ")
         return
-    for key, message in semantics.complaints(config):
+    for key, message in (*semantics.complaints(config), *bounds.complaints(config)):
         yield _of_file(scenario, key, written), _of_scenario(key, message)
 
 
@@ -174,7 +174,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
 
 
 def _of_library(entry: Entry, name: str, scenario: Scenario, seed: int) -> list[dict[str, Any]]:
-    value = {} if entry.value is None else {"value": entry.value.model_dump()}
+    value = {} if entry.value is None else {"value": entry.value.written()}
     groups = []
     for row in expansion.named(list(entry.hazards)):
         drawn = _rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))

@@ -16,7 +16,7 @@ from ravenjax.analyses.monitors.counterfactual import hazards
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.report import wording
 from ravenjax.report.data import draws
 from ravenjax.stats.comparison.independent import rate_difference

@@ -15,7 +15,7 @@ from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
 from ravenjax.analyses.monitors.counterfactual.promise import Grounds, Promise, joint, stated
 from ravenjax.analyses.monitors.counterfactual.question import MARGINS, PROPOSED, Question
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.stats.intervals import Rate
 
