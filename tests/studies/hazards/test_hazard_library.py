@@ -9,9 +9,10 @@ import pytest
 import result_rows
 
 from ravenjax.campaign import loading
-from ravenjax.hazards import expansion, library, maude, naming
+from ravenjax.hazards import expansion, library, naming
 from studies import findings as findings_files
 from studies.hazards import library as hazard_library
+from studies.hazards import maude
 from studies.study import Findings, Table
 
 RUNNABLE = [row for row in library.rows() if row.runnable]
