@@ -16,25 +16,21 @@ from typing import Any
 from pydantic import BaseModel
 
 from ravenjax.campaign.file import bounds
-from ravenjax.campaign.file.axis import DISTRIBUTIONS, FORMS, LIST, PHASE_FORMS, Axis
+from ravenjax.campaign.file.axis import DISTRIBUTIONS, END, FORMS, LIST, PHASE_FORMS, Axis
 from ravenjax.campaign.file.config import config_class_of
-from ravenjax.campaign.file.group import DESIGNS, LEAST_MS, LONGEST_MS, UNTIL_END, Fault
+from ravenjax.campaign.file.group import DESIGNS
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.campaign.loading import header, tables_of
 from ravenjax.document.tables import markdown_table
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 from ravenjax.vocabulary.robot import Robot
 
 COMMAND = "python .ci/reference_pages.py"
 CHECKOUT = Path(__file__).resolve().parents[1]
 _WRITTEN = f"*Written by `{COMMAND}`; a test holds it up to date.*"
-
-Ranges = Mapping[str, Mapping[str, tuple[float, float]]]
-"""Model of a table -> key -> least and largest number."""
 
 COLUMNS = ("key", "type", "unit", "range", "default", "meaning")
 """Of `keys`."""
@@ -128,7 +124,7 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
         if path:
             yield f"## {header(path)}"
             yield sentence(model)
-            yield markdown_table(COLUMNS, key_rows(model, config.ranges()))
+            yield markdown_table(COLUMNS, key_rows(model))
         if path == ("group", "run"):
             yield "## [[group]] that names hazards"
             yield (
@@ -185,13 +181,6 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
         yield markdown_table(
             ("phase", "when"), ((f"`{name}`", when) for name, when in robot.phases.items())
         )
-    for table, words in config.words().items():
-        if "motion" in words:
-            yield "## Motions"
-            yield (
-                f"`[{table.lower()}] motion` is one of"
-                f" {', '.join(f'`{name}`' for name in words['motion'])}."
-            )
 
 
 def sentence(model: type[BaseModel]) -> str:
@@ -201,10 +190,8 @@ def sentence(model: type[BaseModel]) -> str:
     return rest[:1].upper() + rest[1:]
 
 
-def key_rows(model: type[BaseModel], ranges: Ranges | None = None) -> Iterator[tuple[str, ...]]:
-    """One row of COLUMNS for each key of a table but tables inside it. ranges:
-    `CampaignConfig.ranges`.
-    """
+def key_rows(model: type[BaseModel]) -> Iterator[tuple[str, ...]]:
+    """One row of COLUMNS for each key of a table but tables inside it."""
     schema = model.model_json_schema()
     for name, field in model.model_fields.items():
         written = schema["properties"][name]
@@ -215,7 +202,7 @@ def key_rows(model: type[BaseModel], ranges: Ranges | None = None) -> Iterator[t
             f"`{name}`",
             _type(name, inner, model),
             _unit(name),
-            _range(name, inner, model, (ranges or {}).get(model.__name__, {})),
+            _range(inner),
             _default(field),
             (field.description or "").replace("|", "or"),
         )
@@ -259,7 +246,7 @@ def _type(name: str, schema: Mapping[str, Any], model: type[BaseModel]) -> str:
 
 def _axis(schema: Mapping[str, Any], model: type[BaseModel], name: str) -> str:
     """What one value of an axis is."""
-    if name in LEAST_MS and model is Fault:
+    if name.endswith("_ms"):
         return "whole number"
     return "number" if name == "value" else "name"
 
@@ -268,18 +255,13 @@ def _unit(name: str) -> str:
     return next((unit for ending, unit in _UNITS.items() if name.endswith(f"_{ending}")), "")
 
 
-def _range(
-    name: str,
-    schema: Mapping[str, Any],
-    model: type[BaseModel],
-    ranges: Mapping[str, tuple[float, float]],
-) -> str:
-    if model is Fault and name in LEAST_MS:
-        return f"{LEAST_MS[name]} to {LONGEST_MS}" + (', or "end"' if name == "duration_ms" else "")
-    if name in ranges:
-        low, high = ranges[name]
-        return f"{low:g} to {high:g}"
-    numbers = schema.get("items", schema)
+def _range(schema: Mapping[str, Any]) -> str:
+    if any("properties" in option for option in schema.get("anyOf", ())):  # an axis: of its values
+        schema = schema["anyOf"][0]
+        if "anyOf" in schema:
+            first, other = schema["anyOf"]
+            return _range(first) + (f', or "{END}"' if "const" in other else "")
+    numbers = schema.get("items", schema.get("prefixItems", [schema])[0])
     low, high = (
         numbers.get("minimum", numbers.get("exclusiveMinimum")),
         numbers.get("maximum", numbers.get("exclusiveMaximum")),
@@ -302,7 +284,7 @@ def _default(field: Any) -> str:
     value = field.get_default(call_default_factory=True)
     if isinstance(value, Axis):
         value = value.values[0]
-        return "`end`" if value == UNTIL_END else f"`{value}`"
+        return f"`{value}`"
     if value is None or value in ((), {}):
         return ""
     if isinstance(value, tuple):
@@ -456,7 +438,7 @@ def _scenarios() -> Iterator[str]:
 
 def _keys(model: type[BaseModel]) -> Iterator[str]:
     yield sentence(model)
-    yield markdown_table(COLUMNS, key_rows(model, RavenConfig.ranges()))
+    yield markdown_table(COLUMNS, key_rows(model))
 
 
 def _parameters() -> Iterator[str]:

@@ -18,7 +18,7 @@ from ravenjax.analyses.monitors.counterfactual.candidates import Question
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection.replay import replay
 from ravenjax.campaign.loading import load_campaign
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError, shown
 from ravenjax.notebook import explaining, running
 from ravenjax.notebook.campaign import Campaign

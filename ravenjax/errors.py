@@ -49,3 +49,9 @@ def suggestion(word: object, names: Iterable[str]) -> str:
     same = [one for one in names if one.lower() == word.lower()]
     near = same or difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     return f". Did you mean {near[0]!r}?" if near else ""
+
+
+def unknown(what: str, word: str, names: Iterable[str]) -> str:
+    """What to say of a word that is none of the known ones."""
+    names = list(names)
+    return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggestion(word, names)}"

@@ -11,7 +11,7 @@ from ravenjax.campaign import plan
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.faults.table import ARRAYS, FOREVER_TICKS
-from ravenjax.campaign.progress.counts import Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.faults.injection import _EFFECTS
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.robots.raven2 import ROBOT

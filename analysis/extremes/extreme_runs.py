@@ -27,7 +27,7 @@ from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import FinishedChunk, Work
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.numbers import paths

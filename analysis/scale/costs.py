@@ -30,7 +30,7 @@ from ravenjax.campaign import compile_cache, loading, plan, runner
 from ravenjax.campaign.executors import ray_cluster
 from ravenjax.campaign.executors.protocol import Pack, Work, finish_chunk
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress.counts import Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.engines import selection
 from ravenjax.store import manifest, parts
 from ravenjax.store.folder import ResultFolder

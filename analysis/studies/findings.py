@@ -14,7 +14,7 @@ from typing import Any
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import OnProgress, Status
+from ravenjax.campaign.progress import OnProgress, Status
 from ravenjax.document import html
 from ravenjax.errors import StoreError
 from ravenjax.report import wording

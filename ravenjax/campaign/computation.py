@@ -30,7 +30,7 @@ from ravenjax.campaign.memory_windows import (
     cut_into_windows,
 )
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress.counts import Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Block, BranchingKernel, Engine
 from ravenjax.engines.lanes import snapshot_bytes
 from ravenjax.store import schema

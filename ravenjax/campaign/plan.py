@@ -113,6 +113,7 @@ class Plan:
 
 def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
     """Plan a campaign. Raises UserError for what cannot be run."""
+    loading.check_parameters(config)
     rows = design.rows(config)
     varied = table.parameters(rows)
     injection = table.injection(rows, config.robot)

@@ -23,8 +23,7 @@ from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.faults import run_id, table
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan, make_plan
-from ravenjax.campaign.progress.counts import OnProgress, Progress
-from ravenjax.campaign.progress.file import ProgressFile
+from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, UserError

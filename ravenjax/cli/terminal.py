@@ -19,7 +19,7 @@ from rich.table import Table
 from ravenjax.outcomes import verdict
 
 if TYPE_CHECKING:
-    from ravenjax.campaign.progress.counts import Status
+    from ravenjax.campaign.progress import Status
 
 PLAIN_EVERY_S = 5.0
 """Time between two lines of progress where the output is no terminal."""

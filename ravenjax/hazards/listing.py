@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ravenjax.hazards import library, ranges
+from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, Struck
 from ravenjax.robots.raven2.sites import SITES
 
@@ -120,10 +120,7 @@ def _struck(struck: Struck) -> str:
         f"from {struck.trigger} {_numbers(struck.start_ms)} for"
         f" {_numbers(struck.duration_ms)}{again} ms"
     )
-    verdict = ranges.verdict(struck)
-    return f"{struck.effect}{value}{period} at {target}, {window}" + (
-        f" ({verdict})" if verdict else ""
-    )
+    return f"{struck.effect}{value}{period} at {target}, {window}"
 
 
 def _numbers(value: Any) -> str:

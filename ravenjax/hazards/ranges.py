@@ -1,4 +1,4 @@
-"""What each channel does when nothing is wrong, and whether a fault leaves it there.
+"""What each channel does when nothing is wrong.
 
 `data/normal_ranges.csv` holds the measured ranges: fault-free runs of every generated motion at
 teleoperation scales 0.05 and 0.1, where no check trips (`analysis/normal_ranges/measure.py`).
@@ -7,20 +7,15 @@ teleoperation scales 0.05 and 0.1, where no check trips (`analysis/normal_ranges
 from __future__ import annotations
 
 import csv
-import math
-from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.errors import UserError
-from ravenjax.hazards.library import DATA, Number, Numbers, Struck
+from ravenjax.hazards.library import DATA
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.sites import SITES
 
 FILE = "normal_ranges.csv"
-IN, OUT, EITHER = "in range", "out of range", "in and out of range"
-RUN_MS = 3000
-"""How long a window without end is taken to last, for what grows with it."""
 
 
 class ChannelRange(NamedTuple):
@@ -64,84 +59,3 @@ def normal(site: str, channel: str, arm: str = ARMS[0]) -> ChannelRange:
             " faults`"
         )
     return measured()[key]
-
-
-def verdict(struck: Struck, arm: str = ARMS[0]) -> str:
-    """Whether what a fault makes of its channels lies in their normal ranges: IN, OUT or EITHER.
-
-    EITHER: some of its values, channels or moments in, others out; also where a bit flips, whose
-    effect the number itself decides.
-    """
-    verdicts = set()
-    for channel in struck.channels:
-        share = struck.along[channel] if struck.along else 1.0
-        usual, ticks = normal(struck.site, channel, arm), _longest(struck.duration_ms)
-        for values in _values(struck.value):
-            verdicts.add(within(struck.effect, [share * value for value in values], usual, ticks))
-    return verdicts.pop() if len(verdicts) == 1 else EITHER
-
-
-def within(effect: str, values: Sequence[float], usual: ChannelRange, ticks: int = RUN_MS) -> str:
-    """IN, OUT or EITHER: where a channel may lie while an effect acts for `ticks` with any value
-    between `values`.
-    """
-    spans = [reach(effect, value, usual, ticks) for value in values]
-    ends = [end for span in spans if span is not None for end in span]
-    span = _stored(usual, min(ends), max(ends)) if ends else None
-    if span is None:
-        return EITHER
-    low, high = span
-    if usual.low <= low and high <= usual.high:
-        return IN
-    return OUT if high < usual.low or low > usual.high else EITHER
-
-
-def reach(
-    effect: str, value: float, usual: ChannelRange, ticks: int = RUN_MS
-) -> tuple[float, float] | None:
-    """Least and greatest number that an effect makes of a channel that would stay in its normal
-    range; None: any.
-    """
-    low, high = usual.low, usual.high
-    ends = {
-        "overwrite": (value, value),
-        "offset": (low + value, high + value),
-        "latch_offset": (low + value, high + value),
-        "scale": (low * value, high * value),
-        "drift": (low + value, high + value, low + value * ticks, high + value * ticks),
-        "stuck": (low, high),
-        "periodic": (low - abs(value), high + abs(value)),
-        "random": (-abs(value), abs(value)),
-        "toggle": (value, 0.0),
-        "drop": (1.0, 1.0),
-        "duplicate": (1.0, 1.0),
-        "delay": (value, value),
-    }.get(effect)
-    return None if ends is None else (min(ends), max(ends))
-
-
-def _stored(usual: ChannelRange, low: float, high: float) -> tuple[float, float] | None:
-    """A span as the channel holds it: 16-bit numbers wrap; None where a part of it does."""
-    if SITES[usual.site].channel(usual.channel).kind != "int16":
-        return low, high
-    turns = math.floor((low + 2**15) / 2**16)
-    if turns != math.floor((high + 2**15) / 2**16):
-        return None
-    return low - turns * 2**16, high - turns * 2**16
-
-
-def _values(value: Numbers | None) -> list[tuple[Number, ...]]:
-    """Single values, and both ends of what is drawn."""
-    if value is None:
-        return [(0,)]
-    if isinstance(value, dict):
-        (kind, numbers), *_ = value.items()
-        return [(number,) for number in numbers] if kind == "choice" else [numbers]
-    return [(number,) for number in value] if isinstance(value, tuple) else [(value,)]
-
-
-def _longest(duration: Any) -> int:
-    """The longest of the durations, ms; one without end as RUN_MS."""
-    listed = duration.values() if isinstance(duration, dict) else [duration]
-    flat = [item for one in listed for item in (one if isinstance(one, tuple) else (one,))]
-    return max(RUN_MS if item == "end" else int(item) for item in flat)

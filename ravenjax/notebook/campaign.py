@@ -14,7 +14,7 @@ from ravenjax.campaign import loading, population, writing
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.campaign.file.section import models_in, toml_value
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError, shown
 from ravenjax.notebook import running
 from ravenjax.store import files
@@ -67,6 +67,7 @@ class Campaign:
 
     def _enter(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
         """Hold these tables, whose files are in `folder`."""
+        loading.check_parameters(config)
         rooted = _with_files(tables, lambda file: str((folder / file).absolute()))
         self.__dict__.update(_tables=rooted, config=config)
 

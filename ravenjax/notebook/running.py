@@ -8,7 +8,7 @@ from typing import Any
 
 from ravenjax.campaign.executors import choose_executor
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
 from ravenjax.errors import UserError, shown
 from ravenjax.store.access.results import Results

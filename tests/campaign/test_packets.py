@@ -176,7 +176,6 @@ def test_what_is_no_distribution_is_refused(value, words):
             {"parameters": {"network.packets": 3}},
             "which is the shares in campaign.packets, but there are none",
         ),
-        ({"parameters": {"network.packet_key": 3}}, "cannot be set"),
     ],
 )
 def test_what_does_not_go_with_drawn_packets_is_refused(changes, words):

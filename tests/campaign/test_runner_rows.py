@@ -10,10 +10,10 @@ import os
 import pytest
 import tiny_campaign as tiny
 
+from ravenjax.campaign import progress as progress_module
 from ravenjax.campaign import runner
 from ravenjax.campaign.executors.shards import Shard
-from ravenjax.campaign.progress import file
-from ravenjax.campaign.progress.counts import Progress, Status
+from ravenjax.campaign.progress import Progress, ProgressFile, Status
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, parts
 from ravenjax.store.access import lock
@@ -165,9 +165,11 @@ def test_the_progress_file_is_written_at_most_once_a_second_but_for_a_new_phase(
     tmp_path, monkeypatch
 ):
     now, written = [0.0], []
-    monkeypatch.setattr(file.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(file.files, "replace", lambda path, text: written.append(json.loads(text)))
-    progress = Progress("e", 10, 10, 1, file.ProgressFile(tmp_path))
+    monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(
+        progress_module.files, "replace", lambda path, text: written.append(json.loads(text))
+    )
+    progress = Progress("e", 10, 10, 1, ProgressFile(tmp_path))
     progress.tell("compile")
     progress.began(1.0)
     for _ in range(30):

@@ -7,7 +7,7 @@ import io
 
 from rich.console import Console
 
-from ravenjax.campaign.progress.counts import Status
+from ravenjax.campaign.progress import Status
 from ravenjax.cli import terminal
 
 STATUS = Status(

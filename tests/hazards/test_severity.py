@@ -81,6 +81,6 @@ def test_a_missing_column_is_told() -> None:
 
 
 def test_the_end_is_written_as_campaigns_write_it() -> None:
-    from ravenjax.campaign.file.group import UNTIL_END
+    from ravenjax.campaign.file.axis import UNTIL_END
 
     assert severity.UNTIL_END == UNTIL_END

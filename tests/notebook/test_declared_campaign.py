@@ -203,7 +203,6 @@ def minimal(**more):
         minimal(group=[{"name": "a", "hazards": "C0"}]),
         minimal(group=[{"name": "a", "design": "random"}]),
         minimal(robot="nobody"),
-        minimal(parameters={"plant.mass_scale": -99}),
         minimal(parameters={"plant.mass_scale": {"uniform": [2, 1]}}),
     ],
     ids=lambda keys: str(sorted(keys)),
@@ -302,9 +301,9 @@ def test_whatever_is_wrong_is_told_as_of_a_file(place, junk, added):
         ),
         (
             lambda: rj.Group(name="a", fault=[{"site": "hand", "effect": 1, "start_ms": 1}]),
-            r"Group\.fault\[0\]\.effect: got 1, expected a name",
+            r"Group\.fault\[0\]\.effect: got 1, expected the name of an effect",
         ),
-        (lambda: rj.Haptics(cap=[]), "Haptics.cap: got .*, expected a list with at least 1 item"),
+        (lambda: rj.Haptics(cap=[]), "Haptics.cap: got .*, expected a list of at least 1"),
         (lambda: rj.Group(name="a", hazards=["C02"]), "is a dict in Python"),
     ],
 )

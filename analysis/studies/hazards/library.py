@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import pandas as pd
 
-from ravenjax.hazards import expansion, library, maude
+from ravenjax.hazards import expansion, library
 from ravenjax.hazards.library import Hazard
 from ravenjax.report import wording
 from ravenjax.report.sections import risk
@@ -18,7 +18,7 @@ from ravenjax.report.sections.risk import Pool, PoolRisk
 from ravenjax.stats.bootstrap.units import FEW, FEWEST
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
-from studies.hazards import safecomp45
+from studies.hazards import maude, safecomp45
 from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome, normal
 from studies.study import (
     Context,

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from ravenjax.hazards import classes, library, ranges
+from ravenjax.hazards import classes, library
 from ravenjax.hazards.library import Hazard
 from ravenjax.hazards.naming import hazards_of
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import folder
+from studies.hazards import in_range
 from studies.study import (
     Context,
     Findings,
@@ -254,8 +255,8 @@ def normal(row: Hazard) -> str:
     """Where a row's values lie beside the normal ranges of what they strike; "" where it is not
     run.
     """
-    verdicts = {ranges.verdict(fault) for case in row.case for fault in case.fault}
-    return verdicts.pop() if len(verdicts) == 1 else ranges.EITHER if verdicts else ""
+    verdicts = {in_range.verdict(fault) for case in row.case for fault in case.fault}
+    return verdicts.pop() if len(verdicts) == 1 else in_range.EITHER if verdicts else ""
 
 
 def unintended(outcome: HazardOutcome) -> bool:

@@ -229,7 +229,7 @@ def operate_afresh(
         "campaign": campaign["campaign"] | {"name": "fresh"},
         "group": [{"name": "fresh"}],
     }
-    config = loading.from_dict(raw, overrides=overrides, template=True)
+    config = loading.from_dict(raw, overrides=overrides)
     own = OperationDesign(
         tuple(design["motions"]),
         robots or design["robots"],

@@ -28,7 +28,7 @@ from ravenjax.campaign.executors.protocol import finish_chunk
 from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.faults.fault_table import FaultTable
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress.counts import OnProgress, Progress
+from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, BlockResult, BranchingKernel, Kernel
 from ravenjax.engines.interface import Progress as OnTicks

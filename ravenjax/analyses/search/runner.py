@@ -18,8 +18,7 @@ from ravenjax.analyses.search.findings import SearchFindings, plain
 from ravenjax.analyses.search.indices import analysis
 from ravenjax.analyses.search.journal import Journal
 from ravenjax.analyses.search.rare import simulation
-from ravenjax.campaign.progress.counts import OnProgress
-from ravenjax.campaign.progress.file import ProgressFile
+from ravenjax.campaign.progress import OnProgress, ProgressFile
 from ravenjax.store import files, manifest
 from ravenjax.store.access import lock
 

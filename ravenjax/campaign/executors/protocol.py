@@ -18,7 +18,7 @@ from ravenjax import interruption
 from ravenjax.campaign import outcomes
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress.counts import Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
 
 T = TypeVar("T")

@@ -32,7 +32,7 @@ from ravenjax.campaign.executors.protocol import (
 )
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
-from ravenjax.campaign.progress.counts import Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.engines import selection
 from ravenjax.errors import UserError, listed
 from ravenjax.store import manifest

@@ -28,8 +28,6 @@ from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group, Run
-from ravenjax.campaign.file.semantics import ALL
-from ravenjax.errors import UserError
 from ravenjax.store.words import WordColumn, column
 
 if TYPE_CHECKING:
@@ -67,8 +65,7 @@ def rows(config: CampaignConfig) -> FaultTable:
     With [stop] it stands in the order of `sampled_order`. `campaign.limit` cuts nothing here: see
     `runner`.
 
-    A parameter that a group leaves alone is NaN in its rows: the robot's own value. Raises
-    UserError for drawn values that the channel cannot take.
+    A parameter that a group leaves alone is NaN in its rows: the robot's own value.
     """
     moments = Moments(config)
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
@@ -170,19 +167,9 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
         axes = moments.placed(written, group.name)
         runs, repeat, places = sampling.sample(group, axes, rng)
         slots = [
-            slot(
-                config.robot,
-                fault,
-                _of_slot(axes, f),
-                _of_slot(places, f),
-                config.says_beyond(fault),
-            )
+            slot(config.robot, fault, _of_slot(axes, f), _of_slot(places, f))
             for f, fault in enumerate(faults)
         ]
-        complaints = [(*one.complaint, f) for f, one in enumerate(slots) if one.complaint]
-        if complaints:
-            _, complaint, f = min(complaints, key=lambda one: (one[0], one[2]))
-            raise UserError(f"group {group.name!r}, fault[{f}].value: {complaint}")
         parameters = {
             path: axis.at(places[_PARAMETER, path])
             for path, axis in _of_slot(axes, _PARAMETER).items()
@@ -193,7 +180,7 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
                 group=group.name,
                 seed=(config.campaign.seed + repeat) % 2**31,
                 behind=number * runs,
-                faults=[one_slot.columns for one_slot in slots],
+                faults=slots,
                 parameters=parameters | crossing,
             )
 
@@ -229,18 +216,9 @@ def faults_and_axes(
 def _of_fault(config: CampaignConfig, fault: Fault) -> dict[str, Axis]:
     """The axes of a fault's fields but its site."""
     site = config.robot.sites[fault.site]
-    names = tuple(channel.name for channel in site.channels)
-    sole = fixed(names[0]) if len(names) == 1 else fixed("")
-    every = Axis(kind="list", values=names)
     resolved = {
         "arm": fault.arm or fixed(config.campaign.arms[0] if site.per_arm else ""),
-        "channel": (
-            sole
-            if fault.channel is None
-            else every
-            if fault.channel.listed == (ALL,)
-            else fault.channel
-        ),
+        "channel": fault.channels(site),
         "value": fault.value or fixed(math.nan),
     }
     return {name: resolved.get(name) or getattr(fault, name) for name in FIELDS if name != "site"}

@@ -4,6 +4,7 @@ operator's motion.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Any
@@ -41,12 +42,11 @@ class Moments:
     def _axis(self, axis: Axis, where: str) -> Axis:
         if axis.kind == PHASE:
             stretches = self._stretches(axis.values[0], where)
-            return Axis(kind=PHASE, values=(axis.values[0], *map(tuple, stretches.tolist())))
+            return Axis(PHASE, (axis.values[0], *map(tuple, stretches.tolist())))
         if not axis.phases:
             return axis
-        return axis.model_copy(
-            update={"values": tuple(self._value(value, where) for value in axis.values)}
-        )
+        values = tuple(self._value(value, where) for value in axis.values)
+        return dataclasses.replace(axis, values=values)
 
     def _value(self, value: Any, where: str) -> Any:
         if not isinstance(value, Moment):

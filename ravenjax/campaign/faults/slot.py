@@ -9,17 +9,15 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 
-from ravenjax.campaign.file.axis import Axis
-from ravenjax.campaign.file.group import UNTIL_END, Fault
-from ravenjax.vocabulary import legal as legal_values
+from ravenjax.campaign.file.axis import END, UNTIL_END, Axis
+from ravenjax.campaign.file.group import Fault
 from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, TRIGGERS, WITHOUT_VALUE
+from ravenjax.vocabulary.legal import legal
 from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.sites import Site
 
 
 @functools.cache
@@ -89,27 +87,13 @@ class _Codes:
 _codes = functools.cache(_Codes)
 
 
-class Slot(NamedTuple):
-    """A fault slot over the runs of a sample."""
-
-    columns: dict[
-        str, np.ndarray
-    ]  # FIELDS -> [runs], or [] where all runs agree; words as their places in `words_of`
-    complaint: (
-        tuple[int, str] | None
-    )  # the first run with a value that its channel cannot take, and what to say of it
-
-
 def slot(
-    robot: Robot,
-    fault: Fault,
-    axes: Mapping[str, Axis],
-    places: Mapping[str, np.ndarray],
-    beyond: bool = False,
-) -> Slot:
-    """The columns of `fault`: `axes` of its fields but the site, and the runs' places on them.
+    robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """FIELDS of `fault` -> [runs], or [] where all runs agree; words as their places in
+    `words_of`.
 
-    beyond: values that a word does not hold are meant, see `CampaignConfig.says_beyond`.
+    axes: of its fields but the site; places: the runs' places on them.
     """
     codes, site = _codes(robot), robot.sites[fault.site]
     word = {
@@ -118,14 +102,23 @@ def slot(
     effect = word["effect"]
     acts = codes.channel_of_effect[effect]
     word["channel"] = np.where(acts > 0, acts, word["channel"])
-    value, complaint = _values(codes, site, axes, places["value"], word["channel"], effect, beyond)
+    value = axes["value"].at(places["value"])
+    if not axes["value"].listed:
+        # what is drawn for a whole number is one
+        rounded = np.zeros((len(codes.words["channel"]), len(codes.words["effect"])), bool)
+        for channel, name in itertools.product(site.channels, axes["effect"].listed):
+            at = codes.code["channel"][channel.name], codes.code["effect"][name]
+            rounded[at] = legal(channel, name).rounded
+        whole = axes["value"].at(places["value"], whole=True)
+        value = np.where(rounded[word["channel"], effect], whole, value)
+    value = np.where(codes.valueless[effect], np.nan, value)
     columns = {"site": np.int8(codes.code["site"][fault.site]), **word, "value": value}
     periodic = effect == codes.code["effect"]["periodic"]
     for name in ("start_ms", "duration_ms", "every_ms", "period_ms"):
         columns[name] = _times(
             name, axes[name].at(places[name], whole=True), axes[name], periodic
         ).astype(np.int32)
-    return Slot({name: columns[name] for name in FIELDS}, complaint)
+    return {name: columns[name] for name in FIELDS}
 
 
 def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
@@ -136,55 +129,5 @@ def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np
         return np.where(periodic, np.maximum(drawn, 1), 0)
     if name != "duration_ms":
         return np.maximum(drawn, 0)
-    endless = (drawn == UNTIL_END) & (UNTIL_END in axis.listed)
+    endless = (drawn == UNTIL_END) & (END in axis.listed)
     return np.where(endless, UNTIL_END, np.maximum(drawn, 1))
-
-
-def _values(
-    codes: _Codes,
-    site: Site,
-    axes: Mapping[str, Axis],
-    places: np.ndarray,
-    channel: np.ndarray,
-    effect: np.ndarray,
-    beyond: bool,
-) -> tuple[np.ndarray, tuple[int, str] | None]:
-    """The values, and the first that its channel cannot take, as `Slot.complaint`."""
-    axis = axes["value"]
-    low, high, whole, rounded = (
-        column[channel, effect] for column in _legal(codes, site, axes["effect"].listed, beyond)
-    )
-    value = (
-        axis.at(places)
-        if axis.listed
-        else np.where(rounded, axis.at(places, whole=True), axis.at(places))
-    )
-    value = np.where(codes.valueless[effect], np.nan, value)
-    bad = np.ravel(
-        (value < low) | (value > high) | (whole & (value != np.floor(value)) & ~np.isnan(value))
-    )
-    row = int(np.argmax(bad))
-    if not bad[row]:
-        return value, None
-    at = (np.broadcast_to(column, bad.shape)[row] for column in (channel, effect))
-    channel_name, effect_name = (
-        codes.words[field][code] for field, code in zip(("channel", "effect"), at, strict=True)
-    )
-    at_value = float(np.ravel(value)[row])
-    return value, (
-        row,
-        legal_values.complaint(site, site.channel(channel_name), effect_name, at_value, beyond),
-    )
-
-
-def _legal(codes: _Codes, site: Site, effects: Sequence[str], beyond: bool) -> list[np.ndarray]:
-    """The fields of Legal, each [channel, effect] by their places; other than these all is
-    legal.
-    """
-    shape = len(codes.words["channel"]), len(codes.words["effect"])
-    columns = [np.full(shape, default) for default in legal_values.Legal()]
-    for channel, effect in itertools.product(site.channels, effects):
-        at = codes.code["channel"][channel.name], codes.code["effect"][effect]
-        for column, value in zip(columns, legal_values.legal(channel, effect, beyond), strict=True):
-            column[at] = value
-    return columns

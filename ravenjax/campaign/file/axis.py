@@ -6,14 +6,16 @@ number of a vector.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, WithJsonSchema, model_serializer
+from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from ravenjax.errors import shown, suggestion
+from ravenjax.errors import shown, suggestion, unknown
 
 Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal", "phase"]
 
@@ -35,9 +37,7 @@ LIST = "list"
 FORMS = {**DISTRIBUTIONS, LIST: "[value, value, ..], the same as a plain list"}
 """What a table may be in place of a value."""
 
-
-_LISTS = ("choice", "together", LIST)
-_MILLISECONDS = "a whole number of milliseconds"
+_PAIRS = ("uniform", "loguniform", "normal")
 
 PHASE = "phase"
 """A distribution of times: one of the milliseconds of a phase of the operation."""
@@ -53,6 +53,18 @@ PHASE_FORMS = {
 }
 """What `start_ms` may be beside a time, with the phase `fast`."""
 
+LONGEST_MS = 1_000_000_000
+"""No time of a fault is longer; the longest run is 3 600 000 ms."""
+
+END = "end"
+UNTIL_END = -1
+"""`duration_ms` of a fault that lasts until the run ends, in tables; a file has END."""
+
+TAIL = 7.04
+"""Standard deviations: `Axis.at` of a normal distribution never goes farther (quantiles from
+1e-12).
+"""
+
 
 class Moment(NamedTuple):
     """A time by its place among the milliseconds of a phase."""
@@ -64,7 +76,8 @@ class Moment(NamedTuple):
         return f'{{phase = "{self.phase}", share = {self.share:g}}}'
 
 
-class Axis(BaseModel):
+@dataclasses.dataclass(frozen=True)
+class Axis:
     """Values of one field over the runs of a group.
 
     `fixed` holds one value; `list` is enumerated by grid and zip and drawn from by random, lhs and
@@ -73,39 +86,39 @@ class Axis(BaseModel):
     before end.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Kind
     values: tuple[Any, ...]
     explicit: bool = False  # a list that was written { list = [..] }
 
-    @model_serializer
-    def _plain(self) -> Any:
+    def written(self) -> Any:
         """As it is written in a campaign file."""
         values = [value._asdict() if isinstance(value, Moment) else value for value in self.values]
-        if self.kind == "fixed":
-            return values[0]
-        if self.kind == PHASE:
-            return {PHASE: values[0]}
+        if self.kind in ("fixed", PHASE):
+            return values[0] if self.kind == "fixed" else {PHASE: values[0]}
         return values if self.kind == LIST and not self.explicit else {self.kind: values}
 
     @property
     def drawn(self) -> bool:
         """Whether the axis is a distribution."""
-        return self.kind not in ("fixed", "list")
+        return self.kind not in ("fixed", LIST)
 
     @property
     def listed(self) -> tuple[Any, ...]:
         """The values that it can take where they are countable, else ()."""
-        return () if self.kind in ("uniform", "loguniform", "normal", PHASE) else self.values
+        return () if self.kind in (*_PAIRS, PHASE) else self.values
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Least and greatest number that a distribution of numbers may draw."""
+        low, high = self.values
+        return (low - TAIL * high, low + TAIL * high) if self.kind == "normal" else (low, high)
 
     @property
     def phases(self) -> tuple[str, ...]:
         """The phases that its values are places in, each once."""
         if self.kind == PHASE:
             return self.values[:1]
-        return tuple(
-            dict.fromkeys(value.phase for value in self.values if isinstance(value, Moment))
-        )
+        return tuple(dict.fromkeys(v.phase for v in self.values if isinstance(v, Moment)))
 
     def places(self, unit: np.ndarray) -> np.ndarray:
         """The quantiles `unit` [n] in [0, 1) as `at` takes them: each listed value has an equal
@@ -122,7 +135,8 @@ class Axis(BaseModel):
         whole: drawn numbers are rounded to whole ones; listed ones stay as they were written.
         """
         if self.listed:
-            return np.asarray(self.values, np.float64)[places]
+            numbers = [UNTIL_END if value == END else value for value in self.values]
+            return np.asarray(numbers, np.float64)[places]
         if self.kind == PHASE:
             begins, ends = np.array(self.values[1:], np.int64).T
             after = np.cumsum(ends - begins)
@@ -148,110 +162,174 @@ class Axis(BaseModel):
 
 def fixed(value: Any) -> Axis:
     """The axis of one value."""
-    return Axis(kind="fixed", values=(value,))
+    return Axis("fixed", (value,))
 
 
-def _axis(raw: Any, value: Callable[[Any], Any], expected: str, drawn: bool = True) -> Axis:
-    """value: what one value of the key becomes, ValueError where it is none; drawn: whether
-    distributions of numbers fit.
-    """
-    if isinstance(raw, Axis):
-        return raw
-    kind, values = LIST, raw
-    if isinstance(raw, Mapping):
-        kind = next(iter(raw), None)
-        if len(raw) != 1 or kind not in FORMS:
-            got = ", ".join(map(str, raw)) or "none"
-            expected_keys = f"a table has exactly one of the keys {', '.join(FORMS)}"
-            raise ValueError(f"{expected_keys}, got {got}{suggestion(kind, FORMS)}")
-        values = raw[kind]
-        if kind not in _LISTS:
-            if not drawn:
-                raise ValueError(
-                    f"{kind} draws numbers and this key takes {expected}; write {{choice = [..]}}"
-                )
-            return _distribution(kind, values)
+@dataclasses.dataclass(frozen=True)
+class OneValue:
+    """What one value of an axis may be, and which tables may stand in its place."""
+
+    expected: str  # in words
+    parsed: Callable[[Any], Any]  # itself; ValueError for what it is not
+    schema: dict[str, Any]  # JSON Schema
+    forms: tuple[str, ...] = ("uniform", "loguniform", "normal", "choice", LIST)
+    least: float = -math.inf
+    largest: float = math.inf
+
+    def value(self, raw: Any) -> Any:
+        """One value; ValueError with what was expected."""
+        value = self.parsed(raw)
+        if isinstance(value, int | float) and not self.least <= value <= self.largest:
+            raise ValueError(f"got {shown(raw)}, expected {self.expected}")
+        return value
+
+    def axis(self, raw: Any) -> Axis:
+        """Of what stands in a file: a value, a list, or a table."""
+        if isinstance(raw, Axis):
+            return raw
+        if not isinstance(raw, Mapping | list | tuple):
+            return fixed(self.value(raw))
+        kind, values = LIST, raw
+        if isinstance(raw, Mapping):
+            kind, values = next(iter(raw.items()), (None, ()))
+            if len(raw) != 1 or kind not in self.forms:
+                got = ", ".join(map(str, raw)) or "none"
+                keys = f"a table has exactly one of the keys {', '.join(self.forms)}"
+                raise ValueError(f"{keys}, got {got}{suggestion(kind, self.forms)}")
+        if kind in _PAIRS:
+            return self._distribution(kind, values)
         if not isinstance(values, list | tuple) or not values:
-            raise ValueError(f"{kind} takes a list with at least one {expected}, got {values!r}")
-    elif not isinstance(raw, list | tuple):
-        return fixed(value(raw))
-    elif not raw:
-        raise ValueError(f"the list is empty; give at least one {expected}")
-    return Axis(
-        kind=kind, values=tuple(map(value, values)), explicit=kind == LIST and values is not raw
-    )
+            raise ValueError(
+                f"{kind} takes a list with at least one value, got {values!r}; each is"
+                f" {self.expected}"
+            )
+        return Axis(kind, tuple(map(self.value, values)), kind == LIST and values is not raw)
+
+    def _distribution(self, kind: Any, raw: Any) -> Axis:
+        if not isinstance(raw, list | tuple) or len(raw) != 2:
+            raise ValueError(f"{kind} takes {DISTRIBUTIONS[kind]}, got {raw!r}")
+        first, second = map(_number, raw)
+        if kind == "normal" and second < 0:
+            raise ValueError(f"normal: got {second!r}, expected a deviation that is not negative")
+        if kind != "normal" and not first <= second:
+            raise ValueError(
+                f"{kind} = [low, high]: low must not exceed high, got [{first!r}, {second!r}]"
+            )
+        if kind == "loguniform" and first <= 0:
+            raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
+        axis = Axis(kind, (first, second))
+        # the tail of a bell is cut at the least value
+        least = -self.largest if kind == "normal" else self.least
+        if not least <= axis.extent[0] <= axis.extent[1] <= self.largest:
+            raise ValueError(f"got {kind} = {shown(list(raw))}, expected {self.expected}")
+        return axis
+
+    def json_schema(self) -> dict[str, Any]:
+        """Of what a file may write."""
+        some = {"type": "array", "items": self.schema, "minItems": 1}
+        number = {"type": "number"}
+        pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+        tables = [
+            _table({form: {"description": FORMS[form], **(pair if form in _PAIRS else some)}})
+            for form in self.forms
+        ]
+        forms = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
+        return {
+            "description": f"{self.expected}, a list of them, or one of {forms}",
+            "anyOf": [self.schema, some, *tables],
+        }
+
+    def annotation(self, parsed: Callable[[Any], Axis] | None = None, *more: Any) -> Any:
+        """Of a key that takes an axis of such values; more: schemas of what else `parsed` takes."""
+        schema = self.json_schema()
+        return Annotated[
+            Any,
+            BeforeValidator(parsed or self.axis),
+            PlainSerializer(Axis.written),
+            WithJsonSchema({**schema, "anyOf": [*schema["anyOf"], *more]}),
+        ]
 
 
-def _distribution(kind: Any, raw: Any) -> Axis:
-    if not isinstance(raw, list | tuple) or len(raw) != 2:
-        raise ValueError(f"{kind} takes {DISTRIBUTIONS[kind]}, got {raw!r}")
-    first, second = map(_as_number, raw)
-    if kind == "normal" and second < 0:
-        raise ValueError(
-            "normal = [mean, standard deviation]: the deviation must not be negative, got"
-            f" {second!r}"
-        )
-    if kind != "normal" and not first <= second:
-        raise ValueError(
-            f"{kind} = [low, high]: low must not exceed high, got [{first!r}, {second!r}]"
-        )
-    if kind == "loguniform" and first <= 0:
-        raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
-    return Axis(kind=kind, values=(first, second))
+def _table(properties: dict[str, Any]) -> dict[str, Any]:
+    """JSON Schema of a table with these keys and no others."""
+    required = list(properties)
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": False,
+    }
 
 
-def _as_number(raw: Any) -> int | float:
+def _number(raw: Any) -> int | float:
     if isinstance(raw, bool):
         return int(raw)
-    if isinstance(raw, float) and not math.isfinite(raw):
-        raise ValueError(f"got {raw}, expected a number that is finite")
-    if isinstance(raw, int | float):
-        return raw
-    raise ValueError(f"got {raw!r}, expected a number, a list of them or a distribution")
+    if not isinstance(raw, int | float) or not abs(raw) <= sys.float_info.max:
+        raise ValueError(f"got {shown(raw)}, expected a number that is finite")
+    return raw
 
 
-def _as_milliseconds(raw: Any) -> int:
-    if isinstance(raw, float) and raw.is_integer():
+def times(least: int, endless: bool = False) -> OneValue:
+    """Times from `least` ms on; endless: or END."""
+    expected = f"a whole number of milliseconds from {least} to {LONGEST_MS}"
+    schema: dict[str, Any] = {"type": "integer", "minimum": least, "maximum": LONGEST_MS}
+    if endless:
+        expected, schema = f'{expected}, or "{END}"', {"anyOf": [schema, {"const": END}]}
+
+    def parsed(raw: Any) -> int | str:
+        if endless and raw in (END, UNTIL_END):
+            return END
+        if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1:
+            raise ValueError(f"got {shown(raw)}, expected {expected}, a list or a distribution")
         return int(raw)
-    if isinstance(raw, int) and not isinstance(raw, bool):
+
+    return OneValue(expected, parsed, schema, least=least, largest=LONGEST_MS)
+
+
+def words(what: str, known: Iterable[str] | None = None) -> OneValue:
+    """Texts; known: the only ones that there are."""
+
+    expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
+
+    def parsed(raw: Any) -> str:
+        if not isinstance(raw, str):
+            raise ValueError(f"got {shown(raw)}, expected {expected}, a list or a choice")
+        if known is not None and raw not in known:
+            raise ValueError(unknown(what, raw, known))
         return raw
-    raise ValueError(f"got {raw!r}, expected {_MILLISECONDS}, a list of them or a distribution")
+
+    schema = {"type": "string"} | ({} if known is None else {"enum": list(known)})
+    return OneValue(expected, parsed, schema, ("choice", LIST))
 
 
-def _as_word(raw: Any) -> str:
-    if isinstance(raw, str):
-        return raw
-    raise ValueError(f"got {raw!r}, expected a name, a list of them or a distribution")
-
-
-def _as_onset(raw: Any) -> int | Moment:
-    if not _is_place(raw):
-        return _as_milliseconds(raw)
-    phase, share = _phase(raw), raw.get(SHARE)
-    if share is None:
-        raise ValueError(
-            f"got {{{PHASE} = {shown(phase)}}} in a list, which takes single values: add {SHARE} ="
-            " 0.5 (0 is the first millisecond of the phase, 1 its last)"
-        )
-    if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 <= share <= 1.0:
-        raise ValueError(
-            f"{SHARE}: got {shown(share)}, expected a number from 0 to 1, or a list of them"
-        )
-    return Moment(phase, float(share))
+NUMBER = OneValue("a number", _number, {"type": ["number", "boolean"]})
+_ONSET = times(0)
+_SHARE = {"description": "0: the first millisecond, 1: the last"} | {
+    "type": "number",
+    "minimum": 0,
+    "maximum": 1,
+}
+_PLACE = {PHASE: {"description": "a phase of the operation", "type": "string"}, SHARE: _SHARE}
+_SHARES = {"type": "array", "items": _SHARE, "minItems": 1}
+_MOMENTS = dataclasses.replace(
+    _ONSET,
+    parsed=lambda raw: _moment(raw) if _is_place(raw) else _ONSET.parsed(raw),
+    schema={"anyOf": [_ONSET.schema, _table(_PLACE)]},
+)
 
 
 def _onset(raw: Any) -> Axis:
     """When a fault begins: a time, or a place in a phase of the operation. Which milliseconds
     belong to a phase follows from the operator's motion, see `ravenjax.campaign.faults.moments`.
     """
-    shares = raw.get(SHARE) if _is_place(raw) else ()
-    if shares is None:
-        return Axis(kind=PHASE, values=(_phase(raw),))
-    if _is_place(raw) and isinstance(shares, list | tuple):
-        if not shares:
-            raise ValueError(f"{SHARE}: the list is empty; give at least one number from 0 to 1")
-        return Axis(kind=LIST, values=tuple(_as_onset({**raw, SHARE: one}) for one in shares))
-    return fixed(_as_onset(raw)) if _is_place(raw) else _axis(raw, _as_onset, _MILLISECONDS)
+    if not _is_place(raw):
+        return _MOMENTS.axis(raw)
+    if set(raw) == {PHASE} and isinstance(raw[PHASE], str):
+        return Axis(PHASE, (raw[PHASE],))
+    shares = raw.get(SHARE)
+    if isinstance(shares, list | tuple) and shares:
+        return Axis(LIST, tuple(_moment({**raw, SHARE: share}) for share in shares))
+    return fixed(_moment(raw))
 
 
 def _is_place(raw: Any) -> bool:
@@ -259,89 +337,23 @@ def _is_place(raw: Any) -> bool:
     return isinstance(raw, Mapping) and bool(raw.keys() & {PHASE, SHARE})
 
 
-def _phase(raw: Mapping[str, Any]) -> str:
-    for key in raw:
-        if key not in (PHASE, SHARE):
-            hint = suggestion(key, (PHASE, SHARE)) if key not in FORMS else ""
-            raise ValueError(
-                f"a table of a phase has the keys {PHASE} and {SHARE}, got {key}{hint}"
-            )
-    if PHASE not in raw:
+def _moment(raw: Mapping[str, Any]) -> Moment:
+    phase, share = raw.get(PHASE), raw.get(SHARE)
+    if isinstance(share, bool) or not isinstance(share, int | float):
+        share = math.nan
+    if len(raw) != 2 or not isinstance(phase, str) or not 0.0 <= share <= 1.0:
         raise ValueError(
-            f'{PHASE}: missing beside {SHARE}; write which, such as {{{PHASE} = "fast", {SHARE} ='
-            " 0.5}"
+            f'got {shown(dict(raw))}, expected {{{PHASE} = "fast", {SHARE} = 0.5}}, whose {SHARE}'
+            " is a number from 0 to 1"
         )
-    if not isinstance(raw[PHASE], str):
-        raise ValueError(f"{PHASE}: got {shown(raw[PHASE])}, expected the name of a phase")
-    return raw[PHASE]
-
-
-_FORMS = ", ".join(f"{{{kind} = {form}}}" for kind, form in FORMS.items())
-
-
-def forms_schema(expected: str, value: dict[str, Any], drawn: bool = True) -> dict[str, Any]:
-    """JSON Schema of what a file may write, `value` being one value; drawn: whether
-    distributions of numbers fit.
-    """
-    some = {"type": "array", "items": value, "minItems": 1}
-    pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-    tables = [_table(kind, some if kind in _LISTS else pair) for kind in FORMS]
-    forms = [value, some, *(table for table in tables if drawn or table["required"][0] in _LISTS)]
-    return {"description": f"{expected}, a list of them, or one of {_FORMS}", "anyOf": forms}
-
-
-def _table(kind: str, values: dict[str, Any]) -> dict[str, Any]:
-    one = {"description": FORMS[kind], **values}
-    return {
-        "type": "object",
-        "properties": {kind: one},
-        "required": [kind],
-        "additionalProperties": False,
-    }
-
-
-def _onset_schema() -> dict[str, Any]:
-    """What a file may write."""
-    share = {
-        "description": "0: the phase's first millisecond, 1: its last",
-        "type": "number",
-        "minimum": 0,
-        "maximum": 1,
-    }
-    shares = {"anyOf": [share, {"type": "array", "items": share, "minItems": 1}]}
-
-    def table(of_share: dict[str, Any], required: list[str]) -> dict[str, Any]:
-        keys = {
-            PHASE: {"description": "a phase of the operation", "type": "string"},
-            SHARE: of_share,
-        }
-        return {
-            "type": "object",
-            "properties": keys,
-            "required": required,
-            "additionalProperties": False,
-        }
-
-    value = {"anyOf": [{"type": "integer"}, table(share, [PHASE, SHARE])]}
-    whole = forms_schema(f"{_MILLISECONDS}, a place in a phase", value)
-    return {**whole, "anyOf": [*whole["anyOf"], table(shares, [PHASE])]}
-
-
-def _form(
-    value: Callable[[Any], Any], expected: str, schema: dict[str, Any], drawn: bool = True
-) -> Any:
-    """The annotation of a key that takes an axis of such values."""
-    return Annotated[
-        Axis,
-        BeforeValidator(lambda raw: _axis(raw, value, expected, drawn)),
-        WithJsonSchema(forms_schema(expected, schema, drawn)),
-    ]
+    return Moment(phase, float(share))
 
 
 if TYPE_CHECKING:
-    Number = Milliseconds = Word = Onset = Axis
+    Number = Value = Onset = Axis
 else:
-    Number = _form(_as_number, "a number", {"type": ["number", "boolean"]})
-    Milliseconds = _form(_as_milliseconds, _MILLISECONDS, {"type": "integer"})
-    Word = _form(_as_word, "a name", {"type": "string"}, drawn=False)
-    Onset = Annotated[Axis, BeforeValidator(_onset), WithJsonSchema(_onset_schema())]
+    Number = dataclasses.replace(NUMBER, forms=(*DISTRIBUTIONS, LIST)).annotation()
+    Value = NUMBER.annotation()
+    Onset = _MOMENTS.annotation(
+        _onset, _table({PHASE: _PLACE[PHASE]}), _table({**_PLACE, SHARE: _SHARES})
+    )

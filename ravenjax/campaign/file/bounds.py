@@ -1,23 +1,22 @@
-"""What each parameter of a campaign may be, as the records of its robot say, and the check of an
-axis against it.
+"""The parameters of a campaign: what each may be, as the records of its robot say, and what is
+wrong with those that a file varies.
+
+It takes the records of the robot's tick, so a file's parameters are looked at when it is planned.
 """
 
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 
 from ravenjax.campaign.file.axis import Axis
-from ravenjax.errors import shown
+from ravenjax.campaign.file.config import CampaignConfig
+from ravenjax.campaign.file.location import Complaint, Key
+from ravenjax.errors import shown, suggestion
 from ravenjax.numbers import paths, quantity
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.vocabulary.robot import Robot
-
-TAIL = 7.04
-"""Standard deviations: `Axis.at` of a normal distribution never goes farther (quantiles from
-1e-12).
-"""
 
 
 @functools.cache
@@ -71,49 +70,93 @@ def reserved(robot: Robot, path: str) -> str:
     """
     kind = plain(robot, path)
     return next(
-        (why for name, why in _reserved(robot) if kind == name or kind.startswith(f"{name}.")), ""
+        (
+            f"cannot be set: {why}"
+            for name, why in _reserved(robot)
+            if kind == name or kind.startswith(f"{name}.")
+        ),
+        "",
     )
 
 
-def complaints(robot: Robot, path: str, axis: Axis, more: Ranges = ()) -> Iterator[str]:
-    """What is wrong with the values that a parameter would take; nothing for a path that no
-    record knows.
+def complaints(config: CampaignConfig) -> Iterator[Complaint]:
+    """(key, message) of what is wrong with the values of parameters, whatever paths there are."""
+    first: dict[str, Key] = {}
+    more = config.own_ranges
+    for key, table in config.parameter_tables():
+        for path, axis in table.items():
+            first.setdefault(path, (*key, path))
+            wrong = [reserved(config.robot, path), config.unread(path)]
+            wrong += [out_of_range(axis, row) for row in of(config.robot, path, more)]
+            if key[-1] == "cross" and any(path in table for table in _beside(config, key)):
+                wrong.append("stands in parameters, too: remove one of the two")
+            yield from (((*key, path), message) for message in wrong if message)
+    for path, other in itertools.combinations(first, 2):
+        if overlap(config.robot, path, other):
+            yield (
+                first[other],
+                f"names numbers that {path} names, too: write one of the two throughout the file",
+            )
+
+
+def unfit(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
+    """(key, message) of each path that is none of the known ones, or whose list reads like a
+    vector.
     """
-    if why := reserved(robot, path):
-        yield f"cannot be set: {why}"
-    for row in of(robot, path, more):
-        if row.whole and axis.drawn and not axis.listed:
-            yield f"{axis.kind} draws fractions, expected {row}; write {{choice = [..]}}"
-            continue
-        for got, value in _extremes(axis):
-            if not row.low <= value <= row.high:
-                yield f"got {got}, expected {row}{_hint(row, axis)}"
-                break
-            if row.whole and value != int(value):
-                yield f"got {got}, expected {row}"
-                break
+    known = list(known)
+    for key, table in config.parameter_tables():
+        for path, axis in table.items():
+            if message := _unfit(config.robot, path, axis, known):
+                yield (*key, path), message
 
 
-def extent(axis: Axis) -> tuple[float, float]:
-    """Least and greatest number that a distribution may draw."""
-    low, high = axis.values
-    return (low - TAIL * high, low + TAIL * high) if axis.kind == "normal" else (low, high)
+def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
+    """The tables of parameters that a table of crossed ones is used with."""
+    yield config.parameters
+    for number, group in enumerate(config.group):
+        if key[1:2] in ((), (number,)):
+            yield group.parameters
 
 
-def _extremes(axis: Axis) -> Iterator[tuple[str, float]]:
-    """(as it is told, value) of each listed value, or of the ends of what can be drawn."""
-    if axis.listed:
-        yield from ((shown(value), value) for value in axis.values)
-        return
-    for end, value in zip(("as low as", "as high as"), extent(axis), strict=True):
-        yield f"{axis.kind} = {shown(list(axis.values))}, which may draw {end} {value:.6g}", value
-
-
-def _hint(row: Quantity, axis: Axis) -> str:
-    if axis.kind != "normal":
+def _unfit(robot: Robot, path: str, axis: Axis, known: list[str]) -> str:
+    if path not in known:
+        part = path.partition(".")[0]
+        if of(robot, path) and not any(one.startswith(f"{part}.") for one in known):
+            return f"unknown parameter: this campaign has no part {part!r}, see the reference"
+        return f"unknown parameter{suggestion(path, known)}"
+    parts = [one.rpartition(".")[2] for one in known if one.rpartition(".")[0] == path]
+    parts = [part for part in parts if part in paths.components(robot.joints)]
+    if axis.kind != "list" or axis.explicit or len(axis.values) != len(parts):
         return ""
-    room = min(axis.values[0] - row.low, row.high - axis.values[0]) / TAIL
-    smaller = f" up to {math.floor(room * 1e4) / 1e4:g}" if room >= 1e-4 else ""
+    pairs = zip(parts, axis.values, strict=True)
     return (
-        f"; take a standard deviation{smaller} that cannot leave it, or {{uniform = [low, high]}}"
+        f"got a list of {len(parts)} for a vector of {len(parts)} numbers, which may be meant in"
+        f" two ways. One number each: write {', '.join(f'{path}.{p} = {v:g}' for p, v in pairs)}."
+        f" {len(parts)} levels, each for all of them: write {{ list = {shown(list(axis.values))} }}"
+    )
+
+
+def out_of_range(axis: Axis, row: Quantity) -> str:
+    """What is wrong with the values that a parameter would take; "" where nothing is."""
+    if row.whole and axis.drawn and not axis.listed:
+        return f"{axis.kind} draws fractions, expected {row}; write {{choice = [..]}}"
+    drawn = "" if axis.listed else f"{axis.kind} = {shown(list(axis.values))}, which may draw "
+    for value in axis.listed or axis.extent:
+        if not row.low <= value <= row.high or (row.whole and value != int(value)):
+            return f"got {drawn}{shown(value)}, expected {row}"
+    return ""
+
+
+def overlap(robot: Robot, path: str, other: str) -> bool:
+    """Whether two different paths of parameters name a number in common."""
+    components = paths.components(robot.joints)
+
+    def marks(path: str) -> list[list[str]]:
+        """Arm, numbers and component; what a path leaves out stands for every one."""
+        parts = path.split(".")
+        arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
+        return [arms, numbers, [p for p in parts[-1:] if p in components]]
+
+    return plain(robot, path) == plain(robot, other) and all(
+        not a or not b or a == b for a, b in zip(marks(path), marks(other), strict=True)
     )

@@ -5,17 +5,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ravenjax import robots
-from ravenjax.campaign.file import bounds, own_part
-from ravenjax.campaign.file.axis import Number
+from ravenjax.campaign.file import own_part
+from ravenjax.campaign.file.axis import Axis, Number
 from ravenjax.campaign.file.group import Cross, Fault, Group, Section, flatten_parameters
-from ravenjax.campaign.file.location import Complaint
+from ravenjax.campaign.file.location import Complaint, Key
+from ravenjax.campaign.file.section import unique_names
 from ravenjax.campaign.file.sections import (
     CampaignSection,
     Detector,
@@ -24,6 +25,7 @@ from ravenjax.campaign.file.sections import (
     OwnCheck,
     Stop,
 )
+from ravenjax.numbers.quantity import Quantity
 from ravenjax.outcomes import events
 from ravenjax.parts import part
 from ravenjax.vocabulary.checks import Check, built_in_column
@@ -63,6 +65,20 @@ class CampaignConfig(Section):
     @classmethod
     def _flat(cls, raw: Any) -> Any:
         return flatten_parameters(raw)
+
+    @field_validator("group", "detector", "check")
+    @classmethod
+    def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
+        return unique_names(tables)
+
+    @field_validator("outcomes")
+    @classmethod
+    def _cue(cls, outcomes: Outcomes, info: ValidationInfo) -> Outcomes:
+        if "haptics" in info.data and outcomes.cue >= (sets := len(info.data["haptics"].cues())):
+            raise ValueError(
+                f"cue: got {outcomes.cue}, expected 0..{sets - 1}: [haptics] makes {sets} sets"
+            )
+        return outcomes
 
     @field_validator("group")
     @classmethod
@@ -153,20 +169,6 @@ class CampaignConfig(Section):
 
     # --- what a robot may add ---
 
-    @classmethod
-    def words(cls) -> dict[str, dict[str, Iterable[str]]]:
-        """Model of a table -> key -> the words that it takes, where the models leave that to
-        `complaints`.
-        """
-        return {}
-
-    @classmethod
-    def ranges(cls) -> dict[str, dict[str, tuple[float, float]]]:
-        """Model of a table -> key -> least and largest number, where the models leave that to a
-        validator.
-        """
-        return {}
-
     @property
     def robot_label(self) -> str:
         """What runs, in words."""
@@ -215,6 +217,16 @@ class CampaignConfig(Section):
         """(key, message) of what is wrong with the robot's own words."""
         return iter(())
 
+    def parameter_tables(self) -> Iterator[tuple[Key, dict[str, Axis]]]:
+        """(key, {path: axis}) of every table of parameters in the file."""
+        yield ("parameters",), self.parameters
+        yield ("cross",), self.cross
+        for g, group in enumerate(self.group):
+            yield ("group", g, "parameters"), group.parameters
+            yield ("group", g, "cross"), group.cross
+            for r, run in enumerate(group.run):
+                yield ("group", g, "run", r, "parameters"), run.parameters
+
     def unread(self, path: str) -> str:
         """Why nothing reads the parameter of that path in this campaign; "" where something
         does.
@@ -246,7 +258,7 @@ class CampaignConfig(Section):
         }
 
     @property
-    def own_ranges(self) -> bounds.Ranges:
+    def own_ranges(self) -> tuple[tuple[str, Quantity], ...]:
         """(path, what it may be) of each parameter of parts with a file. Raises UserError for an
         unusable one.
         """

@@ -6,40 +6,28 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    ValidationError,
-    field_serializer,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from ravenjax.campaign.file.axis import (
+    END,
     FORMS,
-    PHASE,
     Axis,
-    Milliseconds,
-    Moment,
     Number,
     Onset,
-    Word,
+    Value,
     fixed,
+    times,
+    words,
 )
-from ravenjax.campaign.file.bounds import extent
 from ravenjax.campaign.file.section import Section
-from ravenjax.errors import shown
+from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, TRIGGERS
+from ravenjax.vocabulary.sites import Site
 
-UNTIL_END = -1
-"""`duration_ms` of a fault that lasts until the run ends; written "end" in a file."""
-
-LONGEST_MS = 1_000_000_000
-"""No time of a fault is longer; the longest run is 3 600 000 ms."""
-
-LEAST_MS = {"start_ms": 0, "duration_ms": 1, "every_ms": 0, "period_ms": 0}
-"""The least that each time of a fault may be."""
+ALL = "*"
+"""`channel` that stands for every channel of the site."""
 
 Design = Literal["grid", "zip", "list", "random", "lhs", "sobol"]
 DESIGNS: dict[Design, str] = {
@@ -115,46 +103,13 @@ def _is_distribution(table: dict[str, Any]) -> bool:
     )
 
 
-def _duration(raw: Any) -> Any:
-    """ "end" as UNTIL_END, wherever it stands."""
-    if isinstance(raw, list | tuple):
-        return [_duration(item) for item in raw]
-    if isinstance(raw, dict):
-        return {key: _duration(value) if key == "choice" else value for key, value in raw.items()}
-    if isinstance(raw, str) and raw == "end":
-        return UNTIL_END
-    if isinstance(raw, int | float) and not isinstance(raw, bool) and raw <= 0:
-        raise ValueError(f'got {raw}, expected a whole number of milliseconds from 1, or "end"')
-    return raw
-
-
-def _written(plain: Any) -> Any:
-    """UNTIL_END as "end", wherever it stands."""
-    if isinstance(plain, list):
-        return [_written(item) for item in plain]
-    if isinstance(plain, dict):
-        return {key: _written(value) for key, value in plain.items()}
-    return "end" if plain == UNTIL_END else plain
-
-
-def _require_times(axis: Axis, least: int, endless: bool = False) -> None:
-    """ValueError unless each value, or end of what is drawn, is a time from `least` on;
-    `endless`: or UNTIL_END.
-    """
-    if axis.kind == PHASE:
-        return
-    for value in axis.listed or extent(axis):
-        if isinstance(value, Moment):
-            continue
-        open_end = endless and axis.listed and value == UNTIL_END
-        too_early = (
-            axis.kind != "normal" and value < least and not open_end
-        )  # the tail of a bell is cut at `least`
-        if too_early or abs(value) > LONGEST_MS:
-            raise ValueError(
-                f"got {shown(value)}, expected a whole number of milliseconds from {least} to"
-                f" {LONGEST_MS}"
-            )
+if TYPE_CHECKING:
+    Arm = Channel = EffectName = Trigger = Duration = Repeat = Axis
+else:
+    Arm, Channel = words("arm").annotation(), words("channel").annotation()
+    EffectName = words("effect", EFFECTS).annotation()
+    Trigger = words("trigger", TRIGGERS).annotation()
+    Duration, Repeat = times(1, endless=True).annotation(), times(0).annotation()
 
 
 class Fault(Section):
@@ -163,24 +118,22 @@ class Fault(Section):
     """
 
     site: str = Field(description="where: a fault site, see `ravenjax faults`")
-    arm: Word | None = Field(
-        default=None, description="gold or green; may be left out with one arm"
-    )
-    channel: Word | None = Field(
+    arm: Arm | None = Field(default=None, description="gold or green; may be left out with one arm")
+    channel: Channel | None = Field(
         default=None,
         description=(
             'joint, axis or field of the site; "*": each of them; may be left out where it has one'
         ),
     )
-    effect: Word = Field(description="what becomes of the number, see Effects")
-    value: Number | None = Field(
+    effect: EffectName = Field(description="what becomes of the number, see Effects")
+    value: Value | None = Field(
         default=None,
         description=(
             "in the channel's unit; scale: a factor; bit_flip: index of the bit; delay: packets;"
             " stuck, drop and duplicate take none"
         ),
     )
-    trigger: Word = Field(
+    trigger: Trigger = Field(
         default=fixed("time"), description="what start_ms counts from: time, packet or pedal"
     )
     start_ms: Onset = Field(
@@ -189,14 +142,14 @@ class Fault(Section):
             " of the operation, see Phases"
         )
     )
-    duration_ms: Annotated[Milliseconds, BeforeValidator(_duration)] = Field(
-        default=fixed(UNTIL_END),
+    duration_ms: Duration = Field(
+        default=fixed(END),
         description='length of the window, ms or packets; "end": until the run ends',
     )
-    every_ms: Milliseconds = Field(
+    every_ms: Repeat = Field(
         default=fixed(0), description="the window opens again after each, 0: never"
     )
-    period_ms: Milliseconds = Field(default=fixed(0), description="period of effect periodic, ms")
+    period_ms: Repeat = Field(default=fixed(0), description="period of effect periodic, ms")
     wraps: bool = Field(
         default=False,
         description=(
@@ -205,18 +158,35 @@ class Fault(Section):
         ),
     )
 
-    @field_serializer("duration_ms")
-    def _end(self, axis: Axis) -> Any:
-        return _written(axis.model_dump())
-
     @model_validator(mode="after")
-    def _times(self) -> Fault:
-        for name, least in LEAST_MS.items():
-            try:
-                _require_times(getattr(self, name), least, endless=name == "duration_ms")
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}") from None
+    def _fits(self) -> Fault:
+        """ValueError for what no robot can make of its keys; the message names the key."""
+        if self.start_ms.phases and self.trigger.listed != ("time",):
+            raise ValueError(
+                f"start_ms: got phase {self.start_ms.phases[0]!r}, expected trigger = 'time': the"
+                " milliseconds of a phase count from the beginning of the run"
+            )
+        every = [ms for ms in self.every_ms.listed or self.every_ms.extent if ms > 0]
+        durations = self.duration_ms.listed or self.duration_ms.extent
+        if every and (END in durations or min(every) < max(durations)):
+            raise ValueError(
+                "every_ms: a window that opens again needs a duration_ms that is not longer than"
+                " every_ms"
+            )
         return self
+
+    def axes(self) -> Iterator[tuple[str, Axis]]:
+        """(key, axis) of each key that takes an axis and is there."""
+        for name in Fault.model_fields:
+            if isinstance(axis := getattr(self, name), Axis):
+                yield name, axis
+
+    def channels(self, site: Site) -> Axis:
+        """Names of the channels of its site that it strikes; "" where it leaves that open."""
+        names = tuple(channel.name for channel in site.channels)
+        if self.channel is None:
+            return fixed(names[0] if len(names) == 1 else "")
+        return Axis("list", names) if self.channel.listed == (ALL,) else self.channel
 
 
 class Run(Section):
@@ -248,7 +218,9 @@ class Group(Section):
         default=1, ge=1, le=1_000_000, description="each run so many times, with seeds of its own"
     )
     fault: tuple[Fault, ...] = Field(
-        default=(), description="faults that strike in the same run; none: fault-free runs"
+        default=(),
+        max_length=MAX_SLOTS,
+        description="faults that strike in the same run; none: fault-free runs",
     )
     run: tuple[Run, ...] = Field(default=(), description="the runs of design list")
     parameters: dict[str, Number] = Field(
@@ -282,6 +254,12 @@ class Group(Section):
                 else f"[[group.run]] belongs to design = 'list', got design = {self.design!r}"
             )
         for r, run in enumerate(self.run):
+            if len(run.fault) > len(self.fault):
+                raise ValueError(
+                    f"run[{r}].fault: got {len(run.fault)} faults, the group has {len(self.fault)}"
+                )
+            if drawn := [path for path, axis in run.parameters.items() if axis.kind != "fixed"]:
+                raise ValueError(f"run[{r}].parameters: {drawn[0]} takes a single value")
             try:
                 self.faults_of(run)
             except ValidationError as error:
@@ -298,8 +276,5 @@ class Group(Section):
             Fault.model_validate(
                 {**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced}
             )
-            for fault, replaced in itertools.zip_longest(
-                self.fault, run.fault[: len(self.fault)], fillvalue={}
-            )
-            if isinstance(fault, Fault)
+            for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={})
         )

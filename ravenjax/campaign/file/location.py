@@ -94,12 +94,14 @@ def message(error: Any, model: type[BaseModel], hint: str = "") -> str:
         return "missing" + (
             f": {field.description}" if field is not None and field.description else ""
         )
-    if kind == "too_short":
-        least = error["ctx"]["min_length"]
-        return (
-            f"got {shown(error['input'])}, expected a list with at least {least}"
-            f" {'item' if least == 1 else 'items'}"
+    if kind in ("too_short", "too_long"):
+        context = error["ctx"]
+        bound = (
+            f"at least {context['min_length']}"
+            if kind == "too_short"
+            else f"at most {context['max_length']}"
         )
+        return f"got {shown(error['input'])}, expected a list of {bound}"
     text = error["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return text

@@ -15,6 +15,17 @@ from ravenjax.vocabulary.parts import OwnSource
 IDENTIFIER = re.compile(rf"(?!(?:{'|'.join(keyword.kwlist)})$)[A-Za-z][A-Za-z0-9_]*")
 """Name of a part whose parameters a campaign may vary: it stands in their paths."""
 
+
+def require_identifier(name: str) -> str:
+    """The name itself; ValueError for one that cannot stand in paths of parameters."""
+    if not IDENTIFIER.fullmatch(name):
+        raise ValueError(
+            f"name = {name!r}, expected letters, digits and _, a letter first: paths of parameters"
+            " have it"
+        )
+    return name
+
+
 SHA256 = "^[0-9a-f]{64}$"
 """What the content of a file is known by."""
 CONTENT = "and what it takes from its folder; another content is refused. Left out, any is taken"

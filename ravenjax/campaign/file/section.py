@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import NoneType
 from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import core_schema
 
 from ravenjax.campaign.file import location
+from ravenjax.errors import unknown
 
 
 class _SectionClass(type(BaseModel)):
@@ -83,3 +86,30 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for inner in get_args(annotation):
         yield from models_in(inner)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class OneOf:
+    """Annotation of a text that is one of some names."""
+
+    what: str
+    names: Collection[str]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.no_info_after_validator_function(self._known, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
+        return handler(schema) | {"enum": list(self.names)}
+
+    def _known(self, word: str) -> str:
+        if word not in self.names:
+            raise ValueError(unknown(self.what, word, self.names))
+        return word
+
+
+def unique_names(tables: Sequence[Any]) -> Any:
+    """The tables themselves; ValueError unless each has a name of its own."""
+    names = [table.name for table in tables]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"got name {twice[0]!r} twice, expected a name of its own for each")
+    return tables

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
     field_validator,
@@ -20,8 +21,7 @@ from pydantic import (
 
 from ravenjax import robots
 from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.section import Section
-from ravenjax.errors import suggestion
+from ravenjax.campaign.file.section import OneOf, Section
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.vocabulary.checks import DOES, Action, Check, CheckUse, of_own
@@ -223,14 +223,14 @@ class Detector(Section):
         ),
     )
     consecutive: Annotated[
-        tuple[int, ...],
+        tuple[_UpTo8, ...],
         BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]),
         Field(min_length=1),
     ] = Field(
         default=(1,),
         description="milliseconds in a row above the threshold that make an alarm, 1 to 8",
     )
-    threshold: _Numbers = Field(
+    threshold: Annotated[_Numbers, Field(max_length=MOST_THRESHOLDS)] = Field(
         default=(1.0,), description="alarm above it; all evaluated in the same run"
     )
 
@@ -241,21 +241,12 @@ class Detector(Section):
             raise ValueError(f"expected one of kind (built in) and file (your own), got {got}")
         if self.file is None and (self.acts != "watch" or self.sha256 is not None):
             raise ValueError("acts and sha256 belong to a detector with a file: remove them")
-        if self.file is not None and not own_part.IDENTIFIER.fullmatch(self.name):
-            raise ValueError(
-                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters"
-                " of its file are called detectors.own.NAME"
-            )
+        if self.file is not None:
+            own_part.require_identifier(self.name)
         if self.kind != "steps" and self.fusion != ("all",):
             raise ValueError(
                 f"fusion = {list(self.fusion)} belongs to kind 'steps', got kind"
                 f" {self.kind or 'file'!r}: remove it"
-            )
-        if not all(1 <= count <= 8 for count in self.consecutive):
-            raise ValueError(f"consecutive = {list(self.consecutive)}, expected 1 to 8")
-        if len(self.threshold) > MOST_THRESHOLDS:
-            raise ValueError(
-                f"threshold has {len(self.threshold)} numbers, expected at most {MOST_THRESHOLDS}"
             )
         return self
 
@@ -293,7 +284,7 @@ class Detector(Section):
 class OwnCheck(Section):
     """[[check]]: a check of your own at a seam of the tick; it acts in the same millisecond."""
 
-    name: str = Field(
+    name: Annotated[str, AfterValidator(own_part.require_identifier)] = Field(
         description="what it is called in tables, where its columns are check_own_NAME_..",
         max_length=60,
     )
@@ -322,15 +313,6 @@ class OwnCheck(Section):
         description="milliseconds in a row above the threshold in which it trips from then on",
     )
 
-    @model_validator(mode="after")
-    def _named(self) -> OwnCheck:
-        if not own_part.IDENTIFIER.fullmatch(self.name):
-            raise ValueError(
-                f"name = {self.name!r}, expected letters, digits and _, a letter first: parameters"
-                " of its file are called checks.own.NAME"
-            )
-        return self
-
     @property
     def part(self) -> OwnSource:
         """The code of its file. Raises UserError for one that is unusable or changed."""
@@ -345,20 +327,6 @@ class OwnCheck(Section):
     def check(self) -> Check:
         """Itself, as tables have it."""
         return of_own(self.name, self.at, self.acts)
-
-
-def _rate(raw: Any) -> Any:
-    """The name of an event; ValueError where it is none, with what to write instead."""
-    if isinstance(raw, str) and raw not in events.EVENTS:
-        raise ValueError(
-            f"got {raw!r}, expected one of"
-            f" {', '.join(events.EVENTS)}{suggestion(raw, events.EVENTS)}"
-        )
-    return raw
-
-
-Rate = Annotated[str, BeforeValidator(_rate)]
-"""A rate of the table: the share of runs with an event of `ravenjax.outcomes.events`."""
 
 
 class Outcomes(Section):
@@ -402,10 +370,10 @@ class Stop(Section):
     half_width: float = Field(
         gt=0.0, lt=0.5, description="stop once each rate is known within +- this fraction"
     )
-    rates: tuple[Rate, ...] = Field(
+    rates: tuple[Annotated[str, OneOf("rate", events.EVENTS)], ...] = Field(
         default=("evades", "unintended_motion"),
         min_length=1,
-        description="which rates: " + ", ".join(events.EVENTS),
+        description="which rates",
     )
     of: Literal["groups", "whole"] = Field(
         default="groups",

@@ -19,7 +19,7 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig, validated
 from ravenjax.campaign.inspection import replay
 from ravenjax.campaign.plan import Plan, make_plan
-from ravenjax.campaign.progress.counts import OnProgress, Progress
+from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.errors import UserError, suggestion
 from ravenjax.store import manifest

@@ -16,7 +16,7 @@ from typing import Any
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file.config import validated
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.store.access import fault_free, query

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Callable, Iterable
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter
@@ -17,11 +16,9 @@ from pydantic import BaseModel, TypeAdapter
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Number
 from ravenjax.campaign.file.config import config_class_of
-from ravenjax.campaign.file.group import LEAST_MS, LONGEST_MS, PATHS
+from ravenjax.campaign.file.group import PATHS
 from ravenjax.campaign.population import KEY
 from ravenjax.hazards import expansion
-from ravenjax.outcomes import events
-from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 from ravenjax.vocabulary.robot import Robot
 
 Schema = dict[str, Any]
@@ -44,17 +41,12 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
     definitions = whole.setdefault("$defs", {})
     for table in (whole, *definitions.values()):
         tidy(table)
-    vocabulary, ranges = _words(robot), config_class_of(robot).ranges()
-    for name, table in definitions.items():
-        for key, words in vocabulary.get(name, {}).items():
-            table["properties"][key] = _among(table["properties"][key], words)
-        for key, (low, high) in ranges.get(name, {}).items():
-            _numbers(
-                table["properties"][key],
-                lambda node, a=low, b=high: node | {"minimum": a, "maximum": b},
-            )
-    if "Fault" in definitions:
-        _times(definitions["Fault"]["properties"])
+    if fault := definitions.get("Fault", {}).get("properties"):
+        fault["site"]["enum"] = list(robot.sites)
+        _name(fault["arm"], robot.arms)
+        _name(fault["start_ms"], robot.phases)
+    if entry := definitions.get("Entry", {}).get("properties"):
+        _name(entry["hazards"], expansion.words())
     for table in (whole, *definitions.values()):
         for key in PATHS:
             if key in table.get("properties", ()):
@@ -67,26 +59,6 @@ def of_model(robot: Robot, model: type[BaseModel], title: str) -> Schema:
         "ParameterValue": TypeAdapter(Number).json_schema(),
     }
     return whole
-
-
-def _words(robot: Robot) -> dict[str, dict[str, Iterable[str]]]:
-    """Definition -> key -> the words that it takes, where the models leave that to a later
-    check.
-    """
-    fault: dict[str, Iterable[str]] = {
-        "site": robot.sites,
-        "arm": robot.arms,
-        "effect": EFFECTS,
-        "trigger": TRIGGERS,
-    }
-    if robot.phases:
-        fault["start_ms"] = robot.phases
-    return {
-        **config_class_of(robot).words(),
-        "Fault": fault,
-        "Stop": {"rates": events.EVENTS},
-        "Entry": {"hazards": expansion.words()},
-    }
 
 
 def tidy(node: Any) -> None:
@@ -103,45 +75,14 @@ def tidy(node: Any) -> None:
             tidy(inner)
 
 
-def _replaced(node: Any, fits: Callable[[Schema], bool], by: Callable[[Schema], Schema]) -> Any:
-    """A schema in which `by` has replaced each node that `fits`."""
+def _name(node: Any, words: Any) -> None:
+    """Let the texts of a key be among some words."""
     if isinstance(node, dict):
-        if fits(node):
-            return by(node)
-        return {key: _replaced(inner, fits, by) for key, inner in node.items()}
-    return [_replaced(inner, fits, by) for inner in node] if isinstance(node, list) else node
-
-
-def _among(node: Schema, words: Iterable[str]) -> Schema:
-    """A schema whose texts are among `words`."""
-    return _replaced(
-        node,
-        lambda inner: inner.get("type") == "string",
-        lambda inner: inner | {"enum": list(words)},
-    )
-
-
-def _numbers(node: Schema, by: Callable[[Schema], Schema]) -> None:
-    """Replace every number of a key's schema."""
-    new = _replaced(node, lambda inner: inner.get("type") in ("number", "integer"), by)
-    node.clear()
-    node.update(new)
-
-
-def _times(fault: dict[str, Schema]) -> None:
-    """Ranges of a fault's times, and the word for no end."""
-    for key, least in LEAST_MS.items():
-        span = {"minimum": least, "maximum": LONGEST_MS}
-        options = [
-            {"type": "integer", **span},
-            *([{"const": "end"}] if key == "duration_ms" else []),
-        ]
-        fault[key] = _replaced(
-            fault[key],
-            lambda node: node.get("type") == "integer",
-            lambda node, options=options: options[0] if len(options) == 1 else {"anyOf": options},
-        )
-    fault["duration_ms"]["default"] = "end"
+        if node.get("type") == "string":
+            node["enum"] = list(words)
+        node = list(node.values())
+    for inner in node if isinstance(node, list) else ():
+        _name(inner, words)
 
 
 # --- parameters -----------------------------------------------------------------------------------

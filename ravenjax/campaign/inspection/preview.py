@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import lint, loading
+from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design, moments, run_id
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.file import location, semantics
@@ -99,7 +99,9 @@ def preview(
         "stop": None if config.stop is None else config.stop.model_dump(mode="json"),
         "groups": [_group_row(config, group) for group in config.group],
         "faults": None if rows is None else list(_fault_rows(config, rows)),
-        "notices": [f"{location.dotted(key)}: {message}" for key, message in lint.notices(config)],
+        "notices": [
+            f"{location.dotted(key)}: {message}" for key, message in semantics.notices(config)
+        ],
         "engine": {
             "name": backend.name,
             "device": backend.device,

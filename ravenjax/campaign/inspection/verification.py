@@ -23,7 +23,7 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import validated
 from ravenjax.campaign.plan import Plan, make_plan
-from ravenjax.campaign.progress.counts import OnProgress, Progress
+from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, UserError

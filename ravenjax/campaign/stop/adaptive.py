@@ -17,7 +17,7 @@ from ravenjax.campaign import runner
 from ravenjax.campaign.executors.protocol import Executor
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import decisions
 from ravenjax.campaign.stop.event_bitmaps import (
     EventBitmaps,

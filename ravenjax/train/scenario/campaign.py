@@ -122,7 +122,7 @@ def complaints(scenario: Scenario) -> Iterator[Complaint]:
         for one in error.errors():
             yield _of_file(scenario, one["loc"], []), one["msg"].removeprefix("Value error, ")
         return
-    for key, message in semantics.complaints(config):
+    for key, message in (*semantics.complaints(config), *bounds.complaints(config)):
         yield _of_file(scenario, key, written), _of_scenario(key, message)
 
 
@@ -161,7 +161,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[dict[str, Any]], list[i
     numbers: list[int] = []
     for h, entry in enumerate(scenario.hazard):
         name = scenario.entry_name(h)
-        value = {} if entry.value is None else {"value": entry.value.model_dump()}
+        value = {} if entry.value is None else {"value": entry.value.written()}
         try:
             named = expansion.named(list(entry.hazards)) if entry.hazards else []
             for row in named:

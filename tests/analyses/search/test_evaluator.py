@@ -129,7 +129,7 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
     config = campaigns.from_dict(raw)
     table = plan.make_plan(config).table
     single = raw | {"group": [{"name": "dac", "fault": [group]}]}
-    template = Template(campaigns.from_dict(single, template=True))
+    template = Template(campaigns.from_dict(single))
     assert template.labels == (
         "fault0_value",
         "fault0_start_ms",

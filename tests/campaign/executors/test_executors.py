@@ -19,7 +19,7 @@ from ravenjax.campaign.executors.local import Local
 from ravenjax.campaign.executors.protocol import Work, finish_chunk
 from ravenjax.campaign.executors.shards import Shard
 from ravenjax.campaign.plan import make_plan
-from ravenjax.campaign.progress.counts import Progress
+from ravenjax.campaign.progress import Progress
 from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.store import parts

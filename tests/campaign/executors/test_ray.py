@@ -18,7 +18,7 @@ from ravenjax.campaign import runner  # noqa: E402
 from ravenjax.campaign.executors import ray_cluster  # noqa: E402
 from ravenjax.campaign.executors.protocol import Work  # noqa: E402
 from ravenjax.campaign.plan import make_plan  # noqa: E402
-from ravenjax.campaign.progress.counts import Progress  # noqa: E402
+from ravenjax.campaign.progress import Progress  # noqa: E402
 from ravenjax.engines import selection  # noqa: E402
 from ravenjax.errors import UserError  # noqa: E402
 from ravenjax.store import manifest, parts  # noqa: E402

@@ -19,12 +19,10 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from ravenjax.campaign.file.axis import Axis, fixed
-from ravenjax.campaign.file.group import UNTIL_END
-from ravenjax.errors import UserError
+from ravenjax.campaign.file.axis import END, UNTIL_END, Axis, fixed
 from ravenjax.robots.raven2.sites import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
-from ravenjax.vocabulary.legal import complaint, legal
+from ravenjax.vocabulary.legal import legal
 
 FIELDS = (
     "site",
@@ -161,7 +159,7 @@ def axes_of(config, fault):
     if fault.channel is None:
         out["channel"] = fixed(names[0] if len(names) == 1 else "")
     elif fault.channel.listed == ("*",):
-        out["channel"] = Axis(kind="list", values=tuple(names))
+        out["channel"] = Axis("list", tuple(names))
     out["value"] = fault.value or fixed(math.nan)
     return out
 
@@ -230,12 +228,7 @@ def canonical(config, group, slot, fault, axes, cell):
         name: cell[slot, name][name in LEAST] for name in axes_of_slot(axes, slot)
     }
     for name, least in LEAST.items():
-        endless = (
-            name == "duration_ms"
-            and UNTIL_END in axes[slot, name].listed
-            and out[name] == UNTIL_END
-        )
-        out[name] = out[name] if endless else max(int(out[name]), least)
+        out[name] = UNTIL_END if out[name] == END else max(int(out[name]), least)
     effect = out["effect"]
     out["channel"] = NETWORK_EFFECTS[effect][0] if effect in NETWORK_EFFECTS else out["channel"]
     out["period_ms"] = out["period_ms"] if effect == "periodic" else 0
@@ -244,13 +237,7 @@ def canonical(config, group, slot, fault, axes, cell):
     channel = SITES[fault.site].channel(out["channel"])
     beyond = fault.wraps or (fault.site == "usb_out" and config.campaign.dac_words is not None)
     rule = legal(channel, effect, beyond)
-    value = out["value"] = float(cell[slot, "value"][rule.rounded])
-    if not rule.low <= value <= rule.high or (rule.whole and value != int(value)):
-        raise UserError(
-            f"group {group!r}, fault[{slot}].value:"
-            f" {complaint(fault.site, channel, effect, value, beyond)}"
-        )
-    return out
+    return out | {"value": float(cell[slot, "value"][rule.rounded])}
 
 
 def axes_of_slot(axes, slot):

@@ -129,7 +129,7 @@ def test_quick_is_what_the_readme_says():
         ),
         ("value = [100, 200]", 'value = "big"', ":22: | got 'big', expected a number"),
         ("value = [100, 200]", "", "group[1].fault[0].value: missing | 'overwrite' takes a value"),
-        ("value = [100, 200]", "value = []", ":22: | empty"),
+        ("value = [100, 200]", "value = []", ":22: | at least one value, got []"),
         (
             "value = [100, 200]",
             "value = {unifrm = [1, 2]}",
@@ -146,7 +146,7 @@ def test_quick_is_what_the_readme_says():
             "start_ms: got -1, expected a whole number of milliseconds from 0",
         ),
         ('[10, "end"]', '{uniform = ["end", 5]}', ":24: | got 'end', expected a number"),
-        ('[10, "end"]', "{uniform = [0, 5]}", "duration_ms: got 0 | from 1"),
+        ('[10, "end"]', "{uniform = [0, 5]}", "duration_ms: got uniform = [0, 5] | from 1"),
         (
             "value = [100, 200]",
             "value = [100, 1e39]",
@@ -170,12 +170,12 @@ def test_quick_is_what_the_readme_says():
         (
             "value = [100, 200]",
             "value = {list = 5}",
-            "list takes a list with at least one a number, got 5",
+            "list takes a list with at least one value, got 5",
         ),
         (
             "start_ms = 1000",
             "start_ms = 1000\nruns = 5",
-            "fault[0].runs: unknown key | above [[group.fault]]",
+            "fault[0].runs: unknown key | It is a key of [[group]]",
         ),
         (
             "duration_s = 2.0",
@@ -187,12 +187,6 @@ def test_quick_is_what_the_readme_says():
             "duration_s = 2.0004",
             "got 2.0004 s, expected whole milliseconds | such as 2",
         ),
-        (
-            "[operator]",
-            "[plant]\nmass_scale = 2\n[operator]",
-            "Parameters stand in [parameters], as parameters.plant",
-        ),
-        ("[operator]", "[search]\nkind = 'rare'\n[operator]", "start it with `ravenjax search`"),
         ('"overwrite"', '"bit_flip"', ":22: | index of a bit, 0..15, got 100"),
         ('"x"', '".."', ":2: campaign.name"),
         (
@@ -213,7 +207,7 @@ def test_quick_is_what_the_readme_says():
             "arm 'green' is not in this campaign",
         ),
         ("start_ms = 1000", "start_ms = 1000\nevery_ms = 5", "every_ms | not longer than every_ms"),
-        ('"free"', '"dac"', "got 'dac' twice"),
+        ('"free"', '"dac"', "got name 'dac' twice"),
         ('"free"', '"free"\nruns = 5', "'grid' sets the number of runs itself"),
         ('"free"', '"free"\ndesign = "lhs"', "'lhs' needs runs"),
         (
@@ -229,7 +223,7 @@ def test_quick_is_what_the_readme_says():
         (
             "[parameters]",
             "[limits]\nelbow_deg = [40, 135]\n[parameters]",
-            "limits.elbow_deg: got [40.0, 135.0] | 45 <= min < max <= 137.5",
+            "limits.elbow_deg[0]: got 40, expected greater than or equal to 45",
         ),
         ("[parameters]", "[outcomes]\ncue = 1\n[parameters]", "outcomes.cue: got 1, expected 0..0"),
         (
@@ -309,16 +303,6 @@ def test_one_table_where_several_are_expected(write):
     assert "tools: got 5, expected a list" in complaint(
         write(GOOD.replace("duration_s = 2.0", "tools = 5"))
     )
-
-
-def test_noise_of_no_size_makes_no_repeat_another(write):
-    text = GOOD.replace(
-        "plant.friction_scale = { uniform = [0.5, 2.0] }", "plant.encoder_noise = 0"
-    )
-    text = text.replace('"dac"', '"dac"\nrepeats = 3')
-    assert loading.load(write(text), ["campaign.noise=true"])
-    message = complaint(write(text), "campaign.noise=true", "parameters.plant.torque_noise=0")
-    assert "the 3 repeats would be identical" in message
 
 
 def test_a_list_that_says_so_is_a_list(write):

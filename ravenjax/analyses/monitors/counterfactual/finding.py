@@ -22,7 +22,7 @@ from ravenjax.analyses.monitors.counterfactual.candidates import (
 from ravenjax.analyses.monitors.counterfactual.promise import Grounds, Promise, joint, stated
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.report import wording
 from ravenjax.report.data import draws

@@ -15,7 +15,7 @@ from ravenjax.analyses.monitors.counterfactual import candidates
 from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
 from ravenjax.campaign import runner
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.progress.counts import OnProgress
+from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError, suggestion
 from ravenjax.report.data import draws, facts
 from ravenjax.report.sections import robots as drawn_robots

@@ -59,7 +59,7 @@ def from_dict(
     campaign = search = None
     try:
         campaign = loading.from_dict(
-            {k: v for k, v in raw.items() if k != SECTION}, source, text, left, template=True
+            {k: v for k, v in raw.items() if k != SECTION}, source, text, left
         )
     except UserError as error:
         messages.append(str(error))

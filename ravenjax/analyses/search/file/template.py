@@ -19,13 +19,12 @@ from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key
 from ravenjax.campaign.faults.slot import FIELDS
 from ravenjax.campaign.faults.table import WORDS
-from ravenjax.campaign.file.axis import Axis, fixed
+from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.file.group import UNTIL_END, Fault
-from ravenjax.campaign.file.semantics import ALL, Complaint
+from ravenjax.campaign.file.location import Complaint
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS, WITHOUT_VALUE
 from ravenjax.vocabulary.legal import legal
-from ravenjax.vocabulary.sites import Channel, Site
+from ravenjax.vocabulary.sites import Channel
 
 PARAMETER = -1
 """Stands for the fault slot in the key of a parameter's axis."""
@@ -42,19 +41,12 @@ def axes(config: CampaignConfig) -> dict[Key, Axis]:
         for name in FIELDS:
             axis = getattr(fault, name) if name != "site" else None
             if name == "channel":
-                axis = _channels(config.robot.sites[fault.site], fault)
+                axis = fault.channels(config.robot.sites[fault.site])
             if isinstance(axis, Axis):
                 result[f, name] = axis
     return result | {
         (PARAMETER, path): axis for path, axis in {**config.parameters, **group.parameters}.items()
     }
-
-
-def _channels(site: Site, fault: Fault) -> Axis:
-    names = tuple(channel.name for channel in site.channels)
-    if fault.channel is None:
-        return fixed(names[0] if len(names) == 1 else "")
-    return Axis(kind="list", values=names) if fault.channel.listed == (ALL,) else fault.channel
 
 
 def label(key: Key) -> str:
@@ -192,17 +184,13 @@ class Template:
     def drawn(self) -> list[dict[str, Any]]:
         """Name, unit and distribution of each input."""
         return [
-            {"name": name, "unit": self.unit(i), "drawn": self.axis(i).model_dump()}
+            {"name": name, "unit": self.unit(i), "drawn": self.axis(i).written()}
             for i, name in enumerate(self.labels)
         ]
 
     def case(self, case: int) -> dict[str, Any]:
         """What tells a case from the others: the value of each list, by label."""
-        parts = {}
-        for key in self.lists:
-            value = self._values[key][case]
-            parts[label(key)] = "end" if key[1] == "duration_ms" and value == UNTIL_END else value
-        return parts
+        return {label(key): self._values[key][case] for key in self.lists}
 
     def unit(self, number: int) -> str:
         """Unit of an input, "" where the cases differ in it."""
@@ -239,7 +227,7 @@ class Template:
         group, config = self.config.group[0], self.config
         listed = {key: tuple(self._values[key][c] for c in case.tolist()) for key in self.lists}
         listed |= {key: tuple(values[:, i].tolist()) for i, key in enumerate(self.inputs)}
-        paired = {key: Axis(kind="list", values=column) for key, column in listed.items()}
+        paired = {key: Axis("list", column) for key, column in listed.items()}
         faults = tuple(
             fault.model_copy(
                 update={name: axis for (slot, name), axis in paired.items() if slot == f}

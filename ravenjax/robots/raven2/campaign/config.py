@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, model_validator
 
-from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.campaign.file.semantics import parameter_tables
 from ravenjax.errors import UserError
 from ravenjax.parts import part
-from ravenjax.robots.raven2.campaign import older_packets, semantics
+from ravenjax.robots.raven2.campaign import older_packets
 from ravenjax.robots.raven2.campaign.sections import (
-    HARD_RANGES,
     Hand,
     Limits,
     Operator,
@@ -27,8 +24,7 @@ from ravenjax.robots.raven2.campaign.sections import (
     RavenCampaign,
     Reaction,
 )
-from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, TOOLS
+from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
 from ravenjax.robots.raven2.sites import USB_SITE
@@ -61,7 +57,7 @@ class RavenConfig(CampaignConfig):
         if self.campaign.kinematic_errors == "measured":
             crossed = self.cross.keys() | {path for group in self.group for path in group.cross}
             axes = {
-                f"plant.{arm}.kinematic_errors.{path}": Axis(kind="normal", values=(0.0, deviation))
+                f"plant.{arm}.kinematic_errors.{path}": Axis("normal", (0.0, deviation))
                 for arm in self.campaign.arms
                 for path, deviation in MEASURED.items()
             }.items()
@@ -114,24 +110,6 @@ class RavenConfig(CampaignConfig):
     def touches(self) -> bool:
         """Whether what its robot presses on is an outcome."""
         return self.campaign.contact
-
-    @classmethod
-    def words(cls) -> dict[str, dict[str, Iterable[str]]]:
-        """Model of a table -> key -> the words that it takes, where the models leave that to
-        `complaints`.
-        """
-        return {
-            "RavenCampaign": {"tools": TOOLS},
-            "Robot": {"tools": TOOLS},
-            "Operator": {"motion": MOTIONS},
-        }
-
-    @classmethod
-    def ranges(cls) -> dict[str, dict[str, tuple[float, float]]]:
-        """Model of a table -> key -> least and largest number, where the models leave that to a
-        validator.
-        """
-        return {"Start": HARD_RANGES, "Limits": HARD_RANGES}
 
     @property
     def robot_label(self) -> str:
@@ -193,15 +171,65 @@ class RavenConfig(CampaignConfig):
 
     def complaints(self) -> Iterator[Complaint]:
         """(key, message) of what is wrong with the robot's own words."""
-        return semantics.complaints(self)
+        hands = self.operator.hands
+        if hands is not None and self.reaction is not None:
+            yield (
+                ("reaction",),
+                f"is how the built-in operator reacts, but operator.hands is {hands}: let the file"
+                " react (view.arms has the cue's force), and remove [reaction]; or remove"
+                " operator.hands",
+            )
+        if self.operator.motion == "clutched" and self.campaign.console == "absolute":
+            yield (
+                ("operator", "motion"),
+                "got 'clutched', expected console = 'increments': an absolute one has no clutch",
+            )
+        for key, table in self.parameter_tables():
+            choice = table.get("network.packets")
+            if choice and packets.OWN in choice.values and isinstance(self.campaign.packets, str):
+                yield (
+                    (*key, "network.packets"),
+                    f"got {packets.OWN}, which is the shares in campaign.packets, but there are"
+                    " none: write them there",
+                )
+            if "network.cycles_per_packet" in table and self.random_packets:
+                yield (
+                    (*key, "network.cycles_per_packet"),
+                    "nothing reads it where packets are drawn: remove it, or for n cycles a packet"
+                    " write campaign.packets = [0, .., 1] with n numbers",
+                )
+        for g, group in enumerate(self.group):
+            longest = self.longest_packet if self.random_packets else 1
+            age = min(older_packets.age_ms((group,), longest), self.campaign.ticks)
+            # packets of before are made anew from the plan
+            if hands is not None and age > 0:
+                yield (
+                    ("group", g),
+                    "faults at site 'network' may send packets of before, which are made of the"
+                    f" plan, but operator.hands is {hands}, which may have done otherwise: remove"
+                    " operator.hands, or let the faults lose packets (effect 'drop', channels lost"
+                    " and bursts)",
+                )
+            if self.random_packets and age > older_packets.LONGEST_MS:
+                yield (
+                    ("group", g),
+                    f"faults at site 'network' may send packets of {age:.0f} ms ago, expected at"
+                    f" most {older_packets.LONGEST_MS} where the lengths of packets are drawn:"
+                    " give them smaller values, write a shorter campaign.duration_s, or"
+                    ' campaign.packets = "every_cycle"',
+                )
 
     @property
     def random_packets(self) -> bool:
         """Whether packets of some run last a number of cycles that is drawn."""
-        tables = (table.get("network.packets") for _, table in parameter_tables(self))
+        axes = [table.get("network.packets") for _, table in self.parameter_tables()]
         return self.campaign.packet_choice != packets.EVERY_CYCLE or any(
-            axis is not None and any(axis.values) for axis in tables
+            axis is not None and any(axis.values) for axis in axes
         )
+
+    @property
+    def _packets_varied(self) -> bool:
+        return any("network.packets" in table for _, table in self.parameter_tables())
 
     @property
     def packet_history(self) -> int:
@@ -215,19 +243,15 @@ class RavenConfig(CampaignConfig):
     @property
     def longest_packet(self) -> int:
         """Cycles that a packet lasts at most, where lengths are drawn."""
-        own, varied = (
-            self.campaign.packet_shares,
-            any("network.packets" in t for _, t in parameter_tables(self)),
-        )
-        return max(map(len, (own, *packets.SHARES) if varied else (own,)))
+        own = self.campaign.packet_shares
+        return max(map(len, (own, *packets.SHARES) if self._packets_varied else (own,)))
 
     @property
     def cycles_a_packet(self) -> float:
         """Cycles that a packet lasts at the mean, where all runs have the same distribution;
         else 1, the least.
         """
-        varied = any("network.packets" in table for _, table in parameter_tables(self))
-        return 1.0 if varied else packets.mean(self.campaign.packet_shares)
+        return 1.0 if self._packets_varied else packets.mean(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
         """Why nothing reads the parameter of that path in this campaign; "" where something
@@ -235,6 +259,8 @@ class RavenConfig(CampaignConfig):
         """
         if path == "control.overdrive.dac_max.grasp2":
             return "nothing reads it: the original's check never looks at grasp2"
+        from ravenjax.campaign.file import bounds  # not before there is a tick
+
         for quantity in bounds.of(self.robot, path):
             key, value = quantity.read_when or ("", "")
             if key and getattr(self.campaign, key) != value:

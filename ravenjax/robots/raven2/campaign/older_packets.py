@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from ravenjax.campaign.file.bounds import extent
-from ravenjax.campaign.file.group import Fault, Group
-from ravenjax.campaign.file.semantics import ALL
+from ravenjax.campaign.file.group import ALL, Fault, Group
 from ravenjax.stages.channel import DELAY_MS, JITTER_MS
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 
@@ -70,7 +68,7 @@ def _packets(fault: Fault) -> float | None:
             continue
         if effect not in _ALONE:
             return math.inf
-        numbers = () if fault.value is None else fault.value.listed or extent(fault.value)
+        numbers = () if fault.value is None else fault.value.listed or fault.value.extent
         most = max(most, *(abs(number) for number in (numbers if value is None else (value,))), 0.0)
     return most
 

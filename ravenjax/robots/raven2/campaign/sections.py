@@ -10,22 +10,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ravenjax.campaign.file import own_part
-from ravenjax.campaign.file.section import Section
+from ravenjax.campaign.file.section import OneOf, Section
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.errors import shown, suggestion
 from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.loop.user_files import STAGES
+from ravenjax.robots.raven2.geometry.tools import TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.store.motion.options import MAX_GAP_S, AtEnd, ReplayOptions, Spikes
 from ravenjax.vocabulary import packets
@@ -95,7 +89,7 @@ class RavenCampaign(CampaignSection):
             " USB word; left out, it wraps, and a fault's value beyond 16 bits is refused"
         ),
     )
-    tools: tuple[str, ...] | None = Field(
+    tools: tuple[Annotated[str, OneOf("tool", TOOLS)], ...] | None = Field(
         default=None, description="one tool per arm; default: the software's own"
     )
     console: Literal["increments", "absolute"] = Field(
@@ -160,6 +154,30 @@ class RavenCampaign(CampaignSection):
     )
     substeps: int = Field(default=1, ge=1, le=100, description="plant steps per 1 ms tick")
 
+    @model_validator(mode="after")
+    def _together(self) -> RavenCampaign:
+        """ValueError for keys that do not go together."""
+        if self.tools is not None and len(self.tools) != len(self.arms):
+            raise ValueError(
+                f"tools: got {len(self.tools)}, expected one per arm ({len(self.arms)})"
+            )
+        if self.build != "robot" and self.software != "fork2015":
+            raise ValueError(
+                f"build: got {self.build!r}, expected software = 'fork2015': only the 2015 fork was"
+                " built so"
+            )
+        if self.cables == "break" and not parameter_sets.tells_tension(self.parameter_set):
+            raise ValueError(
+                "cables: got 'break', but motors pull at the cables of parameter_set"
+                f" {self.parameter_set!r} twelve times as hard as real ones can: take parameter_set"
+                " = 'power_consistent'"
+            )
+        if self.software == "fork2015" and self.policy != "soft_regulation":
+            raise ValueError(
+                f"policy: got {self.policy!r}, but the 2015 fork has no policy: remove the key"
+            )
+        return self
+
     @property
     def packet_choice(self) -> int:
         """Number of the distribution of packets: one of CHOICES, or OWN."""
@@ -186,15 +204,13 @@ class RavenCampaign(CampaignSection):
         return self.dac_words or "wrap"
 
 
-HARD_RANGES = {
-    "shoulder_deg": (0.0, 90.0),
-    "elbow_deg": (45.0, 137.5),
-    "insertion_m": (0.23, 0.562),
-    "tool_roll_deg": (-330.0, 330.0),
-    "wrist_deg": (-100.0, 100.0),
-}
-"""Where the joint meets its hard stop, or its original soft limit where no stop is published;
-raven2 `defines.h`, `tools.cpp` (r_grasper)."""
+# Where the joint meets its hard stop, or its original soft limit where no stop is published;
+# raven2 `defines.h`, `tools.cpp` (r_grasper).
+_Shoulder = Annotated[float, Field(ge=0.0, le=90.0)]
+_Elbow = Annotated[float, Field(ge=45.0, le=137.5)]
+_Insertion = Annotated[float, Field(ge=0.23, le=0.562)]
+_Roll = Annotated[float, Field(ge=-330.0, le=330.0)]
+_Wrist = Annotated[float, Field(ge=-100.0, le=100.0)]
 
 
 class Start(Section):
@@ -202,21 +218,15 @@ class Start(Section):
     homing.
     """
 
-    shoulder_deg: float | None = Field(default=None, description="shoulder, between its hard stops")
-    elbow_deg: float | None = Field(default=None, description="elbow, between its hard stops")
-    insertion_m: float | None = Field(
+    shoulder_deg: _Shoulder | None = Field(
+        default=None, description="shoulder, between its hard stops"
+    )
+    elbow_deg: _Elbow | None = Field(default=None, description="elbow, between its hard stops")
+    insertion_m: _Insertion | None = Field(
         default=None, description="insertion; less draws the instrument back"
     )
-    tool_roll_deg: float | None = Field(default=None, description="roll of the instrument")
-    wrist_deg: float | None = Field(default=None, description="wrist of the instrument")
-
-    @field_validator(*HARD_RANGES)
-    @classmethod
-    def _within(cls, value: float | None, info: ValidationInfo) -> float | None:
-        low, high = HARD_RANGES[str(info.field_name)]
-        if value is not None and not low <= value <= high:
-            raise ValueError(f"got {value:g}, expected {low:g}..{high:g} (the hard stops)")
-        return value
+    tool_roll_deg: _Roll | None = Field(default=None, description="roll of the instrument")
+    wrist_deg: _Wrist | None = Field(default=None, description="wrist of the instrument")
 
     def si(self) -> dict[str, float]:
         """The joints that were given, rad and m."""
@@ -224,10 +234,8 @@ class Start(Section):
 
 
 def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
-    """(joint, factor to rad or m, what was given) of each key of HARD_RANGES that a section
-    holds.
-    """
-    for name in HARD_RANGES:
+    """(joint, factor to rad or m, what was given) of each joint that a section holds."""
+    for name in type(section).model_fields:
         if (value := getattr(section, name)) is not None:
             joint, _, unit = name.rpartition("_")
             yield joint, math.pi / 180.0 if unit == "deg" else 1.0, value
@@ -241,8 +249,8 @@ GENERATED = ("seed",)
 class Operator(Section):
     """[operator]: whose hands move."""
 
-    motion: str | None = Field(
-        default=None, description="a generated motion: " + ", ".join(MOTIONS)
+    motion: Annotated[str, OneOf("motion", MOTIONS)] | None = Field(
+        default=None, description="a generated motion"
     )
     file: Path | None = Field(
         default=None,
@@ -416,32 +424,27 @@ class Limits(Section):
     original's.
     """
 
-    shoulder_deg: tuple[float, float] | None = Field(
+    shoulder_deg: tuple[_Shoulder, _Shoulder] | None = Field(
         default=None, description="[min, max] of the shoulder"
     )
-    elbow_deg: tuple[float, float] | None = Field(
+    elbow_deg: tuple[_Elbow, _Elbow] | None = Field(
         default=None, description="[min, max] of the elbow"
     )
-    insertion_m: tuple[float, float] | None = Field(
+    insertion_m: tuple[_Insertion, _Insertion] | None = Field(
         default=None, description="[min, max] of the insertion"
     )
-    tool_roll_deg: tuple[float, float] | None = Field(
+    tool_roll_deg: tuple[_Roll, _Roll] | None = Field(
         default=None, description="[min, max] of the instrument's roll"
     )
-    wrist_deg: tuple[float, float] | None = Field(
+    wrist_deg: tuple[_Wrist, _Wrist] | None = Field(
         default=None, description="[min, max] of the instrument's wrist"
     )
 
-    @field_validator(*HARD_RANGES)
+    @field_validator("*")
     @classmethod
-    def _within(
-        cls, pair: tuple[float, float] | None, info: ValidationInfo
-    ) -> tuple[float, float] | None:
-        low, high = HARD_RANGES[str(info.field_name)]
-        if pair is not None and not low <= pair[0] < pair[1] <= high:
-            raise ValueError(
-                f"got {list(pair)}, expected {low:g} <= min < max <= {high:g} (the hard stops)"
-            )
+    def _increasing(cls, pair: tuple[float, float] | None) -> tuple[float, float] | None:
+        if pair is not None and not pair[0] < pair[1]:
+            raise ValueError(f"got {list(pair)}, expected [min, max] with min < max")
         return pair
 
     def si(self) -> dict[str, tuple[float, float]]:
@@ -521,7 +524,7 @@ class OwnStages(Section):
     def _some(self) -> OwnStages:
         if not list(self.files()):
             raise ValueError(
-                f'replaces nothing: write {" or ".join(STAGES)} = "file.py", or remove the section'
+                'replaces nothing: write motor_control or dac = "file.py", or remove the section'
             )
         if strays := [stage for stage in self.sha256 if stage not in dict(self.files())]:
             raise ValueError(f"sha256 has {strays[0]!r}, which is not replaced: remove it")
@@ -529,9 +532,8 @@ class OwnStages(Section):
 
     def files(self) -> Iterator[tuple[str, Path]]:
         """(stage, file) of those that are replaced, in the order of the tick."""
-        for stage in STAGES:
-            if (file := getattr(self, stage)) is not None:
-                yield stage, file
+        files = {"motor_control": self.motor_control, "dac": self.dac}
+        yield from ((stage, file) for stage, file in files.items() if file is not None)
 
     def parts(self) -> Iterator[tuple[str, OwnSource]]:
         """(stage, code). Raises UserError for a file that is unusable or changed."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from ravenjax.hazards import library, maude
+from ravenjax.hazards import library
+from studies.hazards import maude
 
 
 def test_shares_are_those_of_the_counts() -> None:

@@ -1,1 +1,0 @@
-"""How far a campaign is, for whoever watches it."""

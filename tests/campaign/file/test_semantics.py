@@ -1,0 +1,123 @@
+"""Words of a campaign that do not fit together, and parameters that cannot be varied so: each is
+refused with what to write.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Any
+
+import pytest
+
+from ravenjax.campaign import loading
+from ravenjax.campaign.file import bounds, semantics
+from ravenjax.errors import UserError
+from ravenjax.robots.raven2 import ROBOT
+
+HEAD = """
+[campaign]
+name = "x"
+duration_s = 2.0
+"""
+FAULT = """
+[[group]]
+name = "dac"
+[[group.fault]]
+site = "usb_out"
+channel = "shoulder"
+effect = "overwrite"
+value = [100, 200]
+start_ms = 1000
+"""
+NETWORK = "[[group]]\nname = 'net'\n[[group.fault]]\nsite = 'network'\nstart_ms = 500\n"
+PLAIN = "[[group]]\nname = 'a'\n"
+
+
+def load(text: str) -> Any:
+    config = loading.from_dict(tomllib.loads(HEAD + text))
+    loading.check_parameters(config)
+    return config
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            NETWORK + "effect = 'drop'\nvalue = 1",
+            "group[0].fault[0].value: effect 'drop' takes no value: remove the key",
+        ),
+        (FAULT + "period_ms = 5", "fault[0].period_ms: effect 'overwrite' has no period"),
+        (
+            FAULT.replace("overwrite", "periodic"),
+            "fault[0].period_ms: effect 'periodic' needs a period of at least 1 ms",
+        ),
+        (FAULT.replace("overwrite", "delay"), "fault[0].effect: 'delay' belongs to site 'network'"),
+        (
+            FAULT.replace('channel = "shoulder"\n', ""),
+            "channel: missing: site usb_out has",
+        ),
+        (FAULT + 'arm = "green"', "arm 'green' is not in this campaign"),
+        (
+            FAULT.replace("[100, 200]", "{ together = [1, 2] }"),
+            "a table has exactly one of the keys uniform, loguniform, normal, choice, list, got"
+            " together",
+        ),
+        (
+            "[parameters]\nplant.friction_scale = { together = [1, 2] }\n"
+            "plant.mass_scale = { together = [1, 2, 3] }\n" + PLAIN,
+            "group[0].parameters: together takes lists of one length, got lengths [2, 3]",
+        ),
+        (
+            "[[detector]]\nname = 'd'\nkind = 'tip_error'\n"
+            "[[detector]]\nname = 'd'\nkind = 'steps'\n" + PLAIN,
+            "detector: got name 'd' twice, expected a name of its own for each",
+        ),
+        (
+            "[parameters]\nplant.friction_scale = 2\n[[group]]\nname = 'a'\n[[group]]\nname ="
+            " 'b'\nparameters.plant.gold.friction_scale = 0.7",
+            "group[1].parameters.plant.gold.friction_scale: names numbers that plant.friction_scale"
+            " names, too",
+        ),
+        (
+            "[parameters]\nplant.mass_scale = 2\n[cross]\nplant.mass_scale = [1, 2]\n" + PLAIN,
+            "cross.plant.mass_scale: stands in parameters, too: remove one of the two",
+        ),
+        (
+            "[parameters]\noperator.start_grasp = 500\n" + PLAIN,
+            "operator.start_grasp: nothing reads it but with console = 'absolute'",
+        ),
+        (
+            "software = 'fork2015'\npolicy = 'hard_regulation'\n" + PLAIN,
+            "campaign.policy: got 'hard_regulation', but the 2015 fork has no policy",
+        ),
+        (
+            PLAIN + "parameters.control.overdrive.dac_max.grasp2 = 5",
+            "dac_max.grasp2: nothing reads it: the original's check never looks at grasp2",
+        ),
+    ],
+)
+def test_what_is_refused_and_what_to_write(text: str, message: str) -> None:
+    with pytest.raises(UserError) as error:
+        load(text)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("path", "other", "both"),
+    [
+        ("plant.friction_scale", "plant.gold.friction_scale", True),
+        ("plant.gold.friction_scale", "plant.green.friction_scale", False),
+        ("nominal.kp", "nominal.gold.kp.elbow", True),
+        ("nominal.kp.shoulder", "nominal.gold.kp.elbow", False),
+        ("haptics.cues.threshold_m", "haptics.cues.1.threshold_m", True),
+        ("haptics.cues.0.kp", "haptics.cues.1.kp", False),
+        ("plant.mass_scale", "nominal.mass_scale", False),
+    ],
+)
+def test_paths_that_share_a_number(path: str, other: str, both: bool) -> None:
+    assert bounds.overlap(ROBOT, path, other) is bounds.overlap(ROBOT, other, path) is both
+
+
+def test_notices_are_no_errors() -> None:
+    config = load("[parameters]\nplant.encoder_noise = 2\n[[group]]\nname = 'l'\nhazards = 'B26'\n")
+    assert [key[-1] for key, _ in semantics.notices(config)] == ["plant.encoder_noise", "start_ms"]
