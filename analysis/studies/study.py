@@ -117,6 +117,15 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def read_variants(study: str) -> tuple[Variant, ...]:
+    """The variants of `variants/STUDY.toml`, all of one campaign; the first is the baseline."""
+    content = tomllib.loads((HERE / "variants" / f"{study}.toml").read_text(encoding="utf-8"))
+    return tuple(
+        Variant(row["name"], content["campaign"], tuple(row["overrides"]), row["question"])
+        for row in content["variants"]
+    )
+
+
 def read_notes(study: str, **values: object) -> tuple[str, ...]:
     """The paragraphs of `notes/STUDY.md`: assumptions, what is not reproduced; with these values
     where the text has their names in braces.

@@ -30,7 +30,7 @@ from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.stages import packet_clock
 from ravenjax.store import manifest
 from ravenjax.store.folder import read_all
-from studies.study import Line, StudyEstimate, Table, Variant
+from studies.study import Line, StudyEstimate, Table
 
 DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
 """Packets that a fault lasts, in both scenarios."""
@@ -118,15 +118,6 @@ def in_band(value: float, band: tuple[float, float]) -> bool:
     """Whether a value lies in a band, ends included."""
     return bool(band[0] <= value <= band[1])
 
-
-MOTIONS: Mapping[str, tuple[str, ...]] = {
-    "peg_transfer": ("operator.motion=peg_transfer",),
-    "palpate": ("operator.motion=palpate",),
-    "circle": ("operator.motion=circle",),
-    "reach": ("operator.motion=reach",),
-    "still": ("operator.motion=still",),
-}
-"""Other motions that begin at home."""
 
 LEVERS: Mapping[str, tuple[str, ...]] = {
     f"suture_{lever}mm": (f"operator.start.insertion_m={insertion}",)
@@ -329,44 +320,6 @@ def stored(value: float, words: str = "wrap") -> int:
 
 DECLARED = "as_declared"
 """The variant that has the baseline which was declared before packets were measured."""
-
-EVERY_CYCLE = ("campaign.packets=every_cycle", "campaign.duration_s=3")
-SLOW_REPLAY = ("campaign.packets=every_cycle", "parameters.network.cycles_per_packet=2")
-
-LENGTHS = {
-    "every_cycle": (EVERY_CYCLE, "a packet each control cycle"),
-    "one_or_two": (
-        ("campaign.packets=[0.5,0.5]", "campaign.duration_s=4"),
-        "half of the packets last one cycle, half two (assumed)",
-    ),
-    "bursts": (
-        ("campaign.packets=bursts", "campaign.duration_s=7.5"),
-        "packets in bursts, as a recorded console sends",
-    ),
-    "slow_replay": (
-        SLOW_REPLAY,
-        "each packet lasts two cycles and is the motion's next row: half the speed",
-    ),
-}
-"""Other lengths of packets, by name: overrides and question. Runs are long enough for the last
-fault and 0.8 s more.
-"""
-
-DRAWS = {f"draws_{k}": (f"campaign.seed={2015 + k}",) for k in (2, 3)}
-"""The same distribution, drawn again."""
-
-
-def length_variants(campaign: str, *more: str) -> tuple[Variant, ...]:
-    """Of a campaign whose own packets last as measured; more: overrides of all."""
-    lengths = (
-        Variant(name, campaign, (*over, *more), question)
-        for name, (over, question) in LENGTHS.items()
-    )
-    draws = (
-        Variant(n, campaign, (*over, *more), "other draws of packet lengths")
-        for n, over in DRAWS.items()
-    )
-    return (*lengths, *draws)
 
 
 SENSITIVITY_NOTE = (

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ravenjax.robots.raven2.plant import parameter_sets
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
 from studies.study import (
@@ -18,149 +17,24 @@ from studies.study import (
     Published,
     Study,
     StudyEstimate,
-    Variant,
     read_notes,
+    read_variants,
 )
 
 SIGNIFICANT = 0.05
 
 
-CAMPAIGN = "dsn16_b.toml"
 BASELINE = "baseline"
-FAULT = "group.scenario_b.fault.0"
-NEGATIVE = ",".join(
-    f"-{v}"
-    for v in (
-        100,
-        200,
-        400,
-        800,
-        1000,
-        2000,
-        4000,
-        5000,
-        8000,
-        10000,
-        20000,
-        40000,
-        80000,
-        100000,
-        200000,
-        400000,
-        800000,
-    )
-)
-
-SEMANTICS = (
-    Variant(
-        attacks.DECLARED,
-        CAMPAIGN,
-        (*attacks.EVERY_CYCLE, "campaign.parameter_set=traj3"),
-        "the baseline declared first: a packet each cycle, the authors' law",
-    ),
-    *attacks.length_variants(CAMPAIGN),
-    Variant(
-        "dac_saturate",
-        CAMPAIGN,
-        ("campaign.dac_words=saturate",),
-        "large values saturate at 16 bits, not wrap",
-    ),
-    Variant(
-        "dac_unwrapped",
-        CAMPAIGN,
-        ("campaign.dac_words=unwrapped",),
-        "large values are applied as they are",
-    ),
-    Variant(
-        "before_check",
-        CAMPAIGN,
-        (f"{FAULT}.site=current_cmd",),
-        "the fault strikes before the overdrive check",
-    ),
-    Variant(
-        "overwrite",
-        CAMPAIGN,
-        (f"{FAULT}.effect=overwrite",),
-        "the value replaces the command, nothing is added",
-    ),
-    Variant(
-        "offset",
-        CAMPAIGN,
-        (f"{FAULT}.effect=offset",),
-        "the value is added anew in each cycle, nothing is latched",
-    ),
-    Variant("negative", CAMPAIGN, (f"{FAULT}.value=[{NEGATIVE}]",), "the other sign of the DAC"),
-    Variant(
-        "build_robot",
-        CAMPAIGN,
-        ("campaign.build=robot",),
-        "encoders, velocity filter; packets go on after a stop",
-    ),
-    Variant(
-        "tool_joints",
-        CAMPAIGN,
-        ("campaign.build=dyn_sim_tools",),
-        "tool joints are measured, not believed to be where they should",
-    ),
-    Variant(
-        "software_raven2",
-        CAMPAIGN,
-        ("campaign.build=robot", "campaign.software=raven2", "campaign.level=fork2015"),
-        "present raven2 software: stops at 20000 counts, gravity torque, PLC and brakes at an"
-        " E-stop",
-    ),
-)
-RULES = (
-    Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
-    Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
-)
-PLANT = (
-    *(
-        Variant(
-            f"plant_{name}",
-            CAMPAIGN,
-            (f"campaign.parameter_set={name}",),
-            f"the authors' law and their set {name}",
-        )
-        for name in parameter_sets.SETS
-    ),
-    Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
-    Variant("substeps_10", CAMPAIGN, ("campaign.substeps=10",), "ten plant steps a millisecond"),
-)
-HANDS = (
-    *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in attacks.MOTIONS.items()),
-    *(
-        Variant(n, CAMPAIGN, o, "the same stitches, a longer lever")
-        for n, o in attacks.LEVERS.items()
-    ),
-    *(
-        Variant(
-            f"{n}_every_cycle",
-            CAMPAIGN,
-            (*o, *attacks.EVERY_CYCLE),
-            "a longer lever, a packet each cycle",
-        )
-        for n, o in attacks.LEVERS.items()
-    ),
-)
 
 
-def variants() -> tuple[Variant, ...]:
-    """The baseline, every ablation, and the motions that the detector learns from."""
-    return (
-        Variant(BASELINE, CAMPAIGN),
-        *SEMANTICS,
-        *RULES,
-        *PLANT,
-        *HANDS,
-        *detector.TRAINING,
-    )
+VARIANTS = (*read_variants("dsn16_b"), *detector.TRAINING)
+"""The baseline, every ablation, and the motions that the detector learns from."""
 
 
 def compare(context: Context) -> Findings:
     """Published counts beside the predicted ones, and what each open question is worth."""
     published = Published("dsn16")
-    computed = {v.name: v for v in variants() if v.name in context.folders}
+    computed = {v.name: v for v in VARIANTS if v.name in context.folders}
     trained = [v.name for v in detector.TRAINING]
     runs = {
         name: attacks.read_runs(name, context.folders[name])
@@ -337,7 +211,7 @@ STUDY = Study(
         'Alemzadeh et al., "Targeted Attacks on Teleoperated Surgical Robots", DSN 2016, Figure 9 b'
     ),
     question="Which values and durations make the tip jump, and which does the robot stop itself?",
-    variants=variants(),
+    variants=VARIANTS,
     compare=compare,
     targets=("A1",),
     minutes=2.0,

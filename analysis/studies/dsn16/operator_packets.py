@@ -12,9 +12,8 @@ from collections.abc import Iterator
 from ravenjax.robots.raven2.campaign.config import of_raven
 from studies.dsn16 import attacks, detector
 from studies.dsn16.attacks import DURATIONS, VariantCase, VariantRuns
-from studies.study import Context, Findings, Line, Study, Variant, read_notes
+from studies.study import Context, Findings, Line, Study, read_notes, read_variants
 
-CAMPAIGN = "dsn16_a.toml"
 BASELINE = "baseline"
 DRIFT = "drift"
 IDEAL_TOOLS = "ideal_tools"
@@ -26,79 +25,14 @@ OUTCOMES = {"jump": "P(jump)", "stop": "P(E-stop)", "ik": "P(IK reject)"}
 
 """Variants that tell where a jump in one packet comes from."""
 
-ABLATIONS = (
-    Variant(
-        DRIFT,
-        CAMPAIGN,
-        ("campaign.console=increments",),
-        "packets carry increments: the displacement grows",
-    ),
-    *attacks.length_variants(CAMPAIGN),
-    Variant(
-        "drift_slow_replay",
-        CAMPAIGN,
-        ("campaign.console=increments", *attacks.SLOW_REPLAY),
-        "the displacement grows, the motion is replayed at half the speed",
-    ),
-    Variant(
-        IDEAL_TOOLS,
-        CAMPAIGN,
-        ("campaign.build=dyn_sim",),
-        "the published build, which believes its tool joints to be where they should",
-    ),
-    Variant(
-        attacks.DECLARED,
-        CAMPAIGN,
-        (*attacks.EVERY_CYCLE, "campaign.build=dyn_sim", "campaign.parameter_set=traj3"),
-        "the baseline declared first: ideal tool joints, a packet each cycle, the authors' law",
-    ),
-    Variant(
-        "build_robot",
-        CAMPAIGN,
-        ("campaign.build=robot",),
-        "encoders, velocity filter; packets go on after a stop",
-    ),
-    Variant(
-        "software_raven2",
-        CAMPAIGN,
-        ("campaign.build=robot", "campaign.software=raven2", "campaign.level=fork2015"),
-        "present raven2 software: stops at 20000 counts, gravity torque, PLC and brakes at an"
-        " E-stop",
-    ),
-    Variant("jump_0.3mm", CAMPAIGN, ("outcomes.jump_step_mm=0.3",), "jump: two steps above 0.3 mm"),
-    Variant("jump_0.5mm", CAMPAIGN, ("outcomes.jump_step_mm=0.5",), "jump: two steps above 0.5 mm"),
-    Variant(
-        "plant_traj3",
-        CAMPAIGN,
-        ("campaign.parameter_set=traj3",),
-        "the authors' law of motor and cable",
-    ),
-    *(
-        Variant(
-            f"plant_{name}",
-            CAMPAIGN,
-            (f"campaign.parameter_set={name}",),
-            f"parameter set {name} of that law",
-        )
-        for name in ("B", "C", "matlab_main", "matlab_global")
-    ),
-    Variant("noise", CAMPAIGN, ("campaign.noise=true",), "torque noise of one DAC count"),
-    *(Variant(n, CAMPAIGN, o, "another motion from home") for n, o in attacks.MOTIONS.items()),
-    *(
-        Variant(n, CAMPAIGN, o, "the same stitches, a longer lever")
-        for n, o in attacks.LEVERS.items()
-    ),
-)
 
-
-def variants() -> tuple[Variant, ...]:
-    """The baseline, every ablation, and the motions that the detector learns from."""
-    return (Variant(BASELINE, CAMPAIGN), *ABLATIONS, *detector.TRAINING)
+VARIANTS = (*read_variants("dsn16_a"), *detector.TRAINING)
+"""The baseline, every ablation, and the motions that the detector learns from."""
 
 
 def compare(context: Context) -> Findings:
     """What is predicted by displacement and duration, and what each open question is worth."""
-    computed = {v.name: v for v in variants() if v.name in context.folders}
+    computed = {v.name: v for v in VARIANTS if v.name in context.folders}
     trained = [v.name for v in detector.TRAINING]
     runs = {
         name: attacks.read_runs(name, context.folders[name])
@@ -176,7 +110,7 @@ STUDY = Study(
         "Which displacements of the desired position make the tip jump, stop the robot, have no"
         " solution?"
     ),
-    variants=variants(),
+    variants=VARIANTS,
     compare=compare,
     minutes=2.0,
 )

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.dsn16 import attacks, detector
+from studies.dsn16 import detector
 from studies.dsn16.detector import JOINTS, UNITS, VARIABLES, Learned, Log, Series, log, measure
 from studies.study import (
     Context,
@@ -20,8 +20,8 @@ from studies.study import (
     Study,
     StudyEstimate,
     Table,
-    Variant,
     read_notes,
+    read_variants,
 )
 
 BASELINE = "suture"
@@ -45,65 +45,26 @@ def deviation(values: np.ndarray) -> StudyEstimate:
     )
 
 
-CAMPAIGN = "dsn16_thresholds.toml"
 SECOND = "peg_transfer"
 PERCENTILES = (99.8, 99.9)
-FEW = "group.fault_free.repeats=40"
-
-ABLATIONS = (
-    Variant("palpate", CAMPAIGN, ("operator.motion=palpate", FEW), "another motion"),
-    Variant("reach", CAMPAIGN, ("operator.motion=reach", FEW), "another motion"),
-    Variant("circle", CAMPAIGN, ("operator.motion=circle", FEW), "another motion"),
-    *(
-        Variant(name, CAMPAIGN, (*over, FEW), "the same stitches, a longer lever")
-        for name, over in attacks.LEVERS.items()
-    ),
-    Variant("substeps_4", CAMPAIGN, ("campaign.substeps=4", FEW), "four plant steps a millisecond"),
-    Variant(
-        "substeps_10", CAMPAIGN, ("campaign.substeps=10", FEW), "ten plant steps a millisecond"
-    ),
-    Variant(
-        "build_robot",
-        CAMPAIGN,
-        ("campaign.build=robot", FEW),
-        "encoders and velocity filter instead of the model",
-    ),
-    *attacks.length_variants(CAMPAIGN, FEW),
-    *(
-        Variant(
-            f"plant_{name}",
-            CAMPAIGN,
-            (f"campaign.parameter_set={name}", FEW),
-            f"the authors' law and their set {name}",
-        )
-        for name in ("traj3", "B", "matlab_main")
-    ),
-)
 
 
-def variants() -> tuple[Variant, ...]:
-    """Two motions of 300 runs, and fewer runs of everything else."""
-    return (
-        Variant(BASELINE, CAMPAIGN),
-        Variant(
-            SECOND, CAMPAIGN, ("operator.motion=peg_transfer",), "the second motion of the 600 runs"
-        ),
-        *ABLATIONS,
-    )
+VARIANTS = read_variants("dsn16_thresholds")
+"""Two motions of 300 runs, and fewer runs of everything else."""
 
 
 def compare(context: Context) -> Findings:
     """Fault-free steps beside the published ones; thresholds, which were not published."""
     published = Published("dsn16")
     learned, tips, runs_of = {}, {}, {}
-    for variant in variants():
+    for variant in VARIANTS:
         if variant.name in context.folders:
             measured = measure(context.folders[variant.name], _measured)
             learned[variant.name] = detector.learn(one.steps for one in measured)
             tips[variant.name] = detector.stacked([one.tip for one in measured])
             runs_of[variant.name] = measured
     both = _joined([learned[name] for name in (BASELINE, SECOND) if name in learned])
-    questions = {variant.name: variant.question for variant in variants()}
+    questions = {variant.name: variant.question for variant in VARIANTS}
     lines = [
         *_spread(learned, tips, published),
         *_largest(learned, published),
@@ -337,7 +298,7 @@ STUDY = Study(
         "How far do motors and joints move from packet to packet when nothing is wrong, and how"
         " sure is that?"
     ),
-    variants=variants(),
+    variants=VARIANTS,
     compare=compare,
     minutes=1.5,
 )

@@ -10,6 +10,7 @@ from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
 from ravenjax.vocabulary import packets
 from studies.dsn16 import attacks
+from studies.study import read_variants
 
 TICKS = 300
 
@@ -60,7 +61,9 @@ def test_runs_are_long_enough_for_their_last_fault(campaign):
     """Longest window of the latest onset, in every run's own packets, and the time that the
     first baseline left.
     """
-    for overrides in ((), *(over for over, _ in attacks.LENGTHS.values())):
+    lengths = ("baseline", "every_cycle", "one_or_two", "bursts", "slow_replay")
+    variants = read_variants(campaign.removesuffix(".toml"))
+    for overrides in (one.overrides for one in variants if one.name in lengths):
         ready = plan.make_plan(loading.load(campaign, list(overrides)))
         table = ready.table[ready.table["fault0_site"] != ""]
         last = int((table["fault0_start_ms"] + table["fault0_duration_ms"]).max())
