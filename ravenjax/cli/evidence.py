@@ -11,7 +11,6 @@ from ravenjax.cli import console, studies
 from ravenjax.cli.console import AsJson
 
 if TYPE_CHECKING:
-    from ravenjax.evidence.credibility import ModelCredibility
     from ravenjax.evidence.record import EvidenceRecord
 
 
@@ -74,38 +73,10 @@ def evidence(
             f"{len(folders)} result folders have no single place; say where with --out FOLDER"
         )
     place = out or next(iter(folders)) / writing.FOLDER
-    model = None if credibility is None else _of_model(credibility)
+    model = None if credibility is None else studies.load("commands").model_credibility(credibility)
     result = writing.write(folders, place, xlsx, model)
     _tell_files(writing.files(place), result, as_json)
     return 0
-
-
-def _of_model(folder: Path) -> ModelCredibility:
-    """What studies say of the simulator, its numbers from their findings in `folder`. Raises
-    UserError.
-    """
-    import ravenjax
-    from ravenjax.errors import UserError
-    from ravenjax.evidence.credibility import CredibilityStatement, ModelCredibility
-
-    claims, findings = studies.load("claims"), studies.load("findings")
-    records = findings.records(folder, studies.load().NAMES)
-    if not records:
-        raise UserError(
-            f"--credibility {folder}: no findings of a study there; a checkout has some in"
-            f" results/reference, `ravenjax reproduce NAME --out {folder}` makes them"
-        )
-    root = Path(ravenjax.__file__).resolve().parents[1]
-    statements = []
-    for one in claims.of_model().values():
-        places = [
-            root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)
-        ]
-        tables = [folder.resolve() / one.study / findings.JSON] if one.tables or one.numbers else []
-        text = claims.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
-        files = tuple(dict.fromkeys([*places, *tables]))
-        statements.append(CredibilityStatement(one.category, one.name, text, files))
-    return ModelCredibility(claims.CATEGORIES, tuple(statements), root)
 
 
 def _tell_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> None:
