@@ -70,39 +70,12 @@ def evidence(
             f"{len(folders)} result folders have no single place; say where with --out FOLDER"
         )
     place = out or next(iter(folders)) / writing.FOLDER
-    model = None if credibility is None else _of_model(credibility)
+    model = None
+    if credibility is not None:
+        model = checkout.load_module("studies.commands").model_credibility(credibility)
     result = writing.write(folders, place, xlsx, model)
     _tell_files(writing.files(place), result, as_json)
     return 0
-
-
-def _of_model(folder: Path) -> Any:
-    """What studies say of the simulator, its numbers from their findings in `folder`. Raises
-    UserError.
-    """
-    from ravenjax.errors import UserError
-
-    studies, claims, findings, credibility = map(
-        checkout.load_module,
-        ("studies", "studies.claims", "studies.findings", "evidence.credibility"),
-    )
-    records = findings.records(folder, studies.NAMES)
-    if not records:
-        raise UserError(
-            f"--credibility {folder}: no findings of a study there; a checkout has some in"
-            f" results/reference, `ravenjax reproduce NAME --out {folder}` makes them"
-        )
-    root = checkout.root()
-    statements = []
-    for one in claims.of_model().values():
-        places = [
-            root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)
-        ]
-        tables = [folder.resolve() / one.study / findings.JSON] if one.tables or one.numbers else []
-        text = claims.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
-        files = tuple(dict.fromkeys([*places, *tables]))
-        statements.append(credibility.CredibilityStatement(one.category, one.name, text, files))
-    return credibility.ModelCredibility(claims.CATEGORIES, tuple(statements), root)
 
 
 def _tell_files(paths: list[Path], result: Any, as_json: bool) -> None:

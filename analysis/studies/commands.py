@@ -1,0 +1,114 @@
+"""What `ravenjax reproduce`, `ravenjax credibility` and `ravenjax evidence --credibility` do with
+the studies.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import ravenjax
+import studies
+from evidence.credibility import CredibilityStatement, ModelCredibility
+from ravenjax.cli import console, terminal
+from ravenjax.cli.console import Listing
+from ravenjax.errors import UserError
+from ravenjax.store.files import write_aside
+from studies import claims
+from studies import findings as findings_files
+from studies.study import plain, standings, targets
+
+
+def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_json: bool) -> None:
+    """As the command."""
+    if name is None:
+        rows = [
+            (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
+            for one in map(studies.find, studies.NAMES)
+        ]
+        listings = [
+            Listing(
+                "studies",
+                "Studies: ravenjax reproduce NAME",
+                ("name", "what", "targets", "minutes"),
+                rows,
+            ),
+            Listing(
+                "targets",
+                "Targets: met where every line with a band is inside it",
+                ("target", "what", "published", "band", "judged by"),
+                [tuple(target) for target in targets().values()],
+            ),
+        ]
+        console.emit(listings, as_json)
+        return
+    chosen = [studies.find(one) for one in (studies.NAMES if name == "all" else (name,))]
+    for study in chosen:
+        folder = out / study.name
+        with terminal.Watch(console.err if as_json else console.out) as watch:
+            found = findings_files.reproduce(study, out, engine, watch)
+        if not as_json:
+            if found.lines:
+                rows = findings_files.line_rows(found)
+                console.out.print(terminal.table(study.title, findings_files.BRIEF_COLUMNS, rows))
+            for state in standings(plain(found)["lines"]):
+                console.say(f"{state.sentence}. {targets()[state.id].definition}")
+            for answer in claims.answers(findings_files.read(folder)):
+                console.say(f"- {answer}")
+            console.say(f"findings: {folder / findings_files.PAGE}")
+            console.say(f"page: {folder / findings_files.HTML}")
+        if keep is not None:
+            findings_files.keep(folder, keep / study.name)
+    for folder in filter(None, (out, keep)):
+        page = findings_files.write_credibility(folder, studies.NAMES)
+        if not as_json:
+            console.say(f"credibility: {page}")
+    if as_json:
+        console.emit_json(
+            [
+                {"folder": out / study.name} | findings_files.read(out / study.name)
+                for study in chosen
+            ]
+        )
+
+
+def credibility(folder: Path, out: Path | None) -> None:
+    """As the command."""
+    records = findings_files.records(folder, studies.NAMES)
+    if not records:
+        raise UserError(
+            f"{folder}: no findings of a study there; run `ravenjax reproduce NAME --out {folder}`"
+            " first"
+        )
+    text = claims.page(records, out.parent.as_posix() if out else "")
+    if out is None:
+        print(text, end="")
+        return
+    write_aside(out, lambda target: target.write_text(text, encoding="utf-8"))
+    console.out.print(f"wrote {out}", highlight=False, soft_wrap=True)
+
+
+def model_credibility(folder: Path) -> ModelCredibility:
+    """What studies say of the simulator, its numbers from their findings in `folder`. Raises
+    UserError.
+    """
+    records = findings_files.records(folder, studies.NAMES)
+    if not records:
+        raise UserError(
+            f"--credibility {folder}: no findings of a study there; a checkout has some in"
+            f" results/reference, `ravenjax reproduce NAME --out {folder}` makes them"
+        )
+    root = Path(ravenjax.__file__).resolve().parents[1]
+    statements = []
+    for one in claims.of_model().values():
+        places = [
+            root / place.partition("::")[0].partition("#")[0] for place in (*one.tests, *one.pages)
+        ]
+        tables = (
+            [folder.resolve() / one.study / findings_files.JSON]
+            if one.tables or one.numbers
+            else []
+        )
+        text = claims.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
+        files = tuple(dict.fromkeys([*places, *tables]))
+        statements.append(CredibilityStatement(one.category, one.name, text, files))
+    return ModelCredibility(claims.CATEGORIES, tuple(statements), root)
