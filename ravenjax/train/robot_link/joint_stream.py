@@ -35,6 +35,7 @@ import socket
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field
+from pydantic_core import to_json
 
 from ravenjax.errors import UserError
 from ravenjax.train.protocol.frame import Frame
@@ -100,10 +101,11 @@ def encode_report(
     frame: Frame, tick: int, last_seq: int, checks: dict[str, tuple[int, int]]
 ) -> bytes:
     """The line of a frame; the others as above."""
+    numbers, places = frame.row.tolist(), frame.layout.places
     report: dict[str, Any] = {"tick": tick, "last_seq": last_seq, "checks": checks}
-    report |= {name: int(frame.number(name)) for name in _COMMON}
+    report |= {name: int(numbers[places[name].start]) for name in _COMMON}
     report["arms"] = {
-        arm: {name: frame[f"{arm}/{name}"].tolist() for name in _OF_ARM}
+        arm: {name: numbers[places[f"{arm}/{name}"]] for name in _OF_ARM}
         for arm in frame.layout.arms
     }
     return encode_line(report)
@@ -111,7 +113,7 @@ def encode_report(
 
 def encode_line(content: dict[str, Any]) -> bytes:
     """An object as a line."""
-    return json.dumps(content, separators=(",", ":")).encode() + b"\n"
+    return to_json(content) + b"\n"
 
 
 @dataclasses.dataclass(eq=False)

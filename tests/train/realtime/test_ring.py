@@ -28,18 +28,6 @@ def numbers(rows):
     return rows.view(np.float32)[:, 0].tolist()
 
 
-def test_rows_come_in_order_and_only_once_written(ring):
-    assert ring.read(0) == (0, pytest.approx(np.zeros((0, 12), np.uint8)))
-    for number in range(5):
-        put(ring, number)
-    first, rows = ring.read(2, limit=2)
-    assert first == 2 and numbers(rows) == [2, 3]
-    ring._rows[ring.written % ring.capacity].view(np.float32)[:] = (
-        99  # being written, not published
-    )
-    assert numbers(ring.read(0)[1]) == [0, 1, 2, 3, 4]
-
-
 @given(written=st.integers(0, 40), first=st.integers(0, 45), limit=st.none() | st.integers(0, 10))
 def test_a_reader_gets_what_it_asked_for_or_learns_what_is_gone(written, first, limit):
     ring = Ring.create(8, 12)

@@ -169,15 +169,3 @@ def test_a_console_that_went_away_does_no_harm(server, console, clock):
     for _ in range(20):  # the host answers that the port is closed
         server.send_force({"gold": (0.01, 0, 0)})
         assert server.poll() == []
-
-
-def test_one_arm(clock):
-    server = ItpServer(("green",), port=0, clock=clock)
-    console = Console(server.address)
-    console.send(green=(1, 2, 3), quats=((0.0,) * 4, IDENTITY))
-    assert list(server.poll()[0]["arms"]) == ["green"]
-    server.send_force({"green": (0.0, 0.01, 0.0)})
-    got = console.force()
-    assert (got["gold"], got["green"], got["jointflags"]) == (STILL, (10, 0, 0), 0b10_0010_1110)
-    console.close()
-    server.close()

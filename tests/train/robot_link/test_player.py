@@ -10,10 +10,8 @@ import pandas as pd
 import pytest
 import waiting
 from itp_client import datagram
-from live_session import LiveSession
 
 from ravenjax.cli import USER_ERROR, main
-from ravenjax.errors import UserError
 from ravenjax.store.consoles import loading
 from ravenjax.train.robot_link import player
 from ravenjax.train.robot_link.itp import ItpServer
@@ -91,15 +89,6 @@ def test_a_second_play_waits_until_the_first_is_let_go():
     server.close()
 
 
-@pytest.mark.slow
-def test_a_recording_drives_a_session_and_drives_it_again(tmp_path):
-    session = LiveSession("first_steps", tmp_path / "session")
-    packets, seconds = recorded(20468, 500), np.arange(500) * 2e-3
-    told = [player.play(packets, seconds, session.console, lambda _: None) for _ in range(2)]
-    session.close()
-    assert all(one.driving > 400 for one in told), [str(one) for one in told]
-
-
 def test_a_file_is_played_by_command(ear, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(player, "KNOCK_S", 0.01)
     frame = pd.DataFrame({"packet": recorded(), "arrival_ms": np.arange(40) * 1.0})
@@ -111,13 +100,6 @@ def test_a_file_is_played_by_command(ear, tmp_path, capsys, monkeypatch):
     )
     assert "40 of 40 packets sent" in capsys.readouterr().out
     assert main(["play", str(tmp_path / "packets.parquet"), "--to", "nowhere"]) == USER_ERROR
-
-
-@pytest.mark.parametrize("text", ["", "host", ":36000", "h:0", "h:70000", "h:x"])
-def test_an_address_is_host_and_port(text):
-    with pytest.raises(UserError, match="expected HOST:PORT"):
-        player.parse(text)
-    assert player.parse("[::1]:36000") == ("::1", 36000)
 
 
 def test_the_recorded_console_is_taken_whole(shared_data):

@@ -55,12 +55,6 @@ def test_whoever_first_steps_on_the_pedal_drives_and_the_others_watch():
     ]
 
 
-def test_a_pedal_that_was_down_from_the_beginning_does_not_count():
-    play = Play()
-    assert play.say("itp", True) is False and play.arbiter.owner == "nobody"
-    assert play.say("itp", False) is False and play.say("itp", True) is True
-
-
 @pytest.mark.parametrize("by", ["silence", "left", "rearm"])
 def test_a_pedal_that_stays_down_does_not_count_again_until_it_was_seen_up(by):
     play = Play().driving()
@@ -105,13 +99,6 @@ def test_a_console_that_is_gone_leaves_the_seat_to_whoever_steps_on_a_pedal():
     assert play.say("page", True) is False
     play.say("itp", False)
     assert play.say("itp", True) and play.arbiter.owner == "itp"
-
-
-def test_a_message_that_is_refused_neither_takes_nor_keeps_the_seat():
-    play = Play()
-    play.say("page", False)
-    play.say("page", True, good=False)
-    assert play.arbiter.owner == "nobody" and not play.arbiter.events()
 
 
 ACTS = st.one_of(

@@ -106,20 +106,6 @@ def test_the_robot_gets_exactly_the_increments_of_a_console(scale):
     np.testing.assert_array_equal(grasp, grasps)
 
 
-def test_several_increments_of_one_tick_add_up_and_turns_follow_each_other():
-    who = hands(("gold", "green"))
-    rows = [who.advance(0).columns.copy()]
-    about_x, about_y = [np.sin(0.05), 0, 0, np.cos(0.05)], [0, np.sin(0.1), 0, np.cos(0.1)]
-    assert who.take(incremented(gold={"delta_um": [3, 0, -2], "quat": about_x, "grasp_mrad": 5}), 1)
-    assert who.take(incremented(gold={"delta_um": [4, 1, 0], "quat": about_y, "grasp_mrad": 5}), 1)
-    rows.append(who.advance(1).columns.copy())
-    delta, quat, grasp = packets(rows, 0.1)
-    assert delta[0, 0].tolist() == [7, 1, -2] and grasp[0].tolist() == [10, 0]
-    whole = mapping.quat_mul(Vec(about_y), Vec(about_x))
-    np.testing.assert_allclose(quat[0, 0], whole, atol=1e-6)
-    np.testing.assert_allclose(quat[0, 1], [0, 0, 0, 1], atol=1e-7)
-
-
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(
     ("move", "world"),
@@ -175,15 +161,6 @@ def test_hands_take_up_a_speed_smoothly_and_let_go_of_it_so():
     )  # um before scaling in 49 ms
 
 
-def test_jaws_close_with_positive_grasp_and_not_without_end():
-    who = hands(grasp_mrad_s=2000.0)
-    for k in range(0, 2000, 100):
-        who.take(said(gold={"grasp": 1.0}), k)
-        rows = advanced(who, 100, k)
-    assert rows[-1, 7] == pytest.approx(1500.5) and rows[-1, 15] == 0.0
-    assert rows[-1, 7] == rows[0, 7]
-
-
 def test_stale_input_lifts_the_pedal_and_stops_the_hands():
     who = hands()
     assert not who.advance(0).alive
@@ -197,16 +174,6 @@ def test_stale_input_lifts_the_pedal_and_stops_the_hands():
     who.take(said(), STALE_MS + 3)
     row = who.advance(STALE_MS + 3)
     assert row.alive and row.columns[-1] == 1.0
-
-
-def test_hands_can_be_put_where_a_row_has_them():
-    who, other = hands(), hands()
-    for k in range(300):
-        who.take(said(gold={"move": [0.3, -0.7, 0.2], "turn": [0.1, 0.4, 0], "grasp": 0.5}), k)
-        row = who.advance(k).columns.copy()
-    other.place(row)
-    other.take(said(), 0)
-    np.testing.assert_allclose(other.advance(0).columns, row, rtol=1e-6)
 
 
 BAD = [

@@ -82,14 +82,6 @@ def test_who_steps_on_a_pedal_while_another_console_drives_is_told(told):
     assert not [line for line in told.lines if line.startswith("page")], "the page shows its own"
 
 
-def test_what_flickers_is_not_told(told):
-    for _ in range(20):
-        told.run(True, 20)
-        told.run(None, 1, {"type": "operator", "do": "restart"})
-        told.run(False, 20)
-    assert told.whys == told.lines == []
-
-
 def test_packets_that_are_refused_are_told_and_that_they_are_taken_again(told):
     gate = Gate(("gold",))
     refusals = Refusals(gate)

@@ -226,13 +226,6 @@ def test_the_time_of_a_session_begins_with_the_first_pedal_down(session, monkeyp
     assert left[0] == 12_000 and left[-1] == 0 and (np.diff(left) <= 0).all()
 
 
-def test_the_instructor_may_start_the_time(session):
-    drive(session, 100, pedal=False)
-    _, events = drive(session, 12_100, pedal=False, also=[{"type": "instructor", "do": "start"}])
-    assert {"tick": 100, "kind": "started", "by": "instructor"} in events
-    assert session.ended == "time" and session.ticks == 12_100
-
-
 def struck(session):
     """A hazard that keeps on, at work."""
     started(session)
@@ -278,16 +271,6 @@ def test_who_walks_away_has_lifted_the_pedal_and_voids_nothing(session, act, ped
     (row,) = session.judge.rows()[:1]
     assert row["response"] == "release" and row["outcome"] != "interrupted"
     assert not [event for event in events if event["kind"] == "interrupted"]
-
-
-def test_a_console_that_falls_silent_cuts_off_what_the_next_one_meets(session):
-    struck(session)
-    session.tick([{"type": "seat", "do": "left"}])
-    drive(session, 4000, pedal=False)
-    drive(session, 1000, also=[{"type": "instructor", "do": "arm", "hazard": 1}])
-    for _ in range(400):
-        session.tick([])
-    assert session.judge.rows()[-1]["outcome"] == "interrupted"
 
 
 def test_an_instructors_note_converts_nobody(session):
@@ -379,16 +362,3 @@ def test_a_check_that_trips_in_the_last_tick_of_a_hazard_is_of_that_hazard(made,
     drive(session, 1, also=[{"type": "instructor", "do": end}])
     (row,) = session.judge.rows()
     assert (row["alarm"], row["alarm_ms"], row["check_response"]) == ("ik_reject", at_ms, "flagged")
-
-
-def test_a_command_that_is_none_changes_nothing(made):
-    quiet, pestered = Session(CHOSEN, 5, ready=made), Session(CHOSEN, 5, ready=made)
-    nonsense = [
-        {},
-        {"type": "operator", "do": "fly"},
-        {"type": ["input"]},
-        {"type": "instructor", "do": "arm", "hazard": 99},
-    ]
-    one, _ = drive(quiet, 900)
-    other, _ = drive(pestered, 900, also=nonsense)
-    np.testing.assert_array_equal(one, other)

@@ -173,16 +173,6 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
     ) == told["motion_hazard"]
 
 
-@pytest.mark.slow
-def test_a_hazard_armed_before_the_first_tick_finds_nothing_missed(made):
-    robot, states = robot_of(made), []
-    robot.arm(0)
-    robot.step()
-    robot._own.change(lambda state: states.append(state) or state)
-    for arm in states[0].monitor.arms:
-        assert np.abs(arm.missed).max() < 1e-6  # the golden run begins where the robot is
-
-
 def test_as_long_as_nothing_has_struck_the_robot_is_its_own_golden_run(made):
     """The golden run is computed from the first arming on only; computed all along it gives the
     same bits.
@@ -220,18 +210,6 @@ def test_a_fault_may_be_armed_again_and_taken_back(made):
     assert robot.outcomes()["first_active_ms"] == -1  # what is armed is what is told of
 
 
-def test_the_button_beside_the_robot_stops_it(made):
-    robot = robot_of(made)
-    run(robot, 600)
-    robot.press(made.plan.runs - 1)
-    rows = run(robot, 200)
-    assert (
-        rows[0, made.layout.places["runlevel"]] == 3
-        and rows[-1, made.layout.places["runlevel"]] == 0
-    )
-    assert robot.outcomes()["check_estop_first_ms"] >= 600
-
-
 def test_a_copy_goes_on_alike_and_a_reset_begins_anew(made):
     robot, other = robot_of(made), robot_of(made)
     first = run(robot, 700)
@@ -266,16 +244,6 @@ def test_every_packet_from_outside_gives_the_same_bits(made, outside):
         inside.step()
         np.testing.assert_array_equal(frame.row[: inside.row.size], inside.row)
     assert frame.number("runlevel") == 3
-
-
-@pytest.mark.slow
-def test_packets_that_do_not_arrive_are_missed_by_the_robot(made, outside):
-    outside.reset()
-    for k, sent in enumerate(packets(made, 450)):
-        frame = outside.tick(None if k == 400 else sent)
-    found = outside.outcomes()
-    assert found["check_packet_skip_count"] == 1 and found["check_packet_skip_first_ms"] == 401
-    assert frame.number("last_seq") == 450
 
 
 def test_a_robot_with_a_console_elsewhere_refuses_faults_of_that_console():

@@ -4,12 +4,10 @@ ROS, no clock.
 
 import multiprocessing
 import socket
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import waiting
 from test_crtk_translation import BOTH, YAML, robot_row
 
 from ravenjax.errors import UserError
@@ -18,7 +16,7 @@ from ravenjax.robots.raven2.geometry.arrays import forward_kinematics, motor_fro
 from ravenjax.train import scenario
 from ravenjax.train.protocol.frame import Frame, FrameLayout
 from ravenjax.train.protocol.messages import STALE_MS
-from ravenjax.train.robot_link.crtk import messages, ros1
+from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
@@ -254,36 +252,6 @@ def test_a_terminal_is_told_once_that_nobody_speaks_crtk_any_more(word, told):
     assert len(lines) == 1 and lines[0].startswith("CRTK over ros1 has ended") and told in lines[0]
     console.close()
     answers.close()
-
-
-NODE = """
-import sys
-from multiprocessing.connection import Connection
-link = Connection(int(sys.argv[1]))
-link.recv()
-for word in ((0, b"too early"), ("ready", None), ("connected", 2)):
-    link.send(word)
-link.recv()
-"""
-
-
-def test_what_a_node_says_before_it_is_ready_is_too_early(tmp_path, monkeypatch):
-    """Consoles that spoke before this node came; a node that ends is told."""
-    (tmp_path / "node.py").write_text(NODE)
-    monkeypatch.setattr(ros1, "_python", lambda: sys.executable)
-    monkeypatch.setattr(ros1.ros1_node, "__file__", str(tmp_path / "node.py"))
-    transport = ros1.Ros1Transport([], messages.subscribed(("gold",)))
-    waiting.until(lambda: transport.poll() == [] and transport.connected())
-    transport._link.send("end")
-
-    def ended():
-        try:
-            return transport.poll()
-        except UserError as error:
-            return str(error)
-
-    assert "has ended (code 0)" in waiting.until(ended)
-    transport.close()
 
 
 @pytest.mark.slow

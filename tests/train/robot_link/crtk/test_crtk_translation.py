@@ -211,13 +211,6 @@ def test_a_robot_that_was_not_heard_for_a_while_is_what_it_was_but_for_the_pedal
     assert settled(state) == "PAUSED"
 
 
-def test_a_robot_that_had_stopped_itself_can_be_disabled():
-    state = driven()
-    assert settled(state, 3, stopped=True) == "FAULT"
-    assert state.command("disable", 0.0) == ["estop"]
-    assert settled(state, 0) == "DISABLED"
-
-
 def test_a_pedal_that_the_robot_does_not_follow_is_let_go():
     state = OperatingState()
     state.command("enable", 0.0)
