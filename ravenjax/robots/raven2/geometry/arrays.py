@@ -13,7 +13,7 @@ unknown name raises UserError, a ValueError.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Generator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -99,7 +99,7 @@ def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
 
 
 @contextlib.contextmanager
-def _numpy() -> Iterator[None]:
+def _numpy() -> Generator[None]:
     """Let the functions of single numbers compute with whole arrays for each."""
     with at_once(), np.errstate(all="ignore"):
         yield
