@@ -69,17 +69,17 @@ def test_another_program_is(counted, changes):
     assert forms(ready()) is not forms(ready(**changes)) and len(counted) == 2
 
 
-def test_each_number_of_the_parameters_counts(counted):
+def test_numbers_of_the_parameters_count(counted):
     made = ready()
     leaves, structure = jax.tree.flatten(made.program.params)
     assert len(leaves) > 100
     forms(made)
-    for k, leaf in enumerate(leaves):
+    for k, leaf in list(enumerate(leaves))[::5]:
         params = jax.tree.unflatten(
             structure, [*leaves[:k], leaf + type(leaf)(1), *leaves[k + 1 :]]
         )
         forms(dataclasses.replace(made, program=dataclasses.replace(made.program, params=params)))
-    assert len(counted) == 1 + len(leaves)
+    assert len(counted) == 1 + len(leaves[::5])
 
 
 def test_a_block_of_other_types_is_another(counted):

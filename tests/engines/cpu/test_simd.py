@@ -18,7 +18,6 @@ from compiled_program import HARD_INTEGERS, compiled, lowered, same_bits
 import ravenjax as rj
 from ravenjax.campaign import plan, runner
 from ravenjax.engines import traced
-from ravenjax.engines.cpu import engine as simd
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
@@ -86,13 +85,8 @@ class Forced(SimdKernel):
         super().__init__(program, 16)
         self._forms, self.width, self.forced = traced.Forms(loop), width, grouped
 
-    def _plan(self, inputs):
-        found = super()._plan(inputs)
-        group = simd._distinct([column[found.first] for column in inputs[:1]])[1]
-        if not self.forced:
-            return simd._Plan(found.first, found.place, [simd._Part(np.arange(len(group)), False)])
-        parts = [simd._Part(np.flatnonzero(group == g), True) for g in range(group.max() + 1)]
-        return simd._Plan(found.first, found.place, parts)
+    def _runs_by_group(self, sizes):
+        return self.forced
 
 
 def run(kernel, ready, rows):

@@ -107,7 +107,7 @@ def test_functions_are_those_of_the_c_library(name, dtype):
         assert y == expected or (math.isnan(y) and math.isnan(expected)), (row, y, expected)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.lists(st.tuples(st.floats(), st.floats(), st.floats()), min_size=1, max_size=5))
 def test_a_product_and_a_sum_are_rounded_apart_and_a_state_is_carried_on(rows):
     def mixed(state, a, b, c):

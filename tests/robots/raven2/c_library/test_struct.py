@@ -58,20 +58,3 @@ def test_members_lie_where_code_finds_them(tmp_path_factory, first, narrow, wide
     subprocess.run(["cc", "-std=c11", "-o", program, source], check=True)
     places = subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()
     assert [int(place) for place in places] == [kind.layout.offsets[start] for start in starts]
-
-
-def test_a_struct_as_it_reads():
-    kind = RecordKind.of(
-        Outer(Vec((np.float32(1),) * 3), (Inner(np.int32(1), None),) * 2, np.float64(1))
-    )
-    text = struct("thing", members(kind, ARMS), kind.layout.bytes, "A thing.", {"first": "rad"})
-    assert text.splitlines() == [
-        "/* A thing. */",
-        "typedef struct {",
-        "  float first[3];  /* rad */",
-        "  int32_t arms_gold_narrow;",
-        "  int32_t arms_green_narrow;",
-        "  double last;",
-        "} thing;",
-        "RAVEN_ASSERT(sizeof(thing) == 32, thing);",
-    ]
