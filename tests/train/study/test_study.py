@@ -18,7 +18,7 @@ import synthetic_session as synthetic
 from plotly import graph_objects
 
 from ravenjax.errors import StoreError, UserError
-from ravenjax.stats.comparison import independent
+from ravenjax.stats import intervals
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.judge.row import TOLD
@@ -327,7 +327,7 @@ def test_one_hazard_a_participant_is_the_usual_risk_difference(tmp_path):
         session(tmp_path, f"A{i}", "cue", [met(0, 500.0) if i else missed(0)])
         session(tmp_path, f"B{i}", "control", [met(0, 500.0) if i < 3 else missed(0)])
     right, time = comparison.compare(study_table.collect([tmp_path]))[:2]
-    assert right.difference == pytest.approx(independent.rate_difference(7, 8, 3, 8))
+    assert right.difference == pytest.approx(intervals.rate_difference(7, 8, 3, 8))
     assert math.isnan(right.icc) and math.isinf(time.first.median) and time.median.undefined > 0
 
 

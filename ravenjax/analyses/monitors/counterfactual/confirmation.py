@@ -19,8 +19,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress.counts import OnProgress
 from ravenjax.report import wording
 from ravenjax.report.data import draws
-from ravenjax.stats.comparison.independent import rate_difference
-from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson
 
 
 class Confirmation(NamedTuple):
