@@ -23,9 +23,8 @@ from scipy.stats import binom
 from ravenjax.analyses.monitors import score_folder
 from ravenjax.analyses.monitors.score_folder import Peaks
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.conformal import bands, shift, threshold
-from ravenjax.stats.conformal.target import FalseAlarmTarget
-from ravenjax.stats.conformal.threshold import OperationScores
+from ravenjax.stats.conformal import shift, threshold
+from ravenjax.stats.conformal.threshold import FalseAlarmTarget, OperationScores
 from ravenjax.stats.multiplicity import holm
 
 CALIBRATIONS, UNITS, LEVEL = 200, 150, 0.05
@@ -54,8 +53,8 @@ def scores(peaks: Peaks) -> OperationScores:
     """
     learns = peaks.unit % 8 == 0
     some = peaks.peak[learns]
-    scale = bands.scales(some[np.isfinite(some).all(axis=1)][:, :, None])
-    score = bands.joint(peaks.peak[~learns][:, :, None], scale)
+    scale = threshold.scales(some[np.isfinite(some).all(axis=1)][:, :, None])
+    score = threshold.joint(peaks.peak[~learns][:, :, None], scale)
     return OperationScores(
         peaks.unit[~learns], np.where(np.isnan(score), np.inf, score), peaks.hours[~learns]
     )
@@ -116,7 +115,7 @@ def columns(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
     """Joint score and each term of the first operation of each operator, [operators, 1 + terms]."""
     _, first = np.unique(peaks.unit, return_index=True)
     peak = np.nan_to_num(peaks.peak[first], nan=np.inf)
-    return np.column_stack([bands.joint(peak[:, :, None], scale), peak])
+    return np.column_stack([threshold.joint(peak[:, :, None], scale), peak])
 
 
 def shifts(same: np.ndarray, other: np.ndarray | None, seed: int) -> int:
@@ -169,7 +168,7 @@ def main() -> None:
         )
     whole, moved = scores(pools["drawn"]), pools["shifted"]
     learns = pools["drawn"].unit % 8 == 0
-    scale = bands.scales(pools["drawn"].peak[learns][:, :, None])
+    scale = threshold.scales(pools["drawn"].peak[learns][:, :, None])
     same, other = columns(pools["drawn"].taken_from(~learns), scale), columns(moved, scale)
     limit = threshold.least(halves(whole)[0], TARGET).value
     _, first = np.unique(moved.unit, return_index=True)

@@ -30,7 +30,7 @@ from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.comparison.clustered import exchange_p
 from ravenjax.stats.comparison.paired import mcnemar
 from ravenjax.stats.intervals import Estimate, Rate, wilson
-from ravenjax.stats.latency import Lead, lead_time
+from ravenjax.stats.latency import Delays, Lead
 from ravenjax.stats.multiplicity import holm
 from ravenjax.store import folder, manifest
 from ravenjax.vocabulary.reactions import ACTIONS, CORRECT, MEANINGS, RELEASE, SLOW
@@ -254,13 +254,12 @@ def advance(runs: ReactionRuns, cue: int, threshold_mm: float, jump: bool = Fals
     """Of runs in which nobody reacts; `cue`: number of the haptic set with that threshold;
     `jump`: as `began_ms`.
     """
-    lead, cued = leads_ms(runs, cue, jump), run_facts.warned(runs.frame, cue)
-    began = began_ms(runs, jump)
-    lead_curve = lead_time(np.where(cued >= 0, cued, np.nan), began, float(runs.end_ms))
+    lead, began = leads_ms(runs, cue, jump), began_ms(runs, jump)
     moved = ~np.isnan(lead)
     came, among = lead[moved], kinds.of(runs.facts["group"].to_numpy()[moved])
     cue_came = np.isfinite(came)
     lag = np.where(cue_came, -came, runs.end_ms - began[moved])
+    lead_curve = latency.lead(Delays(lag, cue_came, np.ones(len(lag), int)))
 
     def exceeded(fraction: float) -> Estimate:
         value, low, high = latency.quantile(lag, cue_came, fraction, among)

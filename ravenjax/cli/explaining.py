@@ -50,7 +50,7 @@ def explain(
     """
     from ravenjax.campaign.inspection.explain import Explainer
     from ravenjax.errors import UserError
-    from ravenjax.report.data import rows_asked
+    from ravenjax.report.run import ranking
     from ravenjax.store import files, manifest
     from ravenjax.store.access import explained
 
@@ -62,7 +62,7 @@ def explain(
     ranked = console.worst(folder, worst, by)
     if worst is not None and not ranked:
         return console.emit_json([]) if as_json else None
-    together = None if run_ids or ranked else rows_asked.faulty(folder, group)
+    together = None if run_ids or ranked else ranking.faulty(folder, group)
     place = out or folder / explained.FOLDER
     files.require_writable(place)
     explainer = Explainer.of_folder(folder, engine)
@@ -73,7 +73,7 @@ def explain(
     )
     explanation = _compute(explainer, rows, quiet=as_json)
     explained.add(place, explanation.ticks, record)
-    if others := rows_asked.changed(folder, explanation.results):
+    if others := ranking.changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
         console.note(
             f"{folder}: {others} of {len(explanation.ticks)} runs came out otherwise than they are"
@@ -141,21 +141,18 @@ def _together(folder: Path, place: Path, record: Manifest, as_json: bool) -> Non
     from ravenjax.cli import terminal
     from ravenjax.report import downloads
     from ravenjax.report.data.runs import Runs
-    from ravenjax.report.sections import carriers, chains
+    from ravenjax.report.sections import chains
     from ravenjax.store.access import explained
     from ravenjax.store.files import write_aside
 
     ticks = explained.read(place, record)
     assert ticks is not None
     with contextlib.closing(Runs.open(folder, record)) as runs:
-        one = carriers.propagation(runs, ticks)
+        one = chains.propagation(runs, ticks)
     paths = [place / explained.FILE]
-    for name, rows in (("signals.csv", one.carriers), ("passages.csv", one.passages)):
-        if text := downloads.text(rows):
-            paths.append(place / name)
-            write_aside(
-                paths[-1], lambda target, text=text: target.write_text(text, encoding="utf-8")
-            )
+    if text := downloads.text(one.carriers):
+        paths.append(place / "signals.csv")
+        write_aside(paths[-1], lambda target: target.write_text(text, encoding="utf-8"))
     if chains.draw(one, place / "signals.svg") is not None:
         paths.append(place / "signals.svg")
     if as_json:

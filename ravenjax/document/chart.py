@@ -1,22 +1,39 @@
-"""What a chart shows: axes and marks in the units of the data. `svg` draws it on a page, `axes`
-in print.
+"""What a chart shows: axes and marks in the units of the data. `drawing` draws it, on a page and in
+print.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Iterator, Sequence
-from typing import TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-
-from ravenjax.document import ticks
-from ravenjax.document.steps import Steps
+from numpy.typing import ArrayLike
 
 EMPTY = np.zeros(0)
-DASH = "–"
-MANY = 3
-"""Bands that can be told apart where they overlap; more of them are drawn fainter."""
+DASH, NARROW = "–", "\u202f"
+RESOLUTION = 1 / 400
+"""Of a step curve's height: values that differ by less may be drawn as one, so no larger step is
+lost.
+"""
+
+
+def round_values(
+    low: float, high: float, most: int, *, log: bool = False, whole: bool = False
+) -> list[float]:
+    """At most about `most` round numbers from low to high, with one below and one above where these
+    are not round themselves.
+    """
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    locator = (
+        LogLocator(numticks=most)
+        if log
+        else MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], integer=whole)
+    )
+    return [float(value) for value in locator.tick_values(low, high)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,45 +43,38 @@ class ChartAxis:
     title: str
     low: float
     high: float
-    share: bool = False  # fractions, told in percent
+    # fractions, told in percent
+    share: bool = False
     log: bool = False
-    unit: str = ""  # of numbers in words: "ms"
-    line: float | None = (
-        None  # a value that is marked, as zero where values lie on both sides of it
-    )
-    names: tuple[
-        str, ...
-    ] = ()  # of places 0, 1, 2 ..., the first on top; then there are no numbers
-    whole: bool = False  # counts
+    # of numbers in words: "ms"
+    unit: str = ""
+    # a value that is marked, as zero where values lie on both sides of it
+    line: float | None = None
+    # of places 0, 1, 2 ..., the first on top; then there are no numbers
+    names: tuple[str, ...] = ()
+    # counts
+    whole: bool = False
 
-    def ticks(self, most: int) -> list[float]:
-        """At most `most` round values within the axis; of names every one."""
-        if self.names:
-            return [float(place) for place in range(len(self.names))]
-        values = (ticks.logarithmic if self.log else ticks.linear)(self.low, self.high, most)
-        return [value for value in values if not self.whole or float(value).is_integer()]
-
-    def labels(self, values: Sequence[float]) -> list[str]:
-        """Words of ticks."""
-        return list(self.names) if self.names else ticks.labels(values, self.share)
-
-    def place(self, values: np.ndarray) -> np.ndarray:
-        """0 at the low end, 1 at the high end; names run downwards."""
-        if self.names:
-            return 1.0 - (np.asarray(values, float) + 0.5) / len(self.names)
-        ends = np.array([self.low, self.high])
-        scale = np.log10 if self.log else np.asarray
-        low, high = scale(ends)
-        return (scale(np.asarray(values, float)) - low) / (high - low)
+    def label(self, value: float) -> str:
+        """A tick: 12,000; 0.05; as a share 5 %."""
+        text = f"{100 * value if self.share else value:,.8g}".replace("-", "−")
+        return f"{text}{NARROW}%" if self.share else text
 
     def words(self, value: float) -> str:
         """A number with its unit; one decimal more than a tick of its size."""
         if not np.isfinite(value):
             return DASH
         if self.share:
-            return f"{100 * value:.1f}{ticks.NARROW}%"
+            return f"{100 * value:.1f}{NARROW}%"
         text = f"{value:,.0f}" if abs(value) >= 100 or float(value).is_integer() else f"{value:.3g}"
         return f"{text} {self.unit}".rstrip().replace("-", "−")
+
+    def spread(self, value: float, low: float, high: float) -> str:
+        """A number with its interval, where it has one."""
+        words = self.words(value)
+        if not (np.isfinite(low) and np.isfinite(high)):
+            return words
+        return f"{words} ({self.words(low)} to {self.words(high)})"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,34 +82,64 @@ class Curve:
     """A line, straight or in steps, and its band; arrays [points]."""
 
     name: str
-    colour: str  # a name of the palette
+    # a name of the palette
+    colour: str
     x: np.ndarray
     y: np.ndarray
-    low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)  # no band: empty
+    # no band: empty
+    low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    step: bool = False  # each value holds until the next x
+    # each value holds until the next x
+    step: bool = False
     dashed: bool = False
-    visible: bool = True  # False: drawn when somebody asks for it
-    in_legend: bool = True  # in the legend
+    # False: drawn when somebody asks for it
+    visible: bool = True
+    in_legend: bool = True
 
     @staticmethod
-    def of(points: Steps, name: str, colour: str, band: bool = True, visible: bool = True) -> Curve:
-        """The curve of points that `steps` has made."""
-        edges = (points.low, points.high) if band else (EMPTY, EMPTY)
-        return Curve(name, colour, points.x, points.y, *edges, step=True, visible=visible)
+    def steps(
+        name: str,
+        colour: str,
+        x: ArrayLike,
+        y: ArrayLike,
+        low: ArrayLike = (),
+        high: ArrayLike = (),
+        *,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> Curve:
+        """A step curve [n] with the points that can be told apart: the first, the last, and each at
+        which a value of curve or band leaves the interval of RESOLUTION of the point before.
+
+        start: x below it are drawn there (a logarithmic axis has no zero), the last of them holds.
+        end: the last value is held until there. x must not fall.
+        """
+        across = np.asarray(x, float)
+        values = np.stack([np.asarray(part, float) for part in (y, low, high) if np.size(part)])
+        if start is not None:
+            first = max(0, int(np.searchsorted(across, start, side="right")) - 1)
+            across, values = np.maximum(across[first:], start), values[:, first:]
+        height = float(np.abs(values[0]).max() or np.nanmax(np.abs(values))) or 1.0
+        interval = np.floor(values / (RESOLUTION * height))
+        corner = np.concatenate([[True], (np.diff(interval, axis=1) != 0).any(axis=0)])
+        corner[-1] = True
+        across, values = across[corner], values[:, corner]
+        if end is not None and end > across[-1]:
+            across, values = np.append(across, end), np.hstack([values, values[:, -1:]])
+        return Curve(name, colour, across, *values, step=True)
 
     def at(self, x: float) -> tuple[float, float, float]:
         """Value and band at x; NaN outside of the curve and without a band."""
         if not len(self.x) or not self.x[0] <= x <= self.x[-1]:
             return np.nan, np.nan, np.nan
-        parts = [
-            part if len(part) else np.full(len(self.x), np.nan)
+        place = int(np.searchsorted(self.x, x, side="right")) - 1
+        value, low, high = (
+            np.nan
+            if not len(part)
+            else float(part[place] if self.step else np.interp(x, self.x, part))
             for part in (self.y, self.low, self.high)
-        ]
-        if self.step:
-            place = int(np.searchsorted(self.x, x, side="right")) - 1
-            return tuple(float(part[place]) for part in parts)  # pyright: ignore[reportReturnType]
-        return tuple(float(np.interp(x, self.x, part)) for part in parts)  # pyright: ignore[reportReturnType]
+        )
+        return value, low, high
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -110,13 +150,17 @@ class Dots:
     colour: str
     x: np.ndarray
     y: np.ndarray
-    x_low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)  # no intervals: empty
+    # no intervals: empty
+    x_low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     x_high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     y_low: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
     y_high: np.ndarray = dataclasses.field(default_factory=lambda: EMPTY)
-    size: tuple[float, ...] = ()  # diameters, px; () for 8
-    texts: tuple[str, ...] = ()  # beside the marks
-    tips: tuple[str, ...] = ()  # what each mark is, in words
+    # diameters, px; () for 8
+    size: tuple[float, ...] = ()
+    # beside the marks
+    texts: tuple[str, ...] = ()
+    # what each mark is, in words
+    tips: tuple[str, ...] = ()
     diamond: bool = False
     visible: bool = True
     in_legend: bool = True
@@ -140,6 +184,13 @@ class Bars:
 Mark: TypeAlias = Curve | Dots | Bars
 
 
+class Numbers(NamedTuple):
+    """A table of words."""
+
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
 @dataclasses.dataclass(frozen=True)
 class Chart:
     """One chart. Marks of one name are shown and hidden together."""
@@ -148,7 +199,10 @@ class Chart:
     x: ChartAxis
     y: ChartAxis
     marks: tuple[Mark, ...]
-    height: int = 300  # px of the drawn area
+    # px of the drawn area
+    height: int = 300
+    # a unit is as long upwards as along
+    equal: bool = False
 
     def legend(self) -> list[tuple[str, str, bool]]:
         """Name, colour and whether it is shown, of each thing in the legend."""
@@ -167,75 +221,71 @@ class Chart:
             " table below."
         )
 
+    def values(self) -> str:
+        """What the page's reader of values needs, as JSON: axes, and each curve point by point."""
+        content: dict[str, Any] = {
+            name: {
+                key: getattr(axis, key) for key in ("title", "low", "high", "log", "share", "unit")
+            }
+            for name, axis in (("x", self.x), ("y", self.y))
+        }
+        content["curves"] = [
+            {"name": mark.name, "step": mark.step}
+            | {
+                name: [float(f"{value:.5g}") for value in getattr(mark, name)]
+                for name in ("x", "y")
+            }
+            for mark in self.marks
+            if isinstance(mark, Curve) and mark.in_legend
+        ]
+        return json.dumps(content, allow_nan=False, separators=(",", ":"))
+
     def numbers(self) -> list[Numbers]:
         """What it shows as tables, for who cannot see it."""
-        curves = [mark for mark in self.marks if isinstance(mark, Curve) and mark.in_legend]
-        out = [self._curves(curves)] if curves else []
-        dots = [mark for mark in self.marks if isinstance(mark, Dots)]
-        out += [self._dots(dots)] if dots else []
-        bars = [mark for mark in self.marks if isinstance(mark, Bars)]
-        return out + ([self._bars(bars)] if bars else [])
+        heads = ("", self.x.title, self.y.title)
+        tables = [
+            self._curve_numbers([mark for mark in self.marks if isinstance(mark, Curve)]),
+            Numbers(heads, [row for mark in self.marks for row in self._dot_rows(mark)]),
+            Numbers(heads, [row for mark in self.marks for row in self._bar_rows(mark)]),
+        ]
+        return [table for table in tables if table.rows]
 
-    def _curves(self, curves: Sequence[Curve]) -> Numbers:
-        places = self.x.ticks(6)
-        if self.x.high not in places and any(
-            len(one.x) and one.x[-1] >= self.x.high for one in curves
+    def _curve_numbers(self, curves: Sequence[Curve]) -> Numbers:
+        axis, curves = self.x, [curve for curve in curves if curve.in_legend]
+        ends = (axis.low, axis.high)
+        places = [
+            place for place in round_values(*ends, 6, log=axis.log) if ends[0] <= place <= ends[1]
+        ]
+        if ends[1] not in places and any(
+            len(curve.x) and curve.x[-1] >= ends[1] for curve in curves
         ):
-            places.append(self.x.high)
-        heads = [f"{self.x.title}: {self.x.words(place)}" for place in places[:1]]
-        heads += [self.x.words(place) for place in places[1:]]
-        rows = [(one.name, *(self._value(one.at(place)) for place in places)) for one in curves]
+            places.append(ends[1])
+        heads = [axis.words(place) for place in places]
+        heads[:1] = [f"{axis.title}: {head}" for head in heads[:1]]
+        rows = [
+            (curve.name, *(self.y.spread(*curve.at(place)) for place in places)) for curve in curves
+        ]
         return Numbers(("", *heads), rows)
 
-    def _value(self, point: tuple[float, float, float]) -> str:
-        value, low, high = point
-        band = (
-            f" ({self.y.words(low)} to {self.y.words(high)})"
-            if np.isfinite(low) and np.isfinite(high)
-            else ""
-        )
-        return f"{self.y.words(value)}{band}"
-
-    def _dots(self, dots: Sequence[Dots]) -> Numbers:
-        rows = [row for one in dots for row in self._marks(one)]
-        return Numbers(("", self.x.title, self.y.title), rows)
-
-    def _marks(self, one: Dots) -> Iterator[tuple[str, ...]]:
-        for place, (x, y) in enumerate(zip(one.x, one.y, strict=True)):
-            name = one.tips[place] if one.tips else one.name
-            across = self._spread(self.x, x, one.x_low, one.x_high, place)
-            up = (
-                self.y.names[round(y)]
-                if self.y.names
-                else self._spread(self.y, y, one.y_low, one.y_high, place)
-            )
-            yield name, across, up
-
-    @staticmethod
-    def _spread(
-        axis: ChartAxis, value: float, low: np.ndarray, high: np.ndarray, place: int
-    ) -> str:
-        words = axis.words(value)
-        return (
-            f"{words} ({axis.words(low[place])} to {axis.words(high[place])})"
-            if len(low)
-            else words
-        )
-
-    def _bars(self, bars: Sequence[Bars]) -> Numbers:
-        rows = [
-            (one.name, f"{self.x.words(left)} to {self.x.words(right)}", self.y.words(top - bottom))
-            for one in bars
-            for left, right, bottom, top in zip(
-                one.left, one.right, one.bottom, one.top, strict=True
-            )
+    def _dot_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
+        if not isinstance(mark, Dots):
+            return
+        none = np.full(len(mark.x), np.nan)
+        edges = [
+            part if len(part) else none
+            for part in (mark.x_low, mark.x_high, mark.y_low, mark.y_high)
         ]
-        return Numbers(("", self.x.title, self.y.title), rows)
+        names = mark.tips or (mark.name,) * len(mark.x)
+        for name, x, y, x_low, x_high, y_low, y_high in zip(
+            names, mark.x, mark.y, *edges, strict=True
+        ):
+            up = self.y.names[round(y)] if self.y.names else self.y.spread(y, y_low, y_high)
+            yield name, self.x.spread(x, x_low, x_high), up
 
-
-@dataclasses.dataclass(frozen=True)
-class Numbers:
-    """A table of words."""
-
-    columns: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
+    def _bar_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
+        if isinstance(mark, Bars):
+            for left, right, bottom, top in zip(
+                mark.left, mark.right, mark.bottom, mark.top, strict=True
+            ):
+                where = f"{self.x.words(left)} to {self.x.words(right)}"
+                yield mark.name, where, self.y.words(top - bottom)

@@ -10,7 +10,7 @@ from importlib import resources
 import jinja2
 from markupsafe import Markup, escape
 
-from ravenjax.document import palette, svg
+from ravenjax.document import palette
 from ravenjax.document.chart import Chart
 from ravenjax.document.tables import with_scopes
 
@@ -36,12 +36,23 @@ def environment(*packages: str) -> jinja2.Environment:
         ),
         "document_script": Markup((_TEMPLATES / "document.js").read_text(encoding="utf-8")),
     }
-    templates.filters |= {"drawings": svg.drawings, "values": _values, "data": data}
+    templates.filters |= {
+        "drawings": _drawings,
+        "values": _values,
+        "data": data,
+    }
     return templates
 
 
+def _drawings(chart: Chart, described_by: str, *kinds: str) -> Markup:
+    # slow to import, and most pages have no chart
+    from ravenjax.document.drawing import page_drawings
+
+    return page_drawings(chart, described_by, kinds)
+
+
 def _values(chart: Chart) -> Markup:
-    return data(svg.values(chart))
+    return data(chart.values())
 
 
 def data(json: str) -> Markup:
@@ -84,16 +95,15 @@ def _picture(image: re.Match[str], drawings: Mapping[str, str]) -> str:
     )
 
 
-def inline(drawing: str, name: str) -> str:
+def inline(text: str, name: str) -> str:
     """An SVG file's text as an element of a page: without prologue and links to itself that
     other drawings share.
     """
-    body = drawing[drawing.index("<svg") :].strip()
+    from ravenjax.document.drawing import with_own_ids
+
+    body = text[text.index("<svg") :].strip()
     body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
-    prefix = re.sub(r"\W", "-", name.removesuffix(".svg"))
-    body = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', body)
-    body = re.sub(r'(xlink:href|href)="#([^"]+)"', rf'\1="#{prefix}-\2"', body)
-    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", body)
+    body = with_own_ids(body, re.sub(r"\W", "-", name.removesuffix(".svg")))
     return body.replace("<svg ", '<svg aria-hidden="true" ', 1)
 
 

@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.document.chart import ChartAxis, Curve
-from ravenjax.document.steps import steps
-from ravenjax.document.ticks import above
 from ravenjax.stats.latency import Incidence
 from ravenjax.store.files import write_aside
 
@@ -32,20 +30,22 @@ def save_figure(figure: Figure, path: Path, dpi: int = 160) -> None:
     )
 
 
-def of_incidence(curve: Incidence, name: str, colour: str, end_ms: int, band: bool = True) -> Curve:
+def incidence_curve(
+    curve: Incidence, name: str, colour: str, end_ms: int, band: bool = True
+) -> Curve:
     """The curve of delays on an axis of `log_time`: it begins with the share that came within the
     first millisecond.
 
     band: with its own; of enumerated faults it has none.
     """
-    line = steps(curve.time, curve.fraction, curve.low, curve.high, start=FIRST_MS, end=end_ms)
-    return Curve.of(line, name, colour, band)
+    edges = (curve.low, curve.high) if band else ()
+    return Curve.steps(name, colour, curve.time, curve.fraction, *edges, start=FIRST_MS, end=end_ms)
 
 
 def points(curve: Incidence) -> list[dict[str, float]]:
     """A curve point by point, as it is drawn, and from 0 ms."""
-    line = steps(curve.time, curve.fraction, curve.low, curve.high)
-    rows = zip(*(part.tolist() for part in line), strict=True)
+    line = Curve.steps("", "", curve.time, curve.fraction, curve.low, curve.high)
+    rows = zip(*(part.tolist() for part in (line.x, line.y, line.low, line.high)), strict=True)
     return [dict(zip(("ms", "share", "low", "high"), row, strict=True)) for row in rows]
 
 
@@ -58,4 +58,4 @@ def log_time(end_ms: int) -> ChartAxis:
 def share_axis(title: str, curves: list[Curve]) -> ChartAxis:
     """From 0 to above all curves, at most to 1."""
     most = max((float(curve.y.max()) for curve in curves if len(curve.y)), default=0.0)
-    return ChartAxis(title, 0.0, min(1.0, above(1.05 * most)) if most else 1.0, share=True)
+    return ChartAxis(title, 0.0, min(1.0, 1.1 * most) if most else 1.0, share=True)

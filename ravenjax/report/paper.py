@@ -12,8 +12,7 @@ import matplotlib.ticker
 import numpy as np
 from matplotlib.figure import Figure
 
-from ravenjax.document import axes
-from ravenjax.document.chart import Chart
+from ravenjax.document.drawing import print_figure
 from ravenjax.document.figure_style import STYLE
 from ravenjax.document.palette import PALETTE, RESPONSE
 from ravenjax.report.data.runs import Runs
@@ -97,39 +96,16 @@ def how_soon(runs: Runs) -> Figure | None:
     fault had one.
     """
     curves, _ = time_to_know.incidence_curves(runs, runs.once(answers.knowledge).delay)
-    return _of_chart(curves)
+    return print_figure(curves, WIDTH / 2) if curves else None
 
 
 def roc(runs: Runs) -> Figure | None:
     """Of each detector; None without detectors."""
-    return _of_chart(detectors.roc_chart(detectors.rows(runs)) if runs.manifest.detectors else None)
+    chart = detectors.roc_chart(detectors.rows(runs)) if runs.manifest.detectors else None
+    return print_figure(chart, WIDTH / 2) if chart else None
 
 
 def tradeoff(runs: Runs) -> Figure | None:
     """Missed hazards over false cues, by haptic set; None without."""
-    return _of_chart(cues.tradeoff(cues.rows(runs)))
-
-
-def _of_chart(chart: Chart | None) -> Figure | None:
-    """A chart of the page, drawn for print."""
-    if chart is None:
-        return None
-    figure = Figure(
-        figsize=(
-            WIDTH / 2,
-            1.2 + chart.height / 150 + 0.13 * sum(visible for *_, visible in chart.legend()),
-        ),
-        layout="constrained",
-    )
-    axis = figure.subplots()
-    axes.draw(chart, axis)
-    handles, labels = axis.get_legend_handles_labels()
-    by_name = dict(
-        zip(reversed(labels), reversed(handles), strict=True)
-    )  # a curve before the marks of its name
-    names = [name for name, _, visible in chart.legend() if visible and name in by_name]
-    if names:
-        figure.legend(
-            [by_name[name] for name in names], names, loc="outside upper left", fontsize=7
-        )
-    return figure
+    chart = cues.tradeoff(cues.rows(runs))
+    return print_figure(chart, WIDTH / 2) if chart else None

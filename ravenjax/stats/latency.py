@@ -6,8 +6,7 @@ others.
 
 from __future__ import annotations
 
-import warnings
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +14,26 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, wilson
+
+
+class Delays(NamedTuple):
+    """Delays of runs, arrays [m]: `count` runs had the event after `time` where `came`, else were
+    watched so long. Times are whole milliseconds, so a few thousand differ, however many runs.
+    """
+
+    # any unit; of lags, alarm minus harm: negative before it
+    time: np.ndarray
+    came: np.ndarray
+    count: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Runs in all."""
+        return int(self.count.sum())
+
+
+NONE = Delays(np.zeros(0, int), np.zeros(0, bool), np.zeros(0, int))
+"""Of no runs."""
 
 
 class Incidence(NamedTuple):
@@ -71,23 +90,21 @@ class Lead(NamedTuple):
         return Estimate(-value, -high, -low)
 
 
-class LogRank(NamedTuple):
-    """Log-rank test that two groups have the same law of delay; statistic is positive where the
-    first's events come later. NaN where no event came."""
-
-    statistic: float
-    p: float
-
-
-def incidence(delay: ArrayLike, happened: ArrayLike, confidence: float = 0.95) -> Incidence:
-    """Incidence over time of an event: `delay` [n] to it where `happened` (bool [n]), else to the
-    end of observation.
-
-    Any unit of time. The band is pointwise, by Greenwood's variance of log(-log). ValueError where
-    a delay is negative or not a number.
+def incidence(delays: Delays, confidence: float = 0.95) -> Incidence:
+    """Incidence over time of an event. The band is pointwise, by Greenwood's variance of
+    log(-log).
     """
-    times, came = _delays(delay, happened, "incidence")
-    return _curve(times, came, 0.0, confidence)
+    return _curve(delays, 0.0, confidence)
+
+
+def lead(lags: Delays, confidence: float = 0.95) -> Lead:
+    """Lead of an alarm over the harm; `lags`: alarm minus harm of the harmed runs, without an
+    alarm the end of observation minus it, so that a detector cannot gain by missing.
+    """
+    start = float(lags.time.min(initial=0))
+    before = int(lags.count[lags.came & (lags.time < 0)].sum())
+    curve = _curve(lags, start, confidence)
+    return Lead(curve, wilson(before, lags.n, confidence), int(lags.count[lags.came].sum()), lags.n)
 
 
 def quantile(
@@ -111,101 +128,47 @@ def quantile(
     return units.statistic(first, among, confidence)
 
 
-def mean_within(
-    delay: ArrayLike, happened: ArrayLike, horizon: float, among: Units, confidence: float = 0.95
-) -> Estimate:
-    """Mean of the delay where a longer one counts as `horizon`: the area under the curve of runs
-    still without event (Klein, Moeschberger, Survival Analysis, 2003, 4.5). Its interval is by
-    resampling units.
-
-    Unit of the delay. NaN where n is 0. ValueError as `incidence`, or where the horizon
-    lies beyond the last observation of runs still without event: nothing is known there.
-    """
-    times, came = _delays(delay, happened, "mean_within")
-    if not len(times):
-        return Estimate(np.nan, np.nan, np.nan)
-    if times.max() < horizon and not came[times == times.max()].all():
-        raise ValueError(
-            f"mean_within: the horizon {horizon:g} lies beyond the last observation,"
-            f" {times.max():g}, of runs without event; take that or less"
-        )
-    order = _order(times, came)
-    ends = np.minimum(times[order], horizon)
-    steps = np.diff(ends, append=horizon)
-
-    def area(weight: np.ndarray) -> np.ndarray:
-        return ends[0] + _staying(weight, came, order) @ steps
-
-    return units.statistic(area, among, confidence)
+def median(values: np.ndarray, count: np.ndarray) -> float:
+    """Median of values [m] of which there are so many; NaN of none."""
+    if not count.sum():
+        return float("nan")
+    order = np.argsort(values)
+    last = np.cumsum(count[order])
+    middle = (last[-1] - 1) // 2, last[-1] // 2
+    return float(np.mean(values[order][np.searchsorted(last, middle, side="right")]))
 
 
-def lead_time(
-    alarm: ArrayLike, harm: ArrayLike, end: ArrayLike | float, confidence: float = 0.95
-) -> Lead:
-    """Lead of the alarm over the harm: times [n] of both, NaN where one never came, in any unit;
-    `end` [n] or one number is when the observation of the run ended.
+def _curve(delays: Delays, start: float, confidence: float) -> Incidence:
+    # the formulas of scipy.stats.ecdf, which takes no counts
+    from scipy.special import ndtri
 
-    Runs without harm have no lead and are left out (Lead.n counts the rest); an alarm that never
-    came is censored at the end, so a detector cannot gain by missing. ValueError where a time
-    lies after the end, or the end is not a number.
-    """
-    alarmed, harmed = np.asarray(alarm, float), np.asarray(harm, float)
-    ended = np.broadcast_to(np.asarray(end, float), alarmed.shape)
-    if not np.isfinite(ended).all() or (alarmed > ended).any() or (harmed > ended).any():
-        raise ValueError(
-            "lead_time: each run needs a finite end, and no alarm or harm comes after it"
-        )
-    harmful = ~np.isnan(harmed)
-    came = ~np.isnan(alarmed[harmful])
-    lag = np.where(came, alarmed[harmful], ended[harmful]) - harmed[harmful]
-    curve = _curve(lag, came, lag.min(initial=0.0), confidence)
-    before = wilson(int((came & (lag < 0)).sum()), len(lag), confidence)
-    return Lead(curve, before, int(came.sum()), len(lag))
-
-
-def log_rank(
-    first: ArrayLike, first_happened: ArrayLike, second: ArrayLike, second_happened: ArrayLike
-) -> LogRank:
-    """Log-rank test (Mantel 1966) of two groups' delays [n1], [n2] with `happened` bool as in
-    `incidence`.
-    """
-    from scipy.stats import CensoredData, logrank
-
-    groups = [
-        _delays(*group, "log_rank")
-        for group in ((first, first_happened), (second, second_happened))
-    ]
-    if not any(came.any() for _, came in groups) or not all(len(times) for times, _ in groups):
-        return LogRank(float("nan"), float("nan"))
-    one, two = (CensoredData(uncensored=times[came], right=times[~came]) for times, came in groups)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        test: Any = logrank(one, two)
-    return LogRank(-float(test.statistic), float(test.pvalue))
-
-
-def _curve(times: np.ndarray, came: np.ndarray, start: float, confidence: float) -> Incidence:
-    from scipy.stats import CensoredData, ecdf
-
-    alpha_of(confidence)
-    if not came.any():
+    alpha = alpha_of(confidence)
+    events = int(delays.count[delays.came].sum())
+    if not events:
         zero = np.zeros(1)
-        return Incidence(np.full(1, start), zero, zero, zero, 0, len(times))
-    result = ecdf(CensoredData(uncensored=times[came], right=times[~came])).cdf
-    with warnings.catch_warnings():
-        # no value before the first event and after the last: the neighbour's or the trivial bound
-        # stands
-        warnings.simplefilter("ignore", RuntimeWarning)
-        band = result.confidence_interval(confidence, method="log-log")
-    low = np.maximum.accumulate(np.nan_to_num(band.low.probabilities, nan=0.0))
-    high = np.minimum.accumulate(np.nan_to_num(band.high.probabilities, nan=1.0)[::-1])[::-1]
-    time, fraction = result.quantiles, result.probabilities
+        return Incidence(np.full(1, start), zero, zero, zero, 0, delays.n)
+    time, place = np.unique(delays.time.astype(float), return_inverse=True)
+    at = np.bincount(place, delays.count)
+    died = np.bincount(place, delays.count * delays.came)
+    risk = delays.n - np.cumsum(at) + at
+    with np.errstate(divide="ignore", invalid="ignore"):
+        censored = events < delays.n
+        staying = np.cumprod((risk - died) / risk) if censored else 1 - np.cumsum(died) / delays.n
+        fraction = 1 - staying if censored else np.cumsum(died) / delays.n
+        error = np.sqrt(np.cumsum(died / (risk * (risk - died))) / np.log(staying) ** 2)
+        middle, half = np.log(-np.log(staying)), ndtri(1 - alpha / 2) * error
+        low, high = 1 - np.exp(-np.exp(middle - half)), 1 - np.exp(-np.exp(middle + half))
+    # no value before the first event and after the last: the neighbour's or the trivial bound
+    # stands
+    low = np.maximum.accumulate(np.nan_to_num(low, nan=0.0))
+    high = np.minimum.accumulate(np.nan_to_num(high, nan=1.0)[::-1])[::-1]
     return Incidence(
         np.concatenate([[start], time]),
         np.concatenate([[0.0], fraction]),
         np.concatenate([[0.0], np.minimum(low, fraction)]),
         np.concatenate([[0.0], np.maximum(high, fraction)]),
-        int(came.sum()),
-        len(times),
+        events,
+        delays.n,
     )
 
 
@@ -222,13 +185,6 @@ def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndar
     at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
     lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)
     return np.cumprod(1 - lost, axis=1)
-
-
-def _delays(delay: ArrayLike, happened: ArrayLike, caller: str) -> tuple[np.ndarray, np.ndarray]:
-    times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
-    if not (times >= 0).all():
-        raise ValueError(f"{caller}: a delay is never negative, got {times[~(times >= 0)][0]}")
-    return times, came
 
 
 def _first(time: np.ndarray, fraction: np.ndarray, wanted: float) -> float:

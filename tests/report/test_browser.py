@@ -140,7 +140,7 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
     )
     assert set(shown) == {1}  # one drawing of each chart, wide or narrow
     letters = ask(
-        "[...document.querySelectorAll('figure.plot > svg text, svg.view text')]"
+        "[...document.querySelectorAll('figure.plot > svg text')]"
         ".filter((one) => one.getBoundingClientRect().height > 0)"
         ".map((one) => one.getBoundingClientRect()).map((box) => [box.left, box.right, box.height])"
     )
@@ -163,7 +163,9 @@ def test_the_page_opens_offline_and_fits(browser, report, width, scheme):
         sum(map(int, one.removeprefix("rgb(").removesuffix(")").split(","))) for one in colours
     )
     assert (ink > ground) == (scheme == "dark") and abs(ink - ground) > 400
-    axis = ask("getComputedStyle(document.querySelector('[data-figure=curves] text.axis')).fill")
+    axis = ask(
+        "getComputedStyle([...document.querySelectorAll('[data-figure=curves] text')].at(-1)).fill"
+    )
     assert axis == colours[0]
     window.close()
 
@@ -191,7 +193,7 @@ def test_on_paper_nothing_is_cut(browser, report):
     ask = window.page.evaluate
     wide = ask(
         "[...document.querySelectorAll('section, header, table, figure,"
-        " svg:not(.area)')].filter((one) => { const box = one.getBoundingClientRect(); return"
+        " svg')].filter((one) => { const box = one.getBoundingClientRect(); return"
         " box.width > 0 && box.right > innerWidth + 1; }).map((one) => one.tagName + ' ' +"
         " one.className + ' ' + one.closest('section, header')?.id)"
     )
@@ -250,7 +252,7 @@ def test_a_table_sorts_by_a_column_and_back(opened):
 
 
 def test_values_are_read_off_a_chart(opened):
-    area = opened.locator("[data-figure=curves] svg.wide svg.area")
+    area = opened.locator("[data-figure=curves] svg.wide")
     area.scroll_into_view_if_needed()
     box = area.locator(".hit").bounding_box()
     opened.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.5)
@@ -262,7 +264,7 @@ def test_values_are_read_off_a_chart(opened):
 
 def test_a_curve_is_hidden_and_shown_by_its_name(opened):
     button = opened.locator("[data-figure=curves] .legend button").first
-    mark = opened.locator("[data-figure=curves] svg.wide .mark[data-series='0']")
+    mark = opened.locator("[data-figure=curves] svg.wide .mark[data-series='0']").last
     button.click()
     assert button.get_attribute("aria-pressed") == "false" and not mark.is_visible()
     button.click()

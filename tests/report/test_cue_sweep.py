@@ -10,8 +10,8 @@ from cue_results import FRAME, HAZARD, LOW, MANIFEST, ROWS, missed
 from ravenjax.document.chart import Dots
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import cues
+from ravenjax.stats.alarms.choice import front
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.alarms.pareto import front
 from ravenjax.stats.intervals import wilson
 
 

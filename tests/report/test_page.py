@@ -20,16 +20,14 @@ from rendered_page import Page, rendered, words
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from ravenjax.campaign.stop import decisions
-from ravenjax.document.ticks import round_step
 from ravenjax.errors import StoreError
 from ravenjax.hazards import titles
-from ravenjax.report import drawing, page, wording
-from ravenjax.report.data import counted
+from ravenjax.report import page, wording
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables, time_to_know
+from ravenjax.stats import latency
 from ravenjax.stats.intervals import wilson
-from ravenjax.stats.latency import Incidence
 from ravenjax.stats.sample_size.sequential import Look
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
@@ -357,9 +355,9 @@ def test_a_response_at_once_is_drawn_at_the_beginning():
     frame.loc[early & frame["activated"], "told_ms"] = frame["first_active_ms"]
     runs = Runs.of(frame, MANIFEST)
     delays, _ = tables.delays(runs, "told_ms")
-    truth = counted.incidence(delays)
+    truth = latency.incidence(delays)
     assert truth.fraction[1] > 0.25 and truth.time[1] == 0
-    chart, _ = time_to_know.incidence_curves(runs, counted.incidence(counted.NONE))
+    chart, _ = time_to_know.incidence_curves(runs, latency.incidence(latency.NONE))
     (curve,) = (mark for mark in chart.marks if mark.name.startswith("check that tells"))
     for ms in (1, 2, 5, 100, 1000, 2999):
         place = np.searchsorted(truth.time, ms, side="right") - 1
@@ -369,15 +367,6 @@ def test_a_response_at_once_is_drawn_at_the_beginning():
         truth.fraction[truth.time <= 1][-1], abs=1e-9
     )
     assert (curve.low <= curve.y).all() and (curve.y <= curve.high).all()
-
-
-def test_shares_that_are_small_have_an_axis_that_tells_them_apart():
-    curve = Incidence(
-        np.array([0.0, 5]), np.array([0, 0.004]), np.zeros(2), np.full(2, 0.01), 1, 250
-    )
-    axis = drawing.share_axis("share", [drawing.of_incidence(curve, "cue", "cue", 3000)])
-    labels = axis.labels(axis.ticks(6))
-    assert axis.low == 0 and 0.004 < axis.high <= 0.006 and len(set(labels)) == len(labels) > 3
 
 
 def test_every_table_is_named_and_every_heading_has_its_scope(built):
@@ -392,7 +381,7 @@ def test_every_table_is_named_and_every_heading_has_its_scope(built):
 
 def test_every_chart_can_be_read_without_seeing_it(built):
     parsed = Page(built[1])
-    drawings = re.findall(r'<svg class="(?:wide|narrow|view)"[^>]*>', built[1])
+    drawings = re.findall(r'<svg class="(?:wide|narrow)"[^>]*>', built[1])
     assert len(drawings) >= 6
     for one in drawings:
         assert 'role="img"' in one and len(re.search('aria-label="([^"]*)"', one)[1]) > 40
@@ -410,7 +399,7 @@ def test_hazards_have_their_titles():
 
 @pytest.mark.parametrize(("key", "column"), [("cue", "cue0_first_ms"), ("told", "told_ms")])
 def test_how_soon_is_of_faults_that_did_anything_and_censored_where_they_are_stopped(key, column):
-    _, timing = time_to_know.incidence_curves(TABLE, counted.incidence(counted.NONE))
+    _, timing = time_to_know.incidence_curves(TABLE, latency.incidence(latency.NONE))
     active = FAULTY[FAULTY["activated"]]
     came = active[column] >= 0
     end = active["response_ms"].where(active["response"] == "stopped", MANIFEST.duration_ms)
@@ -516,16 +505,6 @@ BURST = {
 )
 def test_fault_in_words(changed, words):
     assert wording.fault(BURST | changed) == words
-
-
-def test_round_steps():
-    assert [round_step(x) for x in (0.0, 0.9, 274.0, 6.1, 0.031)] == [
-        1.0,
-        1.0,
-        250.0,
-        5.0,
-        pytest.approx(0.025),
-    ]
 
 
 def test_a_campaign_without_fault_slots_has_a_page():

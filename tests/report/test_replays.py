@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import xml.etree.ElementTree as ET
-
 import numpy as np
 import pytest
 import synthetic_results as synthetic
 
+from ravenjax.document.chart import Curve
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import paths
@@ -119,19 +117,13 @@ def test_figure_and_course(tmp_path):
 
 def test_views_are_at_one_scale_and_marks_stand_where_the_tip_is(tmp_path):
     (one,), _ = paths.find(folder_with(tmp_path, WORST.head(1), golden=True), RUNS)
-    views = [ET.fromstring(view) for view in paths.views(one)]
-    assert [view.get("data-sides") for view in views] == ["0 1", "0 2", "1 2"]
-    assert len({view.get("data-scale") for view in views}) == 1
-    for view in views:
-        across, up = map(int, view.get("data-sides").split())
-        left, top = map(float, view.get("data-origin").split())
-        scale = float(view.get("data-scale"))
-        (mark,) = (part for part in view.iter("circle") if part.get("data-of") == "tip")
-        start = one.paths["true tip"][0]
-        assert float(mark.get("cx")) == pytest.approx(left + start[across] * scale, abs=0.1)
-        assert float(mark.get("cy")) == pytest.approx(top - start[up] * scale, abs=0.1)
-        numbers = [
-            float(n) for part in view.iter("path") for n in re.findall(r"-?[\d.]+", part.get("d"))
-        ]
-        assert min(numbers) >= 0 and max(numbers) <= paths.WIDTH
-        assert "mm off" in view.get("aria-label")
+    views = paths.views(one)
+    spans = [axis.high - axis.low for view in views for axis in (view.x, view.y)]
+    assert spans == pytest.approx([spans[0]] * 6)
+    for (across, up), view in zip(paths.VIEWS, views, strict=True):
+        curves = {mark.name: mark for mark in view.marks if isinstance(mark, Curve)}
+        assert set(curves) == {"true tip", "nominal model", "golden run"}
+        for name, path in one.paths.items():
+            np.testing.assert_array_equal(curves[name].x, path[:, across])
+            np.testing.assert_array_equal(curves[name].y, path[:, up])
+        assert "mm off" in view.words()

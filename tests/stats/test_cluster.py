@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.stats.bootstrap.clusters import cluster_bootstrap
+from ravenjax.stats.bootstrap.resample import cluster_bootstrap
 
 CLUSTERS, EACH = 60, 20
 LABEL = np.repeat(np.arange(CLUSTERS), EACH)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ravenjax.stats.comparison import clustered, independent
+from ravenjax.stats import intervals
+from ravenjax.stats.comparison import clustered
 
 
 def singles(values):
@@ -27,7 +28,7 @@ def drawn(random, clusters, rows, rate, icc):
 def test_one_row_a_cluster_is_the_usual_interval():
     first, second = [True] * 9 + [False] * 3, [True] * 4 + [False] * 10
     found = clustered.risk_difference(singles(first), singles(second))
-    usual = independent.rate_difference(9, 12, 4, 14)
+    usual = intervals.rate_difference(9, 12, 4, 14)
     assert found == pytest.approx(usual, abs=1e-12)
     # Newcombe 1998, table II: 56/70 - 48/80, method 10: 0.0524 to 0.3339
     newcombe = clustered.risk_difference(singles([1] * 56 + [0] * 14), singles([1] * 48 + [0] * 32))
@@ -83,7 +84,7 @@ def test_the_risk_difference_covers_where_the_usual_one_does_not(clusters, rows,
         found = clustered.risk_difference(first, second)
         held += found.low <= true <= found.high
         counts = [int(sum(one.sum() for one in group)) for group in (first, second)]
-        plain = independent.rate_difference(counts[0], clusters * rows, counts[1], clusters * rows)
+        plain = intervals.rate_difference(counts[0], clusters * rows, counts[1], clusters * rows)
         usual += plain.low <= true <= plain.high
     assert 0.925 < held / runs < 0.99 and usual < held
 

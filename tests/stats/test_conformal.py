@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, kstest
 
-from ravenjax.stats.conformal import bands, shift, threshold
-from ravenjax.stats.conformal.target import FalseAlarmTarget
-from ravenjax.stats.conformal.threshold import OperationScores, TooFewUnits
+from ravenjax.stats.conformal import shift, threshold
+from ravenjax.stats.conformal.threshold import FalseAlarmTarget, OperationScores, TooFewUnits
 
 
 def target(risk: float, confidence: float = 0.95, length_h: float = 0.1) -> FalseAlarmTarget:
@@ -220,14 +219,14 @@ def test_the_joint_score_is_the_largest_over_time_to_the_bit():
     )  # operations, milliseconds, signals
     segment = rng.integers(0, 2, 500)
     peaks = np.stack([series[:, segment == one].max(axis=1) for one in (0, 1)], axis=-1)
-    scale = bands.scales(peaks)
+    scale = threshold.scales(peaks)
     live = (series / scale[:, segment].T[None]).max(axis=(1, 2))
-    assert live.dtype == np.float32 and (bands.joint(peaks, scale) == live).all()
+    assert live.dtype == np.float32 and (threshold.joint(peaks, scale) == live).all()
 
 
 def test_a_signal_that_is_always_zero_has_a_scale():
     peaks = np.zeros((5, 2, 2))
     peaks[:, 0, 0] = 3.0
-    assert bands.scales(peaks).tolist() == [[3.0, np.float32(3e-6)], [1.0, 1.0]]
+    assert threshold.scales(peaks).tolist() == [[3.0, np.float32(3e-6)], [1.0, 1.0]]
     with pytest.raises(ValueError, match="finite"):
-        bands.scales(np.full((2, 1, 1), np.inf))
+        threshold.scales(np.full((2, 1, 1), np.inf))

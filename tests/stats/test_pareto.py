@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ravenjax.stats.alarms.pareto import front
+from ravenjax.stats.alarms.choice import front
 
 
 def by_definition(x, y):

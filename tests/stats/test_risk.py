@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ravenjax.stats.comparison.independent import rate_difference
+from ravenjax.stats.intervals import rate_difference
 
 
 def test_published_difference():

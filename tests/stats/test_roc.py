@@ -16,7 +16,7 @@ from sklearn.metrics import (
     roc_curve,
 )
 
-from ravenjax.stats.alarms.roc import average_precision, precision_recall_band, roc_band
+from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
 
 SEPARATION = 1.2
 AUC = norm.cdf(SEPARATION / math.sqrt(2))
@@ -26,15 +26,6 @@ def normals(n, seed, separation=SEPARATION):
     random = np.random.default_rng(seed)
     positive = np.arange(n) < n // 3
     return random.normal(size=n) + separation * positive, positive
-
-
-def test_average_precision_by_hand_with_ties_and_infinities():
-    # scores of positives: inf, 3, 2, -inf; of negatives: 3, 1, -inf. Falling thresholds: precision
-    # 1/1 at recall 1/4,
-    # 2/3 at 1/2, 3/4 at 3/4, 3/5 at 3/4, 4/7 at 1
-    score, positive = [np.inf, 3, 2, -np.inf, 3, 1, -np.inf], [1, 1, 1, 1, 0, 0, 0]
-    assert average_precision(score, positive) == pytest.approx((1 + 2 / 3 + 3 / 4 + 4 / 7) / 4)
-    assert math.isnan(average_precision([1.0, 2.0], [False, False]))
 
 
 def test_bands_start_from_scikit_learns_values():
@@ -48,7 +39,6 @@ def test_bands_start_from_scikit_learns_values():
     assert band.curve.value == pytest.approx(np.interp(band.grid, fpr, tpr))
     pr = precision_recall_band(score, positive, np.arange(300), resamples=50)
     assert pr.area.value == pytest.approx(average_precision_score(positive, places))
-    assert pr.area.value == pytest.approx(average_precision(score, positive))
     precision, recall, _ = precision_recall_curve(positive, places)
     for x, y in zip(pr.grid, pr.curve.value, strict=True):
         assert y == precision[np.flatnonzero(recall >= x - 1e-12)[-1]]
@@ -85,11 +75,6 @@ def test_resamples_without_positives_are_counted():
     assert math.isnan(nobody.area.value) and nobody.area.undefined == 20
 
 
-def bands(score, positive):
-    return roc_band(score, positive, np.arange(len(score)))
-
-
-@pytest.mark.parametrize("call", [average_precision, bands])
-def test_bad_scores_are_refused(call):
+def test_bad_scores_are_refused():
     with pytest.raises(ValueError, match="1 scores are NaN"):
-        call([np.nan, 1], [True, False])
+        roc_band([np.nan, 1], [True, False], np.arange(2))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.stats.intervals import wilson
-from ravenjax.stats.strata import allocate, stratified
+from ravenjax.stats.sample_size.sequential import allocate, stratified
 
 
 def test_hand_computed_rate():

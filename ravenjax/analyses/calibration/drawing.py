@@ -13,8 +13,8 @@ from ravenjax.analyses.calibration.calibrate import NORMAL_90, SETTLING, Calibra
 from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.tables import PER_UNIT, UNITS
 from ravenjax.document.figure_style import STYLE
+from ravenjax.report.drawing import save_figure
 from ravenjax.robots.raven2.arms import JOINTS
-from ravenjax.store.files import write_aside
 
 LOG, ROBOT, GREY = "#1b1f24", "#d9571b", "#5b6470"
 
@@ -43,9 +43,7 @@ def _save(path: Path, size: tuple[float, float], draw: Any) -> None:
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)
-        write_aside(
-            path, lambda target: figure.savefig(target, format="svg", metadata={"Date": None})
-        )
+        save_figure(figure, path)
 
 
 def _draw_errors(figure: Any, log: JointLog, replayed: np.ndarray, until: int) -> None:

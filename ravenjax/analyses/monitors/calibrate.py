@@ -20,7 +20,7 @@ from ravenjax.analyses.monitors.scores import Score, catalogue
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError, suggestion
-from ravenjax.stats.conformal.target import FalseAlarmTarget
+from ravenjax.stats.conformal.threshold import FalseAlarmTarget
 from ravenjax.store import manifest
 from ravenjax.vocabulary.robot import Robot
 

@@ -17,9 +17,13 @@ from ravenjax.analyses.monitors.score_folder import Peaks
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.errors import UserError
 from ravenjax.stats.alarms.false_alarms import AlarmRate, ending_rate
-from ravenjax.stats.conformal import bands, threshold
-from ravenjax.stats.conformal.target import FalseAlarmTarget
-from ravenjax.stats.conformal.threshold import OperationScores, Threshold, TooFewUnits
+from ravenjax.stats.conformal import threshold
+from ravenjax.stats.conformal.threshold import (
+    FalseAlarmTarget,
+    OperationScores,
+    Threshold,
+    TooFewUnits,
+)
 
 ROUND = 8
 """Operators of a round: the first learns scales, CALIBRATES of them set the threshold, the
@@ -125,7 +129,7 @@ def calibrate(
             "no operation learns scales: all that should had a number that is not finite"
         )
     shape = (-1, len(terms), segments.count)
-    scale = bands.scales(peaks.peak[valid].reshape(shape))
+    scale = threshold.scales(peaks.peak[valid].reshape(shape))
     score = joint(peaks, scale)
     whole = OperationScores(peaks.unit, score, peaks.hours)
     calibrating = OperationScores(*(values[by.threshold] for values in whole))
@@ -172,7 +176,7 @@ def joint(peaks: Peaks, scale: np.ndarray) -> np.ndarray:
     """Score of each operation; infinite where a number was not finite. scale: float32 [terms,
     segments].
     """
-    score = bands.joint(peaks.peak.reshape(len(peaks.peak), *scale.shape), scale)
+    score = threshold.joint(peaks.peak.reshape(len(peaks.peak), *scale.shape), scale)
     return np.where(np.isnan(score), np.float32(np.inf), score)
 
 

@@ -19,7 +19,7 @@ import pandas as pd
 from ravenjax.analyses.monitors import code, score_folder, writing
 from ravenjax.analyses.monitors.monitor import Monitor, list_reads, name_read
 from ravenjax.errors import StoreError, UserError
-from ravenjax.stats.conformal import bands, shift
+from ravenjax.stats.conformal import shift, threshold
 from ravenjax.stats.multiplicity import holm
 from ravenjax.store import files, manifest
 from ravenjax.store.access import query
@@ -257,7 +257,7 @@ def _of_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> FreshOper
 
 def _joint(monitor: Monitor, peak: np.ndarray) -> np.ndarray:
     scale = np.array(monitor.scales, np.float32)
-    return _largest_if_none(bands.joint(peak.reshape(len(peak), *scale.shape), scale))
+    return _largest_if_none(threshold.joint(peak.reshape(len(peak), *scale.shape), scale))
 
 
 def _largest_if_none(scores: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ravenjax.document import figure_style
-from ravenjax.store.files import write_aside
+from ravenjax.report.drawing import save_figure
 
 COLOURS = ("#0072b2", "#d9571b", "#8b2a6b", "#009e73", "#7a6a00", "#56b4e9", "#555555")
 """Told apart by colour-blind readers."""
@@ -25,6 +25,4 @@ def save(figure: Any, path: Path) -> None:
     import matplotlib
 
     with matplotlib.rc_context(STYLE):
-        write_aside(
-            path, lambda target: figure.savefig(target, format="svg", metadata={"Date": None})
-        )
+        save_figure(figure, path)

@@ -187,7 +187,7 @@ document.addEventListener("click", (event) => {
 
 // --- charts
 
-const LOOKS = ["fill", "fill-opacity", "stroke", "stroke-width", "stroke-opacity", "stroke-dasharray", "font-family", "font-size"];
+const LOOKS = ["fill", "fill-opacity", "stroke", "stroke-width", "stroke-opacity", "stroke-dasharray", "font-family", "font-size", "text-anchor"];
 
 function saveDrawing(figure, name) {  // the drawing that is shown, with its legend, as a file that needs no style sheet
   const source = [...figure.querySelectorAll(":scope > svg")].find((one) => getComputedStyle(one).display !== "none");
@@ -246,11 +246,13 @@ function at(curve, x) {  // value of a curve, undefined beside it
   return curve.y[next - 1] + part * (curve.y[next] - curve.y[next - 1]);
 }
 
-function read(figure, area, event) {
+function read(figure, drawing, event) {
   figure.values ??= JSON.parse(figure.querySelector("script[type='application/json']").textContent);
   const { x: axis, y: up, curves } = figure.values;
   if (!curves.length) return silent();
-  const box = area.querySelector(".hit").getBoundingClientRect();
+  const hit = drawing.querySelector(".hit");
+  const box = hit.getBoundingClientRect();
+  if (event.clientX < box.left || event.clientX > box.right || event.clientY < box.top || event.clientY > box.bottom) return silent();
   const part = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
   let x = axis.log ? axis.low * (axis.high / axis.low) ** part : axis.low + part * (axis.high - axis.low);
   if (axis.unit === "ms") x = Math.round(x);
@@ -264,19 +266,19 @@ function read(figure, area, event) {
   }
   silent();
   const line = document.createElementNS("http://www.w3.org/2000/svg", "line");
-  const wide = Number(area.getAttribute("width"));
-  for (const [name, value] of Object.entries({ class: "reading", x1: part * wide, x2: part * wide, y1: 0, y2: area.getAttribute("height") })) {
+  const { x: left, y: top, width, height } = hit.getBBox();
+  for (const [name, value] of Object.entries({ class: "reading", x1: left + part * width, x2: left + part * width, y1: top, y2: top + height })) {
     line.setAttribute(name, value);
   }
-  area.append(line);
+  drawing.append(line);
   if (lines.length > 1) say(lines, event.clientX, event.clientY);
 }
 
 function look(event) {
   const marked = event.target.closest?.("[data-tip]");
   if (marked) return say([element("p", {}, marked.dataset.tip)], event.clientX, event.clientY);
-  const area = event.target.closest?.("figure.plot svg.area");
-  if (area) return read(area.closest("figure"), area, event);
+  const drawing = event.target.closest?.("figure.plot > svg");
+  if (drawing) return read(drawing.closest("figure"), drawing, event);
   if (!tip.hidden) silent();
 }
 document.addEventListener("pointermove", look);

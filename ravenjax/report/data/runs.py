@@ -18,9 +18,9 @@ from ravenjax.outcomes import events
 from ravenjax.report.data import draws
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data import fault_free as fault_free_motions
-from ravenjax.report.data.counted import NONE, Delays
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.fault_free import Motions
+from ravenjax.stats.latency import NONE, Delays
 from ravenjax.store import schema
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions

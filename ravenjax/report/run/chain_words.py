@@ -11,13 +11,13 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from ravenjax.document import axes as printed
+from ravenjax.document import drawing as charts
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.document.figure_style import STYLE
 from ravenjax.document.palette import CUE, RESPONSE, SAME
 from ravenjax.report import wording
+from ravenjax.report.drawing import save_figure
 from ravenjax.report.run.chain import Chain, ChainLink
-from ravenjax.store.files import write_aside
 
 ROW = 15  # px of a signal
 LETTERS = 92  # of a line above the drawing
@@ -182,11 +182,7 @@ def draw(one: Chain, path: Path) -> Path | None:
         drawing = figure(one)
         if drawing is None:
             return None
-        kind = path.suffix.lstrip(".") or "svg"
-        metadata: Any = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-        write_aside(
-            path, lambda target: drawing.savefig(target, format=kind, dpi=160, metadata=metadata)
-        )
+        save_figure(drawing, path)
     return path
 
 
@@ -197,7 +193,7 @@ def figure(one: Chain) -> Figure | None:
         return None
     drawing = Figure(figsize=(7.6, 1.6 + 0.17 * len(one.links)), layout="constrained")
     axes = drawing.subplots()
-    printed.draw(chart, axes)
+    charts.draw(chart, axes)
     axes.set_xlabel(chart.x.title)
     axes.tick_params("y", labelsize=7.5)
     drawing.suptitle(chart.title, x=0.01, ha="left", fontsize=10, fontweight="bold")

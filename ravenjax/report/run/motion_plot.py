@@ -4,7 +4,7 @@ replayed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 
 from ravenjax import robots
 from ravenjax.document.figure_style import SOFT, STYLE
+from ravenjax.report.drawing import save_figure
 from ravenjax.report.run.plot import ARM_COLOURS
-from ravenjax.store.files import require_writable, write_aside
+from ravenjax.store.files import require_writable
 from ravenjax.store.motion.resampling import TICK_S
 from ravenjax.store.motion.summary import TipCourse
 
@@ -54,15 +55,10 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
         )
         figure.suptitle(title, fontsize=10, x=0.01, ha="left")
         paths = []
-        for kind, metadata in (("svg", {"Date": None}), ("png", None)):
-            path = out / f"{name}.{kind}"
-            write_aside(path, _saved(figure, kind, metadata))
-            paths.append(path)
+        for kind in ("svg", "png"):
+            paths.append(out / f"{name}.{kind}")
+            save_figure(figure, paths[-1], DPI)
     return paths
-
-
-def _saved(figure: Figure, kind: str, metadata: dict[str, None] | None) -> Callable[[Path], None]:
-    return lambda target: figure.savefig(target, format=kind, metadata=metadata, dpi=DPI)
 
 
 def _draw(grid: np.ndarray, course: TipCourse) -> None:

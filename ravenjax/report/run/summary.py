@@ -4,17 +4,18 @@ parts for a page.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ravenjax import robots
 from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
 from ravenjax.report import wording
-from ravenjax.report.run.events import RunEvent, Series, events
+from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import Robot
 
 
@@ -57,7 +58,7 @@ def summary(
     golden: Mapping[str, Any] | None = None,
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
-    """One row of the result table in words; series and golden as for `run_events.events`."""
+    """One row of the result table in words; series and golden as for `events`."""
     return RunSummary(
         f"run {row['run_id']}, row {int(row['index'])}, group {row['group']}",
         wording.fault(row, robot),
@@ -142,3 +143,227 @@ def _distances(arm: str, series: Series) -> list[str]:
                 far = wording.number(float(distance[ms]))
                 lines.append(f"true {arm} tip {far} mm off the {name}, at {wording.count(ms)} ms")
     return lines
+
+
+MOST_WINDOWS = 3
+"""Windows of one fault, and pulses of one cue, that are told one by one."""
+MOST_CHANGES = 8
+"""Changes of one state that are told one by one."""
+_ORDER = ("fault", "check", "detector", "run level", "brakes", "cue", "hazard", "jump", "operator")
+_LEVELS = {"stop": "error", "flag": "warn", "limit": "warn"}
+
+_JUMPS = {
+    "jump_code": "the reported tip jumps (rule of the published code)",
+    "jump_text": "the true tip jumps (rule of the published text)",
+    "jump_tip": "the true tip jumps (rule of the published code)",
+}
+
+Series = Mapping[str, np.ndarray]
+
+
+class RunEvent(NamedTuple):
+    """One thing that happened."""
+
+    ms: int  # since the run began
+    kind: str  # of _ORDER
+    text: str
+    level: str = "info"  # debug (as in the golden run), info, warn or error
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the log of a trace takes it."""
+        return {"tick": self.ms, "kind": self.kind, "level": self.level, "text": self.text}
+
+
+def events(
+    row: Mapping[str, Any],
+    rules: Rules,
+    series: Series | None = None,
+    golden: Mapping[str, Any] | None = None,
+    robot: Robot = robots.USUAL,
+) -> list[RunEvent]:
+    """Everything that happened in a run.
+
+    row: of the result table. series: as `store.logs.time_series`; without them windows, run levels
+    and how long cues last are left out. golden: outcomes of the golden run, with
+    check_<name>_count; checks that trip as often in it are of level "debug".
+    """
+    parts = [
+        _faults(robot, row, series),
+        _checks(robot, row, golden),
+        _alarms(row, rules, golden),
+        _cues(row, rules, series),
+        _hazards(row, rules),
+        _others(row, rules),
+    ]
+    if series is not None:
+        parts.append(_states(robot, series))
+    every = [event for part in parts for event in part]
+    return sorted(every, key=lambda event: (event.ms, _ORDER.index(event.kind)))
+
+
+def _faults(robot: Robot, row: Mapping[str, Any], series: Series | None) -> Iterator[RunEvent]:
+    for slot in range(sum(f"fault{slot}_site" in row for slot in range(len(row)))):
+        words = wording.fault_in_slot(row, slot, robot)
+        if not words:
+            continue
+        where = words.partition(",")[0]
+        first, last = (int(row[f"applied{slot}_{end}_ms"]) for end in ("first", "last"))
+        windows = _spans((series or {}).get(f"fault{slot}_active", ()))
+        opened = [
+            RunEvent(
+                start,
+                "fault",
+                f"{where}: the fault's window opens, for {wording.count(end - start)} ms",
+            )
+            for start, end in windows
+        ]
+        yield from _first_few(opened, MOST_WINDOWS, f"{where}: {{}} more windows")
+        if first >= 0:
+            yield RunEvent(first, "fault", f"the fault first changes a value: {words}", "warn")
+        if last >= 0:
+            ticks = wording.count(row[f"applied{slot}_ticks"])
+            text = f"the fault last changes a value: {where}, {ticks} ms in all"
+            yield RunEvent(last, "fault", text)
+
+
+def _first_few(events: Sequence[RunEvent], most: int, more: str) -> list[RunEvent]:
+    """At most so many of them, and one event for the others; more: says that there are {}."""
+    if len(events) <= most:
+        return list(events)
+    left, last = len(events) - most, wording.count(events[-1].ms)
+    text = f"{more.format(left)}, the last at {last} ms"
+    return [*events[:most], events[most]._replace(text=text)]
+
+
+def _checks(
+    robot: Robot, row: Mapping[str, Any], golden: Mapping[str, Any] | None
+) -> Iterator[RunEvent]:
+    for name in checks.names(row):
+        first, trips = int(row[f"check_{name}_first_ms"]), int(row[f"check_{name}_count"])
+        if first < 0:
+            continue
+        check = robot.check(name)
+        usual = int(golden[f"check_{name}_count"]) if golden is not None else 0
+        length = f"{wording.count(trips)} ms" if trips > 1 else "once"
+        text = f"check {name} trips ({check.meaning}), {length}"
+        if trips <= usual:
+            yield RunEvent(first, "check", f"{text}, as in the golden run", "debug")
+            continue
+        beside = f", {wording.count(usual)} of them in the golden run, too" if usual else ""
+        yield RunEvent(first, "check", f"{text}{beside}; it {check.does}", _LEVELS[check.action])
+
+
+def _alarms(
+    row: Mapping[str, Any], rules: Rules, golden: Mapping[str, Any] | None
+) -> Iterator[RunEvent]:
+    """Of detectors that press the E-stop."""
+    for number, name in rules.stopping:
+        first, alarms = (
+            int(row[f"detector{number}_threshold0_{what}"]) for what in ("first_ms", "alarms")
+        )
+        if first < 0:
+            continue
+        usual = (
+            -1 if golden is None else int(golden.get(f"detector{number}_threshold0_first_ms", -1))
+        )
+        too = ", as in the golden run" if usual == first else ""
+        often = "" if alarms == 1 else f", for the first of {wording.count(alarms)} times"
+        text = f"detector {name} alarms{often}{too}; it presses the E-stop"
+        yield RunEvent(first, "detector", text, "error")
+
+
+def _cues(row: Mapping[str, Any], rules: Rules, series: Series | None) -> Iterator[RunEvent]:
+    first, golden = (
+        int(row[f"cue{rules.cue}_first_ms"]),
+        int(row[f"golden_cue{rules.cue}_first_ms"]),
+    )
+    name = f"{rules.threshold_mm:g} mm cue"
+    too = f"; the golden run had one at {wording.count(golden)} ms" if 0 <= golden <= first else ""
+    level = "debug" if too else "warn"
+    forces = {} if series is None else {n: v for n, v in series.items() if n.endswith("/cue_force")}
+    if not forces:
+        if first >= 0:
+            yield RunEvent(
+                first,
+                "cue",
+                f"{name} on: the reported tip is that far off the nominal model{too}",
+                level,
+            )
+        return
+    for full, values in forces.items():
+        arm, force = full.partition("/")[0], np.asarray(values)[:, rules.cue]
+        unknown = np.full(len(force), np.nan)
+        distance = np.asarray((series or {}).get(f"{arm}/tip_error_mm", unknown))
+        pulses = []
+        for start, end in _spans(force > 0.0):
+            far = wording.number(float(distance[start]))
+            peak = wording.number(float(force[start:end].max()))
+            text = (
+                f"{name} on for {wording.count(end - start)} ms, {peak} device units at most: the"
+                f" reported {arm} tip is {far} mm off the nominal model{too}"
+            )
+            pulses.append(RunEvent(start, "cue", text, level))
+        yield from _first_few(pulses, MOST_WINDOWS, f"{name}: {{}} more pulses")
+
+
+def _hazards(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
+    limit = f"more than {rules.limit_mm:g} mm from"
+    texts = {
+        "unintended": (
+            f"unintended motion: the true tip is {limit} golden run, nominal model and standing"
+            " still"
+        ),
+        "loss": (
+            f"loss of motion: the true tip is {limit} golden run and nominal model and does not"
+            " follow"
+        ),
+        "false_report": f"false report: the reported tip is {limit} the true one",
+    }
+    for name, text in texts.items():
+        if (ms := int(row[f"{name}_first_ms"])) >= 0:
+            yield RunEvent(
+                ms,
+                "hazard",
+                f"{text} (up to {wording.number(float(row[f'{name}_mm']))} mm)",
+                "error",
+            )
+
+
+def _others(row: Mapping[str, Any], rules: Rules) -> Iterator[RunEvent]:
+    if (ms := int(row.get("reaction_ms", -1))) >= 0:
+        yield RunEvent(ms, "operator", "the operator begins to react to the cue")
+    if (ms := int(row[f"{rules.jump}_first_ms"])) >= 0:
+        yield RunEvent(ms, "jump", _JUMPS.get(rules.jump, f"the tip jumps ({rules.jump})"))
+
+
+def _states(robot: Robot, series: Series) -> Iterator[RunEvent]:
+    """Changes of run level, software E-stop and brakes."""
+    names = {number: robot.run_level(number) for number in range(len(robot.run_levels))}
+    texts = {
+        "runlevel": ("run level", lambda old, new: f"run level: {names[old]} to {names[new]}", 0),
+        "soft_estopped": (
+            "run level",
+            lambda _, new: ("software E-stop released", "software E-stop raised: DACs are 0")[new],
+            1,
+        ),
+        "brakes": ("brakes", lambda _, new: f"the PLC {('opens', 'closes')[new]} the brakes", None),
+    }
+    for name, (kind, text, alarming) in texts.items():
+        values = np.asarray(series.get(name, ())).astype(int)
+        values = values if name == "runlevel" else values.astype(bool).astype(int)
+        changes = []
+        for ms in (np.flatnonzero(np.diff(values)) + 1).tolist():
+            old, new = int(values[ms - 1]), int(values[ms])
+            changes.append(
+                RunEvent(ms, kind, text(old, new), "error" if new == alarming else "info")
+            )
+        yield from _first_few(changes, MOST_CHANGES, "{} more changes")
+
+
+def _spans(active: ArrayLike) -> list[tuple[int, int]]:
+    """(first, end) of each stretch that is true."""
+    edges = np.diff(np.concatenate([[0], np.asarray(active, bool), [0]]).astype(np.int8))
+    return [
+        (int(first), int(end))
+        for first, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)
+    ]

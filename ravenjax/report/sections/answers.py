@@ -4,22 +4,21 @@ change.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.document import ticks
-from ravenjax.report.data import counted
-from ravenjax.report.data.counted import NONE
 from ravenjax.report.data.facts import first_sql
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
 from ravenjax.report.sections import Section, detectors, reaction, robots, tables
 from ravenjax.report.sections.reaction.pairs import Difference
+from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.stats.latency import Incidence, Lead
+from ravenjax.stats.latency import NONE, Incidence, Lead
 from ravenjax.store.manifest import CueRecord
 
 CLASSES = {"layer": "Layer", "site": "Site", "group": "Group"}
@@ -46,7 +45,7 @@ def scale(rows: Sequence[ClassRow]) -> float:
     ends = (
         np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n
     )  # a bound may be unknown
-    return min(1.0, ticks.above(max([0.05, *ends])))
+    return min(1.0, math.ceil(20 * max([0.05, *ends])) / 20)
 
 
 class LowerCue(NamedTuple):
@@ -104,7 +103,7 @@ def knowledge(runs: Runs) -> Knowledge:
     """Of the runs of a campaign."""
     delay = runs.delays(detectors.known(runs), "active_ms", runs.end, UNINTENDED)[""]
     lag = runs.delays(detectors.before_motion(runs), "unintended_ms", runs.end, UNINTENDED)[""]
-    delays, lead = counted.incidence(delay), counted.lead(lag)
+    delays, lead = latency.incidence(delay), latency.lead(lag)
     never = delays.n - delays.events
     return Knowledge(
         delays,
@@ -128,7 +127,7 @@ def _lower(runs: Runs) -> LowerCue | None:
     lags = runs.delays(event, "unintended_ms", runs.end, UNINTENDED)[""]
     free = runs.motions()
     false = free.came(f"golden_cue{nearest}_first_ms"), free.count
-    return LowerCue(cues[nearest], tables.known(runs, counted.lead(lags).before), false)
+    return LowerCue(cues[nearest], tables.known(runs, latency.lead(lags).before), false)
 
 
 def classes(runs: Runs) -> dict[str, list[ClassRow]]:
@@ -148,8 +147,8 @@ def classes(runs: Runs) -> dict[str, list[ClassRow]]:
             )
             rows = []
             for one in present:
-                soon = counted.incidence(delay.get(one.name, NONE)).quantile_interval(0.5)
-                before = counted.lead(lags.get(one.name, NONE)).before
+                soon = latency.incidence(delay.get(one.name, NONE)).quantile_interval(0.5)
+                before = latency.lead(lags.get(one.name, NONE)).before
                 if not runs.sampled(groups[one.name]):
                     soon = tables.without_interval(soon)
                     before = tables.without_interval(before)
@@ -184,7 +183,7 @@ def changed(runs: Runs) -> Changed:
 
 def _announced(runs: Runs, k: int, chosen: str) -> Announced:
     free = runs.motions()
-    lead = counted.lead(
+    lead = latency.lead(
         runs.delays(after_onset(f"warned{k}_ms"), "unintended_ms", runs.end, chosen)[""]
     )
     lead = lead._replace(before=tables.known(runs, lead.before))

@@ -7,29 +7,30 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ravenjax.document import axes as printed
-from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots
+from ravenjax.document import drawing
+from ravenjax.document.chart import Chart, ChartAxis, Dots
 from ravenjax.document.figure_style import STYLE
-from ravenjax.document.palette import SAME
-from ravenjax.document.ticks import above
 from ravenjax.errors import StoreError
 from ravenjax.report import wording
+from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import save_figure
 from ravenjax.report.run import chain, chain_words
-from ravenjax.report.sections import Section
-from ravenjax.report.sections.carriers import Carrier, Passage, Propagation, propagation
+from ravenjax.report.sections import Section, robots
+from ravenjax.stats import latency
+from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access import explained
-from ravenjax.store.access.query import RESULTS
+from ravenjax.store.access.query import RESULTS, quoted
+from ravenjax.store.manifest import Manifest
 
 MOST = 3
 """Chains that are shown."""
@@ -45,8 +46,6 @@ COLUMNS = (
 NAMES = 3
 """Groups that are named where only some are explained, and places that are named first."""
 ROW = 16  # px of a seam
-LEAST = 0.1
-"""Share of the runs that a passage needs to be drawn."""
 
 
 def sentences(one: Propagation) -> list[str]:
@@ -110,25 +109,18 @@ def table(one: Propagation) -> list[tuple[str, ...]]:
 
 def as_dict(one: Propagation) -> dict[str, Any]:
     """As JSON has it."""
-    own = {
-        name: value for name, value in one._asdict().items() if name not in ("carriers", "passages")
-    }
-    own |= {
+    return one._asdict() | {
         "hidden": one.hidden._asdict(),
         "lead_ms": one.lead_ms._asdict(),
         "sentences": sentences(one),
+        "carriers": [
+            {
+                name: value._asdict() if isinstance(value, Rate | Estimate) else value
+                for name, value in row._asdict().items()
+            }
+            for row in one.carriers
+        ],
     }
-    return own | {"carriers": _objects(one.carriers), "passages": _objects(one.passages)}
-
-
-def _objects(rows: Sequence[Carrier | Passage]) -> list[dict[str, Any]]:
-    return [
-        {
-            name: value._asdict() if isinstance(value, Rate | Estimate) else value
-            for name, value in row._asdict().items()
-        }
-        for row in rows
-    ]
 
 
 def _of(rate: Rate) -> str:
@@ -140,21 +132,10 @@ def _of(rate: Rate) -> str:
 
 def graph(one: Propagation) -> Chart | None:
     """Seams in the robot's order, each at the share of runs that it carries, and at that of runs
-    that it shows; lines are the passages from one to the next. None without runs."""
+    that it shows. None without runs."""
     if not one.carriers:
         return None
     place = {row.seam: number for number, row in enumerate(one.carriers)}
-    carries = np.array([row.carries.value for row in one.carriers])
-    lines = [
-        Curve(
-            "next to differ",
-            SAME,
-            carries[[place[step.before], place[step.after]]],
-            np.array([place[step.before], place[step.after]], float),
-            in_legend=number == 0,
-        )
-        for number, step in enumerate(step for step in one.passages if step.rate.value >= LEAST)
-    ]
     ranged = [(row, row.shows) for row in one.carriers if row.ranged]
     carrying = [(row, row.carries) for row in one.carriers]
     return Chart(
@@ -162,9 +143,8 @@ def graph(one: Propagation) -> Chart | None:
         ChartAxis("share of evading faults", 0.0, 1.0, share=True),
         _rows(one.carriers),
         (
-            *lines,
-            *_dots("differs before harm", "series3", carrying, place, False),
-            *_dots("leaves its normal range before harm", "series2", ranged, place, True),
+            _dots("differs before harm", "series3", carrying, place, False),
+            _dots("leaves its normal range before harm", "series2", ranged, place, True),
         ),
         height=ROW * len(one.carriers),
     )
@@ -182,9 +162,9 @@ def leads(one: Propagation) -> Chart | None:
     showing = [(row, row.lead_ms) for row in rows]
     return Chart(
         "How long before harm a signal leaves its range",
-        ChartAxis("median, ms before harm", 0.0, above(1.02 * most), unit="ms"),
+        ChartAxis("median, ms before harm", 0.0, 1.05 * most, unit="ms"),
         _rows(rows),
-        tuple(_dots("of the faults that it shows", "series2", showing, place, True)),
+        (_dots("of the faults that it shows", "series2", showing, place, True),),
         height=ROW * len(rows),
     )
 
@@ -201,7 +181,7 @@ def draw(one: Propagation, path: Path) -> Path | None:
         for axes, chart in zip(
             figure.subplots(1, len(charts), squeeze=False)[0], charts, strict=True
         ):
-            printed.draw(chart, axes)
+            drawing.draw(chart, axes)
             axes.set_xlabel(chart.x.title)
             axes.tick_params("y", labelsize=8)
             axes.set_title(chart.title, loc="left", fontsize=9.5, fontweight="bold")
@@ -221,32 +201,19 @@ def _dots(
     rows: Sequence[tuple[Carrier, Rate | Estimate]],
     place: dict[str, int],
     diamond: bool,
-) -> list[Dots]:
-    """One mark a row: those with an interval, and those without, of one name."""
-    out = []
-    for bounded in (True, False):
-        mine = [
-            (row, value)
-            for row, value in rows
-            if (math.isfinite(value.low) and math.isfinite(value.high)) == bounded
-        ]
-        if not mine:
-            continue
-        low, high = (np.array([value[end] for _, value in mine], float) for end in (-2, -1))
-        out.append(
-            Dots(
-                name,
-                colour,
-                np.array([value.value for _, value in mine], float),
-                np.array([place[row.seam] for row, _ in mine], float),
-                x_low=low if bounded else EMPTY,
-                x_high=high if bounded else EMPTY,
-                tips=tuple(f"{row.seam}: {_words(value)}, {row.meaning}" for row, value in mine),
-                diamond=diamond,
-                in_legend=not out,
-            )
-        )
-    return out
+) -> Dots:
+    """One mark a row, with the intervals that there are."""
+    value, low, high = (np.array([one[end] for _, one in rows], float) for end in (-3, -2, -1))
+    return Dots(
+        name,
+        colour,
+        value,
+        np.array([place[row.seam] for row, _ in rows], float),
+        x_low=low,
+        x_high=high,
+        tips=tuple(f"{row.seam}: {_words(one)}, {row.meaning}" for row, one in rows),
+        diamond=diamond,
+    )
 
 
 def _words(value: Rate | Estimate) -> str:
@@ -298,6 +265,130 @@ def _worst(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
         words = chain_words.sentences(one)
         out.append({"chain": one, "sentences": words, "timeline": chain_words.timeline(one)})
     return out
+
+
+CHOSEN = "sample AND faulty AND evaded AND unintended_ms >= 0"
+
+
+class Carrier(NamedTuple):
+    """One seam, over the runs of a `Propagation`."""
+
+    seam: str
+    layer: str
+    meaning: str
+    ranged: bool  # whether it has a normal range
+    carries: Rate
+    shows: Rate
+    lead_ms: Estimate  # median over the runs that it shows; NaN: none
+    first: Rate  # runs in which it was the first of all to show, in the robot's order within a tick
+
+
+class Propagation(NamedTuple):
+    """How the evading faults of a campaign came about."""
+
+    runs: int  # explained evading faults that are looked at
+    evading: int  # of the campaign
+    groups: Sequence[str]  # whose evading faults are all explained
+    partial: Sequence[str]  # of whose only some are, or none
+    counted: str  # what intervals count: "faults", "robots", or "" where there are none
+    carriers: Sequence[Carrier]  # in the robot's order; those that carry a run
+    hidden: Rate  # runs that no signal showed before harm
+    lead_ms: Estimate  # median, from the first signal that shows to harm
+
+    @property
+    def first_places(self) -> list[Carrier]:
+        """Where runs were visible first, most of them first."""
+        return sorted((one for one in self.carriers if one.first.k), key=lambda one: -one.first.k)
+
+
+def propagation(runs: Runs, ticks: pd.DataFrame) -> Propagation:
+    """Of the explained runs `ticks`, as `store.access.explained` has them."""
+    whole_robots = robots.drawn_whole(runs)
+    among = f"hash({', '.join(map(quoted, whole_robots))})" if whole_robots else "row"
+    facts = runs.table.frame(
+        f'SELECT row, "group"::VARCHAR AS "group", unintended_ms AS harm, unit FROM {FACTS} '
+        f"JOIN (SELECT row, {among} AS unit FROM {RESULTS}) USING (row) WHERE {CHOSEN} ORDER BY row"
+    )
+    there = facts["row"].isin(ticks["index"])
+    lacking = set(facts.loc[~there, "group"])
+    whole = sorted(set(facts["group"]) - lacking)
+    mine = facts.loc[facts["group"].isin(whole)].reset_index(drop=True)
+    rows = ticks.set_index("index").loc[mine["row"]]
+    among, noun = None, ""
+    if whole_robots:
+        # drawn whole, in every group alike
+        among, noun = units.units(mine["unit"].to_numpy()), "robots"
+    elif len(mine) and runs.sampled(whole):
+        among, noun = units.units(mine["unit"].to_numpy(), mine["group"].to_numpy()), "faults"
+
+    def rate(hit: np.ndarray) -> Rate:
+        return pair_intervals.rate(hit, among)
+
+    def median(values: np.ndarray) -> Estimate:
+        """Of those above 0."""
+        there = values > 0
+        some, each = values[there], np.ones(int(there.sum()), bool)
+        own = units.units(np.zeros(len(some), int)) if among is None else among.where(there)
+        return latency.quantile(some, each, 0.5, own)
+
+    harm = mine["harm"].to_numpy(np.int64)
+    seams = _seams(rows, runs.manifest)
+    leads = _leads(seams, harm)
+    best = leads.max(axis=0, initial=-1)  # the earliest to show has the longest lead
+    firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(mine), int)
+    carriers = [
+        Carrier(
+            one.name,
+            one.layer,
+            one.meaning,
+            one.ranged,
+            rate(_by(one.differs, harm)),
+            rate(leads[place] > 0),
+            median(leads[place]),
+            rate((firsts == place) & (best > 0)),
+        )
+        for place, one in enumerate(seams)
+    ]
+    return Propagation(
+        len(mine),
+        len(facts),
+        whole,
+        sorted(lacking),
+        noun,
+        [one for one in carriers if one.carries.k],
+        rate(best <= 0),
+        median(best),
+    )
+
+
+def _seams(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
+    """Signals of both arms as one, in the robot's order; their channels are left out."""
+    columns = {str(name): rows[name].to_numpy() for name in rows}
+    by_seam: dict[str, list[chain.SignalTicks]] = {}
+    for one in chain.signals(columns, manifest.robot, manifest.shape.arms) if len(rows) else ():
+        by_seam.setdefault(one.name.rpartition("/")[2], []).append(one)
+    return [
+        arms[0]._replace(
+            name=name,
+            differs=chain.earliest(np.stack([one.differs for one in arms])),
+            leaves=chain.earliest(np.stack([one.leaves for one in arms])),
+        )
+        for name, arms in by_seam.items()
+    ]
+
+
+def _by(ticks: np.ndarray, harm: np.ndarray) -> np.ndarray:
+    """Whether something came until harm, bool [runs]."""
+    return (ticks >= 0) & (ticks <= harm)
+
+
+def _leads(seams: Sequence[chain.SignalTicks], harm: np.ndarray) -> np.ndarray:
+    """How long before harm each seam showed each run, ms [seams, runs]; 0: not before it."""
+    if not seams:
+        return np.zeros((0, len(harm)), np.int64)
+    return np.stack(
+        [np.where((one.leaves >= 0) & (one.leaves < harm), harm - one.leaves, 0) for one in seams]
+    )
 
 
 SECTIONS = (Section("chains", "Chains", 150, _content),)

@@ -20,18 +20,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.palette import CUE, SAME
-from ravenjax.document.ticks import above
 from ravenjax.report import wording
 from ravenjax.report.data import fault_free
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset, cue_leads
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms import choice
-from ravenjax.stats.alarms.choice import AlarmCounts
+from ravenjax.stats.alarms.choice import AlarmCounts, front
 from ravenjax.stats.alarms.false_alarms import AlarmRate
-from ravenjax.stats.alarms.pareto import front
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.stats.sample_size.planning import hours_to_bound
 from ravenjax.store.access.query import RESULTS
@@ -282,8 +280,8 @@ def tradeoff(rows: Sequence[CueRow]) -> Chart | None:
     up = "unintended motions without a cue"
     return Chart(
         "Missed hazards, false cues",
-        ChartAxis("false cues per hour of fault-free motion", 0.0, above(1.1 * most)),
-        ChartAxis(up, 0.0, min(1.0, above(1.02 * missed)), share=True),
+        ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * most),
+        ChartAxis(up, 0.0, min(1.0, 1.05 * missed), share=True),
         tuple(marks),
     )
 
@@ -305,7 +303,8 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
         np.array([row.missed.value for row, _ in pairs]),
         hourly_low,
         hourly_high,
-        *((low, high) if np.isfinite(low).all() else (EMPTY, EMPTY)),
+        low,
+        high,
         size=tuple((9 + 5 * scale).round(1).tolist()),
         texts=tuple(
             f"{row.cue.threshold_mm:g} mm" if is_first else ""

@@ -19,10 +19,9 @@ import numpy as np
 
 from ravenjax.document import palette
 from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots, Mark
-from ravenjax.document.steps import steps
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs, after_onset, detector_leads
-from ravenjax.report.drawing import log_time, of_incidence
+from ravenjax.report.drawing import incidence_curve, log_time
 from ravenjax.report.sections import Section, tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
@@ -290,7 +289,7 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
 def delay_chart(curves: Sequence[Curves], end_ms: int) -> Chart:
     """Chart of the time from the first effect to the alarm, over unintended motions."""
     marks = [
-        of_incidence(one.delay, _label(one.name, one.threshold), palette.series(number), end_ms)
+        incidence_curve(one.delay, _label(one.name, one.threshold), palette.series(number), end_ms)
         for number, one in enumerate(curves)
     ]
     title = "How soon after the first effect"
@@ -305,8 +304,8 @@ def lead_chart(curves: Sequence[Curves]) -> Chart:
     for number, one in enumerate(curves):
         if one.leads:
             lag = one.lead.lag
-            line = steps(lag.time, lag.fraction, lag.low, lag.high, end=max(ends))
-            marks.append(Curve.of(line, _label(one.name, one.threshold), palette.series(number)))
+            name, colour = _label(one.name, one.threshold), palette.series(number)
+            marks.append(Curve.steps(name, colour, lag.time, lag.fraction, end=max(ends)))
     low, high = max(-NEAR_MS, min(starts) - 10.0), min(NEAR_MS, max(ends) + 10.0)
     title = "alarm minus unintended motion, ms"
     time = ChartAxis(title, low, max(high, low + 20.0), unit="ms", line=0.0)

@@ -7,21 +7,18 @@ cannot be read is named on the page and left out: it is no part of the result.
 
 from __future__ import annotations
 
-import itertools
 import json
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from markupsafe import Markup, escape
 
 from ravenjax import robots
-from ravenjax.document import palette, ticks
+from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
-from ravenjax.document.ticks import above
 from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import Section
@@ -50,11 +47,8 @@ MARKS = {
 """What is marked on a path, and the column of facts that says when."""
 
 
-WIDTH, HEIGHT, MARGIN, FOOT = 300, 240, 34, 30  # px of one view, and of what its ticks take
-PARTS = 24
-"""Of a path, each of one colour."""
-RAMP = ("#56b4e9", "#0072b2", "#8b2a6b", "#d9571b")
-"""Colour over time, from blue to vermilion."""
+HEIGHT = 240
+"""Of one view, px."""
 COLOURS = {
     "first effect": palette.SAME,
     "cue": palette.CUE,
@@ -62,8 +56,9 @@ COLOURS = {
     "unintended motion": "series3",
     "loss of motion": "series4",
 }
-MODEL, GOLDEN = palette.SAME, "series2"
-VIEWS = (("x", "y"), ("x", "z"), ("y", "z"))
+PATH_COLOURS = {"true tip": palette.CUE, "nominal model": palette.SAME, "golden run": "series2"}
+VIEWS = ((0, 1), (0, 2), (1, 2))
+"""Axes along and upwards."""
 LEAST_MM = 1.0
 """A path that hardly moves is drawn at this scale."""
 
@@ -200,7 +195,7 @@ def distance(replay: TracedRun) -> Chart:
         at, far = time[[point]], off[[point]]
         text = f"{label} {time[point]:,.0f} ms"
         marks.append(Dots(text, COLOURS[label], at, far, tips=(f"{text}: {off[point]:.2f} mm",)))
-    most = above(1.05 * max(float(off.max()), 0.1))
+    most = 1.05 * max(float(off.max()), 0.1)
     end = max(float(time[-1]), 1.0)
     return Chart(
         "Off the model",
@@ -211,24 +206,39 @@ def distance(replay: TracedRun) -> Chart:
     )
 
 
-def views(replay: TracedRun) -> list[Markup]:
-    """The path as seen along each axis: one drawing each, all at one scale; marks of the class
-    "now" can be moved.
-    """
+def views(replay: TracedRun) -> list[Chart]:
+    """The path as seen along each axis, all at one scale."""
     everything = np.concatenate(list(replay.paths.values()))
     low, high = everything.min(axis=0), everything.max(axis=0)
-    reach = max(float((high - low).max()), LEAST_MM)
-    sides = {name: number for number, name in enumerate("xyz")}
-    room = [
-        min(
-            (WIDTH - MARGIN - 10) / max(high[sides[a]] - low[sides[a]], 0.05 * reach),
-            (HEIGHT - FOOT - 24) / max(high[sides[b]] - low[sides[b]], 0.05 * reach),
-        )
-        for a, b in VIEWS
-    ]
-    scale = 0.92 * min(room)  # px a mm
     middle = (low + high) / 2
-    return [_view(replay, (sides[a], sides[b]), (a, b), middle, scale) for a, b in VIEWS]
+    reach = 0.55 * max(float((high - low).max()), LEAST_MM)
+    tip, far = replay.paths["true tip"], int(replay.deviation_mm.argmax())
+    charts = []
+    for across, up in VIEWS:
+        along, upwards = (
+            ChartAxis(f"{'xyz'[side]}, mm", middle[side] - reach, middle[side] + reach)
+            for side in (across, up)
+        )
+        marks: list[Mark] = [
+            Curve(name, PATH_COLOURS[name], path[:, across], path[:, up], dashed=name != "true tip")
+            for name, path in reversed(replay.paths.items())
+        ]
+        marks += [
+            Dots(
+                label,
+                COLOURS[label],
+                tip[[point], across],
+                tip[[point], up],
+                tips=(f"{label}, {replay.time_ms[point]:,} ms",),
+            )
+            for label, point in replay.marks.items()
+        ]
+        title = (
+            f"path of the tip, at most {replay.deviation_mm[far]:.1f} mm off the nominal model, at"
+            f" {replay.time_ms[far]:,} ms"
+        )
+        charts.append(Chart(title, along, upwards, tuple(marks), HEIGHT, equal=True))
+    return charts
 
 
 def course(replay: TracedRun) -> dict[str, Any]:
@@ -241,119 +251,13 @@ def course(replay: TracedRun) -> dict[str, Any]:
     }
 
 
-def _view(
-    replay: TracedRun,
-    sides: tuple[int, int],
-    names: tuple[str, str],
-    middle: np.ndarray,
-    scale: float,
-) -> Markup:
-    """One view; pixels are (place - origin) * scale, upwards for the second axis."""
-    wide, high = WIDTH - MARGIN - 10, HEIGHT - FOOT - 24
-    across, up = sides
-    left = middle[across] - wide / 2 / scale  # mm at the left edge of the area
-    bottom = middle[up] - high / 2 / scale
-    tip = replay.paths["true tip"]
-    far = int(replay.deviation_mm.argmax())
-    words = (
-        f"Path of the tip in {names[0]} and {names[1]}: the instrument at most"
-        f" {replay.deviation_mm[far]:.1f} mm off the nominal model, at {replay.time_ms[far]:,} ms;"
-        " in mm. The distance over time is in the chart beside it."
-    )
-    x0, y0 = MARGIN - left * scale, 24 + high + bottom * scale
-
-    def pixels(points: np.ndarray) -> np.ndarray:
-        return np.stack([x0 + points[:, across] * scale, y0 - points[:, up] * scale], axis=1)
-
-    parts = [
-        *_grid(left, bottom, wide, high, scale, names),
-        _line(pixels(replay.paths["nominal model"]), f"var(--{MODEL})"),
-    ]
-    if "golden run" in replay.paths:
-        parts.append(_line(pixels(replay.paths["golden run"]), f"var(--{GOLDEN})"))
-    parts += _over_time(pixels(tip))
-    parts += [
-        _dot(pixels(tip[[point]])[0], COLOURS[label], 4, f"{label}, {replay.time_ms[point]:,} ms")
-        for label, point in replay.marks.items()
-    ]
-    parts += [
-        _dot(pixels(points[[0]])[0], colour, 5, "", name)
-        for points, colour, name in (
-            (replay.paths["nominal model"], MODEL, "model"),
-            (tip, palette.CUE, "tip"),
-        )
-    ]
-    return Markup(
-        f'<svg class="view" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(words)}"'
-        f' data-sides="{across} {up}" data-origin="{x0:.2f} {y0:.2f}"'
-        f' data-scale="{scale:.4f}">{"".join(parts)}</svg>'
-    )
-
-
-def _grid(
-    left: float, bottom: float, wide: float, high: float, scale: float, names: tuple[str, str]
-) -> Iterator[str]:
-    yield f'<text class="axis" x="0" y="12">{names[1]}, mm</text>'
-    places = ticks.linear(left, left + wide / scale, 4)
-    for value, label in zip(places, ticks.labels(places), strict=True):
-        x = MARGIN + (value - left) * scale
-        yield f'<line class="grid" x1="{x:.1f}" y1="24" x2="{x:.1f}" y2="{24 + high:.1f}"/>'
-        yield (
-            f'<text class="tick" x="{x:.1f}" y="{24 + high + 15:.1f}"'
-            f' text-anchor="middle">{label}</text>'
-        )
-    places = ticks.linear(bottom, bottom + high / scale, 4)
-    for value, label in zip(places, ticks.labels(places), strict=True):
-        y = 24 + high - (value - bottom) * scale
-        yield (
-            f'<line class="grid" x1="{MARGIN}" y1="{y:.1f}" x2="{MARGIN + wide:.1f}" y2="{y:.1f}"/>'
-        )
-        yield (
-            f'<text class="tick" x="{MARGIN - 5}" y="{y + 4:.1f}" text-anchor="end">{label}</text>'
-        )
-    yield (
-        f'<text class="axis" x="{WIDTH - 4}" y="{HEIGHT - 2}" text-anchor="end">{names[0]},'
-        " mm</text>"
-    )
-
-
-def _line(points: np.ndarray, colour: str, wide: float = 1.6) -> str:
-    path = "L".join(f"{x:.1f},{y:.1f}" for x, y in points)
-    return f'<path class="way" style="stroke:{colour};stroke-width:{wide}" d="M{path}"/>'
-
-
-def _over_time(points: np.ndarray) -> Iterator[str]:
-    """The path in parts, each of the colour of its time."""
-    ends = np.unique(np.linspace(0, len(points) - 1, PARTS + 1).round().astype(int))
-    for number, (first, last) in enumerate(itertools.pairwise(ends)):
-        yield _line(points[first : last + 1], _blend(number / max(1, len(ends) - 2)), 2.4)
-
-
-def _blend(share: float) -> str:
-    """A colour of RAMP, 0 its first, 1 its last."""
-    at = min(share, 1.0) * (len(RAMP) - 1)
-    first = min(int(at), len(RAMP) - 2)
-    ends = [[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in RAMP[first : first + 2]]
-    mixed = [round(a + (b - a) * (at - first)) for a, b in zip(*ends, strict=True)]
-    return "#" + "".join(f"{part:02x}" for part in mixed)
-
-
-def _dot(point: np.ndarray, colour: str, radius: float, tip: str, now: str = "") -> str:
-    words = f' data-tip="{escape(tip)}"' if tip else ""
-    kind = f'now" data-of="{now}' if now else "dot"
-    return (
-        f'<circle class="{kind}" style="--c:var(--{colour})" cx="{point[0]:.1f}"'
-        f' cy="{point[1]:.1f}" r="{radius}"{words}/>'
-    )
-
-
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
     replays, broken = find(folder, runs)
     courses = [json.dumps(course(one), allow_nan=False) for one in replays]
     return {
         "replays": replays,
         "replay_figures": [distance(one) for one in replays],
-        "replay_views": [views(one) for one in replays],
+        "replay_views": [list(zip(VIEWS, views(one), strict=True)) for one in replays],
         "replay_courses": courses,
         "broken_traces": broken,
     }

@@ -15,13 +15,12 @@ import pandas as pd
 
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
-from ravenjax.report.data import counted
-from ravenjax.report.data.counted import Delays, median
 from ravenjax.report.data.facts import FACTS, OUTCOMES
 from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
 from ravenjax.report.sections import Section
+from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share, wilson
-from ravenjax.stats.latency import Incidence, Lead
+from ravenjax.stats.latency import Delays, Incidence, Lead
 from ravenjax.store.access.query import RESULTS, text
 from ravenjax.store.manifest import Manifest
 
@@ -63,7 +62,7 @@ def times(runs: Runs, column: str) -> tuple[Incidence, Lead]:
         runs.delays(event, start, runs.end, UNINTENDED)[""]
         for start in ("active_ms", "unintended_ms")
     )
-    return counted.incidence(delay), counted.lead(lag)
+    return latency.incidence(delay), latency.lead(lag)
 
 
 def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
@@ -118,7 +117,7 @@ def headline(runs: Runs, manifest: Manifest) -> dict[str, Any]:
             name: of_faults(runs, n[name], total) for name in OUTCOMES if name != "failed"
         },
         "cue_first": of_faults(runs, n["cue_first"], n["both"]),
-        "lead_ms": median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
+        "lead_ms": latency.median(leads["ms"].to_numpy(), leads["n"].to_numpy()),
         "false_cue": rate_of(free.came(f"golden_cue{manifest.verdict_cue}_first_ms"), free.count),
     }
 

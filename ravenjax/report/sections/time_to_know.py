@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ravenjax.document.chart import Bars, Chart, ChartAxis
+from ravenjax.document.chart import Bars, Chart, ChartAxis, round_values
 from ravenjax.document.palette import CUE, RESPONSE, SAME
-from ravenjax.document.ticks import above, round_step
-from ravenjax.report.data.counted import incidence
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.report.drawing import log_time, of_incidence, points, share_axis
+from ravenjax.report.drawing import incidence_curve, log_time, points, share_axis
 from ravenjax.report.sections import Section, answers, tables
-from ravenjax.stats.latency import Incidence
+from ravenjax.stats.latency import Incidence, incidence
 
-BINS = 40
+BINS = 60
 
 
 def incidence_curves(runs: Runs, known: Incidence) -> tuple[Chart | None, dict[str, Any]]:
@@ -38,7 +35,9 @@ def incidence_curves(runs: Runs, known: Incidence) -> tuple[Chart | None, dict[s
     )
     end_ms = runs.manifest.duration_ms
     curves = [
-        of_incidence(one, f"{name} ({one.events:,} of {one.n:,})", colour, end_ms, runs.sampled())
+        incidence_curve(
+            one, f"{name} ({one.events:,} of {one.n:,})", colour, end_ms, runs.sampled()
+        )
         for name, colour, one in named
         if one.n
     ]
@@ -62,8 +61,7 @@ def lead_histogram(runs: Runs) -> Chart | None:
     if rows.empty:
         return None
     lead, count = rows["lead"].to_numpy(float), rows["runs"].to_numpy()
-    step = max(1.0, round_step((lead.max() - lead.min()) / BINS))  # ms, at least the tick
-    edges = np.arange(math.floor(lead.min() / step), math.floor(lead.max() / step) + 2) * step
+    edges = np.array(round_values(lead.min(), lead.max() + 1, BINS, whole=True))
     marks, below = [], np.zeros(len(edges) - 1)
     for name, colour, part in (
         ("check first", RESPONSE, lead < 0),
@@ -84,7 +82,7 @@ def lead_histogram(runs: Runs) -> Chart | None:
         label = f"{name} ({heights.sum():,.0f})"
         marks.append(Bars(label, colour, low, high, base, below[filled], tips))
     time = ChartAxis("check minus cue, ms", edges[0], edges[-1], unit="ms", line=0.0)
-    most = max(above(1.02 * float(below.max())), 2.0)
+    most = max(1.05 * float(below.max()), 2.0)
     return Chart("Which first", time, ChartAxis("runs", 0.0, most, whole=True), tuple(marks))
 
 

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.clusters import cluster_bootstrap
-from ravenjax.stats.bootstrap.resample import BootstrapBand
+from ravenjax.stats.bootstrap.resample import BootstrapBand, cluster_bootstrap
 
 GRID = np.linspace(0.0, 1.0, 101)
 
@@ -24,22 +23,6 @@ class CurveBand(NamedTuple):
     grid: np.ndarray  # of fpr or of recall
     curve: BootstrapBand  # tpr or precision, arrays as the grid
     area: BootstrapBand  # AUC or average precision
-
-
-def average_precision(score: ArrayLike, positive: ArrayLike) -> float:
-    """Area under the precision-recall curve of score [n] (any unit, may be infinite) against
-    positive (bool [n]).
-
-    NaN without positives. ValueError where a score is NaN.
-    """
-    from sklearn.metrics import average_precision_score  # slow to import
-
-    values, truth = _scored(score, positive)
-    if not truth.any():
-        return float("nan")
-    # sklearn refuses infinities; only the order matters
-    places = np.unique(values, return_inverse=True)[1]
-    return float(average_precision_score(truth, places))
 
 
 def roc_band(
@@ -53,8 +36,8 @@ def roc_band(
     seed: int = 0,
 ) -> CurveBand:
     """tpr at each fpr of `grid`, and AUC, with bands that resample clusters (label [n];
-    np.arange(n) where each run stands alone). The bands are pointwise. Errors as in
-    `average_precision` and `cluster_bootstrap`."""
+    np.arange(n) where each run stands alone). The bands are pointwise. ValueError where a score is
+    NaN, and as `cluster_bootstrap`."""
 
     def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
         tpr, fpr = (np.insert(part, 0, 0.0) / part[-1] for part in (hits, misses))

@@ -20,8 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.clusters import codes
-from ravenjax.stats.bootstrap.resample import BootstrapBand, quantiles
+from ravenjax.stats.bootstrap.resample import BootstrapBand, codes, quantiles
 from ravenjax.stats.intervals import Estimate, Rate, alpha_of, bounds
 
 FEWEST = 5

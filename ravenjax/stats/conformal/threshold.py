@@ -20,11 +20,11 @@ and it is what `one_each` does.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.conformal.target import FalseAlarmTarget
 from ravenjax.stats.intervals import alpha_of
 
 
@@ -49,6 +49,83 @@ class OperationScores(NamedTuple):
         """The first operation of each unit: independent, whatever a unit's operations share."""
         _, first = np.unique(self.unit, return_index=True)
         return OperationScores(*(values[first] for values in self))
+
+
+class FalseAlarmTarget(NamedTuple):
+    """At most so many false alarms an hour, with so much confidence; and as the risk of one
+    operation.
+
+    An operation lasts T hours, and an alarm ends it, as an E-stop does. With A = 1 where it has an
+    alarm and H <= T the hours of it that count, the rate over many operations is E[A] over the mean
+    hours to the alarm or the end, and that is at most r where
+
+        E[A] <= r E[(1 - A) H]
+
+    which leaves out what was worked before an alarm. That is linear, and the same as E[L] <= a for
+    a loss L in 0..1 of each operation by itself:
+
+        L = A + (1 - A) r (T - H) / (1 + r T),        a = r T / (1 + r T)
+
+    Where all of T counts, L is A. Nothing is approximated; where alarms do not end operations, a is
+    about those with one.
+    """
+
+    per_hour: float  # false alarms an hour, at most
+    confidence: float  # that a calibration keeps it
+    length_h: float  # of an operation, hours
+
+    @property
+    def risk(self) -> float:
+        """Largest mean loss of an operation."""
+        expected = self.per_hour * self.length_h
+        return expected / (1.0 + expected)
+
+    @property
+    def fewest_units(self) -> int:
+        """Independent units, none with an alarm, from which on the promise can be made at all: (1 -
+        a)^n <= 1 - c.
+
+        Hours of operation from independent operators are what counts: units times length is about
+        -ln(1 - c) / r, whatever the length. ValueError unless rate and length are above 0 and the
+        confidence lies between 0 and 1.
+        """
+        if not (
+            self.per_hour > 0 and self.length_h > 0 and math.isfinite(self.per_hour * self.length_h)
+        ):
+            raise ValueError(
+                f"a rate and a length lie above 0, got {self.per_hour} an hour and"
+                f" {self.length_h} h"
+            )
+        # so that rounding does not ask for one more
+        return max(
+            1, math.ceil(math.log(alpha_of(self.confidence)) / math.log1p(-self.risk) - 1e-9)
+        )
+
+    @property
+    def fewest_clusters(self) -> int:
+        """The same for units of several operations, or of which not every hour counts, without any
+        loss: a bet of 1 against the risk grows by 1 + a each, (1 + a)^n >= 1 / (1 - c). Hours that
+        do not count ask for more."""
+        return max(
+            self.fewest_units,
+            math.ceil(-math.log(alpha_of(self.confidence)) / math.log1p(self.risk) - 1e-9),
+        )
+
+    def without_alarm(self, hours: np.ndarray) -> np.ndarray:
+        """Loss of operations without an alarm, by the hours of each that count; [operations].
+
+        ValueError where hours are outside 0..T.
+        """
+        if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
+            raise ValueError(
+                f"hours of an operation lie in 0..{self.length_h:g}, got"
+                f" {hours.min():g}..{hours.max():g}"
+            )
+        return (
+            self.per_hour
+            * np.maximum(self.length_h - hours, 0.0)
+            / (1.0 + self.per_hour * self.length_h)
+        )
 
 
 class Threshold(NamedTuple):
@@ -131,3 +208,35 @@ def naive(operations: OperationScores, target: FalseAlarmTarget) -> float:
     with.
     """
     return float(np.quantile(operations.score, 1.0 - target.risk, method="higher"))
+
+
+SHARE = 0.95
+"""Quantile of an operation's maxima that is the scale of a signal in a segment."""
+LEAST = 1e-6
+"""Scale of a signal that is always less, times its largest scale in any segment."""
+
+
+def scales(peaks: np.ndarray) -> np.ndarray:
+    """Scale of each signal in each segment from maxima [operations, signals, segments]; float32
+    [signals, segments].
+
+    A signal that is 0 in all segments has scale 1 there. ValueError without operations, or where
+    one is not finite.
+    """
+    if not len(peaks) or not np.isfinite(peaks).all():
+        raise ValueError("scales are learned on finite maxima of at least one operation")
+    level = np.quantile(peaks, SHARE, axis=0)
+    largest = level.max(axis=-1, keepdims=True)
+    level = np.maximum(level, LEAST * largest)
+    return np.where(level > 0, level, 1.0).astype(np.float32)
+
+
+def joint(peaks: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """The score of each operation: the largest of its maxima [operations, signals, segments] in
+    their scales.
+
+    In float32, as a monitor computes it: division by a positive number keeps the order, so this is
+    the largest over time of what the monitor has in each millisecond, to the bit.
+    """
+    shares = peaks.astype(np.float32) / scale.astype(np.float32)
+    return shares.reshape(len(peaks), -1).max(axis=1)

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.comparison.independent import rate_difference
-from ravenjax.stats.intervals import Estimate, Rate, rates
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, rates
 from ravenjax.stats.multiplicity import holm
 
 _FEW = 5  # expected count below which the chi-squared law no longer holds (Cochran 1954)

@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 
 from ravenjax.stats.bootstrap.resample import quantiles
 from ravenjax.stats.bootstrap.units import FEWEST, Units
-from ravenjax.stats.comparison.independent import rate_difference
 from ravenjax.stats.inputs.association import Dependence, InputLevel, judge, thirds
-from ravenjax.stats.intervals import Estimate, Rate, share, wilson
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, share, wilson
 
 _DRAWS = 9999
 _MANY = 50  # units from which on the normal law stands for draws

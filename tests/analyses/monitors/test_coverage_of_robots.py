@@ -12,9 +12,8 @@ from ravenjax.analyses.monitors import calibrate
 from ravenjax.analyses.monitors.monitor import WHOLE, split_scores
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.campaign import loading
-from ravenjax.stats.conformal import bands, shift, threshold
-from ravenjax.stats.conformal.target import FalseAlarmTarget
-from ravenjax.stats.conformal.threshold import OperationScores
+from ravenjax.stats.conformal import shift, threshold
+from ravenjax.stats.conformal.threshold import FalseAlarmTarget, OperationScores
 
 ROBOTS, LENGTH_S, UNITS, CALIBRATIONS = 4, 4.0, 60, 200
 VARIED = {
@@ -33,7 +32,7 @@ def operations(folder, name, changes, count, seed):
 
 
 def joint(peaks, scale):
-    return OperationScores(peaks.unit, bands.joint(peaks.peak[:, :, None], scale), peaks.hours)
+    return OperationScores(peaks.unit, threshold.joint(peaks.peak[:, :, None], scale), peaks.hours)
 
 
 @pytest.mark.slow
@@ -41,7 +40,7 @@ def joint(peaks, scale):
 def test_calibrations_keep_the_risk_with_their_confidence(tmp_path, name):
     peaks = operations(tmp_path, name, VARIED[name], 150, 1)
     learns = peaks.unit < 20
-    scale = bands.scales(peaks.peak[learns][:, :, None])
+    scale = threshold.scales(peaks.peak[learns][:, :, None])
     population = joint(peaks.taken_from(~learns), scale)
     target, rng, broken, naive = (
         FalseAlarmTarget(80.0, 0.9, LENGTH_S / 3600),
@@ -71,7 +70,7 @@ def test_a_robot_with_other_friction_is_a_shift(tmp_path):
     first = slice(None, None, ROBOTS)  # of each operator
     same = operations(tmp_path, "same", [], 80, 1)
     worn = operations(tmp_path, "worn", ["parameters.plant.friction_scale=5"], 20, 2)
-    scale = bands.scales(same.peak[: 10 * ROBOTS][:, :, None])
+    scale = threshold.scales(same.peak[: 10 * ROBOTS][:, :, None])
     own = joint(same, scale).score[first][10:]
     assert shift.shift(own[:50], own[50:]).p > 0.001
     tip = -1  # the last term: the distance from the nominal model

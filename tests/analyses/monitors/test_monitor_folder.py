@@ -32,7 +32,7 @@ from ravenjax.analyses.monitors.operations import OperatorScores
 from ravenjax.analyses.monitors.scores import catalogue
 from ravenjax.errors import StoreError, UserError
 from ravenjax.robots.raven2 import ROBOT
-from ravenjax.stats.conformal.target import FalseAlarmTarget
+from ravenjax.stats.conformal.threshold import FalseAlarmTarget
 
 CAMPAIGN = """
 [campaign]

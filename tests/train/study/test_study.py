@@ -15,7 +15,7 @@ import pytest
 import synthetic_session as synthetic
 
 from ravenjax.errors import UserError
-from ravenjax.stats.comparison import independent
+from ravenjax.stats import intervals
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.protocol.frame import FrameLayout
@@ -246,7 +246,7 @@ def test_one_hazard_a_participant_is_the_usual_risk_difference(tmp_path):
         session(tmp_path, f"A{i}", "cue", [met(0, 500.0) if i else missed(0)])
         session(tmp_path, f"B{i}", "control", [met(0, 500.0) if i < 3 else missed(0)])
     right, time = comparison.compare(study_sessions.collect([tmp_path]))[:2]
-    expected = independent.rate_difference(7, 8, 3, 8)
+    expected = intervals.rate_difference(7, 8, 3, 8)
     assert right.difference == pytest.approx([100 * bound for bound in expected])
     assert math.isinf(time.first.median)
 

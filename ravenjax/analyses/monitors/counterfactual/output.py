@@ -23,6 +23,7 @@ from ravenjax.campaign import writing
 from ravenjax.document import palette
 from ravenjax.document.figure_style import INK, STYLE
 from ravenjax.report import downloads, wording
+from ravenjax.report.drawing import save_figure
 from ravenjax.stats.intervals import bounds
 from ravenjax.store.files import require_writable, write_aside
 
@@ -75,7 +76,7 @@ def draw(one: Counterfactual, path: Path) -> None:
         )
         axes.yaxis.set_major_formatter(_percent)
         axes.legend(loc="upper right", fontsize=8)
-        drawing.savefig(path, format="svg", metadata={"Date": None})
+        save_figure(drawing, path)
 
 
 def _leads(one: Counterfactual, promise: Promise) -> np.ndarray:
@@ -105,7 +106,7 @@ def write(one: Counterfactual, place: Path) -> list[Path]:
     require_writable(folder)
     paths = [place / TABLE, place / FIGURE]
     _write(paths[0], downloads.text(table(one)))
-    write_aside(paths[1], lambda target: draw(one, target))
+    draw(one, paths[1])
     for member, name in zip(one.promise.members, names(one), strict=True):
         part = one.parts[member]
         paths.append(folder / f"{name}.py")

@@ -4,6 +4,7 @@ still went.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.document import palette
-from ravenjax.document.chart import EMPTY, Chart, ChartAxis, Curve, Dots
-from ravenjax.document.steps import steps
-from ravenjax.document.ticks import above
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.drawing import share_axis
 from ravenjax.report.sections import Section
@@ -34,7 +33,6 @@ def spared(rows: Sequence[Difference]) -> Chart:
     marks = []
     for number, action in enumerate(actions):
         mine = [row for row in rows if row.action == action and np.isfinite(row.distance_mm.value)]
-        sampled = bool(np.isfinite([row.distance_mm.low for row in mine]).all())
         shift = (number - (len(actions) - 1) / 2) * 0.22
         value, low, high = (np.array([row.distance_mm[part] for row in mine]) for part in range(3))
         places = np.array([classes.index(row.among) + shift for row in mine])
@@ -42,12 +40,11 @@ def spared(rows: Sequence[Difference]) -> Chart:
             f"{action}, {row.among}: {row.distance_mm.value:.2f} mm, {row.n:,} pairs"
             for row in mine
         )
-        edges = (low, high) if sampled else (EMPTY, EMPTY)
-        marks.append(Dots(action, palette.series(number), value, places, *edges, tips=tips))
+        marks.append(Dots(action, palette.series(number), value, places, low, high, tips=tips))
     ends = np.concatenate(
         [[0.0], *(edge for one in marks for edge in (one.x, one.x_low, one.x_high))]
     )
-    low, high = (above(1.05 * abs(float(end))) if end else 0.0 for end in (ends.min(), ends.max()))
+    low, high = (1.05 * abs(float(end)) for end in (np.nanmin(ends), np.nanmax(ends)))
     across = ChartAxis(
         "how far the tip went by itself, with minus without, mm",
         -low,
@@ -73,10 +70,9 @@ def exceedance(frame: pd.DataFrame, facts: pd.DataFrame) -> Chart:
         values = np.sort(part[pairs.EXCURSION].to_numpy(float))
         x = np.concatenate([[LEAST_MM], values[values > LEAST_MM]])
         beyond = 1.0 - np.searchsorted(values, x, side="right") / max(1, len(values))
-        line = steps(x, beyond)
         colour = palette.series(acting.index(number)) if number else palette.SAME
-        name, dashed = MEANINGS[ACTIONS[number]], not number
-        curves.append(Curve(name, colour, line.x, line.y, step=True, dashed=dashed))
+        curve = Curve.steps(MEANINGS[ACTIONS[number]], colour, x, beyond)
+        curves.append(dataclasses.replace(curve, dashed=not number))
     far = max(max(float(curve.x[-1]) for curve in curves), 10.0)
     across = ChartAxis("how far the tip went by itself, mm", LEAST_MM, far, log=True, unit="mm")
     return Chart(

@@ -1,0 +1,249 @@
+"""Draws a chart by matplotlib: on axes, for print, and as SVG for a page.
+
+On a page colours are the style sheet's custom properties, so that both of its schemes hold for
+charts, and groups say of which series they are, so that the page's script can hide them.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from markupsafe import Markup, escape
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+
+from ravenjax.document.chart import Bars, Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.figure_style import INK, SOFT, STYLE
+from ravenjax.document.palette import PALETTE
+
+WIDTHS = {"wide": 520, "narrow": 330}
+"""Of the drawings for a page, px, of which the style sheet shows one."""
+ABOUT = 76
+"""Height of titles and ticks, px."""
+BAND, FAINT, MANY = 0.16, 0.07, 3
+"""How much a band covers; the second where more than MANY overlap."""
+LONGEST = 0.05
+"""Letters of a name beside an axis, a px of the width; longer ones are cut, the table of numbers
+has them whole.
+"""
+PRINTED = 0.6
+"""Size of dots and lines in print, times that on a page."""
+PAGE_STYLE: dict[Any, Any] = STYLE | {
+    "font.size": 12,
+    "axes.facecolor": "none",
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 12,
+    "xtick.major.size": 0,
+    "ytick.major.size": 0,
+    "axes.spines.left": False,
+    "axes.axisbelow": True,
+    "figure.constrained_layout.w_pad": 0,
+    "figure.constrained_layout.h_pad": 0,
+    "grid.linewidth": 1.0,
+    "ytick.major.pad": 6,
+}
+_PAPER, _GRID = "#ffffff", STYLE["grid.color"]
+_NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
+    INK: "ink",
+    SOFT: "soft",
+    _GRID: "line",
+    _PAPER: "paper",
+}
+"""Custom property of each colour."""
+_REPLACED = tuple(
+    (re.compile(pattern, re.DOTALL), replacement)
+    for pattern, replacement in (
+        # the style sheet says it
+        (r"<metadata>.*?</metadata>|<style.*?</style>", ""),
+        (r"font-(?:size|family): [^;\"]*;? ?", ""),
+        (r'id="mark (\S+) (\w+) \d+"', r'class="mark \2" data-series="\1"'),
+        (r'id="hit"', 'class="hit"'),
+        (r"<a xlink:href=(([\"']).*?\2) target=\"_blank\">(.*?)</a>", r"<g data-tip=\1>\3</g>"),
+        # a saved drawing declares no such prefix
+        ("xlink:href", "href"),
+    )
+)
+
+
+def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str] = ()) -> Markup:
+    """The chart as SVG, once for each of `kinds` of WIDTHS; described_by: id of the element that
+    holds its numbers.
+    """
+    with matplotlib.rc_context(PAGE_STYLE):
+        drawings = [_page_drawing(chart, kind, described_by) for kind in kinds or WIDTHS]
+    return Markup("\n").join(drawings)
+
+
+def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
+    width, height = WIDTHS[kind], chart.height + ABOUT
+    figure = Figure(figsize=(width / 72, height / 72), layout="constrained", frameon=False)
+    axes = figure.subplots()
+    draw(chart, axes, page=True, longest=int(LONGEST * width))
+    axes.set_xlabel(chart.x.title, loc="right")
+    figure.suptitle(chart.y.title, x=0, ha="left", fontsize=12)
+    file = io.StringIO()
+    figure.savefig(file, format="svg", metadata={"Date": None})
+    text = file.getvalue()
+    inner = text[text.index(">", text.index("<svg")) + 1 :]
+    for pattern, replacement in _REPLACED:
+        inner = pattern.sub(replacement, inner)
+    inner = re.sub("#[0-9a-f]{6}", lambda hit: _property(hit[0]), inner)
+    inner = with_own_ids(inner, f"{described_by}-{kind}")
+    return Markup(
+        f'<svg class="{kind}" viewBox="0 0 {width} {height}" role="img"'
+        f' aria-label="{escape(chart.words())}" aria-describedby="{escape(described_by)}">{inner}'
+    )
+
+
+def _property(colour: str) -> str:
+    return f"var(--{_NAMES[colour]})" if colour in _NAMES else colour
+
+
+def with_own_ids(svg: str, prefix: str) -> str:
+    """SVG with ids that no other drawing of a page has."""
+    svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', svg)
+    svg = re.sub(r'(xlink:href|href)="#([^"]+)"', rf'\1="#{prefix}-\2"', svg)
+    return re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", svg)
+
+
+def print_figure(chart: Chart, width: float) -> Figure:
+    """The chart with its legend, for print; width in inches."""
+    names = [name for name, _, visible in chart.legend() if visible]
+    size = (width, 1.2 + chart.height / 150 + 0.13 * len(names))
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots()
+    draw(chart, axes)
+    axes.set(xlabel=chart.x.title, ylabel="" if chart.y.names else chart.y.title)
+    handles, labels = axes.get_legend_handles_labels()
+    # of marks of one name the first
+    by_name = dict(zip(reversed(labels), reversed(handles), strict=True))
+    shown = [name for name in names if name in by_name]
+    if shown:
+        figure.legend(
+            [by_name[name] for name in shown], shown, loc="outside upper left", fontsize=7
+        )
+    return figure
+
+
+def draw(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
+    """Draw on empty axes; legend and titles are the caller's. page: with what the page's script
+    needs, and with what is not shown at first.
+    """
+    series = {name: number for number, (name, *_) in enumerate(chart.legend())}
+    marks = [mark for mark in chart.marks if page or mark.visible]
+    bands = sum(mark.visible and isinstance(mark, Curve) and len(mark.low) > 0 for mark in marks)
+    scale, artists = 1.0 if page else PRINTED, 0
+    for mark in marks:
+        if isinstance(mark, Curve):
+            drawn = _curve(mark, axes, FAINT if bands > MANY else BAND, scale)
+        else:
+            drawn = (_dots if isinstance(mark, Dots) else _bars)(mark, axes, scale)  # pyright: ignore[reportArgumentType]
+        for artist in drawn if page else list(drawn)[:0]:
+            artist.set_gid(
+                f"mark {series.get(mark.name, -1)} {'on' if mark.visible else 'off'} {artists}"
+            )
+            artists += 1
+    for name, axis in (("x", chart.x), ("y", chart.y)):
+        _scale(axes, name, axis, longest)
+    if chart.equal:
+        axes.set_aspect("equal")
+    axes.patch.set_gid("hit")
+
+
+def _scale(axes: Axes, name: str, axis: ChartAxis, longest: int) -> None:
+    own = getattr(axes, f"{name}axis")
+    if axis.log:
+        getattr(axes, f"set_{name}scale")("log")
+    limits = (axis.low, axis.high) if not axis.names else (len(axis.names) - 0.5, -0.5)
+    getattr(axes, f"set_{name}lim")(*limits)
+    if axis.names:
+        names = [word if len(word) <= longest else f"{word[: longest - 1]}…" for word in axis.names]
+        own.set_ticks(range(len(names)), names)
+        own.grid(False)
+    else:
+        own.set_minor_locator(NullLocator())
+        own.set_major_formatter(lambda value, _: axis.label(value))
+        if not axis.log:
+            own.get_major_locator().set_params(nbins=6 if name == "y" else 5, integer=axis.whole)
+    if axis.line is not None:
+        (axes.axvline if name == "x" else axes.axhline)(axis.line, color=SOFT, lw=1.2, zorder=1)
+
+
+def _colour(mark: Mark) -> str:
+    return PALETTE[mark.colour].light
+
+
+def _label(mark: Mark) -> str:
+    return mark.name if mark.in_legend else "_"
+
+
+def _curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
+    step: Any = {"step": "post"} if mark.step else {}
+    style: Any = {"drawstyle": "steps-post"} if mark.step else {}
+    if len(mark.low):
+        yield axes.fill_between(
+            mark.x, mark.low, mark.high, color=_colour(mark), alpha=alpha, lw=0, **step
+        )
+    (line,) = axes.plot(
+        mark.x,
+        mark.y,
+        color=_colour(mark),
+        lw=scale * (1.5 if mark.dashed else 2.2),
+        ls=(0, (4, 2)) if mark.dashed else "-",
+        label=_label(mark),
+        **style,
+    )
+    yield line
+
+
+def _dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
+    look: Any = {"color": _colour(mark), "lw": 1.6 * scale, "alpha": 0.55, "zorder": 2}
+    if len(mark.x_low):
+        yield axes.hlines(mark.y, mark.x_low, mark.x_high, **look)
+    if len(mark.y_low):
+        yield axes.vlines(mark.x, mark.y_low, mark.y_high, **look)
+    sizes = scale * np.array(mark.size or (8.0,) * len(mark.x))
+    dots = axes.scatter(
+        mark.x,
+        mark.y,
+        sizes**2,
+        _colour(mark),
+        marker="D" if mark.diamond else "o",
+        edgecolors=_PAPER,
+        linewidths=1.2 * scale,
+        clip_on=False,
+        zorder=3,
+        label=_label(mark),
+    )
+    dots.set_urls(mark.tips or [None] * len(mark.x))  # pyright: ignore[reportArgumentType]
+    yield dots
+    beside: dict[tuple[float, float], list[str]] = {}
+    for x, y, text in zip(mark.x, mark.y, mark.texts, strict=False):
+        if text:
+            beside.setdefault((float(x), float(y)), []).append(text)
+    for place, texts in beside.items():
+        yield axes.annotate(", ".join(texts), place, (6, 4), textcoords="offset points")
+
+
+def _bars(mark: Bars, axes: Axes, scale: float) -> Iterator[Any]:
+    bars = axes.bar(
+        mark.left,
+        mark.top - mark.bottom,
+        mark.right - mark.left,
+        mark.bottom,
+        align="edge",
+        color=_colour(mark),
+        label=_label(mark),
+    )
+    for bar, tip in zip(bars, mark.tips or [None] * len(mark.left), strict=True):
+        bar.set_url(tip)
+        yield bar
