@@ -222,7 +222,7 @@ def motion_name(config: CampaignConfig) -> str | None:
     are recorded or own.
     """
     operator = getattr(config, "operator", None)
-    names = tuple(config.words().get("Operator", {}).get("motion", ()))
+    names = config.generated_motions()
     if operator is None or not names or operator.file is not None or operator.hands is not None:
         return None
     return operator.motion or names[0]
@@ -235,7 +235,7 @@ def motions(ready: Plan) -> dict[str, Any]:
     own = motion_name(ready.config)
     columns = {own or "": ready.columns}
     if own is not None:
-        names = tuple(ready.config.words()["Operator"]["motion"])
+        names = ready.config.generated_motions()
         small = len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES
         others = {name: _motion(ready, name) for name in names if small and name != own}
         columns |= {name: other for name, other in others.items() if other is not None}

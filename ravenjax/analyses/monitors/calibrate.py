@@ -160,8 +160,7 @@ def motions(config: CampaignConfig) -> tuple[str, ...]:
     """Generated motions that differ with their seed."""
     from ravenjax.store.access.fault_free import UNVARIED
 
-    words = type(config).words().get("Operator", {}).get("motion", ())
-    return tuple(motion for motion in words if motion not in UNVARIED)
+    return tuple(motion for motion in config.generated_motions() if motion not in UNVARIED)
 
 
 def measuring(

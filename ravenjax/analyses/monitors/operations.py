@@ -110,7 +110,7 @@ def require(config: CampaignConfig, design: OperationDesign) -> None:
             f"the operator is a recording ({operator['file']}), which has no other motion to draw:"
             " give a campaign whose operator.motion is generated"
         )
-    names = type(config).words().get("Operator", {}).get("motion", design.motions)
+    names = config.generated_motions() or design.motions
     if unknown := [motion for motion in design.motions if motion not in names]:
         expected = f"{', '.join(names)}{suggestion(unknown[0], names)}"
         raise UserError(f"motion {unknown[0]!r} is none: expected one of {expected}")

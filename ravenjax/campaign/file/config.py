@@ -213,6 +213,10 @@ class CampaignConfig(Section):
         """Control cycles that a packet of the console lasts at the mean."""
         return 1.0
 
+    def generated_motions(self) -> tuple[str, ...]:
+        """Names of the motions that the robot can generate."""
+        return ()
+
     def complaints(self) -> Iterator[Complaint]:
         """(key, message) of what is wrong with the robot's own words."""
         return iter(())

@@ -26,8 +26,7 @@ from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.report import wording
 from ravenjax.report.data import draws
-from ravenjax.stats.comparison.independent import rate_difference
-from ravenjax.stats.intervals import Estimate, Rate, wilson
+from ravenjax.stats.intervals import Estimate, Rate, rate_difference, wilson
 
 TIP_ERROR = "tip_error_bound"
 """The candidate that is the built-in detector `tip_error`, where a robot has its signal."""

@@ -24,6 +24,7 @@ from ravenjax.robots.raven2.campaign.sections import (
     RavenCampaign,
     Reaction,
 )
+from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
@@ -168,6 +169,10 @@ class RavenConfig(CampaignConfig):
     def substeps(self) -> int:
         """Steps of the plant in a tick."""
         return self.campaign.substeps
+
+    def generated_motions(self) -> tuple[str, ...]:
+        """Names of the motions that the robot can generate."""
+        return tuple(MOTIONS)
 
     def complaints(self) -> Iterator[Complaint]:
         """(key, message) of what is wrong with the robot's own words."""
