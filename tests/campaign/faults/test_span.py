@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ravenjax.campaign.faults import span
 from ravenjax.campaign.faults.table import ARRAYS, FOREVER_TICKS
-from ravenjax.faults import fault, window
+from ravenjax.faults import fault
 from ravenjax.numbers.setup import Injection
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.effects import TRIGGER_CODES
@@ -51,12 +51,12 @@ def active_ticks(slots, cycles, down):
     )
     state, ticks = fault.init(setup), []
     for tick in range(TICKS):
-        clocks = window.TriggerClocks(
+        clocks = fault.TriggerClocks(
             jnp.int32(tick),
             jnp.int32(tick // cycles + 1),
             jnp.int32(tick - down - 1 if tick > down else -1),
         )
-        state = window.open_windows(setup, records, state, clocks)
+        state = fault.open_windows(setup, records, state, clocks)
         if any(bool(slot.active) for slot in state.slots):
             ticks.append(tick)
     return ticks

@@ -7,8 +7,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from evaluated_program import in_python
 
-from ravenjax.engines.cpu import python
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.loop import control
@@ -91,12 +91,12 @@ def test_a_fault_after_the_checks_reaches_the_boards():
     def strike(site, signal, present=True):
         return tuple(Vec.full(7, jnp.int32(32767)) for _ in signal) if site == "usb_out" else signal
 
+    def cycle(*given):
+        return control.cycle(setup, *given, strike)
+
     given = arguments(setup)
-    jaxpr, (_, shape) = jax.make_jaxpr(
-        lambda *a: control.cycle(setup, *a, strike), return_shape=True
-    )(*given)
-    cycle, signals = python.compile(jaxpr), jax.tree.structure(shape)
-    numbers = cycle(cycle.represent(jax.tree.leaves(given)))
+    signals = jax.tree.structure(jax.eval_shape(cycle, *given)[1])
+    numbers = in_python(cycle, *given)(jax.tree.leaves(given))
     arm = jax.tree.unflatten(signals, numbers[-signals.num_leaves :]).arms[0]
     assert [int(x) for x in arm.current_cmd_written] == [32767] * 7
     assert [int(x) for x in arm.current_cmd_checked] == [0] * 7
