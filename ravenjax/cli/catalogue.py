@@ -284,6 +284,7 @@ def parameters(
         if file is not None
         else loading.from_dict(plain, overrides=overrides or ())
     )
+    loading.check_parameters(config)
     every = parameter_rows(config)
     rows = [row for row in every if path in row[0] and not bounds.reserved(config.robot, row[0])]
     if not rows:

@@ -131,5 +131,5 @@ def test_what_the_authors_law_cannot_tell_is_refused(changes, words):
     )
     raw |= {name: value for name, value in changes.items() if name != "cables"}
     with pytest.raises(UserError) as error:
-        loading.from_dict(raw)
+        plan.make_plan(loading.from_dict(raw))
     assert words in str(error.value)

@@ -76,7 +76,7 @@ def test_a_resolved_campaign_needs_the_file_no_more(tmp_path) -> None:
     [
         ("[parameters", "is no TOML"),
         ("[group]\nname = 1", r"has group, expected \[campaign\] and \[parameters\] alone"),
-        (ROBOTS.replace(", 0.4]", "]"), "has 2 values, drawn together with 3 of"),
+        (ROBOTS.replace(", 0.4]", "]"), "together takes lists of one length, got lengths"),
         (ROBOTS.replace("together = [0.2, 0.3, 0.4]", "together = []"), "together takes a list"),
         (ROBOTS.replace("bias", "bais"), "bais"),
     ],

@@ -138,7 +138,8 @@ def test_quantiles_of_delays_are_those_of_kaplan_and_meier():
     came = delay < 15
     own = units.units(np.arange(300))
     for fraction in (0.25, 0.5):
-        curve = latency.incidence(np.minimum(delay, 15), came).quantile_interval(fraction)
+        delays = latency.Delays(np.minimum(delay, 15), came, np.ones(300, int))
+        curve = latency.incidence(delays).quantile_interval(fraction)
         band = latency.quantile(np.minimum(delay, 15), came, fraction, own)
         assert band.value == curve.value and band[1:] == pytest.approx(curve[1:], rel=0.06)
     never = latency.quantile(np.minimum(delay, 15), came, 0.9, own)

@@ -122,7 +122,10 @@ def _unfit(robot: Robot, path: str, axis: Axis, known: list[str]) -> str:
     if path not in known:
         part = path.partition(".")[0]
         if of(robot, path) and not any(one.startswith(f"{part}.") for one in known):
-            return f"unknown parameter: this campaign has no part {part!r}, see the reference"
+            return (
+                f"unknown parameter: this campaign has no part {part!r}: add the section of the"
+                " file that it belongs to"
+            )
         return f"unknown parameter{suggestion(path, known)}"
     parts = [one.rpartition(".")[2] for one in known if one.rpartition(".")[0] == path]
     parts = [part for part in parts if part in paths.components(robot.joints)]

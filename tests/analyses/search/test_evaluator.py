@@ -150,9 +150,3 @@ def test_an_unknown_outcome_or_parameter_is_refused(template):
     wrong = RAW | {"parameters": {"plant.frictoin_scale": {"uniform": [0.7, 1.4]}}}
     with pytest.raises(UserError, match=r"plant\.friction_scale"):
         Evaluator(Template(loading.from_dict(wrong).campaign), [outcome.parse(WANTED[0])])
-
-
-def test_a_value_that_the_channel_cannot_take_is_refused(template):
-    evaluator = Evaluator(template, [outcome.parse(WANTED[0])])
-    with pytest.raises(UserError, match="whole number"):
-        evaluator(np.array([0]), np.array([[0.5, 260.0, 1.0]]))

@@ -134,7 +134,7 @@ def test_an_override_is_named_as_such(tmp_path):
     [
         ({"kind": "sobol", "outcomes": ["jump_code"], "n": 100}, "such as 64 or 128"),
         ({"kind": "morris", "outcomes": ["jump_code"], "levels": 5}, "such as 6"),
-        ({"kind": "sobol", "outcomes": []}, "at least 1 item"),
+        ({"kind": "sobol", "outcomes": []}, "expected a list of at least 1"),
         ({"kind": "sobol", "outcomes": ["jump_code"]}, "at least 2 distribution"),
         ({"kind": "rare", "event": "jump_code"}, "how near a run came"),
         ({"kind": "rare", "event": "peak_model_deviation_mm >= 3", "runs": 1005}, "such as 1000"),

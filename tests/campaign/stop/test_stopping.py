@@ -120,7 +120,7 @@ def test_events_are_those_of_the_report(event):
         (
             {"rates": ["evade"]},
             "stop.rates[0]",
-            "got 'evade', expected one of evades, evades_built_in,",
+            "unknown rate 'evade', expected one of evades, evades_built_in,",
         ),
         ({"rates": ["cue", "cue"]}, "stop", "rates = ['cue', 'cue'], expected each once"),
         ({"rates": []}, "stop.rates", "at least 1"),
