@@ -16,7 +16,7 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {"tokens": 567_500, "lines": 89_500, "modules": 573, "lines of tests": 66_000}
+LIMITS = {"tokens": 500_500, "lines": 78_600, "modules": 466, "lines of tests": 58_900}
 COUNTED = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
 
 
