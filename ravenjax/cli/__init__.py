@@ -83,7 +83,7 @@ app.register_install_completion_command(
 
 @app.command
 def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
-    """Print the completion script of a shell, to be sourced where installing is not wanted.
+    """Print the completion script of a shell, without installing it.
 
     Parameters
     ----------

@@ -30,13 +30,12 @@ def calibrate(
     ask: str = EVERYTHING,
     draws: int = 200,
 ) -> None:
-    """Find your robot's parameters in a log of its joints, and write robots that a campaign can
-    draw from.
+    """Estimate your robot's parameters from a log of its joints.
 
-    Friction, offsets, motor constants, cables and delays; what the log does not tell stays as it
-    was believed. The log's first half is fitted to, the second judges the fit, beside bare rotors,
-    which know nothing of the arm. A campaign with `[parameters] from = "my_robot.toml"` then draws
-    a robot for each run.
+    Friction, offsets, motor constants, cables and delays. The first half of the log is fitted,
+    the second half judges the fit, beside bare rotors as a null model. Parameters that the log
+    does not determine keep their prior. A campaign with `[parameters] from = "my_robot.toml"`
+    then draws a robot for each run.
 
     Parameters
     ----------

@@ -58,8 +58,7 @@ def campaigns(*, as_json: AsJson = False) -> None:
 
 
 def faults(word: str | None = None, *, as_json: AsJson = False) -> None:
-    """List what a fault may be: layers, sites with their channels, effects, triggers, and the
-    library of hazards.
+    """List layers, fault sites and channels, effects, triggers, and the hazard library.
 
     Parameters
     ----------
@@ -260,11 +259,10 @@ def parameters(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the parameters that a campaign may vary: what they are, the values that they have
-    without it, their ranges.
+    """List the parameters that a campaign may vary, with default, range and meaning.
 
-    One path names one number, or a vector of one number a joint or axis; PATH.elbow names the
-    elbow's alone.
+    A path names one number, or a vector with one number per joint or axis; PATH.elbow names
+    that of the elbow.
 
     Parameters
     ----------

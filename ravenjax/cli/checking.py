@@ -27,10 +27,9 @@ def check(
     limit: Annotated[int | None, Parameter(validator=console.SOME)] = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
-    """Say what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
-    Computes nothing.
+    """Show what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
 
-    Refuses what `ravenjax run` would refuse, with exit code 2.
+    Simulates nothing. Refuses what `ravenjax run` would refuse, with exit code 2.
 
     Parameters
     ----------

@@ -29,12 +29,12 @@ def counterfactual(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Choose the few checks that would have seen the faults that evade the robot's own, and state
-    their price.
+    """Select a few additional checks that would detect the faults that evade, and their false
+    alarms.
 
-    Candidates are bounds, rates and residuals of every signal that the robot has. All of them watch
-    the campaign's runs once. Half of the faults chooses, the other half states; false alarms are of
-    motion that served nothing else.
+    Candidates are bounds, rates and residuals of every signal of the robot. All observe the
+    same runs. Half of the faults selects the checks, and the other half measures them. Separate
+    motion measures the false alarms.
 
     Parameters
     ----------

@@ -36,12 +36,11 @@ def evidence(
     ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Write what a risk file asks for: failure modes, hazards and their runs, unsafe control
-    actions, an argument.
+    """Write evidence for a risk file: failure modes, hazards, unsafe control actions, an argument.
 
-    Every number leads to runs, and every file to its checksum. It makes no claim of conformity with
-    any standard. With --check it ends with code 1 where something no longer holds, and that is red
-    in the argument.
+    Every number leads to runs, and every file has a checksum. It claims no conformity with any
+    standard. With --check the exit code is 1 if something no longer holds; the argument shows
+    it in red.
 
     Parameters
     ----------

@@ -24,11 +24,10 @@ def explain(
     engine: str = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Say how a fault became a failure: which signal differs from the golden run when, and where it
-    was visible first.
+    """Explain how a fault became a failure: which signal differed first, and where a check could
+    detect it.
 
-    Without run ids, --worst and --group every run with a fault is explained, and all together are
-    summarised.
+    Without run ids, --worst and --group, all runs with a fault are explained and summarised.
 
     Parameters
     ----------

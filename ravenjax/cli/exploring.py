@@ -19,11 +19,10 @@ def explore(
     gallery: Path | None = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a page that computes a campaign's faults in any browser: a map, runs in 3D, the
-    smallest harmful fault.
+    """Write a page that simulates faults of a campaign in any browser.
 
-    The page holds the robot, its control software and its checks as WebAssembly, opens from a file
-    and asks no network. Given a result folder it shows that folder's runs, too.
+    The page contains the robot, its control software and its checks as WebAssembly. It is one
+    file and needs no network. For a result folder it also shows that folder's runs.
 
     Parameters
     ----------

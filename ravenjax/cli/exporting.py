@@ -22,12 +22,11 @@ def export(
     cpu: Literal["portable", "native"] = "portable",
     as_json: AsJson = False,
 ) -> int:
-    """Write the control software and the virtual robot as a C library: header, object, shared
-    library, example.
+    """Write the control software and the virtual robot as a C library.
 
-    Each is one `step` a millisecond on plain structs, without allocation, with the bits of
-    `rj.ControlSoftware` and `rj.VirtualRobot`. The shared library takes a C compiler to link; the
-    object does not.
+    Header, object, shared library and example. Each part is one `step` per millisecond on plain
+    structs, without memory allocation, with the bits of `rj.ControlSoftware` and
+    `rj.VirtualRobot`. Only the shared library needs a C compiler.
 
     Parameters
     ----------

@@ -30,11 +30,10 @@ def bench(
         Parameter(help="how long it may take, about; default: 160, and 35 of a quick run"),
     ] = None,
 ) -> int:
-    """Measure this machine: engines beside MuJoCo and MJX, commands from the shell, cores, GPUs,
-    faults by their time.
+    """Measure the speed of this machine, and compare it with MuJoCo and MJX.
 
-    Each part runs in a process of its own. What no longer fits into the time is left out and
-    named. Exit code 1: nothing could be measured.
+    Each part runs in its own process. Parts that do not fit into the time are named and left
+    out. The exit code is 1 if nothing could be measured.
     """
     from ravenjax.cli import checkout, terminal
     from ravenjax.errors import UserError

@@ -39,13 +39,12 @@ def calibrate(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Set thresholds that keep a false-alarm rate with a stated confidence, from fault-free
-    operations.
+    """Set thresholds that keep a false-alarm rate with a stated confidence.
 
-    Each operator is a motion of its own, each of its operations another robot, as the campaign's
-    [parameters], noise and packets draw them. An interrupted command goes on. Writes monitor.toml,
-    monitor.py and detector.toml (a [[detector]] with its threshold), monitor.c, monitor.h and
-    test_vector.csv.
+    The thresholds come from fault-free operations. Each operator has another motion, and each
+    of its operations another robot, drawn as the campaign's [parameters], noise and packets
+    say. An interrupted command continues. Writes monitor.toml, monitor.py, detector.toml (a
+    [[detector]] with its threshold), monitor.c, monitor.h and test_vector.csv.
 
     Parameters
     ----------
@@ -105,7 +104,7 @@ def operate(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute fresh fault-free operations for `ravenjax monitor check`: other operators, and with
+    """Simulate fresh fault-free operations for `ravenjax monitor check`: other operators, or with
     --set another robot.
 
     Parameters
@@ -138,10 +137,10 @@ def check(
     seed: int = 0,
     as_json: AsJson = False,
 ) -> int:
-    """Test whether fresh fault-free operations are like those of the calibration. Ends with code 1
-    for a shift.
+    """Test whether fresh fault-free operations are like those of the calibration.
 
-    Of each operator, result folder and log the first operation counts.
+    The exit code is 1 for a shift. The first operation of each operator, result folder or log
+    counts.
 
     Parameters
     ----------
@@ -196,7 +195,7 @@ def signals(
     *,
     as_json: AsJson = False,
 ) -> None:
-    """List what a monitor can look at.
+    """List the signals that a monitor can use.
 
     Parameters
     ----------

@@ -26,13 +26,12 @@ def motion(
     overrides: Overrides = None,
     out: Path = Path("results/motions"),
 ) -> None:
-    """Show what a recorded operator's file holds and what a campaign makes of it: a table, and a
-    picture of both.
+    """Show the content of a recording and the motion that a campaign makes of it.
 
-    How it is replayed is said as in a campaign: --set operator.rate_hz=1000 operator.cutoff_hz=5
-    and so on. Without a campaign all of the recording, or of its window, is replayed. A file that
-    cannot be replayed is drawn where it can be read, and refused with what to write instead: exit
-    code 2.
+    Options are those of a campaign, such as --set operator.rate_hz=1000 operator.cutoff_hz=5.
+    Without a campaign the whole recording or window is replayed. A file that cannot be replayed
+    is drawn if it can be read. It is refused with exit code 2, and the message says what to
+    write.
 
     Parameters
     ----------

@@ -45,10 +45,10 @@ def verify(
     seed: int = 0,
     as_json: AsJson = False,
 ) -> int:
-    """Check a result folder: checksums, rows, values, and a random sample of its runs made again.
+    """Verify a result folder: checksums, rows, values, and a random sample of runs computed again.
 
-    Ends with code 1 where something is wrong. Runs made again on another engine may differ: it is
-    told by how much.
+    The exit code is 1 if something is wrong. Runs on another engine may differ; the command
+    states by how much.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def merge(
 ) -> None:
     """Join the shards of a campaign into one result folder.
 
-    Their parts are linked or copied, each checked; the shards stay as they are. May be given again
+    Parts are linked or copied, and checked. The shards stay unchanged. You can run it again
     after an interruption, or with further shards.
 
     Parameters
@@ -159,11 +159,11 @@ def compare(
     most: int = 10,
     as_json: AsJson = False,
 ) -> None:
-    """Compare two results that share faults, run by run: configuration, outcomes, rates, the runs
-    that changed most.
+    """Compare two results run by run: configuration, outcomes, rates, and the runs that changed
+    most.
 
-    Differences are those of the second from the first, with 95 % intervals over the faults where
-    these were drawn.
+    Differences are second minus first, with 95 % intervals over the faults where these were
+    drawn.
 
     Parameters
     ----------

@@ -39,11 +39,11 @@ def run(
     report: bool = True,
     as_json: AsJson = False,
 ) -> None:
-    """Run a campaign, or finish it where OUT holds a part of it.
+    """Run a campaign, or continue it in an existing result folder.
 
-    Exit codes: 0 means done. 2 means that you can correct what is wrong: the campaign file, a full
-    disk, workers that die. A signal ends it with 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP).
-    Finished parts are kept in every case, and the same command continues.
+    Exit codes: 0 is success. 2 means that you can correct the problem: the campaign file, a
+    full disk, workers that die. Signals end it with 130 (Ctrl-C), 143 (SIGTERM) or 129
+    (SIGHUP). Finished parts are always kept, and the same command continues.
 
     Parameters
     ----------
@@ -141,12 +141,11 @@ def fault_free(
     report: bool = True,
     as_json: AsJson = False,
 ) -> None:
-    """Compute fault-free motion of a campaign's robot, so that its report can state false cues and
-    alarms an hour.
+    """Simulate fault-free motion of a campaign's robot, to measure false alarms per hour.
 
-    Same robot, cues and detectors, other seeds of the operator's motion; each is a result folder of
-    its own in FOLDER/fault_free, which the report of FOLDER counts. What is there already counts,
-    and an interrupted command goes on. Exit codes as of `run`.
+    Robot, cues and detectors are the same; the operator's motion has other seeds. Each motion
+    is a result folder in FOLDER/fault_free, which the report of FOLDER includes. Existing hours
+    count, and an interrupted command continues. Exit codes as of `run`.
 
     Parameters
     ----------
@@ -231,10 +230,10 @@ def search(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find what matters: the smallest harmful fault, the parameters that decide, how rare an
-    outcome is.
+    """Search for the smallest harmful fault, the deciding inputs, or the probability of a rare
+    event.
 
-    Whatever ends it, finished runs are kept and the same command goes on. Exit codes as of `run`.
+    Finished runs are always kept, and the same command continues. Exit codes as of `run`.
 
     Parameters
     ----------

@@ -24,10 +24,9 @@ def reference(*, out: Out = None) -> None:
 
 
 def schema(kind: Kind = "campaign", *, out: Out = None) -> None:
-    """Print the JSON Schema of campaign, search or scenario files: an editor completes and checks
-    keys by it.
+    """Print the JSON Schema of campaign, search or scenario files, for editors.
 
-    Taplo and the editors that use it take it from a line at the top of the TOML file: `#:schema
+    Editors with Taplo use it if the first line of the TOML file is `#:schema
     campaign.schema.json`.
 
     Parameters

@@ -29,8 +29,7 @@ def reproduce(
         ),
     ] = False,
 ) -> None:
-    """Run a published experiment, or a study of our own, and set what is predicted beside what was
-    published.
+    """Repeat a published experiment, or run a study, and compare prediction and publication.
 
     Parameters
     ----------
@@ -45,8 +44,7 @@ def credibility(
     *,
     out: Annotated[Path | None, Parameter(help="write it to this file; default: print it")] = None,
 ) -> None:
-    """Tell for each claim of the studies what it rests on, in the order of FDA's guidance of 2023
-    (Markdown).
+    """Print the evidence for each claim of the studies, in the order of FDA's guidance of 2023.
 
     Parameters
     ----------

@@ -25,8 +25,7 @@ def trace(
     engine: str = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Run rows of a result again and write their whole time series: MCAP, CSV and a plot, with a
-    summary in words.
+    """Run single runs of a result again and write their time series: MCAP, CSV and a plot.
 
     Parameters
     ----------

@@ -228,10 +228,10 @@ def robot(
 def play(
     packets: Path, *, to: str = "127.0.0.1:36000", console_profile: ConsoleProfile = "auto"
 ) -> None:
-    """Send a console's recorded packets to a robot or a session, as they were and when they came.
+    """Send recorded packets of a console to a robot or a session, at the recorded times.
 
-    Before the first one the pedal is up for 0.4 s, for a robot counts a pedal only after it was
-    seen up.
+    Before the first packet the pedal is up for 0.4 s, because a robot counts a pedal only after
+    it was up.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def compare(
     unblind: Annotated[bool, _SWITCH] = False,
     mixed: Annotated[bool, _SWITCH] = False,
 ) -> None:
-    """Collect sessions and compare their groups: effect sizes and intervals.
+    """Compare groups of training sessions, with effect sizes and intervals.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def assign(
     seed: int = 0,
     block: int | None = None,
 ) -> None:
-    """Draw who belongs to which group: balanced in blocks, the same for the same seed; CSV.
+    """Assign participants to groups at random, balanced in blocks; prints CSV.
 
     Parameters
     ----------
@@ -321,8 +321,7 @@ def plan(
     effect: float | None = None,
     power: float = 0.8,
 ) -> None:
-    """Before data are taken: the smallest p that so many participants can reach, after Holm too,
-    and how many it takes.
+    """Show what a number of participants can prove: the smallest p, and how many are needed.
 
     Parameters
     ----------
@@ -349,7 +348,7 @@ def plan(
 
 @log.command
 def recover(file: Path, *, out: Path | None = None) -> None:
-    """Make a recording that was cut short whole again, as far as it goes.
+    """Repair a recording that was cut short or damaged.
 
     Parameters
     ----------
@@ -371,8 +370,7 @@ def recover(file: Path, *, out: Path | None = None) -> None:
 
 @log.command
 def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> None:
-    """Write the recording of a session, or the trace of a run, as a bag that rosbag and ros2 bag
-    play.
+    """Convert the recording of a session, or the trace of a run, to a ROS bag.
 
     Parameters
     ----------
@@ -390,7 +388,7 @@ def bag(recording: Path, *, ros: Literal[1, 2] = 1, out: Path | None = None) -> 
 
 @log.command
 def debrief(folder: Path) -> None:
-    """Write the debrief of a session, also of one that was cut short: as far as its recording goes.
+    """Write the debrief of a session, also of one that was cut short.
 
     Parameters
     ----------
