@@ -82,6 +82,7 @@ def test_the_package_and_its_help_import_nothing_heavy():
     assert probed("run", "--help")["modules"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tokens", [("campaigns",), ("check", "campaigns/quick.toml"), ("faults",), ("parameters",)]
 )

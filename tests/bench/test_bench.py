@@ -91,6 +91,7 @@ def test_faults_strike_when_they_are_said_to(start):
     assert len(set(ready.faults["value"].ravel().tolist())) == 4
 
 
+@pytest.mark.slow
 def test_campaigns_are_timed_by_size_and_by_fault_time(own_cache, monkeypatch):
     monkeypatch.setattr(campaigns.selection, "fastest", lambda _: ("simd", ""))
     for name, value in {

@@ -97,6 +97,7 @@ OPERATION = {
 }
 
 
+@pytest.mark.slow
 def test_each_run_tells_when_it_ended(tmp_path):
     config = rj.load_campaign(OPERATION)
     table = rj.run(config, out=tmp_path / "results", engine="simd")

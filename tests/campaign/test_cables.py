@@ -68,6 +68,7 @@ def test_a_cable_parts_when_the_one_that_holds_is_overloaded(holding, breaking):
             assert breaking[name][~over].equals(holding[name][~over]), name
 
 
+@pytest.mark.slow
 def test_the_event_is_beyond_the_golden_run():
     weak = tables() | {"parameters": {"plant.cable_strength": [2.0, 1200.0]}}
     frame = rj.run(loading.from_dict(weak), engine="simd")
@@ -83,6 +84,7 @@ def test_the_event_is_beyond_the_golden_run():
     assert cases.tolist() == ((own >= 0) & ~((golden >= 0) & (golden <= own))).tolist()
 
 
+@pytest.mark.slow
 def test_the_authors_law_has_no_such_columns():
     frame = rj.run(
         loading.from_dict(tables(0.05, parameter_set="traj3") | {"group": [{"name": "free"}]})

@@ -136,6 +136,7 @@ def test_a_packet_that_arrives_late_is_the_newest_that_is_old_enough(packets_of,
     assert arrivals > 3
 
 
+@pytest.mark.slow
 def test_where_every_packet_lasts_one_cycle_the_bits_are_those_without_a_history():
     clocked, plain = (planned(*FAULTS, packets=lengths) for lengths in ([1.0, 0.0], "every_cycle"))
     assert clocked.program.setup.packet_history > 0 == plain.program.setup.packet_history

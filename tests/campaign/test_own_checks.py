@@ -162,6 +162,7 @@ def test_a_stop_in_the_software_raises_its_e_stop_as_the_overdrive_check_does(tm
     assert own[names].to_dict() == built_in[names].to_dict() and own["check_estop_first_ms"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seam", [seam for seam in ROBOT.check_seams if seam != "usb_out"])
 def test_a_stop_at_each_seam_of_the_software_acts_in_the_same_millisecond(tmp_path, seam):
     table = rj.run(
@@ -199,6 +200,7 @@ def test_a_board_that_refuses_holds_zero_and_lets_the_plc_stop_the_robot(tmp_pat
     )
 
 
+@pytest.mark.slow
 def test_a_stop_that_comes_sooner_than_the_golden_runs_is_the_faults(tmp_path):
     """The check stops the robot at 900 ms in any case; the fault makes it do so at 700 ms, as
     often.
@@ -229,6 +231,7 @@ def step(params, state, view):
     assert hard["built_in_response"] in ("limited", "silent")
 
 
+@pytest.mark.slow
 def test_boards_refuse_one_by_one(tmp_path):
     raw = tables(
         tmp_path,
@@ -255,6 +258,7 @@ def test_a_board_that_limits_holds_what_it_held(tmp_path, engine):
     require_equal(table.iloc[:2], plain.iloc[:2], names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seam", ["current_cmd", "checked_cmd", "usb_out"])
 def test_no_limit_passes_an_e_stop_or_16_bits(tmp_path, seam):
     """An E-stop leaves no command, and a check that limits makes none of it; nor any that a
@@ -335,6 +339,7 @@ def test_one_that_watches_or_flags_changes_no_motion(tmp_path, acts):
     assert ("built_in_response" in watched) == (acts == "flag")
 
 
+@pytest.mark.slow
 def test_thresholds_and_parameters_are_swept(tmp_path):
     raw = tables(tmp_path, BOARDS.format(more=""), at="usb_out")
     raw["group"][1]["cross"] = {
@@ -352,6 +357,7 @@ def test_thresholds_and_parameters_are_swept(tmp_path):
     assert trips == {(3000, 0.4): 700, (3000, 2): 700, (30000, 0.4): 700, (30000, 2): -1}
 
 
+@pytest.mark.slow
 def test_a_campaign_with_one_is_resumed_verified_and_explained(tmp_path):
     campaign = tmp_path / "x.toml"
     (tmp_path / "mine.py").write_text(HEAD + BOARDS.format(more=""))

@@ -90,6 +90,7 @@ def test_the_text_of_the_built_in_laws_gives_their_bits(tmp_path, engine, arms):
             np.testing.assert_array_equal(own[name], built_in[name], err_msg=name)
 
 
+@pytest.mark.slow
 def test_its_parameters_are_swept_and_matter(tmp_path):
     raw = tables(tmp_path, dac=WEAK)
     raw["group"][1]["cross"] = {"control.own.dac.share": [0.5, 1]}
@@ -99,6 +100,7 @@ def test_its_parameters_are_swept_and_matter(tmp_path):
     assert paths[1.0] == rj.run(tables(tmp_path), engine="simd")["golden_tip_path_mm"].max()
 
 
+@pytest.mark.slow
 def test_it_may_begin_with_what_varies(tmp_path):
     last = (
         "@record\nclass Last:\n    share: Scalar\n\ndef init(params):\n    return"
@@ -115,6 +117,7 @@ def test_it_may_begin_with_what_varies(tmp_path):
     assert paths[0] == paths[1]
 
 
+@pytest.mark.slow
 def test_no_file_makes_an_e_stop_pass_a_command(tmp_path):
     constant = "def step(params, state, view):\n    return state, Vec.full(7, 1000000)\n"
     table = rj.run(tables(tmp_path, dac=constant), engine="simd")

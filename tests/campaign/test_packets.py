@@ -62,6 +62,7 @@ def test_by_default_nothing_is_drawn():
     )
 
 
+@pytest.mark.slow
 def test_every_run_draws_its_own_packets_and_shares_them_with_its_golden_run(bursts):
     keys = bursts.varied[PACKET_KEY]
     assert keys.dtype == np.uint32 and len(set(keys.tolist())) == 3

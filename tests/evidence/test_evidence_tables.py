@@ -136,6 +136,7 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
 
 
+@pytest.mark.slow
 def test_the_sentence_is_the_report_s(folder):
     text = words(Page(page.build(folder).read_text(encoding="utf-8"))).replace("\xa0", " ")
     with opened([folder]) as (source,):

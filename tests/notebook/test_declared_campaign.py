@@ -160,6 +160,7 @@ keys = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(keys=keys, groups=st.lists(group, min_size=1, max_size=3))
 def test_any_campaign_goes_to_toml_and_back(keys, groups):

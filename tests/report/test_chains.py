@@ -207,6 +207,7 @@ def page_of(monkeypatch, name):
     return Page(text), text[start : text.index("</section>", start)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_every_campaign_has_a_whole_section_whose_numbers_are_numbers(name, monkeypatch):
     page, section = page_of(monkeypatch, name)
@@ -225,11 +226,13 @@ def test_the_sentences_have_the_numbers_of_the_loops(monkeypatch):
     assert f"the median of them did so {wording.number(median)} ms (" in text
 
 
+@pytest.mark.slow
 def test_without_explained_runs_there_is_no_section():
     page = Page(rendered(FRAME, DRAWN))
     assert "#chains" not in page.targets and "chains" not in page.ids
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_told_of(monkeypatch, tmp_path):
     def broken(*_):
         raise StoreError("explained.parquet: damaged")

@@ -187,6 +187,7 @@ def test_enumerated_faults_have_no_interval(tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_repeats_of_a_fault_are_one_unit(tmp_path, found):
     """Three seeds of each fault with the same outcome say no more than one."""
 

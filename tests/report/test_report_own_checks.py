@@ -139,6 +139,7 @@ def test_false_alarms_are_not_known_where_a_threshold_varies():
     assert gate.threshold == "above 0.25 to 4, together"
 
 
+@pytest.mark.slow
 def test_checks_that_only_watch_do_not_act():
     frame, manifest = campaign(own=(EYE,))
     assert "built_in_response" not in frame

@@ -76,6 +76,7 @@ def test_failures(text):
     assert f"{(FRAME['failed'] != '').sum()} of 1,200 runs gave no valid outcome." in text
 
 
+@pytest.mark.slow
 def test_pairs_of_runs_with_and_without_the_reaction():
     frame = reacting.frame(300)
     valid = frame[(frame["failed"] == "") & (frame["fault0_site"] != "")]

@@ -89,6 +89,7 @@ def test_a_force_that_sets_in_moves_it_as_the_textbook_says(mass, damping, stiff
 numbers = st.floats(-5.0, 5.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     forces=st.lists(st.tuples(numbers, numbers, numbers), min_size=5, max_size=40),

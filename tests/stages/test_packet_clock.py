@@ -48,6 +48,7 @@ def test_runs_with_another_key_draw_others():
     ).any()
 
 
+@pytest.mark.slow
 def test_packets_come_where_the_lengths_say():
     clock, index, ticks = packet_clock.init(), -1, []
     for now in range(400):

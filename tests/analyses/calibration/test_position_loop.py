@@ -32,6 +32,7 @@ def replayed(
     return replays.robots(setup, [replace(BASE, **changed)], log(desired))[0]
 
 
+@pytest.mark.slow
 def test_a_late_setpoint_moves_the_joints_later() -> None:
     """At a steady speed a shift of the setpoint is a shift of what follows it, but for the
     encoders' steps.
@@ -55,6 +56,7 @@ def test_engines_replay_the_same_loop(monkeypatch) -> None:
     assert (np.abs(printed - scan).mean(axis=0) < 0.02 * following + 1e-7).all()
 
 
+@pytest.mark.slow
 def test_without_whole_numbers_a_small_step_moves_a_joint_a_little() -> None:
     """Its size halves with the step, where that of the counting loop is chance."""
     wanted = parameters.unknowns(range(3), ("offsets",))

@@ -72,6 +72,7 @@ def expected(cycles=3000, **software):
         yield " ".join([*map(str, numbers), *(f"{x:.9g}" for x in reading.signals.tip[0])])
 
 
+@pytest.mark.slow
 @needs_cc
 def test_the_example_has_pythons_bits(written):
     found = lines(written, "-L.", "-lravenjax_raven2", "-Wl,-rpath,.")
@@ -80,6 +81,7 @@ def test_the_example_has_pythons_bits(written):
     assert len({line.split(" ", 2)[2] for line in found}) > 2000  # it moves
 
 
+@pytest.mark.slow
 @needs_cc
 def test_native_code_of_one_arm_linked_as_an_object(tmp_path):
     own = rj.ControlSoftware(arms=["green"], policy="hard_regulation")
@@ -139,6 +141,7 @@ def test_without_a_compiler_there_is_the_object(tmp_path, monkeypatch, capsys):
     assert "no C compiler" in told.err and "ravenjax_raven2.o" in told.err
 
 
+@pytest.mark.slow
 @needs_cc
 def test_json_names_the_files(tmp_path, capsys):
     assert main(["export", str(tmp_path), "--arms", "gold", "--json"]) == 0
@@ -146,6 +149,7 @@ def test_json_names_the_files(tmp_path, capsys):
     assert set(files) == {"header", "object", "shared", "example"}
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_one_line(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     for words, part in (

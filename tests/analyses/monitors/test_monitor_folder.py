@@ -212,6 +212,7 @@ def test_the_record_says_what_the_promise_rests_on(folder):
     assert tomllib.loads((folder / "monitor.toml").read_text())["term"][0]["alarm_above"]
 
 
+@pytest.mark.slow
 def test_the_part_scores_an_operation_as_its_calibration_did(folder, tmp_path):
     """monitor.py as a detector of a campaign: the joint score of the operation to the bit,
     whatever it was made of.
@@ -251,6 +252,7 @@ def test_the_detector_table_of_the_folder_has_the_calibrated_threshold(folder):
     assert f"threshold = {own['threshold']}" in (folder / code.PART).read_text()
 
 
+@pytest.mark.slow
 def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
     other = tmp_path / "m"
     shutil.copytree(folder, other)
@@ -289,6 +291,7 @@ def test_a_calibration_goes_on_and_changes_nothing(folder, tmp_path):
 # --- fresh operations ---
 
 
+@pytest.mark.slow
 def test_a_shifted_robot_is_reported_and_a_like_one_is_not(folder, tmp_path, capsys):
     for name, changes, status in (
         ("like", [], 0),
@@ -321,6 +324,7 @@ def test_a_shifted_robot_is_reported_and_a_like_one_is_not(folder, tmp_path, cap
     assert max(one["place"] for one in result["signals"]) > 0.9
 
 
+@pytest.mark.slow
 def test_fresh_operators_of_the_calibrations_stream_are_its_own(folder, tmp_path, monkeypatch):
     """The campaign that is read back from the folder draws what the calibration drew."""
     monkeypatch.setattr(calibrate, "FRESH", 0)
@@ -333,6 +337,7 @@ def test_fresh_operators_of_the_calibrations_stream_are_its_own(folder, tmp_path
         checking.check(folder, [tmp_path / "again"])
 
 
+@pytest.mark.slow
 def test_results_and_logs_are_checked(one_arm, tmp_path, capsys):
     folder = one_arm
     monitor, _ = writing.read(folder)
@@ -479,6 +484,7 @@ def test_another_campaign_does_not_go_on_in_the_folder(folder, tmp_path, capsys)
     )
 
 
+@pytest.mark.slow
 def test_python_says_what_the_command_says(folder, tmp_path):
     """The same monitor, and the same words on what is fresh."""
     shutil.copytree(folder, tmp_path / "m")

@@ -226,6 +226,7 @@ BOTH = {
 }
 
 
+@pytest.mark.slow
 def test_explained_runs_are_what_two_whole_traces_say():
     config = rj.load_campaign(BOTH)
     explained = require_equal_to_traces(config, np.arange(0, 16, 3))
@@ -234,6 +235,7 @@ def test_explained_runs_are_what_two_whole_traces_say():
     assert (explained.ticks.filter(like="leaves:").to_numpy() >= 0).any()
 
 
+@pytest.mark.slow
 def test_margins_are_those_of_the_run_where_no_harm_comes():
     explained = Explainer(tiny_campaign.config(runs=40), "simd").explain(np.arange(3, 40))
     calm = (explained.ticks["harm_ms"] < 0).to_numpy()

@@ -144,6 +144,7 @@ def test_a_result_of_another_version_is_refused(result, tmp_path):
         fault_free.extend(tmp_path, 1.0)
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_stopped_without_a_fault_is_told_of(tmp_path, monkeypatch):
     """Else the hours would never come together."""
     monkeypatch.setattr(fault_free, "ENOUGH", 2)

@@ -73,6 +73,7 @@ def test_lanes_run_by_group_where_that_is_cheaper(ready, there, vain, sizes, gro
     assert one._runs_by_group(np.array(sizes)) == grouped
 
 
+@pytest.mark.slow
 def test_either_way_gives_the_same_bits(ready, monkeypatch):
     loop = traced.trace(
         traced.printable(ready.program), Block(*ready.lanes([0], 1), None), ready.columns

@@ -60,6 +60,7 @@ def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
     assert shares[len(stated) :].sum() < 5e-4
 
 
+@pytest.mark.slow
 def test_arrivals_of_a_campaign_have_the_quantiles_of_the_held_out_half(shared_data):
     """Measured on the first half without its 169 ms gap, drawn as a campaign draws them, compared
     with the second.

@@ -33,6 +33,7 @@ def received(ready: plan.Plan, row: int) -> tuple[np.ndarray, np.ndarray]:
     return fresh, np.asarray(packet.sequence)[fresh]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("choice", ["measured", "bursts", (0.2, 0.3, 0.5)])
 def test_drawn_packets_are_those_that_runs_receive(choice):
     ready = planned(packets=choice)
@@ -56,6 +57,7 @@ def test_regular_packets_are_rows_of_the_motion_however_long_they_last(cycles):
     assert ticks.motion_row(np.zeros(2, int), number).tolist() == [0, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("campaign", ["dsn16_a.toml", "dsn16_b.toml"])
 def test_runs_are_long_enough_for_their_last_fault(campaign):
     """Longest window of the latest onset, in every run's own packets, and the time that the

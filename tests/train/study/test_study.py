@@ -167,6 +167,7 @@ def test_hazards_that_were_cut_off_count_for_nobody_and_those_of_a_killed_sessio
     assert "P9-cue" in cut_short and "2 of 16 hazards were cut off" in cut and "P8-cue" in left_out
 
 
+@pytest.mark.slow
 def test_what_does_not_vary_is_no_part_of_the_family(tmp_path):
     """Nobody misses and nobody is deep: two of the four outcomes have nothing to test, and cost
     the others nothing.

@@ -19,6 +19,7 @@ def weight_of(covered, members, weight):
     return float(weight[covered[:, list(members)].any(axis=1)].sum()) if members else 0.0
 
 
+@pytest.mark.slow
 @given(INSTANCES, st.integers(1, 6), st.data())
 def test_it_covers_its_share_of_what_the_best_set_of_its_size_does(covered, most, data):
     weights = st.lists(st.integers(0, 9), min_size=len(covered), max_size=len(covered))
@@ -30,6 +31,7 @@ def test_it_covers_its_share_of_what_the_best_set_of_its_size_does(covered, most
     assert weight_of(covered, members, weight) >= (1 - np.exp(-1)) * best - 1e-9
 
 
+@pytest.mark.slow
 @given(INSTANCES)
 def test_with_room_for_all_it_covers_all_and_holds_nothing_superfluous(covered):
     members = greedy(covered, covered.shape[1])

@@ -50,6 +50,7 @@ def ends_of(ready, observe=1):
     return span.ends(ready.faults, TICKS, observe, ready.clocks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
     [
@@ -78,6 +79,7 @@ def test_windows_are_known_to_the_tick(case):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packets", ["measured", "bursts"])
 def test_windows_of_packets_that_are_drawn_are_bounded(packets):
     ready, first, last = windows_of({"packets": packets})
@@ -95,6 +97,7 @@ def test_windows_of_packets_that_are_drawn_are_bounded(packets):
     )
 
 
+@pytest.mark.slow
 def test_an_operator_who_slows_down_moves_the_pedal():
     reaction = {"action": "slow", "delay_ms": 0}
     haptics = {"threshold_mm": 0.001}

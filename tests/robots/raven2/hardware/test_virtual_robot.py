@@ -42,6 +42,7 @@ def test_it_moves_as_the_robot_of_a_campaign():
     np.testing.assert_allclose(np.array(tips, float), trace.tip.values, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_a_watchdog_that_stops_brings_the_e_stop():
     software, robot = rj.ControlSoftware(), rj.VirtualRobot()
     *_, (_, reading) = drive(software, robot, 900)

@@ -93,6 +93,7 @@ def test_the_amplifiers_largest_current_is_the_full_scale_of_the_dac() -> None:
     )
 
 
+@pytest.mark.slow
 def test_energy_is_never_made() -> None:
     """Coasting only loses energy, the implicit step up to 15 % in 0.4 s; driven, motors put in
     what is gained.

@@ -57,6 +57,7 @@ def jump(software, encoders, openings=(0, 0)):
     return largest
 
 
+@pytest.mark.slow
 def test_no_command_jumps_at_the_first_pedal_down():
     """A pose is kept in whole micrometres and milliradians: that is worth a few counts. From
     home: thousands.
