@@ -24,6 +24,8 @@ from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3
 """s, step of the simulation: that of the tick."""
+PUBLISHED = "published model, target A2: at most 11 us"
+"""The authors' C++ takes 11 us for an Euler step on one core; DSN 2016, Figure 8."""
 
 
 def make_arm() -> mujoco.MjModel:
@@ -47,6 +49,29 @@ def measure_rollout(seconds: float, robots: int = 1024, steps: int = 200) -> lis
     with rollout.Rollout(nthread=threads) as pool:
         work = functools.partial(pool.rollout, model, data, initial, nstep=steps)
         return _measure("mujoco.rollout", f"{threads} threads", 0.0, robots * steps, work, seconds)
+
+
+def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[str, Any]]:
+    """The published three-joint model of one robot, explicit Euler at 1 ms as printed, in
+    float64, on one core.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    from ravenjax.numbers.vec import Vec
+    from studies.dsn16 import authors
+
+    def advance(start: authors.AuthorsState) -> authors.AuthorsState:
+        command = Vec.full(3, jnp.float64(0.0))
+        return jax.lax.fori_loop(
+            0, steps, lambda _, now: authors.euler(now, command, tension_bug=True), start
+        )
+
+    with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
+        rest = authors.initial(
+            Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0))
+        )
+        return _measure_jax(PUBLISHED, steps, advance, rest, seconds)
 
 
 def measure_mjx_step(seconds: float, robots: int = 1024, steps: int = 20) -> list[dict[str, Any]]:

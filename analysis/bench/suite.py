@@ -62,6 +62,7 @@ def list_parts(gpus: int) -> list[Part]:
         Part("fault times", "fault_times", campaigns.measure_fault_times, 8, 15, cached=True),
         Part("campaigns", "campaigns", campaigns.measure_sizes, 4, 10),
         Part("mujoco.rollout", "peers", peers.measure_rollout, 2, 5, (), True),
+        Part("published model", "peers", peers.measure_published_model, 3, 2, (), True),
         Part("jax.vmap(mjx.step)", "peers", peers.measure_mjx_step, 12, 6),
         Part("engine xla", "engines", engine, 14, 8, ("xla",)),
         Part("engine mjx", "engines", engine, 38, 8, ("mjx",)),
@@ -139,7 +140,7 @@ def compute_ratios(found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any
         {"engine": name, "over": other, "times": rates[name] / rate}
         for name in engines.PRINTING
         for other, rate in rates.items()
-        if name in rates and other != name
+        if name in rates and other not in (name, peers.PUBLISHED)
     ]
 
 

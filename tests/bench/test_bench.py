@@ -84,6 +84,11 @@ def test_steps_of_peers_are_counted():
     assert row["us_per_step"] * row["steps_per_s"] == pytest.approx(1e6)
 
 
+def test_a_step_of_the_published_model_is_timed():
+    (row,) = peers.measure_published_model(0.01, 50)
+    assert row["peer"] == peers.PUBLISHED and row["us_per_step"] > 0.0
+
+
 @pytest.mark.parametrize("start", [0, 6000])
 def test_faults_strike_when_they_are_said_to(start):
     ready = plan.make_plan(loading.from_dict(campaigns.fault_campaign(4, start, 200)))
