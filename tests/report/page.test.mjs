@@ -55,5 +55,5 @@ test("a second click stops it, and what was asked of the screen does nothing any
   button.listeners.click();
   button.listeners.click();
   waiting.shift()(1e6);
-  assert.deepEqual([button.textContent, slider.value], ["play", "0"]);
+  assert.deepEqual([button.textContent, slider.value], ["play", 0]);
 });
