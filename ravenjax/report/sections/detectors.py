@@ -98,7 +98,6 @@ class DetectorRow(NamedTuple):
     )  # None for a check or a cue, and where runs do not differ in it or are all of one fault
     recall: CurveBand | None
     auc: BootstrapBand | None
-    average_precision: BootstrapBand | None
 
 
 class Curves(NamedTuple):
@@ -188,7 +187,6 @@ def rows(runs: Runs) -> list[DetectorRow]:
                 roc,
                 recall,
                 roc.area if roc else None,
-                recall.area if recall else None,
             )
         )
     return result

@@ -28,11 +28,6 @@ Indices = dict[str, dict[str, np.ndarray]]
 Analyse = Callable[[np.ndarray], Indices]
 """Outcomes of the sample's points [points] -> indices."""
 
-INDICES = {
-    "sobol": {"S1": "first order", "ST": "total"},
-    "morris": {"mu_star": "mean |effect|", "mu": "mean effect", "sigma": "deviation"},
-}
-
 
 def due(template: Template, search: Sobol | Morris) -> int:
     """About how many runs it takes."""
