@@ -26,11 +26,11 @@ Objects = MutableMapping[str, bytes]
 Code = TypeVar("Code")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_FLOORS = ("engines", "stages", "faults", "ir", "numbers", "vocabulary", "robots")
+_FLOORS = ("engines", "stages", "faults", "ir", "numbers", "parts", "vocabulary", "robots")
 _PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "numpy")
 
 
-def of(*values: Any) -> str:
+def hash_values(*values: Any) -> str:
     """Hash of nested values: types and bits of numbers, fields of records."""
     digest = hashlib.sha256()
     for value in values:
@@ -75,7 +75,7 @@ def _version(package: str) -> str:
         return ""
 
 
-def digest() -> str:
+def hash_files() -> str:
     """sha256 over the files that decide what is traced and printed, as they are now: this package's
     lower floors, and the robots' models.
     """
@@ -88,28 +88,29 @@ def digest() -> str:
     return result.hexdigest()
 
 
-AT_IMPORT = digest()
+AT_IMPORT = hash_files()
 """Of the files as they were when this module was imported: what the process runs, if they have
 not changed since.
 """
 
 
-def lasting(*values: Any) -> str:
+def persistent_key(*values: Any) -> str:
     """Key of code that may outlive the process: of these values, the files and all versions; ""
     where the files have changed, so that nobody knows what the process runs.
     """
-    return of(*values, AT_IMPORT, versions()) if digest() == AT_IMPORT else ""
+    return hash_values(*values, AT_IMPORT, versions()) if hash_files() == AT_IMPORT else ""
 
 
-def kept(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:
-    """What `make` makes, from `objects` where it was made before. key: "" keeps nothing.
+def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:
+    """The result of `make`, loaded from `objects` if it was made before. An empty key stores
+    nothing.
 
-    Objects are machine code of this user's own folder, so pickles are no less safe.
+    The same folder holds machine code of this user, so pickles add no risk.
     """
     if objects is None or not key:
         return make()
     if (content := objects.get(key)) is not None:
-        # Of another version, or with records of a module that is gone: made anew.
+        # It may be of another version, or name a module that is gone.
         with contextlib.suppress(Exception):
             return pickle.loads(zlib.decompress(content))
     interruption.point()

@@ -100,8 +100,8 @@ class Forms:
 
         key: everything besides the trace that decides it.
         """
-        own = self._key and trace_key.of("printed", self._key, key)
-        return trace_key.kept(self._objects, own, make)
+        own = self._key and trace_key.hash_values("printed", self._key, key)
+        return trace_key.load_or_make(self._objects, own, make)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,7 +141,7 @@ def forms(
     )
     columns = tuple(np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion)
     with _TRACING:
-        return _forms(_Wanted(trace_key.of(*decides), program, none, columns, objects))
+        return _forms(_Wanted(trace_key.hash_values(*decides), program, none, columns, objects))
 
 
 def forget() -> None:
@@ -156,8 +156,8 @@ _TRACING = threading.Lock()  # who comes second waits instead of tracing the sam
 def _forms(wanted: _Wanted) -> Forms:
     # A robot of another package may take code from anywhere: no files are known to decide it.
     ours = wanted.program.module.startswith("ravenjax.") and wanted.objects is not None
-    key = trace_key.lasting("trace", wanted.key) if ours else ""
-    result = trace_key.kept(
+    key = trace_key.persistent_key("trace", wanted.key) if ours else ""
+    result = trace_key.load_or_make(
         wanted.objects, key, lambda: trace(wanted.program, wanted.block, wanted.motion)
     )
     return Forms(result, key, wanted.objects)

@@ -108,7 +108,7 @@ def test_other_code_or_versions_are_traced(made, counted, monkeypatch):
         forms(made, objects)
     with monkeypatch.context() as patch:
         patch.setattr(trace_key, "AT_IMPORT", "other files")
-        patch.setattr(trace_key, "digest", lambda: "other files")
+        patch.setattr(trace_key, "hash_files", lambda: "other files")
         forms(made, objects)
     assert len(counted) == 3
     forms(made, objects)
@@ -121,7 +121,7 @@ def test_code_that_changed_since_it_was_imported_keeps_and_finds_nothing(
     objects = {}
     forms(made, objects)
     number = len(objects)
-    monkeypatch.setattr(trace_key, "digest", lambda: "edited meanwhile")
+    monkeypatch.setattr(trace_key, "hash_files", lambda: "edited meanwhile")
     forms(made, objects)
     assert len(counted) == 2 and len(objects) == number
 
@@ -188,5 +188,5 @@ def test_numbers_of_unlike_types_have_unlike_keys():
         (1, (2,)),
         (1, 2),
     ]
-    assert len({trace_key.of(value) for value in values}) == len(values)
-    assert trace_key.of("ab", "c") != trace_key.of("a", "bc")
+    assert len({trace_key.hash_values(value) for value in values}) == len(values)
+    assert trace_key.hash_values("ab", "c") != trace_key.hash_values("a", "bc")

@@ -86,8 +86,8 @@ class StepCode:
 
         # The CPU's instructions are printed.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.entering)]
-        key = key and trace_key.lasting("step", key, types, self.tables, jit.host().text)
-        form = trace_key.kept(objects, key, make)
+        key = key and trace_key.persistent_key("step", key, types, self.tables, jit.host().text)
+        form = trace_key.load_or_make(objects, key, make)
         self.state, self.outcomes, self.outputs = form.state, form.outcomes, form.outputs
         self.machine = Compiled(form.text, ("begin", "step", "finish"), objects)
 

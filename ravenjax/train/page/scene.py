@@ -62,7 +62,7 @@ def read_shapes(model: mujoco.MjModel) -> dict[int, tuple[bytes, np.ndarray, np.
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
     source = Path(body_shapes.__file__).read_bytes()
-    key = trace_key.of(content, source, [metadata.version(name) for name in _SHAPE_MAKERS])
+    key = trace_key.hash_values(content, source, [metadata.version(name) for name in _SHAPE_MAKERS])
     if objects is not None and (stored := objects.get(key)) is not None:
         return pickle.loads(stored)
     bodies = [*body_shapes.fixed_bodies(model)]

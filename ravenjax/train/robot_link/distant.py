@@ -252,7 +252,7 @@ def _half(blueprint: Blueprint) -> StepCode:
         return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
 
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
-    key = trace_key.of("distant", of_session.SOURCE, _SOURCE, setup, params)
+    key = trace_key.hash_values("distant", of_session.SOURCE, _SOURCE, setup, params)
     return StepCode(
         begin, step, finish, (), _resting(blueprint), tables, compile_cache.objects(), key
     )

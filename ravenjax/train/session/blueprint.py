@@ -110,7 +110,9 @@ def make(config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_
 
     compile_cache.enable()
     tables = (length,) * columns
-    key = trace_key.of("session", SOURCE, setup, params, program.module, program.varied, packets)
+    key = trace_key.hash_values(
+        "session", SOURCE, setup, params, program.module, program.varied, packets
+    )
     code = StepCode(begin, step, finish, inputs, entering, tables, compile_cache.objects(), key)
     return Blueprint(ready, layout, code, inputs, slots, packets)
 
