@@ -41,10 +41,9 @@ def hazard(
     """
     if row.struck_ms is None:
         return []
-    moments = [("strike", 0.0, "strike")] + [
-        (kind, ms, MOMENTS[kind][0])
-        for kind, ms in row.after.items()
-        if kind != "cue" or not blinded
+    # They are a few milliseconds apart: the page names them above the charts, by their colours.
+    moments = [("strike", 0.0, "")] + [
+        (kind, ms, "") for kind, ms in row.after.items() if kind != "cue" or not blinded
     ]
     end = max(ms for _, ms, _ in moments) + AFTER_MS
     end = min(max(end, SHORTEST_MS), LONGEST_MS)
