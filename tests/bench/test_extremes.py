@@ -59,7 +59,7 @@ def test_rows_that_are_not_sound_are_told():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [0, 3])
+@pytest.mark.parametrize("number", [0, 1])
 def test_a_few_hundred_extreme_runs(number):
     config = extremes.campaign(number, GROUPS)
     simd, xla = (rj.run(config, engine=engine) for engine in ("simd", "xla"))
