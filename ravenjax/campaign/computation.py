@@ -302,6 +302,7 @@ class Computation:
             golden=None if own is None else np.searchsorted(own.numbers, plan.golden[filled]),
             acts=plan.acts[filled],
             ends=plan.ends[filled] if plan.program.ends else None,
+            rows=len(rows),
         )
 
     def _filled(self, rows: np.ndarray) -> np.ndarray:

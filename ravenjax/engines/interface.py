@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ravenjax.numbers import paths
+from ravenjax.numbers import paths, tree
 
 Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
@@ -101,6 +101,7 @@ class Block:
     ends: np.ndarray | None = (
         None  # int [lanes], the first tick that a lane does not run; None: all run whole
     )
+    rows: int | None = None  # lanes that are read afterwards, the first ones; None: all
     trunks: Sequence[
         Any
     ] = ()  # of each golden run what `Kernel.trunk` made of it, or None; empty: None of each
@@ -109,6 +110,23 @@ class Block:
     def compared(self) -> bool:
         """Whether it has golden runs that its lanes are compared with."""
         return self.reference is not None and len(self.reference) > 0
+
+    @property
+    def lanes(self) -> int:
+        """How many lanes it has; 0 where nothing differs between them."""
+        arrays = [*self.varied.values(), *tree.leaves(self.faults), self.golden, self.acts]
+        return next((len(array) for array in arrays if array is not None), 0)
+
+    def head(self, lanes: int) -> Block:
+        """Its first lanes."""
+        return dataclasses.replace(
+            self,
+            varied={path: values[:lanes] for path, values in self.varied.items()},
+            faults=tree.mapped(lambda leaf: leaf[:lanes], self.faults),
+            golden=None if self.golden is None else self.golden[:lanes],
+            acts=None if self.acts is None else self.acts[:lanes],
+            ends=None if self.ends is None else self.ends[:lanes],
+        )
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
         """[ticks, series, len(lanes)]: the golden runs of these lanes; only of a block that has

@@ -1,16 +1,21 @@
 """Engines `xla` and `mjx`: the tick under `vmap`, its time loop a `lax.scan`, compiled by `jit`.
 
-A kernel advances one block by one *segment* of ticks and is called again for the next, so that one
-compile serves any duration and memory does not grow with it. The first segment makes the initial
-state; each returns the outcomes so far. Blocks run side by side in threads: XLA's CPU code for so
-many small loops keeps one core busy and leaves the GIL alone.
+A kernel advances one block by one *segment* of ticks and is called again for the next, so one
+compiled function serves any duration and its memory does not grow with it. The first segment makes
+the initial state, and each returns the outcomes so far.
+
+On a CPU a block is small, and one runs on each core. On accelerators one large block runs at a
+time, and `jit` divides its lanes among the devices.
 """
 
 from __future__ import annotations
 
+import collections
 import dataclasses
+import functools
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -21,22 +26,56 @@ from ravenjax.numbers.lazy import jax, jnp, lax
 
 MAX_SEGMENT = 1000
 """Ticks of a segment, at most."""
-MAX_LANES = 256
-"""Lanes of a block: the state of a block then fits the second-level cache of a core."""
+SERIES_BYTES = 2**30
+"""Device memory of a segment's series, once for the golden runs and once for the lanes."""
+SMALL_LANES = 256
+"""Lanes of a block on a CPU core, whose second-level cache then holds the state; and of a block of
+few rows, such as golden runs, on an accelerator."""
+ACCELERATOR_LANES = 2**19
+"""Lanes of a block on each accelerator, at most. A tick launches some 400 kernels, which takes
+1.7 ms on an H100, so large blocks are the fastest (analysis/engines/README.md). With 2**20 lanes an
+array of engine mjx exceeds 2**31 bytes, and its results were wrong."""
+LANE_BYTES = 2**14
+"""Device memory for each lane: its state and the intermediate results of a tick."""
 LANE_MULTIPLE = 16
-"""Lanes come in multiples of the widest float32 vector, so that every lane takes the vector
-path.
-"""
+"""Lanes come in multiples of the widest float32 vector, so that every lane is in a full vector."""
 
 
-def segment_ticks(ticks: int) -> int:
-    """The largest divisor of `ticks` that a segment may have; where it is small, a length that
-    overshoots a little.
+def segment_ticks(ticks: int, longest: int = MAX_SEGMENT) -> int:
+    """The largest divisor of `ticks` up to `longest`. If that is short, a length with which the
+    last segment ends a little after the run.
     """
-    divisor = next(n for n in range(min(ticks, MAX_SEGMENT), 0, -1) if ticks % n == 0)
-    return (
-        divisor if divisor * 4 >= min(ticks, MAX_SEGMENT) else -(-ticks // -(-ticks // MAX_SEGMENT))
-    )
+    longest = max(1, min(ticks, longest))
+    divisor = next(n for n in range(longest, 0, -1) if ticks % n == 0)
+    return divisor if divisor * 4 >= longest else -(-ticks // -(-ticks // longest))
+
+
+@functools.cache
+def _accelerators() -> tuple[Any, ...]:
+    """The devices that JAX computes on, unless that is the CPU."""
+    return () if jax.default_backend() == "cpu" else tuple(jax.devices())
+
+
+def _choose_lanes(runs: int, cores: int) -> int:
+    """Lanes of a block for so many runs: on all accelerators together, or on a CPU core."""
+    devices = _accelerators()
+    if not devices:
+        share, most, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
+    else:
+        memory = min(device.memory_stats()["bytes_limit"] for device in devices)
+        most = min(ACCELERATOR_LANES, memory // LANE_BYTES // LANE_MULTIPLE * LANE_MULTIPLE)
+        share, most, multiple = runs, most * len(devices), LANE_MULTIPLE * len(devices)
+    return min(most, -(-share // multiple) * multiple)
+
+
+def _place(array: Any, axis: int = 0) -> Any:
+    """An array on the accelerators, divided along its axis of lanes."""
+    devices = _accelerators()
+    if len(devices) < 2:
+        return jnp.asarray(array)
+    mesh = jax.sharding.Mesh(np.array(devices), ("lanes",))
+    spec = jax.sharding.PartitionSpec(*[None] * axis, "lanes")
+    return jax.device_put(array, jax.sharding.NamedSharding(mesh, spec))
 
 
 def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> tuple[Any, Any]:
@@ -99,43 +138,61 @@ class ScanKernel:
 
     def __init__(self, program: TickProgram, lanes: int, keep_signals: bool = False) -> None:
         self.program, self.lanes, self.keep_signals = program, lanes, keep_signals
-        self.length = segment_ticks(program.ticks)
         self.series = program.loop.series_length(program.setup)
         self.dtype = np.dtype(program.setup.precision.real)
+        longest = SERIES_BYTES // (lanes * self.series * self.dtype.itemsize)
+        self.length = segment_ticks(program.ticks, min(MAX_SEGMENT, longest))
         self.segment, self.shapes = _segment_function(program, self.length, keep_signals)
-        self._compiled: Any = None
-        self._lock = threading.Lock()
+        self._compiled: dict[int, Any] = {}
+        self._locks = collections.defaultdict(threading.Lock)
 
     def size(self, rows: int) -> int:
-        """See `interface.Kernel`: always the lanes that it is compiled for."""
-        return self.lanes
+        """See `interface.Kernel`: one of two sizes, each compiled once."""
+        return min(self.lanes, SMALL_LANES) if rows <= SMALL_LANES else self.lanes
 
-    def _compile(self, *args: Any) -> Any:
-        with self._lock:
-            if self._compiled is None:
-                self._compiled = jax.jit(self.segment, donate_argnums=(3,)).lower(*args).compile()
-        return self._compiled
+    def _compile(self, lanes: int, arguments: tuple[Any, ...]) -> Any:
+        with self._locks[lanes]:
+            if lanes not in self._compiled:
+                function = jax.jit(self.segment, donate_argnums=(3,))
+                self._compiled[lanes] = function.lower(*arguments).compile()
+        return self._compiled[lanes]
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
-        """Compile for blocks and motions of these shapes."""
-        with traced.x64(self.program.setup):
-            self._compile(*self._arguments(block, motion))
+        """Compile for blocks and motions of these types, for both sizes at once."""
 
-    def _arguments(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[Any, ...]:
-        varied = {p: jnp.asarray(block.varied[p]) for p in self.program.varied}
-        faults = jax.tree.map(jnp.asarray, block.faults)
-        state = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), self.shapes(varied, self.lanes))
-        reference = jnp.zeros((self.length, self.series, self.lanes), self.dtype)
-        ends = tuple(map(jnp.asarray, traced.own_ends(self.program, block)))
-        return (
-            varied,
-            faults,
-            ends,
-            state,
-            jnp.int32(0),
-            reference,
-            tuple(jnp.asarray(c) for c in motion),
-        )
+        def compile_for(block: Block) -> None:
+            with traced.x64(self.program.setup):
+                self._compile(*self._arguments(block, motion))
+
+        small = block.head(self.size(1))
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(compile_for, [block] if small.lanes == block.lanes else [block, small]))
+
+    def _arguments(
+        self, block: Block, motion: tuple[np.ndarray, ...]
+    ) -> tuple[int, tuple[Any, ...]]:
+        """Lanes of the block, and what the segment takes."""
+        lanes = block.lanes or self.lanes
+        varied = {p: _place(block.varied[p]) for p in self.program.varied}
+        faults = jax.tree.map(_place, block.faults)
+        shapes = self.shapes(varied, lanes)
+        state = jax.tree.map(lambda s: _place(np.zeros(s.shape, s.dtype)), shapes)
+        ends = tuple(map(_place, traced.own_ends(self.program, block)))
+        columns = tuple(jnp.asarray(c) for c in motion)
+        reference = self._reference(block, 0, lanes)
+        return lanes, (varied, faults, ends, state, jnp.int32(0), reference, columns)
+
+    def _reference(self, block: Block, first: int, lanes: int) -> Any:
+        """What the lanes are compared with in the segment that begins with tick `first`, [length,
+        series, lanes]. The last row is repeated where the segment ends after the run.
+        """
+        if not block.compared:
+            return _place(np.zeros((self.length, self.series, lanes), self.dtype), 2)
+        assert block.reference is not None
+        rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
+        golden = np.arange(lanes) if block.golden is None else block.golden
+        runs, golden = np.unique(golden, return_inverse=True)
+        return jnp.take(jnp.asarray(block.reference[rows][:, :, runs]), _place(golden), axis=2)
 
     def run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
@@ -154,36 +211,29 @@ class ScanKernel:
     ) -> tuple[dict[str, np.ndarray], np.ndarray, Any]:
         ticks = self.program.ticks
         with traced.x64(self.program.setup):
-            varied, faults, ends, state, now, reference, columns = self._arguments(block, motion)
-            compiled = self._compile(varied, faults, ends, state, now, reference, columns)
+            lanes, arguments = self._arguments(block, motion)
+            compiled = self._compile(lanes, arguments)
+            varied, faults, ends, state, _, reference, columns = arguments
+            del arguments  # the state is donated
             outcomes: Any = {}
             chunks: list[Any] = []
             for first in range(0, ticks, self.length):
-                if block.compared:
-                    reference = jnp.asarray(self._segment_of(block, first))
-                state, outcomes, *series = compiled(
+                if block.compared and first:
+                    reference = self._reference(block, first, lanes)
+                state, outcomes, series, signals = compiled(
                     varied, faults, ends, state, jnp.int32(first), reference, columns
                 )
                 if keep:
-                    chunks.append(jax.tree.map(np.asarray, series))
+                    read = series[:, :, : block.rows or lanes]
+                    chunks.append(jax.tree.map(np.asarray, (read, signals)))
                 jax.block_until_ready(outcomes)
                 if progress is not None:
-                    progress(min(self.length, ticks - first) * self.lanes)
+                    progress(min(self.length, ticks - first) * lanes)
         named = {name: np.asarray(value) for name, value in outcomes.items()}
         if not chunks:
-            return named, np.zeros((0, self.series, self.lanes), self.dtype), ()
+            return named, np.zeros((0, self.series, lanes), self.dtype), ()
         series, signals = jax.tree.map(lambda *parts: np.concatenate(parts)[:ticks], *chunks)
         return named, series, signals
-
-    def _segment_of(self, block: Block, first: int) -> np.ndarray:
-        """The reference of each lane for one segment; the last row is repeated where it
-        overshoots the run.
-        """
-        assert block.reference is not None
-        rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
-        return dataclasses.replace(block, reference=block.reference[rows]).series(
-            np.arange(self.lanes)
-        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,9 +262,7 @@ class ScanEngine:
         """See `interface.Engine`. The block never depends on the chunk that results are stored
         in.
         """
-        share = -(-runs // self.threads)
-        lanes = min(MAX_LANES, -(-share // LANE_MULTIPLE) * LANE_MULTIPLE)
-        return ScanKernel(self._program(program), lanes)
+        return ScanKernel(self._program(program), _choose_lanes(runs, self.threads))
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`."""

@@ -5,6 +5,9 @@ result its own.
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -224,6 +227,28 @@ def test_a_kernel_may_run_in_several_threads(ready, kernel, golden, result):
         same(mixed, {name: values[order] for name, values in result.items()})
 
 
+@pytest.mark.slow  # XLA compiles a whole tick for a minute or two
+def test_lanes_divided_among_devices_give_the_same_bits(tmp_path):
+    """Two devices that XLA simulates on the CPU stand for two accelerators."""
+    script = f"""
+import sys
+sys.path[:0] = {sys.path!r}
+import jax, numpy as np
+from engines.xla import test_scan as here
+results = []
+for devices in ((), tuple(jax.devices())):
+    here.scan._accelerators = lambda: devices
+    ready, columns = here.planned(40)
+    kernel = here.ScanKernel(ready.program, 2 * here.LANE_MULTIPLE)
+    golden = kernel.run(here.Block(*ready.lanes([0], kernel.lanes, harmless=True), None), columns)
+    results.append(here.run_rows((ready, columns), kernel, golden, range(ready.runs)))
+assert len(devices) == 2
+here.same(*results)
+"""
+    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    subprocess.run([sys.executable, "-c", script], env=environment, check=True, cwd=tmp_path)
+
+
 @pytest.mark.slow
 def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
     """In float64, as another length of segment is another program: in float32 a DAC command may
@@ -234,7 +259,7 @@ def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
     results = []
     for length in (None, TICKS):
         if length is not None:
-            monkeypatch.setattr(scan, "segment_ticks", lambda ticks: ticks)
+            monkeypatch.setattr(scan, "segment_ticks", lambda ticks, longest: ticks)
         kernel = ScanEngine("xla").compile(ready.program, ready.runs)
         assert kernel.length == (length or 507), (
             "507: two segments, the last overshoots the run by one tick"
