@@ -12,17 +12,15 @@ from bench import workload
 from bench.workload import Workload
 from ravenjax.engines import selection, traced
 from ravenjax.engines.interface import Engine, Kernel
+from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import CAMPAIGN
 
 PRINTING = ("simd", "cuda")
 """Engines that print the traced tick themselves; the others leave it to XLA."""
-SIZES = {
-    "cuda": (4096, 65_536, 811_008),
-    "simd": (16, 256, 4096, 16_384),
-    "xla": (1024,),
-    "mjx": (1024,),
-}
-"""Engine -> runs of a batch; XLA compiles ten seconds for each, and half a minute with mjx."""
+SIZES = {"cuda": (4096, 65_536, 811_008), "simd": (16, 256, 4096, 16_384)}
+"""Engine -> runs of a batch."""
+XLA_SIZES = {"cpu": (1024,), "gpu": (65_536, 524_288)}
+"""Backend of JAX -> runs of a batch of `xla` and `mjx`. XLA compiles each for 10 to 60 s."""
 TICKS = {"cuda": 3000, "simd": 1000, "xla": 200, "mjx": 20}
 """Engine -> ticks of a run."""
 
@@ -32,7 +30,8 @@ def measure(seconds: float, name: str) -> list[dict[str, Any]]:
     there is none.
     """
     engine = selection.select(name, CAMPAIGN)
-    return measure_batches(engine, Workload(TICKS[name]), SIZES[name], seconds)
+    sizes = SIZES.get(name) or XLA_SIZES.get(jax.default_backend(), XLA_SIZES["gpu"])
+    return measure_batches(engine, Workload(TICKS[name]), sizes, seconds)
 
 
 def measure_batches(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -36,19 +36,25 @@ def make_arm() -> mujoco.MjModel:
     return model
 
 
-def measure_rollout(seconds: float, robots: int = 1024, steps: int = 200) -> list[dict[str, Any]]:
-    """C MuJoCo's `mujoco.rollout` with one thread for each CPU; for about so long."""
+def measure_rollout(
+    seconds: float, batches: Sequence[int] = (256, 1024, 4096, 16384), steps: int = 100
+) -> list[dict[str, Any]]:
+    """C MuJoCo's `mujoco.rollout` with one thread for each CPU, by number of robots."""
     from mujoco import rollout
 
     threads = machine.count_usable_cpus()
     model, kind = make_arm(), mujoco.mjtState.mjSTATE_FULLPHYSICS
     data = [mujoco.MjData(model) for _ in range(threads)]
-    initial = np.zeros((robots, mujoco.mj_stateSize(model, kind)))
-    mujoco.mj_getState(model, data[0], initial[0], kind)
-    initial[:] = initial[0]
+    rows: list[dict[str, Any]] = []
     with rollout.Rollout(nthread=threads) as pool:
-        work = functools.partial(pool.rollout, model, data, initial, nstep=steps)
-        return _measure("mujoco.rollout", f"{threads} threads", 0.0, robots * steps, work, seconds)
+        for robots in batches:
+            initial = np.zeros((robots, mujoco.mj_stateSize(model, kind)))
+            mujoco.mj_getState(model, data[0], initial[0], kind)
+            initial[:] = initial[0]
+            work = functools.partial(pool.rollout, model, data, initial, nstep=steps)
+            setting = {"robots": robots, "steps": steps, "device": f"{threads} threads"}
+            rows += _measure("mujoco.rollout", setting, robots * steps, work, seconds, len(batches))
+    return rows
 
 
 def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[str, Any]]:
@@ -71,54 +77,79 @@ def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[st
         rest = authors.initial(
             Vec(jnp.float64(m) for m in (50.0, 100.0, 800.0)), Vec.full(3, jnp.float64(0.0))
         )
-        return _measure_jax(PUBLISHED, steps, advance, rest, seconds)
+        return _measure_jax(PUBLISHED, 1, steps, advance, rest, seconds)
 
 
-def measure_mjx_step(seconds: float, robots: int = 1024, steps: int = 20) -> list[dict[str, Any]]:
-    """MJX: `jax.vmap(mjx.step)`, the loop over steps inside `jit`."""
+def measure_mjx_step(
+    seconds: float, implementation: str = "jax", batches: Sequence[int] = (), steps: int = 100
+) -> list[dict[str, Any]]:
+    """MJX: `jax.vmap(mjx.step)` by number of robots, the loop over steps inside `jit`.
+
+    implementation: MJX's own in `jax`, or MuJoCo Warp (`warp`), which needs the package warp-lang.
+    """
     import jax
     import jax.numpy as jnp
 
     from ravenjax.robots.raven2.dynamics.mjx_dynamics import mjx
 
-    model = mjx.put_model(make_arm())
-    one = mjx.make_data(model)
-    many = jax.vmap(lambda number: one.replace(qvel=one.qvel + 1e-6 * number))(jnp.arange(robots))
+    on_cpu = jax.default_backend() == "cpu"
+    batches = batches or ((256, 1024, 4096) if on_cpu else tuple(4**n for n in range(5, 10)))
+    arm = make_arm()
+    model = mjx.put_model(arm, impl=implementation)
+    first = mjx.make_data(arm, impl=implementation)
 
     def advance(data: mjx.Data) -> mjx.Data:
         return jax.lax.fori_loop(
             0, steps, lambda _, now: jax.vmap(mjx.step, in_axes=(None, 0))(model, now), data
         )
 
-    return _measure_jax("jax.vmap(mjx.step)", robots * steps, advance, many, seconds)
+    name = {"jax": "jax.vmap(mjx.step)", "warp": "jax.vmap(mjx.step), MuJoCo Warp"}[implementation]
+    rows: list[dict[str, Any]] = []
+    for robots in batches:
+        start = jax.vmap(lambda number: first.replace(qvel=first.qvel + 1e-6 * number))(
+            jnp.arange(robots)
+        )
+        rows += _measure_jax(name, robots, steps, advance, start, seconds, len(batches))
+    return rows
 
 
 def _measure_jax(
-    name: str, steps: int, advance: Callable[[Any], Any], start: Any, seconds: float
+    name: str,
+    robots: int,
+    steps: int,
+    advance: Callable[[Any], Any],
+    start: Any,
+    seconds: float,
+    settings: int = 1,
 ) -> list[dict[str, Any]]:
     import jax
 
     lowered = jax.jit(advance).lower(start)
     began = time.perf_counter()
     compiled = lowered.compile()
-    compile_s = time.perf_counter() - began
-    device = str(jax.config.jax_default_device or jax.devices()[0])
+    setting = {
+        "robots": robots,
+        "steps": steps,
+        "device": str(jax.config.jax_default_device or jax.devices()[0]),
+        "compile_s": time.perf_counter() - began,
+        # XLA counts the body of the loop once.
+        "flops_per_step": float((compiled.cost_analysis() or {}).get("flops", 0.0)) / robots,
+    }
     run = functools.partial(compiled, start)
-    return _measure(name, device, compile_s, steps, lambda: jax.block_until_ready(run()), seconds)
+    work = lambda: jax.block_until_ready(run())  # noqa: E731
+    return _measure(name, setting, robots * steps, work, seconds, settings)
 
 
 def _measure(
     name: str,
-    device: str,
-    compile_s: float,
+    setting: dict[str, Any],
     steps: int,
     work: Callable[[], object],
     seconds: float,
+    settings: int = 1,
 ) -> list[dict[str, Any]]:
-    """steps: of all robots, in `work` once."""
+    """steps: of all robots, in `work` once. settings: among which the seconds are divided."""
     work()
-    times = workload.repeat(work, seconds)
-    row = {"peer": name, "device": device, "steps_per_s": steps / min(times)}
-    return [
-        row | {"us_per_step": 1e6 * min(times) / steps, "seconds": times, "compile_s": compile_s}
-    ]
+    times = workload.repeat(work, seconds / settings)
+    rates = {"steps_per_s": steps / min(times), "us_per_step": 1e6 * min(times) / steps}
+    return [{"peer": name} | setting | rates | {"seconds": times}]

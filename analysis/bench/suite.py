@@ -61,9 +61,10 @@ def list_parts(gpus: int) -> list[Part]:
         ),
         Part("fault times", "fault_times", campaigns.measure_fault_times, 8, 15, cached=True),
         Part("campaigns", "campaigns", campaigns.measure_sizes, 4, 10),
-        Part("mujoco.rollout", "peers", peers.measure_rollout, 2, 5, (), True),
+        Part("mujoco.rollout", "peers", peers.measure_rollout, 3, 8, (), True),
         Part("published model", "peers", peers.measure_published_model, 3, 2, (), True),
-        Part("jax.vmap(mjx.step)", "peers", peers.measure_mjx_step, 12, 6),
+        Part("jax.vmap(mjx.step)", "peers", peers.measure_mjx_step, 30, 10),
+        Part("MuJoCo Warp", "peers", peers.measure_mjx_step, 150, 10, ("warp",), gpus=1),
         Part("engine xla", "engines", engine, 14, 8, ("xla",)),
         Part("engine mjx", "engines", engine, 38, 8, ("mjx",)),
     ]
@@ -133,7 +134,9 @@ def compute_ratios(found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any
     """Full ticks a second of each printing engine over every other's ticks or steps a second, each
     at its best.
     """
-    rates = {row["peer"]: row["steps_per_s"] for row in found.get("peers", [])}
+    rates: dict[str, float] = {}
+    for row in found.get("peers", []):
+        rates[row["peer"]] = max(row["steps_per_s"], rates.get(row["peer"], 0.0))
     for row in found.get("engines", []):
         rates[row["engine"]] = max(row["ticks_per_s"], rates.get(row["engine"], 0.0))
     return [

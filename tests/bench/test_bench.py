@@ -79,7 +79,7 @@ def test_peers_step_the_arm():
 
 
 def test_steps_of_peers_are_counted():
-    (row,) = peers.measure_rollout(0.1, robots=4, steps=5)
+    row, _ = peers.measure_rollout(0.1, batches=(4, 8), steps=5)
     assert row["steps_per_s"] * min(row["seconds"]) == pytest.approx(20)
     assert row["us_per_step"] * row["steps_per_s"] == pytest.approx(1e6)
 
