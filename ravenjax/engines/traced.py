@@ -12,13 +12,14 @@ import dataclasses
 import functools
 import re
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from ravenjax.engines import trace_key
-from ravenjax.engines.interface import Block, TickProgram
+from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram
 from ravenjax.engines.trace_key import Code, Objects
 from ravenjax.errors import UserError
 from ravenjax.ir import lowering
@@ -90,10 +91,6 @@ class Forms:
             if key not in self._codes:
                 self._codes[key] = make()
             return self._codes[key]
-
-    def holds(self, key: tuple[Any, ...]) -> bool:
-        """Whether the code of this key is there."""
-        return key in self._codes
 
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
         """Printed code, from disk where it was printed before.
@@ -260,6 +257,52 @@ def printable(program: TickProgram) -> TickProgram:
     return dataclasses.replace(
         program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
     )
+
+
+class PrintedKernel(ABC):
+    """What kernels of engines `simd` and `cuda` share: a traced program and its compiled forms."""
+
+    def __init__(self, program: TickProgram, lanes: int, objects: Objects | None) -> None:
+        """objects: compiled code kept between processes."""
+        self.program, self.lanes, self.objects = printable(program), lanes, objects
+        self._forms: Forms | None = None
+
+    @abstractmethod
+    def _run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+    ) -> tuple[BlockResult, np.ndarray]:
+        """What comes out of a block, and what went out in each tick, [ticks, numbers, lanes]."""
+
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
+    ) -> BlockResult:
+        """See `interface.Kernel`."""
+        return self._run(block, motion, progress)[0]
+
+    def forms(self, block: Block, motion: tuple[np.ndarray, ...]) -> Forms:
+        """The program traced for blocks and motions like these; done once."""
+        self._forms = self._forms or forms(self.program, block, motion, self.objects)
+        return self._forms
+
+    def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
+        """A block's inputs, each [lanes], and the number of the group that each lane is in: lanes
+        of a group have the same varied parameters, bit by bit.
+
+        A block that does not say its size has all lanes.
+        """
+        columns = inputs(self.program, block)
+        sized = (x for x in (*columns, block.golden, block.acts) if x is not None)
+        group = np.zeros(next(map(len, sized), self.lanes), np.int64)
+        for column in columns[: len(self.program.varied)]:
+            pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
+            _, value = np.unique(pattern, return_inverse=True)
+            _, group = np.unique(group * (int(value.max()) + 1) + value, return_inverse=True)
+        return columns, group
+
+
+def tables(motion: tuple[np.ndarray, ...]) -> np.ndarray:
+    """The columns of the motion one after the other."""
+    return np.concatenate([np.ascontiguousarray(column) for column in motion])
 
 
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.llvm import LlvmPrinter
-from ravenjax.engines.cpu.memory import BufferLayout
+from ravenjax.engines.cpu.memory import BufferLayout, stored
 from ravenjax.ir import lowering
 from ravenjax.ir.program import Program
 
@@ -97,8 +97,9 @@ def printed(program: Program, width: int, features) -> tuple[str, BufferLayout]:
     """LLVM code of a function `f` of addresses of inputs, results and tables, and where its
     results lie.
     """
-    inputs = BufferLayout(program.inputs, width)
-    outputs = BufferLayout(tuple(program.operations[i].dtype for i in program.outputs), width)
+    inputs = BufferLayout.of_lanes(program.inputs, width)
+    types = (program.operations[i].dtype for i in program.outputs)
+    outputs = BufferLayout.of_lanes(types, width)
     printer = LlvmPrinter(width, features)
     places = inputs.places("%in")
     sources = {
@@ -124,16 +125,11 @@ def compiled(
     found = [[] for _ in program.outputs]
     for start in range(0, length, width):
         rows = np.minimum(np.arange(start, start + width), length - 1)
-        given = b"".join(
-            c[rows].astype(np.int32 if c.dtype == bool else c.dtype).tobytes() for c in columns
-        )
-        taken = np.zeros(outputs.bytes, np.uint8)
+        given = b"".join(c[rows].astype(stored(str(c.dtype))).tobytes() for c in columns)
+        taken = np.zeros((1, outputs.bytes), np.uint8)
         function(given, taken.ctypes.data, None if tables is None else tables.ctypes.data)
-        for k, (dtype, offset) in enumerate(zip(outputs.types, outputs.offsets, strict=True)):
-            stored = np.dtype(np.int32 if dtype == "bool" else dtype)
-            found[k].append(
-                taken[offset : offset + width * stored.itemsize].view(stored).astype(dtype)
-            )
+        for parts, part in zip(found, outputs.unpack(taken), strict=True):
+            parts.append(part)
     return [np.concatenate(parts)[:length] for parts in found]
 
 

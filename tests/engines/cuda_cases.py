@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, pairs, same_bits
-from evaluated_program import evaluate
 
 from ravenjax.bundled import resources
 from ravenjax.campaign import loading, plan
@@ -13,7 +12,7 @@ from ravenjax.engines.gpu.code import words
 from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter
 from ravenjax.engines.gpu.engine import CudaEngine
 from ravenjax.engines.interface import Block
-from ravenjax.ir import polynomials
+from ravenjax.ir import polynomials, semantics
 from ravenjax.ir.builder import Builder, rewrite
 from ravenjax.ir.program import Program
 from ravenjax.ir.time_loop import TimeLoop
@@ -144,7 +143,7 @@ def check(launch, k: int) -> None:
     _, program, columns = CASES[k]
     out = np.full((1, len(columns[0])), 0xDEADBEEF, np.uint32)
     out = launch(f"case{k}", np.stack([words(c) for c in columns]), out, len(columns[0]))
-    (expected,) = evaluate(program, columns)
+    (expected,) = semantics.run(program, columns)
     expected = np.asarray(expected)
     got = out[0].astype(bool) if expected.dtype == bool else out[0].view(expected.dtype)
     same_bits(got, expected)
@@ -216,13 +215,13 @@ def small_loop() -> TimeLoop:
 def meant(loop: TimeLoop, inputs, given, table):
     """Results and what goes out [tick, number, lane], by evaluating the programs tick by tick."""
     lanes = len(inputs[0])
-    state = [np.broadcast_to(np.asarray(s), lanes) for s in evaluate(loop.begin, inputs)]
+    state = [np.broadcast_to(np.asarray(s), lanes) for s in semantics.run(loop.begin, inputs)]
     out = []
     for now in range(len(given)):
-        new = evaluate(loop.step, [*inputs, *state, np.int32(now), given[now]], [table])
+        new = semantics.run(loop.step, [*inputs, *state, np.int32(now), given[now]], [table])
         state, leaving = new[: loop.states], new[loop.states :]
         out.append([np.broadcast_to(x, lanes) for x in leaving])
-    return evaluate(loop.finish, [*inputs, *state]), out
+    return semantics.run(loop.finish, [*inputs, *state]), out
 
 
 # --- a campaign ---

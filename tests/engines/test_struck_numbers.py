@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from compiled_program import compiled, same_bits
 from cuda_as_cpp import Library
-from evaluated_program import evaluate, in_python
+from evaluated_program import in_python
 
 from ravenjax.engines.gpu import cuda
 from ravenjax.faults import fault, injection
-from ravenjax.ir import lowering
+from ravenjax.ir import lowering, semantics
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -151,7 +151,7 @@ def check(use: Use, draw: random.Random, folder=None, xla: bool = False) -> None
     jaxpr = jax.make_jaxpr(use.struck)(*shapes)
     program = lowering.lower(jaxpr)
     with np.errstate(all="ignore"):
-        meant = [np.broadcast_to(np.asarray(x), LANES) for x in evaluate(program, columns)]
+        meant = [np.broadcast_to(np.asarray(x), LANES) for x in semantics.run(program, columns)]
     for width in (1, 8):
         for got, expected in zip(compiled(program, width, tuple(columns)), meant, strict=True):
             same_bits(got, expected)

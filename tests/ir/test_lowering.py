@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, lowered, pairs, same_bits
-from evaluated_program import evaluate
 from jax import lax
 
 from ravenjax.ir import builder, lowering, semantics
@@ -87,7 +86,7 @@ def test_functions_of_two_floats(function):
 
 def test_nan_comes_through_extremes():
     for name in ("max", "min"):
-        got = evaluate(lowered(getattr(lax, name), A, B), [A, B])[0]
+        got = semantics.run(lowered(getattr(lax, name), A, B), [A, B])[0]
         expected = getattr(np, f"{name}imum")(A, B)
         np.testing.assert_array_equal(
             got, expected
@@ -122,7 +121,7 @@ def test_functions_of_integers(function):
 
 
 def same_as_jax(function, *columns):
-    (got,) = evaluate(lowered(function, *columns), columns)
+    (got,) = semantics.run(lowered(function, *columns), columns)
     expected = np.asarray(jax.jit(jax.vmap(function))(*columns))
     same_bits(flushed(np.broadcast_to(np.asarray(got), expected.shape)), flushed(expected))
 
@@ -141,7 +140,9 @@ def test_simplifying_changes_no_bit(monkeypatch):
     for seed, program in enumerate(programs):
         plain = random_program(seed)
         shorter += len(plain.needed()) - len(program.needed())
-        for got, expected in zip(evaluate(program, [A, B]), evaluate(plain, [A, B]), strict=True):
+        for got, expected in zip(
+            semantics.run(program, [A, B]), semantics.run(plain, [A, B]), strict=True
+        ):
             same_bits(
                 np.broadcast_to(got, A.shape).astype(got.dtype), np.broadcast_to(expected, A.shape)
             )
@@ -213,7 +214,7 @@ def test_sums_of_products_are_contracted():
         0,
         0,
     )
-    (got,) = evaluate(program, [A, B])
+    (got,) = semantics.run(program, [A, B])
     with np.errstate(all="ignore"):
         same_bits(
             got, semantics.fma(-B, B, semantics.fma(A, B, np.float32(1.0))).astype(np.float32)
@@ -223,7 +224,7 @@ def test_sums_of_products_are_contracted():
 def test_what_else_is_computed_changes_no_bit():
     alone = contract(lowered(lambda x, y: x * y + 1.0, A, B))
     along = contract(lowered(lambda x, y: (x * y + 1.0, x * y), A, B))
-    same_bits(evaluate(alone, [A, B])[0], evaluate(along, [A, B])[0])
+    same_bits(semantics.run(alone, [A, B])[0], semantics.run(along, [A, B])[0])
 
 
 def test_tables_are_read_inside_only():
@@ -233,7 +234,7 @@ def test_tables_are_read_inside_only():
         return t.at[i].get(mode="clip", wrap_negative_indices=False)
 
     closed = jax.make_jaxpr(function)(np.int32(0), table)
-    (got,) = evaluate(lowering.lower(closed), [np.array([-3, 0, 4, 9], np.int32)], [table])
+    (got,) = semantics.run(lowering.lower(closed), [np.array([-3, 0, 4, 9], np.int32)], [table])
     np.testing.assert_array_equal(got, [0, 0, 4, 4])
 
 
@@ -286,12 +287,12 @@ def test_what_only_the_library_has_is_refused_to_other_targets(function):
         closed = jax.make_jaxpr(function)(jax.ShapeDtypeStruct((), np.float64))
     with pytest.raises(UnknownPrimitive, match="known"):
         lowering.lower(closed)
-    (got,) = evaluate(lowering.lower(closed, functions="library"), [np.float64(2.75)])
+    (got,) = semantics.run(lowering.lower(closed, functions="library"), [np.float64(2.75)])
     assert got == pytest.approx(float(function(2.75)), abs=1e-6)
 
 
 def test_constant_tables_are_choices():
-    (got,) = evaluate(
+    (got,) = semantics.run(
         lowered(lambda i: jnp.array([1.0, 2.0, 4.0])[i], HARD_INTEGERS[:1]),
         [np.array([0, 1, 2], np.int32)],
     )

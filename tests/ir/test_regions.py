@@ -9,13 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_program import same_bits
-from evaluated_program import evaluate
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.lanes import Lanes
-from ravenjax.ir import lowering, regions
+from ravenjax.ir import lowering, regions, semantics
 from ravenjax.ir.builder import Builder, contract
 from ravenjax.ir.regions import Region, arrange, flat
 from ravenjax.ir.time_loop import TimeLoop
@@ -100,11 +99,11 @@ def test_passing_by_changes_no_bit(width):
     found = VectorCode(loop, 0, False, width).run(
         Lanes([limit], given, np.zeros(0, np.float32), out), TICKS
     )
-    state = evaluate(loop.begin, [limit])
+    state = semantics.run(loop.begin, [limit])
     for now in range(TICKS):
-        *state, leaving = evaluate(loop.step, [limit, *state, np.int32(now)])
+        *state, leaving = semantics.run(loop.step, [limit, *state, np.int32(now)])
         same_bits(out[now, 0], leaving)
-    for got, right in zip(found, evaluate(loop.finish, [limit, *state]), strict=True):
+    for got, right in zip(found, semantics.run(loop.finish, [limit, *state]), strict=True):
         same_bits(got, np.broadcast_to(right, got.shape))
     assert 0 < (found[1] > 0).sum() < lanes, "some lanes were there, some never"
 

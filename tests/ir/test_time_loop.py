@@ -9,12 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_program import same_bits
-from evaluated_program import evaluate
 
 from ravenjax.engines.cpu import kernel
 from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.lanes import Lanes
-from ravenjax.ir import lowering
+from ravenjax.ir import lowering, semantics
 from ravenjax.ir.builder import contract
 from ravenjax.ir.time_loop import TimeLoop, split
 
@@ -77,14 +76,14 @@ def loop() -> TimeLoop:
 
 
 def in_numpy(found: TimeLoop, gain, kick, given):
-    state = [np.broadcast_to(x, gain.shape) for x in evaluate(found.begin, [gain, kick])]
+    state = [np.broadcast_to(x, gain.shape) for x in semantics.run(found.begin, [gain, kick])]
     out = []
     for tick in range(TICKS):
         entering = [np.full(gain.shape, tick, np.int32), given[min(tick, len(given) - 1)]]
-        results = evaluate(found.step, [gain, kick, *state, *entering], [TABLE])
+        results = semantics.run(found.step, [gain, kick, *state, *entering], [TABLE])
         state = results[: len(state)]
         out.append([np.broadcast_to(x, gain.shape) for x in results[len(state) :]])
-    return evaluate(found.finish, [gain, kick, *state]), np.array(out)
+    return semantics.run(found.finish, [gain, kick, *state]), np.array(out)
 
 
 def test_each_number_is_computed_where_it_belongs():

@@ -115,7 +115,14 @@ def _straight(
     return tuple(result)
 
 
-FUNCTIONS = ("shared_begin", "shared_run", "lane_begin", "lane_run", "lane_finish", calls.NAME)
+FUNCTIONS = (
+    "shared_begin",
+    "shared_run",
+    "lane_begin",
+    "lane_run",
+    "lane_finish",
+    calls.MAKE_CALLS,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,16 +157,16 @@ class _LlvmModule:
             return tuple(self.step.operations[i].dtype for i in numbers)
 
         self.inputs, self.group_inputs = (
-            BufferLayout(self.begin.inputs, width),
-            BufferLayout(self.begin.inputs, 1),
+            BufferLayout.of_lanes(self.begin.inputs, width),
+            BufferLayout.of_lanes(self.begin.inputs, 1),
         )
-        self.state = BufferLayout(tuple(types[k] for k in self.lane_state), width)
-        self.group_state = BufferLayout(tuple(types[k] for k in split.shared_state), 1)
+        self.state = BufferLayout.of_lanes(tuple(types[k] for k in self.lane_state), width)
+        self.group_state = BufferLayout.of_lanes(tuple(types[k] for k in split.shared_state), 1)
         self.prologue, self.row = (
-            BufferLayout(typed(split.prologue_results), width),
-            BufferLayout(typed(split.row), 1),
+            BufferLayout.of_lanes(typed(split.prologue_results), width),
+            BufferLayout.of_lanes(typed(split.row), 1),
         )
-        self.results = BufferLayout(
+        self.results = BufferLayout.of_lanes(
             tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width
         )
         self.declared: set[str] = set()

@@ -85,8 +85,9 @@ class Forced(SimdKernel):
         super().__init__(program, 16)
         self._forms, self.width, self.forced = traced.Forms(loop), width, grouped
 
-    def _runs_by_group(self, sizes):
-        return self.forced
+    def _groups(self, block):
+        inputs, group = self.groups(block)
+        return inputs, group if self.forced else np.zeros_like(group), self.forced
 
 
 def run(kernel, ready, rows):

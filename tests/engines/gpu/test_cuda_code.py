@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 
-import jax
 import numpy as np
 import pytest
 from branching_cases import observed, require_same, tables
@@ -20,7 +19,6 @@ from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.gpu.code import CudaCode, words
 from ravenjax.engines.gpu.course import place
 from ravenjax.engines.gpu.kernel import Form
-from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
 from ravenjax.numbers.setup import REFERENCE
@@ -35,15 +33,6 @@ def test_lanes_are_placed_in_warps_of_one_group():
     np.testing.assert_array_equal(group[places.lane], np.repeat(places.group, 32))
     assert places.group.tolist() == [0, 1, 1, 2, 2, 2]
     assert group[places.first].tolist() == [0, 1, 2]
-
-
-def test_lanes_are_grouped_by_equal_bits():
-    zeros = np.array([0.0, -0.0, 0.0, 1.0, 1.0], np.float32)
-    seeds = np.array([7, 7, 7, 7, 2**32 - 1], np.uint32)
-    group = cuda._groups([zeros, seeds], 5)
-    assert group[0] == group[2]
-    assert len(set(group.tolist())) == 4
-    assert cuda._groups([], 3).tolist() == [0, 0, 0]
 
 
 @pytest.mark.slow
@@ -157,18 +146,3 @@ def test_blocks_are_dealt_out_evenly():
     lanes = cuda.block_lanes(6 * wave * 4, (Device(),) * 4)
     assert lanes == 3 * wave
     assert 6 * wave * 4 // lanes == 8
-
-
-@pytest.mark.slow
-def test_a_trace_has_the_signals_of_engine_simd(monkeypatch, tmp_path, short):
-    pretend(monkeypatch, tmp_path)
-    varied, harmless = short.lanes([5], 1, harmless=True)
-    _, faults = short.lanes([5], 1)
-    blocks = Block(varied, harmless, None), Block(varied, faults, None)
-    _, result, signals = cuda.CudaEngine().tracer(short.program, 1).run(*blocks, short.columns)
-    _, expected, wanted = SimdEngine().tracer(short.program, 1).run(*blocks, short.columns)
-    for name, values in expected.outcomes.items():
-        np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
-    for got, leaf in zip(jax.tree.leaves(signals), jax.tree.leaves(wanted), strict=True):
-        assert got.dtype == leaf.dtype
-        np.testing.assert_array_equal(words(got), words(leaf))
