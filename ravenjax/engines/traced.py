@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import re
 import threading
 from abc import ABC, abstractmethod
@@ -29,7 +28,6 @@ from ravenjax.ir.time_loop import TimeLoop
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import where
 
 KEPT = 4
 """Programs whose code this process keeps, up to 20 MB each."""
@@ -101,18 +99,6 @@ class Forms:
         return trace_key.load_or_make(self._objects, own, make)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Wanted:
-    """What a trace depends on: equal keys, equal code."""
-
-    key: str
-    program: TickProgram = dataclasses.field(compare=False)
-    block: Block = dataclasses.field(compare=False)  # of no lanes
-    # of zeros that take no memory
-    motion: tuple[np.ndarray, ...] = dataclasses.field(compare=False)
-    objects: Objects | None = dataclasses.field(compare=False)
-
-
 def forms(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
 ) -> Forms:
@@ -136,28 +122,30 @@ def forms(
         none.faults,
         [(column.shape, column.dtype.str) for column in motion],
     )
-    columns = tuple(np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion)
+    key = trace_key.hash_values(*decides)
+    # Who comes second waits instead of tracing the same.
     with _TRACING:
-        return _forms(_Wanted(trace_key.hash_values(*decides), program, none, columns, objects))
+        if key not in _FORMS:
+            # A robot of another package may take code from anywhere: no files are known to decide
+            # it.
+            ours = program.module.startswith("ravenjax.") and objects is not None
+            kept = trace_key.persistent_key("trace", key) if ours else ""
+            # Zeros that take no memory.
+            columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
+            traced = trace_key.load_or_make(objects, kept, lambda: trace(program, none, columns))
+            _FORMS[key] = Forms(traced, kept, objects)
+            if len(_FORMS) > KEPT:
+                del _FORMS[next(iter(_FORMS))]
+        return _FORMS[key]
+
+
+_TRACING = threading.Lock()
+_FORMS: dict[str, Forms] = {}
 
 
 def forget() -> None:
     """Keep nothing in this process of what was traced so far."""
-    _forms.cache_clear()
-
-
-_TRACING = threading.Lock()  # who comes second waits instead of tracing the same
-
-
-@functools.lru_cache(maxsize=KEPT)
-def _forms(wanted: _Wanted) -> Forms:
-    # A robot of another package may take code from anywhere: no files are known to decide it.
-    ours = wanted.program.module.startswith("ravenjax.") and wanted.objects is not None
-    key = trace_key.persistent_key("trace", wanted.key) if ours else ""
-    result = trace_key.load_or_make(
-        wanted.objects, key, lambda: trace(wanted.program, wanted.block, wanted.motion)
-    )
-    return Forms(result, key, wanted.objects)
+    _FORMS.clear()
 
 
 def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
@@ -194,8 +182,8 @@ def trace(
 
     No array is made, so that JAX looks for no device.
     """
-    loop, setup = program.loop, program.setup
-    series = loop.series_length(setup)
+    setup = program.setup
+    series = program.loop.series_length(setup)
     columns = tuple(jax.ShapeDtypeStruct(column.shape, column.dtype) for column in motion)
     lane = shapes(
         (
@@ -206,25 +194,18 @@ def trace(
     )
     entering = shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
-    def begin(varied: Any, faults: Any, end: Any) -> Any:
-        return loop.init(setup, program.params_of(varied))
-
-    def step(
-        varied: Any, faults: Any, end: Any, state: Any, now: Any, golden: Any, motion: Any
-    ) -> tuple[Any, Any, Any]:
-        params = program.params_of(varied)
-        new, own, signals = loop.advance(setup, params, faults, state, now, motion, golden)
-        return frozen(now, end, new, state), own, signals
-
-    def finish(varied: Any, faults: Any, end: Any, state: Any) -> dict[str, Any]:
-        return loop.outcomes(setup, program.params_of(varied), state)
-
     with x64(setup):
-        first, state = trace_function(begin, *lane, origin=origin)
-        middle, (_, _, signals) = trace_function(
-            step, *lane, state, *entering, columns, origin=origin
+        first, state = trace_function(
+            lambda varied, *_: program.begin(varied), *lane, origin=origin
         )
-        last, outcomes = trace_function(finish, *lane, state, origin=origin)
+        middle, (_, _, signals) = trace_function(
+            program.step, *lane, state, *entering, columns, origin=origin
+        )
+        last, outcomes = trace_function(
+            lambda varied, _, end, state: program.finish(varied, state),
+            *(*lane, state),
+            origin=origin,
+        )
     signals = tree.mapped(lambda leaf: np.dtype(leaf.dtype), signals)
     return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), series, signals)
 
@@ -243,11 +224,6 @@ def trace_function(
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
     program = lowering.lower(jaxpr, origin, functions)
     return (contract(program) if functions == "polynomials" else program), results
-
-
-def frozen(now: Any, end: tuple[Any, ...], new: Any, state: Any) -> Any:
-    """The state after tick `now`: as it was where the lane has ended."""
-    return where(now < end[0], new, state) if end else new
 
 
 def printable(program: TickProgram) -> TickProgram:

@@ -31,7 +31,7 @@ def in_numpy(name, *operands):
         lambda operation, dtype, *values: semantics.evaluate(operation, dtype, values),
         lambda dtype, value: np.asarray(value, dtype)[()],
     )
-    return polynomials.write(name, arithmetic, *(np.asarray(x, np.float32) for x in operands))
+    return polynomials.FUNCTIONS[name](arithmetic, *(np.asarray(x, np.float32) for x in operands))
 
 
 def uniform(low, high, size=200_000):

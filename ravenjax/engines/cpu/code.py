@@ -15,8 +15,13 @@ from functools import cached_property
 import numpy as np
 
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.calls import ARGUMENTS, CALL_WORDS, MAKE_CALLS
-from ravenjax.engines.cpu.kernel import FUNCTIONS, VectorKernel, print_kernel
+from ravenjax.engines.cpu.kernel import (
+    ARGUMENTS,
+    CALL_WORDS,
+    FUNCTIONS,
+    VectorKernel,
+    print_kernel,
+)
 from ravenjax.engines.cpu.memory import buffer
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk, spacing
@@ -189,7 +194,7 @@ class VectorCode:
 
         self.kernel = printed(make)
         self._module = jit.compile(self.kernel.text, FUNCTIONS, objects)
-        self._make_calls = self._module.function(MAKE_CALLS, [ctypes.c_void_p, ctypes.c_int64])
+        self._make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
 
     @property
     def outputs(self) -> int:

@@ -30,13 +30,8 @@ path.
 
 
 def segment_ticks(ticks: int) -> int:
-    """The largest divisor of `ticks` that a segment may have; where it is small, a length that
-    overshoots a little.
-    """
-    divisor = next(n for n in range(min(ticks, MAX_SEGMENT), 0, -1) if ticks % n == 0)
-    return (
-        divisor if divisor * 4 >= min(ticks, MAX_SEGMENT) else -(-ticks // -(-ticks // MAX_SEGMENT))
-    )
+    """Ticks of each of the equal segments that cover a run; the last may overshoot a little."""
+    return -(-ticks // -(-ticks // MAX_SEGMENT))
 
 
 def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> tuple[Any, Any]:
@@ -46,26 +41,23 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     returns the state, the outcomes so far, the reference series [length, series, lanes] and, if
     kept, every signal of the first lane [length]. ends: as `traced.own_ends`.
     """
-    loop, setup = program.loop, program.setup
     overshoots = program.ticks % length != 0  # the last segment, the run
 
-    def params_of(varied: Any) -> Any:
-        return program.params_of([varied[path] for path in program.varied])
+    def values(varied: Any) -> list[Any]:
+        return [varied[path] for path in program.varied]
+
+    def begin(varied: Any) -> Any:
+        return program.begin(values(varied))
 
     def advance(
         varied: Any, faults: Any, end: Any, state: Any, now: Any, reference: Any, motion: Any
     ) -> Any:
-        params = params_of(varied)
-        new, series, signals = loop.advance(setup, params, faults, state, now, motion, reference)
         end = end or ((program.ticks,) if overshoots else ())
-        new = traced.frozen(now, end, new, state)
-        return new, series, signals if keep_signals else ()
-
-    def begin(varied: Any) -> Any:
-        return loop.init(setup, params_of(varied))
+        moved = program.step(values(varied), faults, end, state, now, reference, motion)
+        return moved if keep_signals else (*moved[:2], ())
 
     def finish(varied: Any, state: Any) -> Any:
-        return loop.outcomes(setup, params_of(varied), state)
+        return program.finish(values(varied), state)
 
     def segment(
         varied: Any, faults: Any, ends: Any, state: Any, first: Any, reference: Any, motion: Any
