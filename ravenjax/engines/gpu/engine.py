@@ -23,7 +23,7 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.code import CudaCode, form_for, typed
-from ravenjax.engines.gpu.course import BlockCourse, Places, between, place, whole
+from ravenjax.engines.gpu.course import BlockCourse, Places, place, plan_course
 from ravenjax.engines.gpu.device import Cubins, Device
 from ravenjax.engines.gpu.kernel import WARP
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
@@ -124,14 +124,12 @@ class CudaKernel(traced.PrintedKernel):
         return inputs, place(group if grouped else np.zeros_like(group), form.threads), grouped
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
-        lanes, ticks = len(places.thread), self.program.ticks
+        ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
         # What goes out in each tick is asked for, from the first on.
-        if block.reference is None:
-            return whole(places, code.form.threads, ticks, block.ends)
-        acts = np.zeros(lanes, np.int32) if block.acts is None else block.acts
-        ends = np.full(lanes, ticks) if block.ends is None else block.ends
-        trunks = [block.trunk(lane) if grouped else None for lane in places.first.tolist()]
-        return between(places, code.form.threads, acts, ends, trunks)
+        if block.reference is None or not grouped:
+            return plan_course(places, code.form.threads, ends)
+        trunks = [block.trunk(lane) for lane in places.first.tolist()]
+        return plan_course(places, code.form.threads, ends, block.acts, trunks)
 
     def _code(
         self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device

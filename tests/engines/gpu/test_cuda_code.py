@@ -56,7 +56,8 @@ def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_gr
     entering = series.T[:, :, None] if by_group else given[:, None, :][:, :, places.lane]
     out = np.zeros((ticks, 2, lanes), np.uint32)
     finished = []
-    found = code.run(Lanes(inputs, entering, table, out), places, ticks, finished.append)
+    course = code.whole(places, ticks)
+    found = code.follow(Lanes(inputs, entering, table, out), places, course, finished.append)
 
     expected, leaving = meant(loop, inputs, given, table)
     for got, column in zip(found, expected, strict=True):
@@ -97,9 +98,9 @@ def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
         ready = observed(ready, observe)
     engine = cuda.CudaEngine()
     assert golden_runs.FastForwardPlan(ready, 32).branches.all()
-    courses, between = [], cuda.between
+    courses, planned = [], cuda.plan_course
     monkeypatch.setattr(
-        cuda, "between", lambda *args: courses.append(between(*args)) or courses[-1]
+        cuda, "plan_course", lambda *args: courses.append(planned(*args)) or courses[-1]
     )
     some, whole = tables(ready, engine), tables(ready, SimdEngine(), whole=True)
     assert any(course.first > 0 and course.group_state is not None for course in courses)
