@@ -14,10 +14,12 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ravenjax.engines.cpu.memory import Place, size
 from ravenjax.engines.printing import Printing
 from ravenjax.ir import elementary
-from ravenjax.ir.program import Program
+from ravenjax.ir.program import Program, number
 
 _STORED = {
     "float32": "float",
@@ -64,8 +66,10 @@ class LlvmPrinter(Printing[Place]):
             if logic and dtype in ("int32", "uint32") and self.width > 1:
                 return self._chosen_apart(dtype, inputs)
             return self.select(dtype, *inputs)
-        constants = [program.operations[o].name == "constant" for o in operands]
-        return self._computed(name, dtype, program.operations[operands[0]].dtype, inputs, constants)
+        sources = [program.operations[o] for o in operands]
+        # A NaN is no known number: `max` and `min` must let it through.
+        known = [o.name == "constant" and not np.isnan(number(o.dtype, o.detail)) for o in sources]
+        return self._computed(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
         """Entered if the condition holds in any lane."""
@@ -183,9 +187,7 @@ class LlvmPrinter(Printing[Place]):
         result = self.select("float32", inputs[0], *sides)
         return self.op(f"bitcast {real} {result} to {wide}")
 
-    def _computed(
-        self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]
-    ) -> str:
+    def _computed(self, name: str, dtype: str, source: str, x: list[str], known: list[bool]) -> str:
         real = dtype.startswith("float")
         wide = self.type(dtype)
         if name in _ARITHMETIC:
@@ -207,7 +209,7 @@ class LlvmPrinter(Printing[Place]):
         if real and name in _ROUNDED:
             return self.intrinsic(_ROUNDED[name], dtype, x[0])
         if name in _SHIFTED:
-            return self._shifted(name, dtype, x, constants[1])
+            return self._shifted(name, dtype, x, known[1])
         if name in elementary.FUNCTIONS and self.width == 1:
             return self._library(name, dtype, x)
         match name:
@@ -235,7 +237,7 @@ class LlvmPrinter(Printing[Place]):
                     f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}"
                 )
                 best = self.select(dtype, condition, *x)
-                if constants[0]:
+                if known[0]:
                     return best
                 unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
                 return self.select(dtype, unknown, x[0], best)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from branching_cases import observed, require_same, tables
 from cuda_as_cpp import Device, pretend
-from cuda_cases import check_engines, cut, meant, small_loop
+from cuda_cases import check_engines, cut
+from small_loop import TABLE, in_numpy, loop
 
 from ravenjax.campaign import golden_runs
 from ravenjax.engines.cpu.engine import SimdEngine
@@ -41,29 +42,28 @@ def test_lanes_are_placed_in_warps_of_one_group():
 def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_group, shared_words):
     pretend(monkeypatch, tmp_path)
     monkeypatch.setattr(cuda_code, "CHUNK", 4)
-    loop, lanes, ticks = small_loop(), 70, 11
+    lanes, ticks = 70, 11
     rng = np.random.default_rng(3)
     group = np.arange(lanes) % 2
     gain = rng.standard_normal(2).astype(np.float32)[group]
-    inputs = [gain, rng.random(lanes).astype(np.float32), rng.random(lanes) < 0.5]
-    table = rng.standard_normal(5).astype(np.float32)
+    kick = rng.uniform(-0.5, 0.5, lanes).astype(np.float32)
     series = rng.standard_normal((ticks, 2)).astype(np.float32)  # of each group
     given = np.ascontiguousarray(series[:, group])
 
     form = Form(32, shared_words, region=3, in_step_from=1)
-    code = CudaCode(loop, 1, by_group, Device(), form)
+    code = CudaCode(loop(), 1, by_group, Device(), form)
     places = place(group if by_group else np.zeros_like(group), form.threads)
     entering = series.T[:, :, None] if by_group else given[:, None, :][:, :, places.lane]
     out = np.zeros((ticks, 2, lanes), np.uint32)
     finished = []
     course = code.whole(places, ticks)
-    found = code.follow(Lanes(inputs, entering, table, out), places, course, finished.append)
+    moved = Lanes([gain, kick], entering, TABLE, out)
+    found = code.follow(moved, places, course, finished.append)
 
-    expected, leaving = meant(loop, inputs, given, table)
+    expected, leaving = in_numpy(loop(), gain, kick, given, ticks)
     for got, column in zip(found, expected, strict=True):
         np.testing.assert_array_equal(words(got), words(np.broadcast_to(np.asarray(column), lanes)))
-    for k in range(2):
-        np.testing.assert_array_equal(out[:, k], words(np.stack([tick[k] for tick in leaving])))
+    np.testing.assert_array_equal(out, words(leaving.astype(np.float32)))
     assert finished == [4 * lanes, 4 * lanes, 3 * lanes]
 
 
