@@ -29,25 +29,16 @@ I, J = pairs(HARD_INTEGERS)
 @pytest.mark.parametrize(
     "function",
     [
-        lambda x: x + 1.5,
-        lambda x: 3.0 - x,
+        lambda x: (x + 1.5) / (3.0 - x),
         lambda x: x * -0.0,
-        lambda x: x / 4.0,
-        lambda x: x / -2.0,
-        lambda x: 1.0 / x,
+        lambda x: jnp.abs(-x) / -4.0,
         lambda x: jnp.negative(-x) - jnp.negative(x),
         lambda x: -x * 3.0,
-        lambda x: jnp.abs(-x),
         lambda x: jnp.sqrt(x),
         lambda x: x**3,
         lambda x: x**-2,
-        lambda x: x**0,
-        jnp.floor,
-        jnp.ceil,
-        jnp.round,
-        jnp.sign,
-        jnp.isfinite,
-        jnp.square,
+        lambda x: x**0 + jnp.square(x),
+        *(jnp.floor, jnp.ceil, jnp.round, jnp.sign, jnp.isfinite),
         lambda x: jnp.clip(x, -1.0, 2.0),
         lambda x: jnp.where(x < 0, x, 2.0) == 2.0,
         lambda x: jnp.where(-x < 3.0, 1, 0) + 1,
@@ -56,7 +47,6 @@ I, J = pairs(HARD_INTEGERS)
         lambda x: lax.convert_element_type(x, jnp.uint32),
         lambda x: lax.bitcast_convert_type(x, jnp.int32) ^ 1,
         lambda x: lax.convert_element_type(x > 0, jnp.float32) != 0.0,
-        lambda x: jnp.floor(lax.convert_element_type(to_int32(x), jnp.float32)),
         lambda x: jax.jit(lambda y: y * 2.0)(x),
         lambda x: jax.grad(lambda y: jnp.maximum(y, 0.5) * y)(x),
     ],
@@ -73,8 +63,7 @@ def test_functions_of_a_float(function):
         lambda a, b: a / b,
         lambda a, b: a - -b,
         lambda a, b: (a < b) & (b <= a) | (a != b),
-        lambda a, b: a >= b,
-        lambda a, b: -a < -b,
+        lambda a, b: (a >= b) ^ (-a < -b),
         lambda a, b: jnp.where(~(a > b), a, b),
         lambda a, b: jnp.where(a > b, a > 0, b > 0),
         lambda a, b: jnp.where(a == b, True, b > 0),
@@ -84,34 +73,17 @@ def test_functions_of_two_floats(function):
     same_as_jax(function, A, B)
 
 
-def test_nan_comes_through_extremes():
-    for name in ("max", "min"):
-        got = semantics.run(lowered(getattr(lax, name), A, B), [A, B])[0]
-        expected = getattr(np, f"{name}imum")(A, B)
-        np.testing.assert_array_equal(
-            got, expected
-        )  # 0 and -0 count as equal: which of them comes out is left open
-
-
 @pytest.mark.parametrize(
     "function",
     [
-        lambda i, j: i + j,
-        lambda i, j: i - j,
-        lambda i, j: i * j,
-        lax.div,
-        lax.rem,
-        lax.shift_left,
-        lax.shift_right_arithmetic,
-        lax.shift_right_logical,
+        lambda i, j: (i + j) * (i - j),
+        *(lax.div, lax.rem),
+        *(lax.shift_left, lax.shift_right_arithmetic, lax.shift_right_logical),
         lambda i, j: (i & j) ^ (i | 12) & ~j,
-        lambda i, j: jnp.maximum(i, j) - jnp.minimum(i, 5),
-        lambda i, j: jnp.abs(i) + jnp.sign(j),
-        lambda i, j: wrap16(i + j),
+        lambda i, j: jnp.maximum(i, j) - jnp.minimum(i, 5) + jnp.clip(i, -3, j),
+        lambda i, j: jnp.abs(i) + jnp.sign(j) + wrap16(i + j),
         lambda i, j: ((i + 3) + 4) - 7 + 0 * j,
-        lambda i, j: jnp.clip(i, -3, j),
         lambda i, j: lax.convert_element_type(i, jnp.float32) * 2.0**-24,
-        lambda i, j: counter_random.bits(lax.convert_element_type(i, jnp.uint32), j, 3),
         lambda i, j: counter_random.uniform(lax.convert_element_type(i, jnp.uint32), j, 3),
         lambda i, j: jnp.where(i < j, i, j) == i,
     ],
@@ -149,9 +121,14 @@ def test_simplifying_changes_no_bit(monkeypatch):
     assert shorter > 100
 
 
+KINDS = (
+    *("neg", "abs", "add", "sub", "mul", "div", "select"),
+    *("lt", "le", "eq", "and", "or", "not", "chosen"),
+)
+
+
 def random_program(seed: int) -> Program:
-    rng = np.random.default_rng(seed)
-    builder = Builder()
+    rng, builder = np.random.default_rng(seed), Builder()
     floats = [builder.input("float32"), builder.input("float32")]
     floats += [builder.constant("float32", v) for v in (0.0, -0.0, 1.0, -1.0, 2.0, 0.25, 3.0)]
     truths = [builder.constant("bool", True), builder.constant("bool", False)]
@@ -176,44 +153,27 @@ def random_program(seed: int) -> Program:
         )
         if kind in ("lt", "le", "eq"):
             truths.append(builder.emit(kind, "bool", *rng.choice(floats, 2)))
-        elif kind in ("and", "or"):
-            truths.append(builder.emit(kind, "bool", *rng.choice(truths, 2)))
-        elif kind == "not":
-            truths.append(builder.emit(kind, "bool", rng.choice(truths)))
+        elif kind in ("and", "or", "not"):
+            truths.append(builder.emit(kind, "bool", *rng.choice(truths, 1 + (kind != "not"))))
         elif kind == "chosen":
             truths.append(builder.emit("select", "bool", *rng.choice(truths, 3)))
         elif kind == "select":
             floats.append(builder.emit(kind, "float32", rng.choice(truths), *rng.choice(floats, 2)))
         else:
-            floats.append(
-                builder.emit(
-                    kind, "float32", *rng.choice(floats, 1 if kind in ("neg", "abs") else 2)
-                )
-            )
+            operands = rng.choice(floats, 1 if kind in ("neg", "abs") else 2)
+            floats.append(builder.emit(kind, "float32", *operands))
     return builder.program([*floats[-6:], *truths[-4:]])
 
 
 def test_equal_operations_are_written_once():
-    def function(x, y):
-        return jnp.sin(x * y) + jnp.cos(y * x) + jnp.sin(x * y)
-
-    names = [op.name for op in lowered(function, A, B).operations]
-    assert names.count("mul") - names.count("fma") < 10
-    assert (
-        len([op for op in lowered(lambda x, y: x * y + y * x, A, B).operations if op.name == "mul"])
-        == 1
-    )
+    operations = lowered(lambda x, y: x * y + y * x, A, B).operations
+    assert [op.name for op in operations].count("mul") == 1
 
 
 def test_sums_of_products_are_contracted():
     program = contract(lowered(lambda x, y: (x * y + 1.0) - y * y, A, B))
     names = [program.operations[i].name for i in program.needed()]
-    assert (names.count("fma"), names.count("mul"), names.count("add"), names.count("sub")) == (
-        2,
-        0,
-        0,
-        0,
-    )
+    assert [names.count(name) for name in ("fma", "mul", "add", "sub")] == [2, 0, 0, 0]
     (got,) = semantics.run(program, [A, B])
     with np.errstate(all="ignore"):
         same_bits(
