@@ -58,7 +58,7 @@ class Unfused(SimdEngine):
     def compile(self, program: TickProgram, runs: int) -> SimdKernel:
         kernel = super().compile(program, runs)
         host = jit.host()
-        kernel._target = dataclasses.replace(host, features=host.features - {"fma"})
+        kernel._host = dataclasses.replace(host, features=host.features - {"fma"})
         return kernel
 
 
@@ -73,8 +73,8 @@ class Narrow(SimdEngine):
             "fma4",
             "f16c",
         }
-        kernel._target = dataclasses.replace(host, features=frozenset(features))
-        kernel.width = kernel.branches = kernel._target.width
+        kernel._host = dataclasses.replace(host, features=frozenset(features))
+        kernel.width = kernel.branches = kernel._host.width
         return kernel
 
 

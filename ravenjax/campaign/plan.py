@@ -72,7 +72,7 @@ class Plan:
     @cached_property
     def acts(self) -> np.ndarray:
         """The first tick in which a fault of each run may act, see `span`; int32 [runs]."""
-        return span.acts(self.faults, self.program.ticks, self.clocks)
+        return span.acts(self.faults, self.program.ticks)
 
     @cached_property
     def ends(self) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ravenjax.numbers import paths, tree
+from ravenjax.numbers.vec import where
 
 Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
@@ -75,6 +76,31 @@ class TickProgram:
         for path, value in zip(self.varied, varied, strict=True):
             record = paths.assign(record, self.setup, path, value)
         return record
+
+    def begin(self, varied: Sequence[Any]) -> Any:
+        """The state of a lane before its first tick."""
+        return self.loop.init(self.setup, self.params_of(varied))
+
+    def step(
+        self,
+        varied: Sequence[Any],
+        faults: Any,
+        end: tuple[Any, ...],
+        state: Any,
+        now: Any,
+        golden: Any,
+        motion: Any,
+    ) -> tuple[Any, Any, Any]:
+        """`Loop.advance` of a lane; from tick `end` on, if there is one, its state stays."""
+        params = self.params_of(varied)
+        new, series, signals = self.loop.advance(
+            self.setup, params, faults, state, now, motion, golden
+        )
+        return where(now < end[0], new, state) if end else new, series, signals
+
+    def finish(self, varied: Sequence[Any], state: Any) -> dict[str, Any]:
+        """The outcomes of a lane."""
+        return self.loop.outcomes(self.setup, self.params_of(varied), state)
 
 
 NO_REFERENCE = np.zeros((0, 0, 0), np.float32)

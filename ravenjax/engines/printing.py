@@ -9,10 +9,28 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from ravenjax.ir.program import Program, number
 from ravenjax.ir.regions import Region, flat
+
+
+def render(template: str, **values: Any) -> str:
+    """A template beside this file, filled in."""
+    # Imported here: printed code is kept, so most processes print none.
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        undefined=jinja2.StrictUndefined,
+        autoescape=False,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(template).render(values)
+
 
 Where = TypeVar("Where")
 """A place in memory, as the language names it."""

@@ -79,7 +79,12 @@ def hash_files() -> str:
     """sha256 over the files that decide what is traced and printed, as they are now: this package's
     lower floors, and the robots' models.
     """
-    files = [path for floor in _FLOORS for path in sorted((_PACKAGE / floor).rglob("*.py"))]
+    files = [
+        path
+        for floor in _FLOORS
+        for suffix in ("py", "j2")
+        for path in sorted((_PACKAGE / floor).rglob(f"*.{suffix}"))
+    ]
     models = [*sorted(Path("models").rglob("*")), *resources.bundled("models", "**/*")]
     result = hashlib.sha256()
     for path in (*files, *(path for path in models if path.is_file())):

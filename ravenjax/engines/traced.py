@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import re
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from ravenjax.engines import trace_key
-from ravenjax.engines.interface import Block, TickProgram
+from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram
 from ravenjax.engines.trace_key import Code, Objects
 from ravenjax.errors import UserError
 from ravenjax.ir import lowering
@@ -28,7 +28,6 @@ from ravenjax.ir.time_loop import TimeLoop
 from ravenjax.numbers import tree
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.setup import Setup
-from ravenjax.numbers.vec import where
 
 KEPT = 4
 """Programs whose code this process keeps, up to 20 MB each."""
@@ -91,10 +90,6 @@ class Forms:
                 self._codes[key] = make()
             return self._codes[key]
 
-    def holds(self, key: tuple[Any, ...]) -> bool:
-        """Whether the code of this key is there."""
-        return key in self._codes
-
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
         """Printed code, from disk where it was printed before.
 
@@ -102,18 +97,6 @@ class Forms:
         """
         own = self._key and trace_key.hash_values("printed", self._key, key)
         return trace_key.load_or_make(self._objects, own, make)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Wanted:
-    """What a trace depends on: equal keys, equal code."""
-
-    key: str
-    program: TickProgram = dataclasses.field(compare=False)
-    block: Block = dataclasses.field(compare=False)  # of no lanes
-    # of zeros that take no memory
-    motion: tuple[np.ndarray, ...] = dataclasses.field(compare=False)
-    objects: Objects | None = dataclasses.field(compare=False)
 
 
 def forms(
@@ -139,28 +122,30 @@ def forms(
         none.faults,
         [(column.shape, column.dtype.str) for column in motion],
     )
-    columns = tuple(np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion)
+    key = trace_key.hash_values(*decides)
+    # Who comes second waits instead of tracing the same.
     with _TRACING:
-        return _forms(_Wanted(trace_key.hash_values(*decides), program, none, columns, objects))
+        if key not in _FORMS:
+            # A robot of another package may take code from anywhere: no files are known to decide
+            # it.
+            ours = program.module.startswith("ravenjax.") and objects is not None
+            kept = trace_key.persistent_key("trace", key) if ours else ""
+            # Zeros that take no memory.
+            columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
+            traced = trace_key.load_or_make(objects, kept, lambda: trace(program, none, columns))
+            _FORMS[key] = Forms(traced, kept, objects)
+            if len(_FORMS) > KEPT:
+                del _FORMS[next(iter(_FORMS))]
+        return _FORMS[key]
+
+
+_TRACING = threading.Lock()
+_FORMS: dict[str, Forms] = {}
 
 
 def forget() -> None:
     """Keep nothing in this process of what was traced so far."""
-    _forms.cache_clear()
-
-
-_TRACING = threading.Lock()  # who comes second waits instead of tracing the same
-
-
-@functools.lru_cache(maxsize=KEPT)
-def _forms(wanted: _Wanted) -> Forms:
-    # A robot of another package may take code from anywhere: no files are known to decide it.
-    ours = wanted.program.module.startswith("ravenjax.") and wanted.objects is not None
-    key = trace_key.persistent_key("trace", wanted.key) if ours else ""
-    result = trace_key.load_or_make(
-        wanted.objects, key, lambda: trace(wanted.program, wanted.block, wanted.motion)
-    )
-    return Forms(result, key, wanted.objects)
+    _FORMS.clear()
 
 
 def x64(setup: Setup) -> contextlib.AbstractContextManager[Any]:
@@ -197,8 +182,8 @@ def trace(
 
     No array is made, so that JAX looks for no device.
     """
-    loop, setup = program.loop, program.setup
-    series = loop.series_length(setup)
+    setup = program.setup
+    series = program.loop.series_length(setup)
     columns = tuple(jax.ShapeDtypeStruct(column.shape, column.dtype) for column in motion)
     lane = shapes(
         (
@@ -209,25 +194,18 @@ def trace(
     )
     entering = shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
-    def begin(varied: Any, faults: Any, end: Any) -> Any:
-        return loop.init(setup, program.params_of(varied))
-
-    def step(
-        varied: Any, faults: Any, end: Any, state: Any, now: Any, golden: Any, motion: Any
-    ) -> tuple[Any, Any, Any]:
-        params = program.params_of(varied)
-        new, own, signals = loop.advance(setup, params, faults, state, now, motion, golden)
-        return frozen(now, end, new, state), own, signals
-
-    def finish(varied: Any, faults: Any, end: Any, state: Any) -> dict[str, Any]:
-        return loop.outcomes(setup, program.params_of(varied), state)
-
     with x64(setup):
-        first, state = trace_function(begin, *lane, origin=origin)
-        middle, (_, _, signals) = trace_function(
-            step, *lane, state, *entering, columns, origin=origin
+        first, state = trace_function(
+            lambda varied, *_: program.begin(varied), *lane, origin=origin
         )
-        last, outcomes = trace_function(finish, *lane, state, origin=origin)
+        middle, (_, _, signals) = trace_function(
+            program.step, *lane, state, *entering, columns, origin=origin
+        )
+        last, outcomes = trace_function(
+            lambda varied, _, end, state: program.finish(varied, state),
+            *(*lane, state),
+            origin=origin,
+        )
     signals = tree.mapped(lambda leaf: np.dtype(leaf.dtype), signals)
     return TracedTick(TimeLoop(first, middle, last), tuple(sorted(outcomes)), series, signals)
 
@@ -248,11 +226,6 @@ def trace_function(
     return (contract(program) if functions == "polynomials" else program), results
 
 
-def frozen(now: Any, end: tuple[Any, ...], new: Any, state: Any) -> Any:
-    """The state after tick `now`: as it was where the lane has ended."""
-    return where(now < end[0], new, state) if end else new
-
-
 def printable(program: TickProgram) -> TickProgram:
     """`program` as it is printed: with link dynamics of single numbers, and lanes that are
     stopped from outside.
@@ -260,6 +233,52 @@ def printable(program: TickProgram) -> TickProgram:
     return dataclasses.replace(
         program, setup=dataclasses.replace(program.setup, link_dynamics="unrolled"), ends=False
     )
+
+
+class PrintedKernel(ABC):
+    """What kernels of engines `simd` and `cuda` share: a traced program and its compiled forms."""
+
+    def __init__(self, program: TickProgram, lanes: int, objects: Objects | None) -> None:
+        """objects: compiled code kept between processes."""
+        self.program, self.lanes, self.objects = printable(program), lanes, objects
+        self._forms: Forms | None = None
+
+    @abstractmethod
+    def _run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
+    ) -> tuple[BlockResult, np.ndarray]:
+        """What comes out of a block, and what went out in each tick, [ticks, numbers, lanes]."""
+
+    def run(
+        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
+    ) -> BlockResult:
+        """See `interface.Kernel`."""
+        return self._run(block, motion, progress)[0]
+
+    def forms(self, block: Block, motion: tuple[np.ndarray, ...]) -> Forms:
+        """The program traced for blocks and motions like these; done once."""
+        self._forms = self._forms or forms(self.program, block, motion, self.objects)
+        return self._forms
+
+    def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
+        """A block's inputs, each [lanes], and the number of the group that each lane is in: lanes
+        of a group have the same varied parameters, bit by bit.
+
+        A block that does not say its size has all lanes.
+        """
+        columns = inputs(self.program, block)
+        sized = (x for x in (*columns, block.golden, block.acts) if x is not None)
+        group = np.zeros(next(map(len, sized), self.lanes), np.int64)
+        for column in columns[: len(self.program.varied)]:
+            pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
+            _, value = np.unique(pattern, return_inverse=True)
+            _, group = np.unique(group * (int(value.max()) + 1) + value, return_inverse=True)
+        return columns, group
+
+
+def tables(motion: tuple[np.ndarray, ...]) -> np.ndarray:
+    """The columns of the motion one after the other."""
+    return np.concatenate([np.ascontiguousarray(column) for column in motion])
 
 
 def inputs(program: TickProgram, block: Block) -> list[np.ndarray]:

@@ -66,28 +66,10 @@ class PedalPhases:
     """
 
     begins: np.ndarray  # int64 [phases], ticks in which the clock reads 0, ascending
-    ends: (
-        np.ndarray
-    )  # int64 [phases], first ticks after them in which the pedal is up, or the run's end
-    later: int | None = (
-        0  # ticks by which any of these may come later; None: nobody knows, but none comes earlier
-    )
-
-    def first(self, opening: Opening) -> np.ndarray:
-        """The first tick in which each may be open, NEVER where none is; later ones may be
-        merged, or drawn out.
-        """
-        ticks = np.full(len(opening.start), NEVER)
-        if self.later != 0:
-            return (
-                ticks
-                if not len(self.begins)
-                else self.begins[0] + np.minimum(opening.first(0, 2**40), 2**40)
-            )
-        for begin, end in zip(self.begins.tolist(), self.ends.tolist(), strict=True):
-            reading = opening.first(0, end - begin - 1)
-            ticks = np.where((ticks == NEVER) & (reading < NEVER), begin + reading, ticks)
-        return ticks
+    # int64 [phases], first ticks after them in which the pedal is up, or the run's end
+    ends: np.ndarray
+    # ticks by which any of these may come later; None: nobody knows
+    later: int | None = 0
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
         """The first tick after which none is open, 0 where none ever is."""
@@ -106,20 +88,12 @@ class PedalPhases:
 class Clocks:
     """Those of the packets and of the pedal in the runs of a campaign."""
 
-    least: np.ndarray  # int64 [runs], ticks that a packet lasts at least
     arrivals: Arrivals | None  # None: a fault may stop the packets
     phases: tuple[PedalPhases, ...]
     kind: np.ndarray  # int [runs], place in `phases`
     # bool [channels], by codes: whether faults there move the pedal, other than by stopping the
     # robot
     moved: np.ndarray
-
-    def packet_first(self, rows: np.ndarray, opening: Opening) -> np.ndarray:
-        """The first tick in which windows that count packets may be open in these runs; beyond
-        the run: never.
-        """
-        packet = opening.first(1, NEVER - 1)
-        return np.where(packet < NEVER, (np.minimum(packet, 2**40) - 1) * self.least[rows], NEVER)
 
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
         """The first tick after which none is open, 0 where none ever is."""
@@ -138,17 +112,9 @@ class Clocks:
             opens, np.minimum(self.arrivals.comes(rows, np.maximum(last, 0) + 1), ticks), 0
         )
 
-    def pedal_first(self, rows: np.ndarray, opening: Opening) -> np.ndarray:
-        """As `packet_first`, of windows that count time in pedal-down."""
-        ticks = np.full(len(rows), NEVER)
-        for kind, phases in enumerate(self.phases):
-            mine = self.kind[rows] == kind
-            ticks[mine] = phases.first(opening.picked(mine))
-        return ticks
-
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """As `packet_end`, of windows that count time in pedal-down, in runs where no fault
-        moves the pedal.
+        """The same of windows that count time in pedal-down, in runs where no fault moves the
+        pedal.
         """
         after = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):

@@ -1,50 +1,22 @@
-"""Functions of real numbers as the C library has them, with IEEE's answer where Python raises."""
+"""Functions of real numbers, as this process' C library computes them."""
 
 from __future__ import annotations
 
-import math
+import ctypes
 from collections.abc import Callable
-from typing import Any
+
+_LIBRARY = ctypes.CDLL(None)
 
 
-def guarded(
-    function: Callable[..., float], otherwise: Callable[..., float]
-) -> Callable[..., float]:
-    """`function`, and `otherwise` of the arguments that it refuses."""
-
-    def total(*x: Any) -> float:
-        try:
-            return function(*x)
-        except (ValueError, OverflowError):
-            return otherwise(*x)
-
-    return total
+def _function(name: str, arguments: int) -> Callable[..., float]:
+    function = getattr(_LIBRARY, name)
+    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * arguments
+    return function
 
 
-def _nan(*x: Any) -> float:
-    return math.nan
-
-
-def _infinite(*x: Any) -> float:
-    return math.inf
-
-
-def _pow(a: float, b: float) -> float:
-    try:
-        return math.pow(a, b)
-    except OverflowError:
-        return -math.inf if a < 0 and b % 2 == 1 else math.inf
-    except ValueError:
-        return math.copysign(math.inf, a if b % 2 == 1 else 1.0) if a == 0 else math.nan
-
-
+_UNARY = ["sin", "cos", "tan", "asin", "acos", "atan", "tanh", "exp", "expm1", "log", "log1p"]
 FUNCTIONS: dict[str, Callable[..., float]] = {
-    **{name: guarded(getattr(math, name), _nan) for name in ("sin", "cos", "tan", "asin", "acos")},
-    **{name: getattr(math, name) for name in ("atan", "atan2", "tanh")},
-    **{name: guarded(getattr(math, name), _infinite) for name in ("exp", "expm1")},
-    "log": guarded(math.log, lambda x: -math.inf if x == 0 else math.nan),
-    "log1p": guarded(math.log1p, lambda x: -math.inf if x == -1 else math.nan),
-    "fmod": guarded(math.fmod, _nan),
-    "pow": _pow,
+    **{name: _function(name, 1) for name in _UNARY},
+    **{name: _function(name, 2) for name in ("atan2", "fmod", "pow")},
 }
 """By the name of the operation, which is JAX's but for `fmod`; of Python floats."""

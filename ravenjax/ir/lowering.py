@@ -3,7 +3,7 @@
 jit-like calls are inlined, look-ups clamped to their table. What is not an operation on single
 numbers, or on 1-D tables read at one index, is refused by name.
 
-`sign`, `power` and `nearest` write operations of JAX as several of the intermediate representation.
+`sign` and `power` write operations of JAX as several of the intermediate representation.
 """
 
 from __future__ import annotations
@@ -43,14 +43,6 @@ def power(b: Builder, dtype: str, x: int, exponent: int) -> int:
     if result is None:
         return one
     return result if exponent > 0 else b.emit("div", dtype, one, result)
-
-
-def nearest(b: Builder, length: int, read: Callable[[int], int], index: int) -> int:
-    """What `read` gives at `index` (int32) of a table of so many numbers; outside it, at its
-    nearest end.
-    """
-    first, last = b.constant("int32", 0), b.constant("int32", length - 1)
-    return read(b.emit("min", "int32", b.emit("max", "int32", index, first), last))
 
 
 _ALIASES = (
@@ -256,7 +248,9 @@ class _Walk:
                 raise UnknownPrimitive(
                     f"{name} of {dtype} is not known; known are {', '.join(polynomials.TYPES)}"
                 )
-            return polynomials.write(name, polynomials.Arithmetic(b.emit, b.constant, dtype), *x)
+            return polynomials.FUNCTIONS[name](
+                polynomials.Arithmetic(b.emit, b.constant, dtype), *x
+            )
         match name:
             case "rem" if not dtype.startswith("float"):
                 return b.emit("rem", dtype, *x)
@@ -306,7 +300,9 @@ class _Walk:
             raise UnknownPrimitive(f"{name}; only one number of a 1-D table is known")
         b = self.builder
         index = b.emit("convert", "int32", _single(operands[1]))
-        result = nearest(b, table.length, table.read, index)
+        first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
+        inside = b.emit("min", "int32", b.emit("max", "int32", index, first), last)
+        result = table.read(inside)
         mode = eqn.params.get("mode")
         if mode is None or mode != lax.GatherScatterMode.FILL_OR_DROP:
             return result
@@ -315,7 +311,6 @@ class _Walk:
             raise UnknownPrimitive(
                 f"a gather of {dtype} that fills is not known; use .at[k].get(mode='clip')"
             )
-        first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
         inside = b.emit(
             "and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
         )

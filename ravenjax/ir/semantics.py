@@ -35,42 +35,23 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
     return np.asarray(_MEANING[name](*operands)).astype(dtype)[()]
 
 
-_FORMS = {
-    **{"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "neg": "-{}", "not": "~{}"},
-    **{"eq": "{} == {}", "ne": "{} != {}", "lt": "{} < {}", "le": "{} <= {}"},
-    **{"and": "{} & {}", "or": "{} | {}", "xor": "{} ^ {}"},
-    **{"select": "{1} if {0} else {2}", "rarely": "{1} if {0} else {2}"},
-}
-"""What NumPy's single numbers have operators for; the operands are names."""
-
-
-def compiled(program: Program) -> Callable[..., list[Any]]:
-    """`program` as a Python function of its inputs, NumPy numbers of its types, and its tables."""
-    scope: dict[str, Any] = {"result": _result}
-    body: list[str] = []
-    for i in program.needed():
-        name, dtype, operands, detail = program.operations[i]
-        names = [f"v{o}" for o in operands]
-        if name == "constant":
-            scope[f"v{i}"] = number(dtype, detail)
-            continue
-        if name == "input":
-            text = f"inputs[{detail}]"
-        elif name == "lookup":
-            text = f"tables[{detail}][{names[0]}]"
-        elif name in _FORMS or (name == "div" and dtype.startswith("float")):
-            text = _FORMS.get(name, "{} / {}").format(*names)
-        else:
-            text = f"result({name!r}, {dtype!r}, {', '.join(names)})"
-        body.append(f"    v{i} = {text}\n")
-    results = ", ".join(f"v{i}" for i in program.outputs)
-    exec(f"def evaluate(inputs, tables):\n{''.join(body)}    return [{results}]", scope)
-
-    def run(inputs: Sequence[Any], *tables: Array) -> list[Any]:
-        with np.errstate(all="ignore"):
-            return scope["evaluate"](inputs, tables)
-
-    return run
+def run(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
+    """Results of `program`, one operation at a time, on NumPy numbers of its types or arrays of
+    one shape.
+    """
+    values: dict[int, Any] = {}
+    with np.errstate(all="ignore"):
+        for i in program.needed():
+            name, dtype, operands, detail = program.operations[i]
+            if name == "input":
+                values[i] = np.asarray(inputs[detail], dtype)[()]
+            elif name == "constant":
+                values[i] = number(dtype, detail)
+            elif name == "lookup":
+                values[i] = tables[detail][values[operands[0]]]
+            else:
+                values[i] = _result(name, dtype, *(values[o] for o in operands))
+    return [values[i] for i in program.outputs]
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:

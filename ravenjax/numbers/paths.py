@@ -11,35 +11,72 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Iterator
-from typing import Any, cast
+from typing import Any, NamedTuple
 
+from ravenjax.numbers import tree
 from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Scalar, Vec
 
 _AXES = ("x", "y", "z")
 
 
-def _entries(node: Any, setup: Setup) -> dict[str, tuple[Any, bool]] | None:
-    """Name of each entry of `node` -> (entry, may the name be left out); None for a number."""
+class _Step(NamedTuple):
+    """One step of a path to a number."""
+
+    name: str
+    optional: bool  # whether a path may leave it out
+    siblings: frozenset[str]  # the names of all entries beside it, its own among them
+
+
+def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
+    """The entries of `node` by name, and whether their names may be left out; None for a number."""
+    fields = getattr(node, "_fields", ())
     if dataclasses.is_dataclass(node):
-        fields = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}
-        return {
-            name: (value, False) for name, value in fields.items() if value is not None
-        }  # None: not in this setup
+        fields = [field.name for field in dataclasses.fields(node)]
+    if fields:
+        entries = {name: getattr(node, name) for name in fields}
+        # None: not in this setup.
+        return {name: item for name, item in entries.items() if item is not None}, False
+    if not isinstance(node, tuple):
+        return None
+    names = tuple(map(str, range(len(node))))
     if isinstance(node, Vec):
         names = component_names(len(node), setup.joints, setup.leading_joints)
-        return {name: (item, True) for name, item in zip(names, node, strict=True)}
-    if fields := getattr(node, "_fields", ()):
-        return {
-            name: (item, False) for name, item in zip(fields, node, strict=True) if item is not None
-        }
-    if isinstance(node, tuple):
-        per_arm = len(node) == len(setup.arms) and all(
-            dataclasses.is_dataclass(n) or isinstance(n, Vec) for n in node
-        )
-        names = setup.arms if per_arm else tuple(str(i) for i in range(len(node)))
-        return {name: (item, True) for name, item in zip(names, node, strict=True)}
-    return None
+    elif len(node) == len(setup.arms) and all(
+        dataclasses.is_dataclass(item) or isinstance(item, Vec) for item in node
+    ):
+        names = setup.arms
+    return dict(zip(names, node, strict=True)), True
+
+
+def _walk(
+    node: Any, setup: Setup, above: tuple[_Step, ...] = ()
+) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
+    """The steps to each number of a record, and the number, in the order of `tree.leaves`."""
+    found = _entries(node, setup)
+    if found is None:
+        yield above, node
+        return
+    entries, optional = found
+    siblings = frozenset(entries)
+    for name, item in entries.items():
+        yield from _walk(item, setup, (*above, _Step(name, optional, siblings)))
+
+
+def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
+    """Whether `path` names the number at the end of these steps."""
+    names = path.split(".")
+    for step in steps:
+        if names and names[0] in step.siblings:
+            if names.pop(0) != step.name:
+                return False
+        elif not step.optional:
+            return False
+    return not names
+
+
+def _full(steps: tuple[_Step, ...]) -> str:
+    return ".".join(step.name for step in steps)
 
 
 def component_names(
@@ -59,52 +96,32 @@ def component_names(
     return tuple(str(i) for i in range(length))
 
 
-def _rebuild(node: Any, entries: dict[str, tuple[Any, bool]], changed: dict[str, Any]) -> Any:
-    if dataclasses.is_dataclass(node) and not isinstance(node, type):
-        return dataclasses.replace(node, **changed)
-    if hasattr(node, "_fields"):
-        return cast(Any, node)._replace(**changed)
-    items = [changed.get(name, item) for name, (item, _) in entries.items()]
-    return Vec(items) if isinstance(node, Vec) else tuple(items)
-
-
-def leaves(node: Any, setup: Setup, prefix: str = "") -> Iterator[tuple[str, Scalar]]:
+def leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
     """(full path, number) of each number of a record, in order."""
-    entries = _entries(node, setup)
-    if entries is None:
-        yield prefix, node
-        return
-    for name, (item, _) in entries.items():
-        yield from leaves(item, setup, f"{prefix}.{name}" if prefix else name)
+    for steps, number in _walk(node, setup):
+        yield _full(steps), number
 
 
-def assign(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
-    """A copy of the record with `value` at each number that `path` names.
+def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
+    """Full path -> value of each number that `path` names, in order.
 
     Raises KeyError, with a suggestion, when it names none.
     """
-    new, hits = _assign(node, setup, path.split("."), value)
-    if not hits:
-        names = sorted({shorten(full, setup.arms) for full, _ in leaves(node, setup)})
+    numbers = list(_walk(node, setup))
+    found = {_full(steps): number for steps, number in numbers if _leads_to(path, steps)}
+    if not found:
+        names = sorted({shorten(_full(steps), setup.arms) for steps, _ in numbers})
         close = difflib.get_close_matches(path, names, n=1, cutoff=0.4)
         hint = f" Did you mean {close[0]!r}?" if close else ""
         raise KeyError(f"no parameter is named {path!r}.{hint} `ravenjax parameters` lists them")
-    return new
+    return found
 
 
-def _assign(node: Any, setup: Setup, path: list[str], value: Scalar) -> tuple[Any, int]:
-    entries = _entries(node, setup)
-    if entries is None:
-        return (value, 1) if not path else (node, 0)
-    if path and path[0] in entries:
-        new, hits = _assign(entries[path[0]][0], setup, path[1:], value)
-        return (_rebuild(node, entries, {path[0]: new}), hits) if hits else (node, 0)
-    changed, hits = {}, 0
-    for name, (item, optional) in entries.items():
-        if optional:
-            new, n = _assign(item, setup, path, value)
-            changed[name], hits = new, hits + n
-    return (_rebuild(node, entries, changed), hits) if hits else (node, 0)
+def assign(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
+    """A copy of the record with `value` at each number that `path` names. KeyError as `named`."""
+    replaced = named(node, setup, path)
+    numbers = leaves(node, setup)
+    return tree.filled(node, [value if full in replaced else x for full, x in numbers])
 
 
 def shorten(path: str, arms: tuple[str, ...]) -> str:
@@ -121,14 +138,3 @@ def plain(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
     """A parameter's path without arm, number of a set, joint or axis."""
     parts = [part for part in shorten(path, arms).split(".") if not part.isdecimal()]
     return ".".join(parts[:-1] if parts[-1:] and parts[-1] in components(joints) else parts)
-
-
-def named(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
-    """Full path -> value of each number that `path` names, in order. KeyError if it names none."""
-    marked = leaves(assign(node, setup, path, _Mark()), setup)
-    own = dict(leaves(node, setup))
-    return {full: own[full] for full, value in marked if isinstance(value, _Mark)}
-
-
-class _Mark:
-    """Stands where a path leads."""

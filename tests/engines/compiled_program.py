@@ -9,73 +9,24 @@ import numpy as np
 
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.llvm import LlvmPrinter
-from ravenjax.engines.cpu.memory import BufferLayout
+from ravenjax.engines.cpu.memory import BufferLayout, stored
 from ravenjax.ir import lowering
 from ravenjax.ir.program import Program
 
 HARD_FLOATS = np.array(
     [
-        0.0,
-        -0.0,
-        1.0,
-        -1.0,
-        0.5,
-        -0.5,
-        1.5,
-        2.5,
-        -2.5,
-        3.0,
-        1e-40,
-        -1e-40,
-        1e-38,
-        3e38,
-        -3e38,
-        np.inf,
-        -np.inf,
-        np.nan,
-    ]
-    + [
-        2.0**31,
-        -(2.0**31),
-        2147483520.0,
-        2.0**32,
-        1e10,
-        -1e10,
-        1e6,
-        0.49999997,
-        8388609.0,
-        7e-46,
-        np.pi,
-        1e-3,
-        -7.25,
+        *(0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 1.5, 2.5, -2.5, 3.0, 1e-3, -7.25, np.pi),
+        *(1e-40, -1e-40, 1e-38, 3e38, -3e38, np.inf, -np.inf, np.nan, 7e-46, 0.49999997),
+        *(2.0**31, -(2.0**31), 2147483520.0, 2.0**32, 1e10, -1e10, 1e6, 8388609.0),
     ],
     np.float32,
 )
 HARD_INTEGERS = np.array(
     [
-        0,
-        1,
-        -1,
-        2,
-        -2,
-        3,
-        -3,
-        7,
-        31,
-        32,
-        33,
-        -32,
-        255,
-        32767,
-        32768,
-        -32768,
-        -32769,
-        65535,
-        65536,
-        123456789,
-        -987654321,
-    ]
-    + [2**30, -(2**30), 2**31 - 1, -(2**31), -(2**31) + 1],
+        *(0, 1, -1, 2, -2, 3, -3, 7, 31, 32, 33, -32, 255, 32767, 32768, -32768, -32769),
+        *(65535, 65536, 123456789, -987654321, 2**30, -(2**30)),
+        *(2**31 - 1, -(2**31), -(2**31) + 1),
+    ],
     np.int32,
 )
 
@@ -97,8 +48,9 @@ def printed(program: Program, width: int, features) -> tuple[str, BufferLayout]:
     """LLVM code of a function `f` of addresses of inputs, results and tables, and where its
     results lie.
     """
-    inputs = BufferLayout(program.inputs, width)
-    outputs = BufferLayout(tuple(program.operations[i].dtype for i in program.outputs), width)
+    inputs = BufferLayout.of_lanes(program.inputs, width)
+    types = (program.operations[i].dtype for i in program.outputs)
+    outputs = BufferLayout.of_lanes(types, width)
     printer = LlvmPrinter(width, features)
     places = inputs.places("%in")
     sources = {
@@ -124,16 +76,11 @@ def compiled(
     found = [[] for _ in program.outputs]
     for start in range(0, length, width):
         rows = np.minimum(np.arange(start, start + width), length - 1)
-        given = b"".join(
-            c[rows].astype(np.int32 if c.dtype == bool else c.dtype).tobytes() for c in columns
-        )
-        taken = np.zeros(outputs.bytes, np.uint8)
+        given = b"".join(c[rows].astype(stored(str(c.dtype))).tobytes() for c in columns)
+        taken = np.zeros((1, outputs.bytes), np.uint8)
         function(given, taken.ctypes.data, None if tables is None else tables.ctypes.data)
-        for k, (dtype, offset) in enumerate(zip(outputs.types, outputs.offsets, strict=True)):
-            stored = np.dtype(np.int32 if dtype == "bool" else dtype)
-            found[k].append(
-                taken[offset : offset + width * stored.itemsize].view(stored).astype(dtype)
-            )
+        for parts, part in zip(found, outputs.unpack(taken), strict=True):
+            parts.append(part)
     return [np.concatenate(parts)[:length] for parts in found]
 
 

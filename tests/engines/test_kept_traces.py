@@ -1,11 +1,16 @@
-"""A trace that was kept on disk is the trace; one of anything else is not found there."""
+"""A trace that was kept, in the process or on disk, is the trace; one of anything else is not found
+there.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import sys
+import threading
 import types
+from concurrent.futures import ThreadPoolExecutor
 
+import jax
 import numpy as np
 import pytest
 
@@ -62,26 +67,28 @@ def block(made, rows=1) -> Block:
     return Block(*made.lanes([0] * rows, rows), None)
 
 
-def forms(made, objects):
-    """As another process would: nothing is kept in this one."""
-    traced.forget()
-    return traced.forms(made.program, block(made), made.columns, objects)
+def forms(made, objects=None, rows=1):
+    """From `objects` as another process would find them, else from this process."""
+    if objects is not None:
+        traced.forget()
+    return traced.forms(made.program, block(made, rows), made.columns, objects)
+
+
+def test_the_same_campaign_again_is_not_traced_again(made, counted):
+    first = forms(made)
+    assert forms(ready(), rows=3) is first and len(counted) == 1
 
 
 def test_the_next_process_does_not_trace_again_whatever_the_varied_values_are(made, fresh, counted):
     objects = {}
     forms(made, objects)
-    other = [
-        {
-            "name": "dac",
-            "fault": [FAULT | {"value": [7, 8, 9], "start_ms": 30}],
-            "parameters": {"plant.mass_scale": [0.9, 1.3]},
-        }
-    ]
-    found = forms(ready(group=other), objects)
+    other = {"name": "dac", "fault": [FAULT | {"value": [7, 8, 9], "start_ms": 30}]}
+    other["parameters"] = {"plant.mass_scale": [0.9, 1.3]}
+    found = forms(ready(group=[other]), objects)
     assert len(counted) == 1 and found.traced == fresh
 
 
+@pytest.mark.parametrize("kept", [None, {}], ids=["process", "disk"])
 @pytest.mark.parametrize(
     "changes",
     [
@@ -93,11 +100,43 @@ def test_the_next_process_does_not_trace_again_whatever_the_varied_values_are(ma
     ],
     ids=str,
 )
-def test_another_program_is_traced(made, counted, changes):
-    objects = {}
+def test_another_program_is_traced(made, counted, changes, kept):
+    objects = None if kept is None else {}
     forms(made, objects)
     forms(ready(**changes), objects)
     assert len(counted) == 2
+
+
+def test_numbers_of_the_parameters_count(made, counted):
+    leaves, structure = jax.tree.flatten(made.program.params)
+    assert len(leaves) > 100
+    forms(made)
+    for k, leaf in list(enumerate(leaves))[::5]:
+        params = jax.tree.unflatten(
+            structure, [*leaves[:k], leaf + type(leaf)(1), *leaves[k + 1 :]]
+        )
+        forms(dataclasses.replace(made, program=dataclasses.replace(made.program, params=params)))
+    assert len(counted) == 1 + len(leaves[::5])
+
+
+def test_a_block_of_other_types_is_another(made, counted):
+    varied, faults = made.lanes([0], 1)
+    wide = {path: np.asarray(values, np.float64) for path, values in varied.items()}
+    for values in (varied, wide):
+        traced.forms(made.program, Block(values, faults, None), made.columns)
+    assert len(counted) == 2
+
+
+def test_who_asks_for_the_same_at_the_same_time_waits(made, counted):
+    together = threading.Barrier(4)
+
+    def ask(_):
+        together.wait()
+        return forms(made)
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(ask, range(4)))
+    assert len(counted) == 1 and all(one is found[0] for one in found)
 
 
 def test_other_code_or_versions_are_traced(made, counted, monkeypatch):
@@ -127,16 +166,12 @@ def test_code_that_changed_since_it_was_imported_keeps_and_finds_nothing(
 
 
 def test_a_robot_of_another_package_is_not_kept(made, counted, monkeypatch):
-    loop = made.program.loop
-    monkeypatch.setitem(sys.modules, "my_lab_loop", types.SimpleNamespace(**vars(loop)))
-    objects = {}
+    monkeypatch.setitem(
+        sys.modules, "my_lab_loop", types.SimpleNamespace(**vars(made.program.loop))
+    )
+    program, objects = dataclasses.replace(made.program, module="my_lab_loop"), {}
     for _ in range(2):
-        forms(
-            dataclasses.replace(
-                made, program=dataclasses.replace(made.program, module="my_lab_loop")
-            ),
-            objects,
-        )
+        forms(dataclasses.replace(made, program=program), objects)
     assert len(counted) == 2 and not objects
 
 
@@ -154,39 +189,17 @@ def test_printed_code_comes_back(made, fresh, counted):
     parts = split(fresh.without_signals(), range(1), range(len(fresh.loop.step.inputs)))
     objects, calls = {}, []
     for printed in (print_kernel(parts, 8, frozenset()), print_loop(parts, Form(), True)):
-        for key in (
-            (type(printed).__name__, 8),
-            (type(printed).__name__, 8),
-            (type(printed).__name__, 4),
-        ):
+        for width in (8, 8, 4):
             make = lambda printed=printed: calls.append(1) or printed  # noqa: E731
-            assert forms(made, objects).printed(key, make) == printed
+            assert forms(made, objects).printed((type(printed).__name__, width), make) == printed
     assert len(calls) == 4
 
 
 def test_numbers_of_unlike_types_have_unlike_keys():
     values = [
-        1,
-        1.0,
-        True,
-        "1",
-        b"1",
-        None,
-        (1,),
-        [1],
-        {1: 1},
-        np.float32(1),
-        np.float64(1),
-        np.int32(1),
-        np.ones(1),
-        np.ones((1, 1)),
-        -0.0,
-        0.0,
-        np.float32(-0.0),
-        np.float32(0.0),
-        float("nan"),
-        (1, (2,)),
-        (1, 2),
+        *(1, 1.0, True, "1", b"1", None, (1,), [1], {1: 1}, (1, (2,)), (1, 2)),
+        *(np.float32(1), np.float64(1), np.int32(1), np.ones(1), np.ones((1, 1))),
+        *(-0.0, 0.0, np.float32(-0.0), np.float32(0.0), float("nan")),
     ]
     assert len({trace_key.hash_values(value) for value in values}) == len(values)
     assert trace_key.hash_values("ab", "c") != trace_key.hash_values("a", "bc")

@@ -11,11 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled_program import HARD_FLOATS, compiled, lowered, same_bits
 from empty_faults import no_fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravenjax.faults import fault, injection
+from ravenjax.ir import semantics
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.numbers.vec import Scalar, Vec, record
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -56,26 +58,11 @@ def clean(tick: int) -> tuple[float, float, int, int, bool]:
     return (math.sin(0.3 * tick), 2.0 + 0.5 * tick, 100 * tick - 700, 570_000 + tick, tick % 3 == 0)
 
 
-def make(
-    code: int,
-    effect: str,
-    value: float,
-    trigger: str,
-    start: int,
-    duration: int,
-    every: int,
-    period: int = 7,
-):
+def make(code, effect, value, trigger, start, duration, every, period=7):
     return fault.FaultSlot(
-        jnp.int32(code),
-        jnp.int32(effects.EFFECT_CODES[effect]),
-        jnp.float32(value),
-        jnp.int32(effects.TRIGGER_CODES[trigger]),
-        jnp.int32(start),
-        jnp.int32(duration),
-        jnp.int32(every),
-        jnp.int32(period),
-        jnp.uint32(12345),
+        *(jnp.int32(code), jnp.int32(effects.EFFECT_CODES[effect]), jnp.float32(value)),
+        *(jnp.int32(effects.TRIGGER_CODES[trigger]), jnp.int32(start), jnp.int32(duration)),
+        *(jnp.int32(every), jnp.int32(period), jnp.uint32(12345)),
     )
 
 
@@ -107,16 +94,7 @@ def run(*faults, pedal=lambda tick: -1):
     return rows, state.slots[0]
 
 
-def naive(
-    effect: str,
-    x: float,
-    value: float,
-    n: int,
-    latch: float,
-    before: float,
-    period: int,
-    whole: bool,
-) -> float:
+def naive(effect, x, value, n, latch, before, period, whole) -> float:
     """The effect as its definition says, in tick `n` of the fault."""
     f32 = np.float32
     if effect == "bit_flip":
@@ -214,41 +192,80 @@ def test_a_fault_that_changes_nothing_was_not_activated():
     assert int(slot.first_tick) == -1
 
 
+def struck_from_5(slot, level, ticks):
+    """The slot after so many ticks of a signal that stands still."""
+    faults, state = fault.Faults((slot, no_fault())), fault.init(SETUP)
+    levels = Vec((jnp.float32(level), jnp.float32(0.0)))
+    still = Signal(levels, jnp.int32(0), jnp.int32(0), jnp.bool_(False))
+    for tick in range(ticks):
+        clock = fault.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick))
+        state, _ = _TICK(faults, state, still, clock)
+    return state.slots[0]
+
+
 @pytest.mark.parametrize("bit", [0, 5, 31])
 def test_any_bit_of_a_float_that_flips_is_a_change(bit):
     """Of 0 they make numbers that XLA takes for 0."""
-    slot = make(1, "bit_flip", float(bit), "time", 5, 6, 0)
-    faults, state = fault.Faults((slot, no_fault())), fault.init(SETUP)
-    still = Signal(
-        Vec((jnp.float32(0.0), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False)
-    )
-    for tick in range(TICKS):
-        state, _ = _TICK(
-            faults,
-            state,
-            still,
-            fault.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)),
-        )
-    assert (int(state.slots[0].first_tick), int(state.slots[0].changed_ticks)) == (5, 6)
+    slot = struck_from_5(make(1, "bit_flip", float(bit), "time", 5, 6, 0), 0.0, TICKS)
+    assert (int(slot.first_tick), int(slot.changed_ticks)) == (5, 6)
 
 
-def test_a_number_that_is_none_is_no_change():
-    """Of a run that failed before its fault."""
-    faults, state = (
-        fault.Faults((make(1, "offset", 1.0, "time", 5, 6, 0), no_fault())),
-        fault.init(SETUP),
-    )
-    none = Signal(
-        Vec((jnp.float32(math.nan), jnp.float32(0.0))), jnp.int32(0), jnp.int32(0), jnp.bool_(False)
-    )
-    for tick in range(5):
-        state, _ = _TICK(
-            faults,
-            state,
-            none,
-            fault.TriggerClocks(jnp.int32(tick), jnp.int32(-1), jnp.int32(tick)),
+def test_a_number_that_is_none_is_no_change_before_its_fault():
+    slot = struck_from_5(make(1, "offset", 1.0, "time", 5, 6, 0), math.nan, 5)
+    assert int(slot.changed_ticks) == 0
+
+
+HARD = {
+    "float": HARD_FLOATS,
+    "bool": np.array([False, True]),
+    "int": np.array([0, 1, -1, 255, 32767, -32768, 65507, 2**23, 2**31 - 1, -(2**31)], np.int32),
+}
+VALUES = [0.0, 1.0, -1.0, 3.0, 31.0, 0.5, -32768.0, 65535.0, 2147483520.0, -3e38, 1e-30]
+INEXACT = ("periodic", "drift", "random")
+"""Effects of which XLA fuses the operations, or computes sines of its own."""
+
+
+@pytest.mark.parametrize("kind", ["float", "bool", "int16", "int16 saturated", "int32"])
+def test_hard_numbers_are_struck_alike_by_printed_code_and_by_xla(kind):
+    setup = RavenSetup(injection=Injection(1, (SiteUse("site", (("", "x"),), EFFECTS),), ("time",)))
+
+    def struck(x, effect, value, age, latched, before):
+        never, none = jnp.int32(-1), jnp.int32(0)
+        slot = fault.FaultSlot(
+            jnp.int32(1), effect, value, *(none,) * 4, jnp.int32(7), jnp.uint32(5)
         )
-    assert int(state.slots[0].changed_ticks) == 0
+        state = fault.SlotState(jnp.bool_(True), age, latched, before, never, none, never)
+        inject = injection.Injector(
+            setup,
+            {("site", "", "x"): ((), kind)},
+            *(fault.Faults((slot,)), fault.FaultState((state,))),
+            fault.TriggerClocks(jnp.int32(7), jnp.int32(8), never),
+        )
+        return inject("site", x), inject.state.slots[0].latched
+
+    rng, lanes = np.random.default_rng(3), 2000
+    names = rng.choice(EFFECTS, lanes)
+    numbers = HARD["int" if kind.startswith("int") else kind]
+    columns = (
+        rng.choice(numbers, lanes),
+        np.array([effects.EFFECT_CODES[name] for name in names], np.int32),
+        rng.choice(np.float32(VALUES), lanes),
+        rng.choice(np.int32([0, 1, 5]), lanes),
+        *(rng.choice(HARD_FLOATS, lanes) for _ in range(2)),
+    )
+    program = lowered(struck, *columns)
+    meant = [np.broadcast_to(np.asarray(x), lanes) for x in semantics.run(program, columns)]
+    for width in (1, 16):
+        for got, expected in zip(compiled(program, width, columns), meant, strict=True):
+            same_bits(got, expected)
+    exact = ~np.isin(names, INEXACT)
+    # XLA takes numbers below the normal ones for 0.
+    for column in (columns[0], *columns[4:]):
+        exact &= ~((np.abs(column.astype(float)) < 1.2e-38) & (column != 0))
+    by_xla = np.asarray(jax.jit(jax.vmap(struck))(*columns)[0])
+    flips = (names == "bit_flip") & (kind == "float")
+    exact &= ~flips
+    np.testing.assert_array_equal(by_xla[exact], meant[0][exact])
 
 
 @settings(max_examples=40, deadline=None)

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_program import HARD_FLOATS, HARD_INTEGERS, lowered, pairs, same_bits
-from evaluated_program import evaluate
 from jax import lax
 
 from ravenjax.ir import builder, lowering, semantics
@@ -30,25 +29,16 @@ I, J = pairs(HARD_INTEGERS)
 @pytest.mark.parametrize(
     "function",
     [
-        lambda x: x + 1.5,
-        lambda x: 3.0 - x,
+        lambda x: (x + 1.5) / (3.0 - x),
         lambda x: x * -0.0,
-        lambda x: x / 4.0,
-        lambda x: x / -2.0,
-        lambda x: 1.0 / x,
+        lambda x: jnp.abs(-x) / -4.0,
         lambda x: jnp.negative(-x) - jnp.negative(x),
         lambda x: -x * 3.0,
-        lambda x: jnp.abs(-x),
         lambda x: jnp.sqrt(x),
         lambda x: x**3,
         lambda x: x**-2,
-        lambda x: x**0,
-        jnp.floor,
-        jnp.ceil,
-        jnp.round,
-        jnp.sign,
-        jnp.isfinite,
-        jnp.square,
+        lambda x: x**0 + jnp.square(x),
+        *(jnp.floor, jnp.ceil, jnp.round, jnp.sign, jnp.isfinite),
         lambda x: jnp.clip(x, -1.0, 2.0),
         lambda x: jnp.where(x < 0, x, 2.0) == 2.0,
         lambda x: jnp.where(-x < 3.0, 1, 0) + 1,
@@ -57,7 +47,6 @@ I, J = pairs(HARD_INTEGERS)
         lambda x: lax.convert_element_type(x, jnp.uint32),
         lambda x: lax.bitcast_convert_type(x, jnp.int32) ^ 1,
         lambda x: lax.convert_element_type(x > 0, jnp.float32) != 0.0,
-        lambda x: jnp.floor(lax.convert_element_type(to_int32(x), jnp.float32)),
         lambda x: jax.jit(lambda y: y * 2.0)(x),
         lambda x: jax.grad(lambda y: jnp.maximum(y, 0.5) * y)(x),
     ],
@@ -74,8 +63,7 @@ def test_functions_of_a_float(function):
         lambda a, b: a / b,
         lambda a, b: a - -b,
         lambda a, b: (a < b) & (b <= a) | (a != b),
-        lambda a, b: a >= b,
-        lambda a, b: -a < -b,
+        lambda a, b: (a >= b) ^ (-a < -b),
         lambda a, b: jnp.where(~(a > b), a, b),
         lambda a, b: jnp.where(a > b, a > 0, b > 0),
         lambda a, b: jnp.where(a == b, True, b > 0),
@@ -85,34 +73,17 @@ def test_functions_of_two_floats(function):
     same_as_jax(function, A, B)
 
 
-def test_nan_comes_through_extremes():
-    for name in ("max", "min"):
-        got = evaluate(lowered(getattr(lax, name), A, B), [A, B])[0]
-        expected = getattr(np, f"{name}imum")(A, B)
-        np.testing.assert_array_equal(
-            got, expected
-        )  # 0 and -0 count as equal: which of them comes out is left open
-
-
 @pytest.mark.parametrize(
     "function",
     [
-        lambda i, j: i + j,
-        lambda i, j: i - j,
-        lambda i, j: i * j,
-        lax.div,
-        lax.rem,
-        lax.shift_left,
-        lax.shift_right_arithmetic,
-        lax.shift_right_logical,
+        lambda i, j: (i + j) * (i - j),
+        *(lax.div, lax.rem),
+        *(lax.shift_left, lax.shift_right_arithmetic, lax.shift_right_logical),
         lambda i, j: (i & j) ^ (i | 12) & ~j,
-        lambda i, j: jnp.maximum(i, j) - jnp.minimum(i, 5),
-        lambda i, j: jnp.abs(i) + jnp.sign(j),
-        lambda i, j: wrap16(i + j),
+        lambda i, j: jnp.maximum(i, j) - jnp.minimum(i, 5) + jnp.clip(i, -3, j),
+        lambda i, j: jnp.abs(i) + jnp.sign(j) + wrap16(i + j),
         lambda i, j: ((i + 3) + 4) - 7 + 0 * j,
-        lambda i, j: jnp.clip(i, -3, j),
         lambda i, j: lax.convert_element_type(i, jnp.float32) * 2.0**-24,
-        lambda i, j: counter_random.bits(lax.convert_element_type(i, jnp.uint32), j, 3),
         lambda i, j: counter_random.uniform(lax.convert_element_type(i, jnp.uint32), j, 3),
         lambda i, j: jnp.where(i < j, i, j) == i,
     ],
@@ -122,7 +93,7 @@ def test_functions_of_integers(function):
 
 
 def same_as_jax(function, *columns):
-    (got,) = evaluate(lowered(function, *columns), columns)
+    (got,) = semantics.run(lowered(function, *columns), columns)
     expected = np.asarray(jax.jit(jax.vmap(function))(*columns))
     same_bits(flushed(np.broadcast_to(np.asarray(got), expected.shape)), flushed(expected))
 
@@ -141,16 +112,23 @@ def test_simplifying_changes_no_bit(monkeypatch):
     for seed, program in enumerate(programs):
         plain = random_program(seed)
         shorter += len(plain.needed()) - len(program.needed())
-        for got, expected in zip(evaluate(program, [A, B]), evaluate(plain, [A, B]), strict=True):
+        for got, expected in zip(
+            semantics.run(program, [A, B]), semantics.run(plain, [A, B]), strict=True
+        ):
             same_bits(
                 np.broadcast_to(got, A.shape).astype(got.dtype), np.broadcast_to(expected, A.shape)
             )
     assert shorter > 100
 
 
+KINDS = (
+    *("neg", "abs", "add", "sub", "mul", "div", "select"),
+    *("lt", "le", "eq", "and", "or", "not", "chosen"),
+)
+
+
 def random_program(seed: int) -> Program:
-    rng = np.random.default_rng(seed)
-    builder = Builder()
+    rng, builder = np.random.default_rng(seed), Builder()
     floats = [builder.input("float32"), builder.input("float32")]
     floats += [builder.constant("float32", v) for v in (0.0, -0.0, 1.0, -1.0, 2.0, 0.25, 3.0)]
     truths = [builder.constant("bool", True), builder.constant("bool", False)]
@@ -175,45 +153,28 @@ def random_program(seed: int) -> Program:
         )
         if kind in ("lt", "le", "eq"):
             truths.append(builder.emit(kind, "bool", *rng.choice(floats, 2)))
-        elif kind in ("and", "or"):
-            truths.append(builder.emit(kind, "bool", *rng.choice(truths, 2)))
-        elif kind == "not":
-            truths.append(builder.emit(kind, "bool", rng.choice(truths)))
+        elif kind in ("and", "or", "not"):
+            truths.append(builder.emit(kind, "bool", *rng.choice(truths, 1 + (kind != "not"))))
         elif kind == "chosen":
             truths.append(builder.emit("select", "bool", *rng.choice(truths, 3)))
         elif kind == "select":
             floats.append(builder.emit(kind, "float32", rng.choice(truths), *rng.choice(floats, 2)))
         else:
-            floats.append(
-                builder.emit(
-                    kind, "float32", *rng.choice(floats, 1 if kind in ("neg", "abs") else 2)
-                )
-            )
+            operands = rng.choice(floats, 1 if kind in ("neg", "abs") else 2)
+            floats.append(builder.emit(kind, "float32", *operands))
     return builder.program([*floats[-6:], *truths[-4:]])
 
 
 def test_equal_operations_are_written_once():
-    def function(x, y):
-        return jnp.sin(x * y) + jnp.cos(y * x) + jnp.sin(x * y)
-
-    names = [op.name for op in lowered(function, A, B).operations]
-    assert names.count("mul") - names.count("fma") < 10
-    assert (
-        len([op for op in lowered(lambda x, y: x * y + y * x, A, B).operations if op.name == "mul"])
-        == 1
-    )
+    operations = lowered(lambda x, y: x * y + y * x, A, B).operations
+    assert [op.name for op in operations].count("mul") == 1
 
 
 def test_sums_of_products_are_contracted():
     program = contract(lowered(lambda x, y: (x * y + 1.0) - y * y, A, B))
     names = [program.operations[i].name for i in program.needed()]
-    assert (names.count("fma"), names.count("mul"), names.count("add"), names.count("sub")) == (
-        2,
-        0,
-        0,
-        0,
-    )
-    (got,) = evaluate(program, [A, B])
+    assert [names.count(name) for name in ("fma", "mul", "add", "sub")] == [2, 0, 0, 0]
+    (got,) = semantics.run(program, [A, B])
     with np.errstate(all="ignore"):
         same_bits(
             got, semantics.fma(-B, B, semantics.fma(A, B, np.float32(1.0))).astype(np.float32)
@@ -223,7 +184,7 @@ def test_sums_of_products_are_contracted():
 def test_what_else_is_computed_changes_no_bit():
     alone = contract(lowered(lambda x, y: x * y + 1.0, A, B))
     along = contract(lowered(lambda x, y: (x * y + 1.0, x * y), A, B))
-    same_bits(evaluate(alone, [A, B])[0], evaluate(along, [A, B])[0])
+    same_bits(semantics.run(alone, [A, B])[0], semantics.run(along, [A, B])[0])
 
 
 def test_tables_are_read_inside_only():
@@ -233,7 +194,7 @@ def test_tables_are_read_inside_only():
         return t.at[i].get(mode="clip", wrap_negative_indices=False)
 
     closed = jax.make_jaxpr(function)(np.int32(0), table)
-    (got,) = evaluate(lowering.lower(closed), [np.array([-3, 0, 4, 9], np.int32)], [table])
+    (got,) = semantics.run(lowering.lower(closed), [np.array([-3, 0, 4, 9], np.int32)], [table])
     np.testing.assert_array_equal(got, [0, 0, 4, 4])
 
 
@@ -286,12 +247,12 @@ def test_what_only_the_library_has_is_refused_to_other_targets(function):
         closed = jax.make_jaxpr(function)(jax.ShapeDtypeStruct((), np.float64))
     with pytest.raises(UnknownPrimitive, match="known"):
         lowering.lower(closed)
-    (got,) = evaluate(lowering.lower(closed, functions="library"), [np.float64(2.75)])
+    (got,) = semantics.run(lowering.lower(closed, functions="library"), [np.float64(2.75)])
     assert got == pytest.approx(float(function(2.75)), abs=1e-6)
 
 
 def test_constant_tables_are_choices():
-    (got,) = evaluate(
+    (got,) = semantics.run(
         lowered(lambda i: jnp.array([1.0, 2.0, 4.0])[i], HARD_INTEGERS[:1]),
         [np.array([0, 1, 2], np.int32)],
     )

@@ -9,13 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_program import same_bits
-from evaluated_program import evaluate
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.engines.cpu.code import VectorCode
 from ravenjax.engines.lanes import Lanes
-from ravenjax.ir import lowering, regions
+from ravenjax.ir import lowering, semantics
 from ravenjax.ir.builder import Builder, contract
 from ravenjax.ir.regions import Region, arrange, flat
 from ravenjax.ir.time_loop import TimeLoop
@@ -59,37 +58,6 @@ def lowered():
     return TimeLoop(*(contract(lowering.lower(jaxpr)) for jaxpr in programs))
 
 
-def arranged(loop, least):
-    program = loop.step
-    return program, arrange(program.operations, program.needed(), program.outputs, least)
-
-
-@pytest.mark.parametrize("least", [1, regions.LEAST, 1000])
-def test_an_arrangement_can_be_run_and_keeps_every_operation(least):
-    program, order = arranged(lowered(), least)
-    every = list(flat(order))
-    assert sorted(every) == program.needed()
-    place = {i: k for k, i in enumerate(every)}
-    assert all(place[o] < place[i] for i in every for o in program.operations[i].operands)
-    found = [item for item in order if isinstance(item, Region)]
-    assert len(found) == (0 if least == 1000 else 2)
-    for region in found:
-        inside = set(region.operations)
-        for i in every:
-            for position, o in enumerate(program.operations[i].operands):
-                if o in inside and i not in inside:
-                    assert (
-                        program.operations[i].name == "rarely"
-                        and position == 1
-                        and o in region.results
-                    )
-        assert place[region.condition] < place[region.operations[0]]
-        assert all(
-            o in place or program.operations[o].name == "input"
-            for o in region.reads(program.operations)
-        )
-
-
 @pytest.mark.parametrize("width", [1, 4, 16])
 def test_passing_by_changes_no_bit(width):
     loop, lanes = lowered(), 32
@@ -100,11 +68,11 @@ def test_passing_by_changes_no_bit(width):
     found = VectorCode(loop, 0, False, width).run(
         Lanes([limit], given, np.zeros(0, np.float32), out), TICKS
     )
-    state = evaluate(loop.begin, [limit])
+    state = semantics.run(loop.begin, [limit])
     for now in range(TICKS):
-        *state, leaving = evaluate(loop.step, [limit, *state, np.int32(now)])
+        *state, leaving = semantics.run(loop.step, [limit, *state, np.int32(now)])
         same_bits(out[now, 0], leaving)
-    for got, right in zip(found, evaluate(loop.finish, [limit, *state]), strict=True):
+    for got, right in zip(found, semantics.run(loop.finish, [limit, *state]), strict=True):
         same_bits(got, np.broadcast_to(right, got.shape))
     assert 0 < (found[1] > 0).sum() < lanes, "some lanes were there, some never"
 

@@ -55,25 +55,6 @@ def test_rows_stand_in_the_order_of_the_fields_whatever_they_are_wrapped_in():
     assert list(reserved(Outer)) == [("other", "leave it"), ("levels", "nor this")]
 
 
-@given(
-    low=st.floats(-1e9, 1e9),
-    high=st.floats(-1e9, 1e9),
-    unit=st.sampled_from(["", "N m"]),
-    whole=st.booleans(),
-)
-def test_a_range_is_told_with_its_ends(low, high, unit, whole):
-    told = Quantity(unit, low, high, "meaning", whole=whole).range
-    first, _, rest = told.partition("..")
-    assert float(first) == pytest.approx(low, rel=1e-9)
-    number = rest.removesuffix(", whole").removesuffix(unit)
-    assert float(number) == pytest.approx(high, rel=1e-9) and rest.endswith(", whole") == whole
-
-
-def test_why_stands_for_a_meaning_that_does_not_say_it():
-    assert str(SCALE) == "0..1 (a scale)"
-    assert str(dataclasses.replace(SCALE, why="because")) == "0..1 (because)"
-
-
 # --- the Raven-II ---
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import validated
-from ravenjax.engines import traced
 from ravenjax.engines.cpu.engine import SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.numbers.lazy import jax
@@ -47,7 +46,7 @@ def measure(
     """
     compile_cache.enable()
     ready = plan.make_plan(validated(manifest.read(path).config))
-    kernel = SimdKernel(traced.printable(ready.program), 1, compile_cache.objects(), signals=True)
+    kernel = SimdKernel(ready.program, 1, compile_cache.objects(), signals=True)
 
     def one(row: int) -> T:
         _, signals = kernel.run_signals(Block(*ready.lanes([row], 1), None), ready.columns)

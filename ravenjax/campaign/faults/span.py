@@ -17,24 +17,19 @@ Faults = Mapping[str, np.ndarray]
 _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pedal"))
 
 
-def acts(faults: Faults, ticks: int, clocks: Clocks | None = None) -> np.ndarray:
+def acts(faults: Faults, ticks: int) -> np.ndarray:
     """The first tick in which a fault of each run may act, int32 [runs]; up to there it is its
     golden run to the bit.
 
-    Where no fault acts in a run of `ticks`: that. Without `clocks` a window that counts packets or
-    time in pedal-down opens as if each tick brought a packet, or the pedal had been down from the
-    beginning.
+    Where no fault acts in a run of `ticks`: that. A window that counts packets or time in
+    pedal-down opens as if each tick brought a packet, or the pedal was down from the beginning.
     """
     first = np.full(faults["code"].shape, ticks, np.int64)
-    for trigger, where, rows, opening in _openings(faults):
+    for trigger, where, _, opening in _openings(faults):
         if trigger == _TIME:
             first[where] = opening.first(0, ticks - 1)
-        elif clocks is None:
-            first[where] = opening.start - (trigger == _PACKET)
-        elif trigger == _PACKET:
-            first[where] = clocks.packet_first(rows, opening)
         else:
-            first[where] = clocks.pedal_first(rows, opening)
+            first[where] = opening.start - (trigger == _PACKET)
     return np.clip(first, 0, ticks).min(axis=1, initial=ticks).astype(np.int32)
 
 

@@ -1,7 +1,13 @@
-"""A compiled time loop: runs a group of lanes through some ticks, vector after vector of them."""
+"""A compiled time loop: runs a group of lanes through some ticks, vector after vector of them.
+
+Calls of the compiled functions are collected, and a compiled function makes them: no Python runs
+between them. A Python thread that makes such calls waits for the interpreter's lock at each, and
+with many threads longer than it computes.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 from collections.abc import Callable
 from functools import cached_property
@@ -9,16 +15,21 @@ from functools import cached_property
 import numpy as np
 
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.group import LaneGroup, at
-from ravenjax.engines.cpu.kernel import FUNCTIONS, VectorKernel, print_kernel
-from ravenjax.engines.cpu.target import CodeTarget
+from ravenjax.engines.cpu.kernel import (
+    ARGUMENTS,
+    CALL_WORDS,
+    FUNCTIONS,
+    VectorKernel,
+    print_kernel,
+)
+from ravenjax.engines.cpu.memory import buffer
 from ravenjax.engines.interface import Progress
 from ravenjax.engines.lanes import Lanes, Trunk, spacing
 from ravenjax.ir.time_loop import TimeLoop, split
 
 CHUNK = 500
-"""Ticks between two looks at the next vector of lanes: a group's rows for so many stay in the
-second-level cache.
+"""Ticks that a vector of lanes runs before the next one does: a group's rows for so many stay in
+the second-level cache.
 """
 AT_ONCE = 2**18
 """Ticks of vectors that compiled code runs in one call, about: tenths of a second, so that
@@ -50,6 +61,110 @@ class LaneCourse:
         return int((self.ends.reshape(len(self.begins), -1).max(axis=1) - self.begins).sum())
 
 
+class LaneGroup:
+    """Vectors of lanes before their first tick, and what they share; rows of some ticks at a time.
+
+    Ticks count from the beginning of a run. Methods collect calls; `go` makes them.
+    """
+
+    def __init__(
+        self,
+        kernel: VectorKernel,
+        make_calls: Callable[[int, int], None],
+        lanes: Lanes,
+        vectors: int,
+        rows: int,
+        results: int,
+    ) -> None:
+        """rows, results: how many there is room for at a time."""
+        self.kernel, self.lanes = kernel, lanes
+        self._make_calls = make_calls
+        self._calls: list[tuple[int, ...]] = []
+        self._inputs = kernel.inputs.pack(lanes.inputs, vectors)
+        self._group_inputs = kernel.group_inputs.pack([column[:1] for column in lanes.inputs], 1)
+        self.state = buffer(vectors, kernel.state.bytes)
+        self._prologue = buffer(vectors, kernel.prologue.bytes)
+        self.group_state = buffer(1, kernel.group_state.bytes)
+        self.results = buffer(results, kernel.results.bytes)
+        self._rows, self._row_tick = buffer(rows, kernel.row.bytes), 0
+        self._nowhere = buffer(kernel.outputs, 8 * kernel.inputs.width)
+        self._call("shared_begin", address(self._group_inputs), address(self.group_state))
+        for v in range(vectors):
+            places = (self._inputs, self.state, self._prologue)
+            self._call("lane_begin", *(address(place, v) for place in places))
+
+    def _call(self, name: str, *arguments: int) -> None:
+        number = list(ARGUMENTS).index(name)
+        self._calls.append((number, *arguments, *(0,) * (CALL_WORDS - 1 - len(arguments))))
+
+    def go(self) -> None:
+        """Make the calls that were collected since the last time."""
+        calls = np.array(self._calls, np.int64).reshape(-1, CALL_WORDS)
+        self._calls.clear()
+        self._make_calls(calls.ctypes.data, len(calls))
+
+    def turn(self, tick: int) -> None:
+        """Rows that are made from now on begin with that of `tick`."""
+        self._row_tick = tick
+
+    def share(self, first: int, until: int, after: int | None = None) -> None:
+        """Make the rows of these ticks, for which there must be room; copy the group's state to
+        address `after`.
+        """
+        state = address(self.group_state)
+        self._call(
+            "shared_run",
+            *(address(self._group_inputs), state, address(self.lanes.tables)),
+            *(*self._entering(first, 0), address(self._rows, first - self._row_tick)),
+            *(first, until - first),
+        )
+        if after is not None and self.group_state.size:
+            self._call("copy_bytes", after, state, self.group_state.size)
+
+    def advance(self, v: int, first: int, until: int) -> None:
+        """Run vector `v` through these ticks, whose rows are there."""
+        lane, out = v * self.kernel.inputs.width, self.lanes.out
+        if out is None:
+            leaving = address(self._nowhere), 0, self._nowhere.strides[0]
+        else:
+            to = address(out, first - self.lanes.first) + lane * out.itemsize
+            leaving = to, *out.strides[:2]
+        self._call(
+            "lane_run",
+            *(address(self._inputs, v), address(self._prologue, v), address(self.state, v)),
+            *(address(self.lanes.tables), *self._entering(first, lane)),
+            *(address(self._rows, first - self._row_tick), *leaving, until - first),
+        )
+
+    def _entering(self, tick: int, lane: int) -> tuple[int, int, int]:
+        """Where what enters a tick stands, and bytes to that of the next tick and to the next
+        number.
+        """
+        numbers = self.lanes.tick_inputs
+        step = numbers.strides[0] if len(numbers) > 1 else 0
+        start = numbers.ctypes.data + (tick - self.lanes.first) * step
+        if numbers.ndim == 3:
+            start += lane * numbers.itemsize
+        return start, step, numbers.strides[1]
+
+    def finish(self, v: int, row: int, group_state: int | None = None) -> None:
+        """Write the results that vector `v` has now to a row of `results`; group_state: address,
+        if not the present.
+        """
+        shared = address(self.group_state) if group_state is None else group_state
+        own = address(self._inputs, v), address(self.state, v)
+        self._call("lane_finish", *own, shared, address(self.results, row))
+
+    def columns(self) -> list[np.ndarray]:
+        """The results, each [rows * width]."""
+        return self.kernel.results.unpack(self.results)
+
+
+def address(rows: np.ndarray, row: int = 0) -> int:
+    """Where a row stands in memory."""
+    return rows.ctypes.data + row * rows.strides[0]
+
+
 class VectorCode:
     """`loop` compiled for `width` lanes side by side.
 
@@ -65,89 +180,87 @@ class VectorCode:
         width: int,
         objects: jit.Objects | None = None,
         printed: Callable[[Callable[[], VectorKernel]], VectorKernel] = lambda make: make(),
-        target: CodeTarget | None = None,
+        host: jit.Host | None = None,
     ) -> None:
-        """printed: the kernel as it was printed before, or `make()`. target: this machine's CPU
-        if left out.
+        """printed: the kernel as it was printed before, or `make()`. host: whose instructions are
+        printed, this machine's if left out.
         """
-        target = target or jit.host()
         ticks = range(len(loop.step.inputs) - loop.lane_inputs - loop.states)
         self.grouped, self.width = grouped, width
 
         def make() -> VectorKernel:
             parts = split(loop, range(shared) if grouped else (), ticks if grouped else ticks[:1])
-            return print_kernel(parts, width, target.features)
+            return print_kernel(parts, width, (host or jit.host()).features)
 
         self.kernel = printed(make)
-        self._module = target.compiled(self.kernel.text, FUNCTIONS, objects)
+        self._module = jit.compile(self.kernel.text, FUNCTIONS, objects)
+        self._make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])
 
     @property
     def outputs(self) -> int:
         """Numbers that go out in a tick."""
         return self.kernel.outputs
 
+    def group(self, lanes: Lanes, vectors: int, rows: int, results: int) -> LaneGroup:
+        """Lanes before their first tick; see `LaneGroup`."""
+        return LaneGroup(self.kernel, self._make_calls, lanes, vectors, rows, results)
+
     def run(self, lanes: Lanes, ticks: int, progress: Progress | None = None) -> list[np.ndarray]:
         """Run one group from the beginning; its results, each [lanes]."""
         size = len(lanes.inputs[0]) if lanes.inputs else self.width
-        return self.follow(
-            lanes,
-            LaneCourse(np.zeros(size // self.width, np.int64), np.full(size, ticks)),
-            progress,
-        )
+        begins = np.zeros(size // self.width, np.int64)
+        return self.follow(lanes, LaneCourse(begins, np.full(size, ticks)), progress)
 
     def follow(
         self, lanes: Lanes, course: LaneCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
-        """Run one group along `course`; its results, each [lanes]."""
+        """Run one group along `course`; its results, each [lanes].
+
+        Results of a vector are written at each tick at which one of its lanes ends.
+        """
         vectors = len(course.begins)
-        marks, mark = np.unique(course.ends, return_inverse=True)
+        of_lane = np.repeat(np.arange(vectors), self.width)
         pairs, place = np.unique(
-            np.stack([np.repeat(np.arange(vectors), self.width), mark], axis=1),
-            axis=0,
-            return_inverse=True,
+            np.stack([of_lane, course.ends], axis=1), axis=0, return_inverse=True
         )
-        of_vector = np.searchsorted(pairs[:, 0], np.arange(1, vectors))
-        stops = [
-            part.tolist() for part in np.split(pairs[:, 1], of_vector)
-        ]  # marks at which lanes of a vector end
-        row_of = {(v, m): row for row, (v, m) in enumerate(pairs.tolist())}
-        with self._module.workspace() as space:
-            group = LaneGroup(self.kernel, space, lanes, vectors, CHUNK, len(pairs))
-            shared = space.buffer(len(marks), self.kernel.group_state.bytes)
-            ends, begins, done = marks.tolist(), course.begins.tolist(), 0
-            if course.trunk is not None:
-                group.go()
-                self._go_on(group, course, course.trunk)
-            for first in range(course.first, course.last, CHUNK):
-                until = min(first + CHUNK, course.last)
-                group.turn(first)
-                now = first
-                for m, end in enumerate(ends):
+        # of each vector: (tick, row of the results)
+        stops: list[list[tuple[int, int]]] = [[] for _ in range(vectors)]
+        for row, (v, end) in enumerate(pairs.tolist()):
+            stops[v].append((end, row))
+        ends, begins, done = np.unique(course.ends).tolist(), course.begins.tolist(), 0
+        group = self.group(lanes, vectors, CHUNK, len(pairs))
+        kept = buffer(len(ends), self.kernel.group_state.bytes)
+        kept_at = {end: address(kept, row) for row, end in enumerate(ends)}
+        if course.trunk is not None:
+            group.go()
+            self._go_on(group, course, course.trunk)
+        for first in range(course.first, course.last, CHUNK):
+            until = min(first + CHUNK, course.last)
+            group.turn(first)
+            now = first
+            for end in ends:
+                if first < end <= until:
+                    group.share(now, end, kept_at[end])
+                    now = end
+            if now < until:
+                group.share(now, until)
+            for v, begin in enumerate(begins):
+                now = before = max(first, begin)
+                for end, row in stops[v]:
+                    stop = min(end, until)
+                    if now < stop:
+                        group.advance(v, now, stop)
+                        now = stop
                     if first < end <= until:
-                        group.share(now, end, at(shared, m))
-                        now = end
-                if now < until:
-                    group.share(now, until)
-                for v, begin in enumerate(begins):
-                    now = before = max(first, begin)
-                    for m in stops[v]:
-                        stop = min(ends[m], until)
-                        if now < stop:
-                            group.advance(v, now, stop)
-                            now = stop
-                        if first < ends[m] <= until:
-                            group.finish(v, row_of[v, m], at(shared, m))
-                    done += max(0, now - before)
-                if done >= AT_ONCE or until == course.last:
-                    group.go()
-                    if progress is not None and done:
-                        progress(done * self.width)
-                    done = 0
-            columns = group.columns()
-        if len(pairs) == vectors:
-            return columns
+                        group.finish(v, row, kept_at[end])
+                done += max(0, now - before)
+            if done >= AT_ONCE or until == course.last:
+                group.go()
+                if progress is not None and done:
+                    progress(done * self.width)
+                done = 0
         mine = place.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
-        return [column[mine] for column in columns]
+        return [column[mine] for column in group.columns()]
 
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
         """Run a vector of lanes that are all the same golden run.
@@ -155,32 +268,28 @@ class VectorCode:
         Its snapshots before tick `last`, and its results at each of `ends` (ascending), each
         [ends].
         """
-        state_words = self._state_words[0]
-        shared_words = self.kernel.group_state.bytes // 4
-        every = spacing(last, len(state_words) + shared_words)
-        with self._module.workspace() as space:
-            group = LaneGroup(self.kernel, space, lanes, 1, every, max(1, len(ends)))
-            state, shared = (a.view(np.uint32)[0] for a in (group.state, group.group_state))
-            snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(state_words))
-            row_of = {end: row for row, end in enumerate(ends.tolist())}
-            now = 0
-            for mark in sorted({*range(0, last, every), *row_of}):
-                for first in range(now, mark, every):
-                    until = min(first + every, mark)
-                    group.turn(first)
-                    group.share(first, until)
-                    group.advance(0, first, until)
-                now = mark
-                if mark in row_of:
-                    group.finish(0, row_of[mark])
-                if mark < last and mark % every == 0:
-                    group.go()
-                    snapshots.lane[mark // every], snapshots.group[mark // every] = (
-                        state[state_words],
-                        shared,
-                    )
-            group.go()
-            return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
+        words, shared_words = self._state_words[0], self.kernel.group_state.bytes // 4
+        every = spacing(last, len(words) + shared_words)
+        group = self.group(lanes, 1, every, max(1, len(ends)))
+        state, shared = (rows.view(np.uint32)[0] for rows in (group.state, group.group_state))
+        snapshots = Trunk.room(every, max(1, -(-last // every)), shared_words, len(words))
+        row_of = {end: row for row, end in enumerate(ends.tolist())}
+        now = 0
+        for mark in sorted({*range(0, last, every), *row_of}):
+            for first in range(now, mark, every):
+                until = min(first + every, mark)
+                group.turn(first)
+                group.share(first, until)
+                group.advance(0, first, until)
+            now = mark
+            if mark in row_of:
+                group.finish(0, row_of[mark])
+            if mark < last and mark % every == 0:
+                group.go()
+                snapshots.lane[mark // every] = state[words]
+                snapshots.group[mark // every] = shared
+        group.go()
+        return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
 
     @cached_property
     def _state_words(self) -> np.ndarray:
@@ -192,9 +301,8 @@ class VectorCode:
         it was at the first.
         """
         if course.first:
-            group.group_state.view(np.uint32)[0] = golden_run.group[
-                course.first // golden_run.every
-            ]
+            row = course.first // golden_run.every
+            group.group_state.view(np.uint32)[0] = golden_run.group[row]
         states = group.state.view(np.uint32)
         for v, begin in enumerate(course.begins.tolist()):
             if begin:

@@ -19,7 +19,6 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
-from ravenjax.engines.cpu.target import CodeTarget
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
 
@@ -29,16 +28,11 @@ threads Python is busier with the next block than they are with theirs; with mor
 leave threads idle."""
 BLOCKS = 8
 """Blocks for each thread, at least, where they have more than the fewest lanes."""
-
-REPAID = 400_000
-"""Ticks of vectors that a kernel runs in vain, about, for want of a second form of its code: to
-print and compile one takes 1.3 s, and a tick of a vector 3.3 us (`quick.toml`, AVX-512 at 2 GHz).
-"""
 UNSHARED = 0.5
-"""By how much a vector takes longer, about, that computes by itself what its group could share."""
+"""By how much a vector takes longer, about, that computes what its group could share."""
 
 
-class SimdKernel:
+class SimdKernel(traced.PrintedKernel):
     """A traced program and its compiled forms."""
 
     def __init__(
@@ -47,19 +41,14 @@ class SimdKernel:
         lanes: int,
         objects: jit.Objects | None = None,
         signals: bool = False,
-        target: CodeTarget | None = None,
+        host: jit.Host | None = None,
     ) -> None:
-        """signals: every signal goes out in each tick, and lanes run one by one. target: this
-        machine's CPU if left out."""
-        self.program, self.lanes, self.signals = program, lanes, signals
-        self._target: CodeTarget = target or jit.host()
-        self.width = 1 if signals else self._target.width
-        self._objects = objects
-        self._forms: traced.Forms | None = None
+        """signals: every signal goes out in each tick, and lanes run one by one. host: whose
+        instructions are printed, this machine's if left out."""
+        super().__init__(program, lanes, objects)
+        self.signals, self._host = signals, host or jit.host()
+        self.width = 1 if signals else self._host.width
         self._dtype = np.dtype(program.setup.precision.real)
-        # ticks of vectors run so far for want of a form; blocks side by side may count too few
-        self._vain = 0.0
-        self._joined: tuple[tuple[np.ndarray, ...], np.ndarray] | None = None
         self.branches = 0 if signals else self.width
 
     def size(self, rows: int) -> int:
@@ -68,19 +57,12 @@ class SimdKernel:
 
     def prepare(self, block: Block, motion: tuple[np.ndarray, ...]) -> None:
         """Trace and compile for blocks and motions like these."""
-        self._trace(block, motion)
-        self._code(block, motion, self._plan(traced.inputs(self.program, block)).grouped)
-
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
-        """See `interface.Kernel`. Lanes with equal inputs are computed once."""
-        return self._run(block, motion, progress)[0]
+        self._code(block, motion, self._groups(block)[2])
 
     def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
         """As `run`, and every signal of the first lane, each leaf [ticks]."""
         result, out = self._run(block, motion, None)
-        return result, self._traced.signals_of(out, _from_slots)
+        return result, self.forms(block, motion).traced.signals_of(out, _from_slots)
 
     def trunk(
         self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
@@ -88,56 +70,57 @@ class SimdKernel:
         """See `interface.Kernel`."""
         code, inputs = self._code(block, motion, True), traced.inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        some = Lanes(
-            inputs,
-            self._given(block, np.arange(self.width), True, 0, until),
-            self._tables(motion),
-            None,
-        )
-        trunk, columns = code.trunk(some, last, ends)
-        return trunk, dict(zip(self._traced.outcomes, columns, strict=True))
+        entering = self._given(block, np.arange(self.width), True, 0, until)
+        lanes = Lanes(inputs, entering, traced.tables(motion), None)
+        trunk, columns = code.trunk(lanes, last, ends)
+        names = self.forms(block, motion).traced.outcomes
+        return trunk, dict(zip(names, columns, strict=True))
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
-        self._trace(block, motion)
-        inputs, ticks = traced.inputs(self.program, block), self.program.ticks
-        plan = self._plan(inputs if block.ends is None else [*inputs, block.ends])
-        code = self._code(block, motion, plan.grouped)
-        lanes, outputs, tables = len(plan.place), code.outputs, self._tables(motion)
-        keep = self.signals or block.reference is None
-        dtype = np.uint64 if self.signals else self._dtype
-        record: np.ndarray | None = None
+        tick, ticks = self.forms(block, motion).traced, self.program.ticks
+        inputs, group, grouped = self._groups(block)
+        code, tables = self._code(block, motion, grouped), traced.tables(motion)
+        lanes, keep = len(group), self.signals or block.reference is None
+        dtype = np.dtype(np.uint64) if self.signals else self._dtype
+        out = np.zeros((ticks if keep else 0, code.outputs, lanes), dtype)
         outcomes: list[np.ndarray] = []
-        for part in plan.parts:
-            filled = np.minimum(np.arange(-(-len(part) // self.width) * self.width), len(part) - 1)
-            some = plan.first[part[filled]]
-            course = self._course(block, some, plan.grouped)
+        for number in range(group.max() + 1):
+            mine = np.flatnonzero(group == number)
+            filled = mine[np.minimum(np.arange(self.size(len(mine))), len(mine) - 1)]
+            course = self._course(block, filled, grouped)
             first, last = (0, ticks) if keep else (course.first, course.last)
-            out = np.zeros((ticks, outputs, len(some)), dtype) if keep else None
-            tick_inputs = self._given(block, some, plan.grouped, first, last)
-            vectors = Lanes([column[some] for column in inputs], tick_inputs, tables, out, first)
+            # As large as all that runs at a time: not held twice where all lanes are one group.
+            whole = len(filled) == lanes
+            own_out = out if whole else np.zeros((*out.shape[:2], len(filled)), dtype)
+            entering = self._given(block, filled, grouped, first, last)
+            vectors = Lanes(
+                [column[filled] for column in inputs],
+                *(entering, tables, own_out if keep else None, first),
+            )
             columns = code.follow(vectors, course, progress)
             if progress is not None:  # what nobody had to run is done, too
-                progress(ticks * len(some) - self.width * course.vector_ticks)
+                progress(ticks * len(filled) - self.width * course.vector_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
-            mine = np.flatnonzero(np.isin(plan.place, part))
-            at = np.searchsorted(part, plan.place[mine])
             for column, values in zip(outcomes, columns, strict=True):
-                column[mine] = values[at]
-            if out is not None and len(mine) == lanes and (at == np.arange(lanes)).all():
-                record = out[:, :, :lanes]  # as large as all that runs at a time: not held twice
-            elif out is not None:
-                record = np.zeros((ticks, outputs, lanes), dtype) if record is None else record
-                record[:, :, mine] = out[:, :, at]
-        record = np.zeros((0, outputs, lanes), dtype) if record is None else record
-        named = dict(zip(self._traced.outcomes, outcomes, strict=True))
-        reference = record[:, : self._traced.series]
+                column[mine] = values[: len(mine)]
+            if not whole:
+                out[:, :, mine] = own_out[:, :, : len(mine)]
+        reference = out[:, : tick.series]
         if self.signals:
-            reference = np.ascontiguousarray(reference).view(self._dtype)[
-                :, :, :: 8 // self._dtype.itemsize
-            ]
-        return BlockResult(named, reference), record
+            numbers = np.ascontiguousarray(reference).view(self._dtype)
+            reference = numbers[:, :, :: 8 // self._dtype.itemsize]
+        return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
+
+    def _groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray, bool]:
+        """A block's inputs, the group of each lane, and whether lanes run group by group: where
+        that is cheaper.
+        """
+        inputs, group = self.groups(block)
+        vectors = (-(-np.bincount(group) // self.width)).sum()
+        grouped = bool(vectors <= (1.0 + UNSHARED) * -(-len(group) // self.width))
+        return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
         """From where to where whole vectors of lanes run; those of a group have the same golden
@@ -156,105 +139,24 @@ class SimdKernel:
         """The golden runs' series in these ticks: of a group, whose lanes share one, or of each
         lane.
         """
-        series = self._traced.series
         if not block.compared or block.reference is None:
+            series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
         some = dataclasses.replace(block, reference=block.reference[first:last])
         return np.ascontiguousarray(
             some.series(lanes[:1])[:, :, 0] if grouped else some.series(lanes)
         )
 
-    def _plan(self, inputs: list[np.ndarray]) -> _Plan:
-        # Runs without faults of their own and without varied parameters are all alike.
-        alike = np.zeros(1, np.int64), np.zeros(self.lanes, np.int64)
-        first, place = _distinct(inputs) if inputs else alike
-        varied = [column[first] for column in inputs[: len(self.program.varied)]]
-        group = _distinct(varied)[1] if varied else np.zeros(len(first), np.int64)
-        if not (grouped := self._runs_by_group(np.bincount(group))):
-            group = np.zeros_like(group)
-        return _Plan(
-            first, place, grouped, [np.flatnonzero(group == g) for g in range(group.max() + 1)]
-        )
-
-    def _runs_by_group(self, sizes: np.ndarray) -> bool:
-        """Whether lanes of groups of these sizes run group by group: where that is cheaper.
-
-        Where only the other form of code is there, it serves until it has cost as much as a second
-        form would.
-        """
-        apart = (1.0 + UNSHARED) * -(-sizes.sum() // self.width)
-        costs = {True: float((-(-sizes // self.width)).sum()), False: float(apart)}
-        best = costs[True] <= costs[False]
-        if self._forms is None or self.signals or self._forms.holds(self._key(best)):
-            return best
-        if not self._forms.holds(self._key(not best)):
-            return best
-        self._vain += (costs[not best] - costs[best]) * self.program.ticks
-        return best if self._vain > REPAID else not best
-
-    def _tables(self, motion: tuple[np.ndarray, ...]) -> np.ndarray:
-        """The columns of the motion one after the other."""
-        if self._joined is None or self._joined[0] is not motion:
-            self._joined = (
-                motion,
-                np.concatenate([np.ascontiguousarray(column) for column in motion]),
-            )
-        return self._joined[1]
-
-    @property
-    def _traced(self) -> traced.TracedTick:
-        assert self._forms is not None
-        return self._forms.traced
-
-    def _key(self, grouped: bool) -> tuple[Any, ...]:
-        return self._target.name, self.signals, grouped, self.width, self._target.text
-
-    def _trace(self, block: Block, motion: tuple[np.ndarray, ...]) -> traced.Forms:
-        self._forms = self._forms or traced.forms(self.program, block, motion, self._objects)
-        return self._forms
-
     def _code(self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool) -> VectorCode:
-        forms = self._trace(block, motion)
+        forms, host = self.forms(block, motion), self._host
+        key = "simd", self.signals, grouped, self.width, host.text
 
         def make() -> VectorCode:
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
-            printed = functools.partial(forms.printed, self._key(grouped))
-            shared = len(self.program.varied)
-            return VectorCode(
-                loop, shared, grouped, self.width, self._objects, printed, self._target
-            )
+            printed, shared = functools.partial(forms.printed, key), len(self.program.varied)
+            return VectorCode(loop, shared, grouped, self.width, self.objects, printed, host)
 
-        return forms.code(self._key(grouped), make)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Plan:
-    """How the lanes of a block are run."""
-
-    first: np.ndarray  # [distinct], lane in which each distinct one first occurs
-    place: np.ndarray  # [lanes], which distinct one a lane is
-    grouped: bool  # lanes that run together share their varied parameters
-    parts: list[np.ndarray]  # distinct lanes that run together, ascending
-
-
-def _distinct(columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Of rows of these columns that are equal bit by bit: where each first occurs, and for each
-    row which it is.
-    """
-    words = [
-        np.ascontiguousarray(c).view(f"u{c.dtype.itemsize}").astype(np.uint64) for c in columns
-    ]
-    if any(
-        len(np.unique(column)) == len(column) for column in words
-    ):  # as drawn values are, which costs less to see
-        return np.arange(len(words[0])), np.arange(len(words[0]))
-    _, first, place = np.unique(
-        np.stack(words, axis=1), axis=0, return_index=True, return_inverse=True
-    )
-    order = np.argsort(first)  # as they come
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return first[order], rank[place.reshape(-1)]
+        return forms.code(key, make)
 
 
 def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
@@ -293,8 +195,8 @@ class SimdEngine:
         in.
         """
         lanes = lanes_of_block(runs, self.threads, jit.host().width)
-        return SimdKernel(traced.printable(program), lanes, self.objects)
+        return SimdKernel(program, lanes, self.objects)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`. Lanes run one by one, to the same bits as in a campaign."""
-        return Tracer(SimdKernel(traced.printable(program), 1, self.objects, signals=True))
+        return Tracer(SimdKernel(program, 1, self.objects, signals=True))

@@ -4,20 +4,17 @@ outlive the process.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import dataclasses
 import hashlib
 import platform
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
-import numpy as np
 
-from ravenjax.engines.cpu import memory
 from ravenjax.engines.trace_key import Objects
 
 _OPTIMISATION = 1
@@ -34,7 +31,6 @@ class Host:
 
     cpu: str
     features: frozenset[str]
-    name: str = "simd"
 
     @property
     def width(self) -> int:
@@ -50,12 +46,6 @@ class Host:
     def text(self) -> str:
         """Features as LLVM takes them."""
         return ",".join(f"+{name}" for name in sorted(self.features))
-
-    def compiled(
-        self, text: str, names: Sequence[str], objects: Objects | None = None
-    ) -> HostModule:
-        """See `target.CodeTarget`; code is always made for this very machine."""
-        return compile(text, names, objects)
 
 
 @cache
@@ -91,30 +81,6 @@ class HostModule:
         `brief` one: who gives it away may wait milliseconds until it is his again."""
         kind = ctypes.PYFUNCTYPE if brief else ctypes.CFUNCTYPE
         return kind(None, *arguments)(self._library[name])
-
-    @contextlib.contextmanager
-    def workspace(self) -> Iterator[HostWorkspace]:
-        """See `target.CodeModule`."""
-        yield HostWorkspace(self.function("make_calls", [ctypes.c_void_p, ctypes.c_int64]))
-
-
-@dataclasses.dataclass(frozen=True)
-class HostWorkspace:
-    """All memory of the process; see `target.Workspace`."""
-
-    _make: Any
-
-    def buffer(self, rows: int, size: int) -> np.ndarray:
-        return memory.buffer(rows, size)
-
-    def reads(self, array: np.ndarray) -> np.ndarray:
-        return array
-
-    def writes(self, array: np.ndarray) -> np.ndarray:
-        return array
-
-    def make(self, calls: np.ndarray) -> None:
-        self._make(calls.ctypes.data, len(calls))
 
 
 def compile(text: str, names: Sequence[str], objects: Objects | None = None) -> HostModule:

@@ -6,7 +6,7 @@ lane_begin    state and held numbers of `width` lanes from their inputs
 lane_run      the same ticks of these lanes, reading the rows
 lane_finish   their results
 
-Another makes calls of these, see `calls`. Buffers of lanes hold `width` numbers after another for
+`make_calls` makes a list of calls of these. Buffers of lanes hold `width` numbers after another for
 each number; those of groups hold one.
 """
 
@@ -16,9 +16,9 @@ import bisect
 import dataclasses
 from collections.abc import Iterable, Sequence
 
-from ravenjax.engines.cpu import calls
 from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeated
 from ravenjax.engines.cpu.memory import BufferLayout, Place
+from ravenjax.engines.printing import render
 from ravenjax.ir.program import Operation, Program
 from ravenjax.ir.regions import Region, arrange
 from ravenjax.ir.time_loop import Split
@@ -115,7 +115,18 @@ def _straight(
     return tuple(result)
 
 
-FUNCTIONS = ("shared_begin", "shared_run", "lane_begin", "lane_run", "lane_finish", calls.NAME)
+ARGUMENTS = {
+    "shared_begin": ("ptr",) * 2,
+    "shared_run": (*("ptr",) * 4, "i64", "i64", "ptr", "i32", "i64"),
+    "lane_begin": ("ptr",) * 3,
+    "lane_run": (*("ptr",) * 5, "i64", "i64", "ptr", "ptr", "i64", "i64", "i64"),
+    "lane_finish": ("ptr",) * 4,
+    "copy_bytes": ("ptr", "ptr", "i64"),
+}
+"""What can be called, and the types of the arguments; `copy_bytes` is to, from, count."""
+CALL_WORDS = 1 + max(map(len, ARGUMENTS.values()))
+"""64-bit words of a call: which function, and its arguments."""
+FUNCTIONS = (*ARGUMENTS, "make_calls")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,16 +161,16 @@ class _LlvmModule:
             return tuple(self.step.operations[i].dtype for i in numbers)
 
         self.inputs, self.group_inputs = (
-            BufferLayout(self.begin.inputs, width),
-            BufferLayout(self.begin.inputs, 1),
+            BufferLayout.of_lanes(self.begin.inputs, width),
+            BufferLayout.of_lanes(self.begin.inputs, 1),
         )
-        self.state = BufferLayout(tuple(types[k] for k in self.lane_state), width)
-        self.group_state = BufferLayout(tuple(types[k] for k in split.shared_state), 1)
+        self.state = BufferLayout.of_lanes(tuple(types[k] for k in self.lane_state), width)
+        self.group_state = BufferLayout.of_lanes(tuple(types[k] for k in split.shared_state), 1)
         self.prologue, self.row = (
-            BufferLayout(typed(split.prologue_results), width),
-            BufferLayout(typed(split.row), 1),
+            BufferLayout.of_lanes(typed(split.prologue_results), width),
+            BufferLayout.of_lanes(typed(split.row), 1),
         )
-        self.results = BufferLayout(
+        self.results = BufferLayout.of_lanes(
             tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width
         )
         self.declared: set[str] = set()
@@ -179,7 +190,7 @@ class _LlvmModule:
         text = "\n".join(
             [
                 *self.functions,
-                calls.print_calls(),
+                render("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS),
                 *sorted(self.declared),
                 attributes,
                 BRANCH_WEIGHTS,

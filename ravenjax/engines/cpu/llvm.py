@@ -14,10 +14,12 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ravenjax.engines.cpu.memory import Place, size
 from ravenjax.engines.printing import Printing
 from ravenjax.ir import elementary
-from ravenjax.ir.program import Program
+from ravenjax.ir.program import Program, number
 
 _STORED = {
     "float32": "float",
@@ -63,11 +65,11 @@ class LlvmPrinter(Printing[Place]):
             logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
             if logic and dtype in ("int32", "uint32") and self.width > 1:
                 return self._chosen_apart(dtype, inputs)
-            return self.op(
-                f"select {self.type('bool')} {inputs[0]}, {self.pair(dtype, inputs[1:])}"
-            )
-        constants = [program.operations[o].name == "constant" for o in operands]
-        return self._computed(name, dtype, program.operations[operands[0]].dtype, inputs, constants)
+            return self.select(dtype, *inputs)
+        sources = [program.operations[o] for o in operands]
+        # A NaN is no known number: `max` and `min` must let it through.
+        known = [o.name == "constant" and not np.isnan(number(o.dtype, o.detail)) for o in sources]
+        return self._computed(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
         """Entered if the condition holds in any lane."""
@@ -123,6 +125,15 @@ class LlvmPrinter(Printing[Place]):
             f"call {result} @{name}({', '.join(f'{dtype} {text}' for dtype, text in arguments)})"
         )
 
+    def select(self, dtype: str, condition: str, yes: str, no: str) -> str:
+        """`yes` or `no`."""
+        return self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, [yes, no])}")
+
+    def intrinsic(self, name: str, dtype: str, *inputs: str) -> str:
+        """Call an intrinsic function whose operands and result have one type."""
+        wide = self.type(dtype)
+        return self.call(wide, f"llvm.{name}.{self._suffix(dtype)}", *((wide, x) for x in inputs))
+
     def _constant(self, dtype: str, value: Any) -> str:
         """Text of a constant."""
         if dtype == "bool":
@@ -173,12 +184,10 @@ class LlvmPrinter(Printing[Place]):
         wrong bits."""
         wide, real = self.type(dtype), self.type("float32")
         sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]
-        result = self.op(f"select {self.type('bool')} {inputs[0]}, {self.pair('float32', sides)}")
+        result = self.select("float32", inputs[0], *sides)
         return self.op(f"bitcast {real} {result} to {wide}")
 
-    def _computed(
-        self, name: str, dtype: str, source: str, x: list[str], constants: list[bool]
-    ) -> str:
+    def _computed(self, name: str, dtype: str, source: str, x: list[str], known: list[bool]) -> str:
         real = dtype.startswith("float")
         wide = self.type(dtype)
         if name in _ARITHMETIC:
@@ -198,9 +207,9 @@ class LlvmPrinter(Printing[Place]):
                 else self.op(f"bitcast {self.type(source)} {x[0]} to {wide}")
             )
         if real and name in _ROUNDED:
-            return self.call(wide, f"llvm.{_ROUNDED[name]}.{self._suffix(dtype)}", (wide, x[0]))
+            return self.intrinsic(_ROUNDED[name], dtype, x[0])
         if name in _SHIFTED:
-            return self._shifted(name, dtype, x, constants[1])
+            return self._shifted(name, dtype, x, known[1])
         if name in elementary.FUNCTIONS and self.width == 1:
             return self._library(name, dtype, x)
         match name:
@@ -212,9 +221,7 @@ class LlvmPrinter(Printing[Place]):
                 product = self.op(f"fmul {wide} {x[0]}, {x[1]}")
                 return self.op(f"fadd {wide} {product}, {x[2]}")
             case "fma":
-                return self.call(
-                    wide, f"llvm.fma.{self._suffix(dtype)}", *((wide, operand) for operand in x)
-                )
+                return self.intrinsic("fma", dtype, *x)
             case "neg":
                 return self.op(
                     f"fneg {wide} {x[0]}"
@@ -229,18 +236,14 @@ class LlvmPrinter(Printing[Place]):
                 condition = self.op(
                     f"fcmp {'ogt' if name == 'max' else 'olt'} {wide} {x[0]}, {x[1]}"
                 )
-                best = self.op(f"select {self.type('bool')} {condition}, {self.pair(dtype, x)}")
-                if constants[0]:
+                best = self.select(dtype, condition, *x)
+                if known[0]:
                     return best
                 unknown = self.op(f"fcmp uno {wide} {x[0]}, {x[0]}")
-                return self.op(
-                    f"select {self.type('bool')} {unknown}, {self.pair(dtype, [x[0], best])}"
-                )
+                return self.select(dtype, unknown, x[0], best)
             case "max" | "min":
                 kind = "s" if _signed(dtype) else "u"
-                return self.call(
-                    wide, f"llvm.{kind}{name}.{self._suffix(dtype)}", (wide, x[0]), (wide, x[1])
-                )
+                return self.intrinsic(f"{kind}{name}", dtype, *x)
             case "convert":
                 return self._converted(dtype, source, x[0])
             case "truncate":
@@ -263,22 +266,14 @@ class LlvmPrinter(Printing[Place]):
         wide, bits = self.type(dtype), size(dtype) * 8
         by = x[1]
         if name == "sar":
-            by = self.call(
-                wide,
-                f"llvm.umin.{self._suffix(dtype)}",
-                (wide, by),
-                (wide, self._constant(dtype, bits - 1)),
-            )
+            by = self.intrinsic("umin", dtype, by, self._constant(dtype, bits - 1))
             return self.op(f"ashr {wide} {x[0]}, {by}")
         if constant:  # inside the width, or `simplify` would have taken it
             return self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {by}")
         inside = self.op(f"icmp ult {wide} {by}, {self._constant(dtype, bits)}")
         amount = self.op(f"and {wide} {by}, {self._constant(dtype, bits - 1)}")
         moved = self.op(f"{_SHIFTED[name]} {wide} {x[0]}, {amount}")
-        return self.op(
-            f"select {self.type('bool')} {inside},"
-            f" {self.pair(dtype, [moved, self._constant(dtype, 0)])}"
-        )
+        return self.select(dtype, inside, moved, self._constant(dtype, 0))
 
     def _divided(self, name: str, dtype: str, x: list[str]) -> str:
         """Through float64, where the quotient of two 32-bit integers truncates right; CPUs have
@@ -287,19 +282,13 @@ class LlvmPrinter(Printing[Place]):
         wide, double, long = self.type(dtype), self._wide("double"), self._wide("i64")
         signed = "s" if dtype == "int32" else "u"
         none = self.op(f"icmp eq {wide} {x[1]}, {self._constant(dtype, 0)}")
-        by = self.op(
-            f"select {self.type('bool')} {none},"
-            f" {self.pair(dtype, [self._constant(dtype, 1), x[1]])}"
-        )
+        by = self.select(dtype, none, self._constant(dtype, 1), x[1])
         a, b = (self.op(f"{signed}itofp {wide} {operand} to {double}") for operand in (x[0], by))
         exact = self.op(f"fptosi {double} {self.op(f'fdiv {double} {a}, {b}')} to {long}")
         quotient = self.op(f"trunc {long} {exact} to {wide}")
         if name == "rem":
             return self.op(f"sub {wide} {x[0]}, {self.op(f'mul {wide} {quotient}, {x[1]}')}")
-        return self.op(
-            f"select {self.type('bool')} {none},"
-            f" {self.pair(dtype, [self._constant(dtype, -1), quotient])}"
-        )
+        return self.select(dtype, none, self._constant(dtype, -1), quotient)
 
     def _converted(self, dtype: str, source: str, x: str) -> str:
         wide, before = self.type(dtype), self.type(source)
@@ -322,10 +311,7 @@ class LlvmPrinter(Printing[Place]):
             (f"uno {before} {x}, {x}", 0),
         ):
             outside = self.op(f"fcmp {condition}")
-            best = self.op(
-                f"select {self.type('bool')} {outside},"
-                f" {self.pair(dtype, [self._constant(dtype, value), best])}"
-            )
+            best = self.select(dtype, outside, self._constant(dtype, value), best)
         return best
 
     def _resized(self, dtype: str, source: str, x: str) -> str:
@@ -356,10 +342,7 @@ class LlvmPrinter(Printing[Place]):
             wide, f"llvm.fptosi.sat.{self._suffix('int32')}.{self._suffix(source)}", (before, x)
         )
         fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
-        return self.op(
-            f"select {self.type('bool')} {fits},"
-            f" {self.pair('int32', [near, self._constant('int32', -(2**31))])}"
-        )
+        return self.select("int32", fits, near, self._constant("int32", -(2**31)))
 
     def _lookup(self, program: Program, table: int, index: str, tables: str) -> str:
         """One number of a table; the tables stand one after the other in memory."""

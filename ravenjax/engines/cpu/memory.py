@@ -1,17 +1,16 @@
-"""Where numbers stand in the buffers of vector code."""
+"""Where numbers stand in the buffers of compiled code."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from functools import cached_property
 
 import numpy as np
 
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """An address, a pointer of the function plus a constant of bytes; `splat`: one number for
+    """An address: a pointer of the function plus a constant of bytes; `splat`: one number for
     all lanes.
     """
 
@@ -22,26 +21,60 @@ class Place:
 
 @dataclasses.dataclass(frozen=True)
 class BufferLayout:
-    """Where numbers of these types stand in a buffer of one number a lane, one after the other."""
+    """Where numbers of these types stand in a row of bytes, each once for every lane."""
 
     types: tuple[str, ...]
-    width: int
+    offsets: tuple[int, ...]  # bytes from the start, one entry a number
+    bytes: int  # from one row to the next
+    width: int = 1  # lanes
 
-    @cached_property
-    def offsets(self) -> tuple[int, ...]:
-        """Bytes from the start, one entry a number."""
-        return tuple(
-            np.cumsum([0, *(size(dtype) * self.width for dtype in self.types)])[:-1].tolist()
-        )
+    @classmethod
+    def of_lanes(cls, types: Iterable[str], width: int) -> BufferLayout:
+        """One after the other, without gaps."""
+        types = tuple(types)
+        ends = np.cumsum([0, *(size(dtype) * width for dtype in types)]).tolist()
+        return cls(types, tuple(ends[:-1]), ends[-1], width)
 
-    @cached_property
-    def bytes(self) -> int:
-        """Size of the buffer."""
-        return sum(size(dtype) for dtype in self.types) * self.width
+    @classmethod
+    def aligned(cls, types: Iterable[str]) -> BufferLayout:
+        """One after the other, each aligned to its size, for one lane."""
+        types, offsets, end = tuple(types), [], 0
+        for dtype in types:
+            offsets.append(-(-end // size(dtype)) * size(dtype))
+            end = offsets[-1] + size(dtype)
+        return cls(types, tuple(offsets), -(-end // 8) * 8)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """A row of one lane as NumPy reads it, one field a number."""
+        formats = [stored(dtype) for dtype in self.types]
+        names = [f"f{k}" for k in range(len(formats))]
+        fields = {"names": names, "formats": formats, "offsets": list(self.offsets)}
+        return np.dtype({**fields, "itemsize": self.bytes})
 
     def places(self, pointer: str, splat: bool = False) -> list[Place]:
         """The place of each number."""
         return [Place(pointer, offset, splat) for offset in self.offsets]
+
+    def views(self, rows: np.ndarray) -> list[np.ndarray]:
+        """The numbers in memory, each [rows, width]; `rows` is [rows, bytes]."""
+        types = [stored(dtype) for dtype in self.types]
+        return [
+            rows[:, offset : offset + self.width * dtype.itemsize].view(dtype)
+            for offset, dtype in zip(self.offsets, types, strict=True)
+        ]
+
+    def pack(self, columns: Iterable[np.ndarray], rows: int) -> np.ndarray:
+        """A buffer [rows, bytes] of these columns, each [rows * width]."""
+        data = buffer(rows, self.bytes)
+        for view, column in zip(self.views(data), columns, strict=True):
+            view[...] = column.reshape(rows, self.width)
+        return data
+
+    def unpack(self, data: np.ndarray) -> list[np.ndarray]:
+        """The columns of a buffer, each [rows * width]."""
+        views = zip(self.views(data), self.types, strict=True)
+        return [view.reshape(-1).astype(dtype) for view, dtype in views]
 
     def words(self, lane: int) -> np.ndarray:
         """Where the 32-bit words of one lane's numbers stand: one after the other they are a
@@ -51,42 +84,6 @@ class BufferLayout:
         first = np.array(self.offsets, np.int64) // 4 + lane * sizes
         within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         return np.repeat(first, sizes) + within
-
-
-@dataclasses.dataclass(frozen=True)
-class RowLayout:
-    """Where numbers of these types stand in a row of bytes, each at an offset of its own."""
-
-    types: tuple[str, ...]
-    offsets: tuple[int, ...]  # bytes from the start, one entry a number
-    bytes: int  # from one row to the next
-
-    @classmethod
-    def packed(cls, types: Iterable[str]) -> RowLayout:
-        """One after the other, each aligned to its size."""
-        types, offsets, end = tuple(types), [], 0
-        for dtype in types:
-            offsets.append(-(-end // size(dtype)) * size(dtype))
-            end = offsets[-1] + size(dtype)
-        return cls(types, tuple(offsets), -(-end // 8) * 8)
-
-    @property
-    def dtype(self) -> np.dtype:
-        """A row as NumPy reads it, one field a number; a truth value is an int32."""
-        formats = [stored(dtype) for dtype in self.types]
-        names = [f"f{k}" for k in range(len(formats))]
-        return np.dtype(
-            {
-                "names": names,
-                "formats": formats,
-                "offsets": list(self.offsets),
-                "itemsize": self.bytes,
-            }
-        )
-
-    def places(self, pointer: str) -> list[Place]:
-        """The place of each number."""
-        return [Place(pointer, offset) for offset in self.offsets]
 
 
 def buffer(rows: int, size: int) -> np.ndarray:

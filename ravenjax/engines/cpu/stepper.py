@@ -16,7 +16,7 @@ import numpy as np
 
 from ravenjax.engines import trace_key, traced
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.memory import RowLayout, buffer, size
+from ravenjax.engines.cpu.memory import BufferLayout, buffer, size
 from ravenjax.engines.cpu.transition import (
     NOTHING,
     Compiled,
@@ -119,7 +119,7 @@ class Stepper:
         nothing = buffer(1, 0)
         bind = code.machine.bind
         self._begin = bind("begin", Memory(fixed, nothing, nothing, self._state))
-        out = buffer(1, RowLayout.packed(["float32"] * code.outputs).bytes)
+        out = buffer(1, BufferLayout.aligned(["float32"] * code.outputs).bytes)
         self._step = bind("step", Memory(fixed, self._state, entering, out, self.flat))
         self._finish = bind("finish", Memory(fixed, nothing, self._state, self._results))
         self.begin()

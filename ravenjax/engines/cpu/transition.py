@@ -20,27 +20,19 @@ from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.kernel import schedule
 from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, LlvmPrinter, repeated
-from ravenjax.engines.cpu.memory import RowLayout, buffer, stored
+from ravenjax.engines.cpu.memory import BufferLayout, buffer
 from ravenjax.ir import semantics
 from ravenjax.ir.program import Program
 from ravenjax.ir.regions import arrange
 from ravenjax.numbers import tree
 
-NOTHING = RowLayout.packed([])
-_CALL = (
-    *("fixed", "state", "entering0", "entering_bytes", "leaving0", "leaving_bytes", "tables"),
-    "count",
-)
-"""What a call's block of 64-bit numbers holds: one argument instead of eight, which Python would
-convert each time.
-"""
-_LEAVING = _CALL.index("leaving0")
+NOTHING = BufferLayout.aligned([])
 STEPS = (
     "ptr noalias %fixed, ptr noalias %state, ptr noalias %entering0, i64 %entering_bytes, ptr"
     " noalias %leaving0, i64 %leaving_bytes, ptr noalias %tables"
 )
-"""Parameters of NAME_steps before `i64 %count`: what is fixed, the state, rows in and out and
-bytes between two, the tables.
+"""Parameters of a transition's function before `i64 %count`: what is fixed, the state, rows in and
+out and bytes between two, the tables.
 """
 _MOVES = {"entering": "%entering_bytes", "leaving": "%leaving_bytes"}
 
@@ -50,7 +42,7 @@ class RecordKind:
     """A kind of record of single numbers, and where they stand in a row of bytes."""
 
     record: Any  # each leaf its dtype
-    layout: RowLayout
+    layout: BufferLayout
 
     @staticmethod
     def of(example: Any) -> RecordKind:
@@ -58,7 +50,7 @@ class RecordKind:
         record = tree.mapped(
             lambda x: x.dtype if hasattr(x, "dtype") else np.asarray(x).dtype, example
         )
-        return RecordKind(record, RowLayout.packed(map(str, tree.leaves(record))))
+        return RecordKind(record, BufferLayout.aligned(map(str, tree.leaves(record))))
 
     def shapes(self) -> Any:
         """The record as tracing takes it."""
@@ -80,24 +72,17 @@ class RecordKind:
 
     def views(self, row: np.ndarray) -> Any:
         """A record of arrays of one number each, which are those in memory."""
-        return tree.filled(self.record, [x for (x,) in _columns(self.layout, row[np.newaxis])])
+        return tree.filled(self.record, [x for (x,) in self.layout.views(row[np.newaxis])])
 
     def columns(self, rows: np.ndarray) -> Any:
         """A record of arrays [rows]."""
-        pairs = zip(_columns(self.layout, rows), self.layout.types, strict=True)
+        pairs = zip(self.layout.views(rows), self.layout.types, strict=True)
         return tree.filled(
             self.record, [(x != 0 if kind == "bool" else x)[:, 0] for x, kind in pairs]
         )
 
 
-def _columns(layout: RowLayout, rows: np.ndarray) -> Iterable[np.ndarray]:
-    """Numbers of rows [rows, bytes], each [rows, 1]."""
-    for start, kind in zip(layout.offsets, layout.types, strict=True):
-        dtype = stored(kind)
-        yield rows[:, start : start + dtype.itemsize].view(dtype)
-
-
-def read(layout: RowLayout, row: np.ndarray | bytes) -> list[Any]:
+def read(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
     """Numbers of a row: Python's, but for float32."""
     if not layout.types:
         return []
@@ -109,7 +94,7 @@ def read(layout: RowLayout, row: np.ndarray | bytes) -> list[Any]:
     ]
 
 
-def write(layout: RowLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
+def write(layout: BufferLayout, row: np.ndarray, numbers: Sequence[Any]) -> None:
     """Put numbers in a row, if there are any."""
     if numbers:
         row[: layout.bytes].view(layout.dtype)[0] = tuple(numbers)
@@ -121,15 +106,15 @@ class StateTransition:
 
     # of the numbers of `fixed`, `state` and `entering` to those of `state` and `leaving`
     program: Program
-    fixed: RowLayout
-    state: RowLayout
-    entering: RowLayout
+    fixed: BufferLayout
+    state: BufferLayout
+    entering: BufferLayout
 
     @property
-    def leaving(self) -> RowLayout:
+    def leaving(self) -> BufferLayout:
         """What leaves: the results behind the new state."""
         outputs = self.program.outputs[len(self.state.types) :]
-        return RowLayout.packed(self.program.operations[i].dtype for i in outputs)
+        return BufferLayout.aligned(self.program.operations[i].dtype for i in outputs)
 
 
 class Memory(NamedTuple):
@@ -156,27 +141,22 @@ class Interpreted:
     """Transitions one operation at a time in Python."""
 
     def __init__(self, transitions: Mapping[str, StateTransition]) -> None:
-        self._functions = {
-            name: (one, semantics.compiled(one.program)) for name, one in transitions.items()
-        }
+        self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
         """See `TransitionMachine`; without tables."""
-        one, function = self._functions[name]
+        transition = self._transitions[name]
 
-        def numbers(layout: RowLayout, row: np.ndarray) -> list[Any]:
-            pairs = zip(layout.types, read(layout, row), strict=True)
-            return [np.dtype(dtype).type(x) for dtype, x in pairs]
-
-        def run() -> None:
+        def take() -> None:
+            fixed = read(transition.fixed, memory.fixed)
             for inputs, outputs in zip(memory.entering, memory.leaving, strict=True):
-                state = numbers(one.state, memory.state)
-                fixed, entering = numbers(one.fixed, memory.fixed), numbers(one.entering, inputs)
-                after = function([*fixed, *state, *entering])
-                write(one.state, memory.state, after[: len(state)])
-                write(one.leaving, outputs, after[len(state) :])
+                state = read(transition.state, memory.state)
+                entering = read(transition.entering, inputs)
+                after = semantics.run(transition.program, [*fixed, *state, *entering])
+                write(transition.state, memory.state, after[: len(state)])
+                write(transition.leaving, outputs, after[len(state) :])
 
-        return run
+        return take
 
 
 class Compiled:
@@ -185,9 +165,11 @@ class Compiled:
     def __init__(self, text: str, names: Iterable[str], objects: jit.Objects | None = None) -> None:
         """text: of `print_module`. objects: where compiled code is kept."""
         names = list(names)
-        self._module = module = jit.compile(text, names, objects)
+        self._module = jit.compile(text, names, objects)
+        pointer, size = ctypes.c_void_p, ctypes.c_int64
+        types = [*(pointer, pointer), *(pointer, size) * 2, *(pointer, size)]
         self._functions = {
-            (name, brief): module.function(name, [ctypes.c_void_p], brief)
+            (name, brief): self._module.function(name, types, brief)
             for name in names
             for brief in (False, True)
         }
@@ -199,46 +181,43 @@ class Compiled:
 
 
 class BoundTransition:
-    """A transition with its memory; call it to take it."""
+    """A transition with its memory; call it to take it once for each row."""
 
     def __init__(self, function: Any, memory: Memory, machine: Compiled) -> None:
         fixed, state, entering, leaving, tables = memory
-        self._function, self._count, self._alive = function, len(entering), (memory, machine)
-        # as _CALL names it
-        self._block = np.array(
-            [
-                *(fixed.ctypes.data, state.ctypes.data),
-                *(entering.ctypes.data, entering.strides[0]),
-                *(leaving.ctypes.data, leaving.strides[0]),
-                *(0 if tables is None else tables.ctypes.data, len(entering)),
-            ],
-            np.uintp,
+        self._alive = memory, machine
+        self._function, self._steps = function, len(entering)
+        self._leaving = ctypes.c_void_p(leaving.ctypes.data)
+        # ctypes takes its own numbers faster than Python's.
+        self._arguments = (
+            *(ctypes.c_void_p(fixed.ctypes.data), ctypes.c_void_p(state.ctypes.data)),
+            *(ctypes.c_void_p(entering.ctypes.data), ctypes.c_int64(entering.strides[0])),
+            *(self._leaving, ctypes.c_int64(leaving.strides[0])),
+            ctypes.c_void_p(None if tables is None else tables.ctypes.data),
+            ctypes.c_int64(self._steps),
         )
-        self._address = self._block.ctypes.data
 
     def __call__(self) -> None:
         """Take it once for each row."""
-        if self._count:
-            self._function(self._address)
+        if self._steps:
+            self._function(*self._arguments)
 
     def leave_at(self, address: int) -> None:
         """Write what leaves to another address from now on."""
-        self._block[_LEAVING] = address
+        self._leaving.value = address
 
 
-def print_module(transitions: Mapping[str, StateTransition]) -> str:
-    """LLVM IR for this machine's CPU, with a function NAME of each transition for `Compiled`."""
-    return "\n".join([print_steps(transitions, jit.host().features), *map(_called, transitions)])
-
-
-def print_steps(transitions: Mapping[str, StateTransition], features: Set[str]) -> str:
-    """LLVM IR of a function NAME_steps for each transition, for a CPU with these features; see
-    `STEPS`.
+def print_module(
+    transitions: Mapping[str, StateTransition], features: Set[str] | None = None
+) -> str:
+    """LLVM IR of a function for each transition, for a CPU with these features, this machine's if
+    left out; see `STEPS`.
     """
+    features = jit.host().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():
         printer = _printed(transition, features)
-        texts.append(repeated(f"{name}_steps", STEPS, printer, _MOVES))
+        texts.append(repeated(name, STEPS, printer, _MOVES))
         declared |= printer.declared
     return "\n".join([*texts, *sorted(declared), BRANCH_WEIGHTS])
 
@@ -261,21 +240,3 @@ def _printed(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
     regions = schedule(program.operations, arrange(program.operations, order, program.outputs))
     printer.run(program, regions, sources, results, "%tables")
     return printer
-
-
-def _called(name: str) -> str:
-    """The function that Python calls: takes its arguments from a block."""
-    loads = "".join(
-        f"  %at{k} = getelementptr i64, ptr %block, i64 {k}\n  %{what} = load {_kind(what)}, ptr"
-        f" %at{k}\n"
-        for k, what in enumerate(_CALL)
-    )
-    arguments = ", ".join(f"{_kind(what)} %{what}" for what in _CALL)
-    return (
-        f"define void @{name}(ptr %block) {{\n{loads}  call void @{name}_steps({arguments})\n  ret"
-        " void\n}\n"
-    )
-
-
-def _kind(what: str) -> str:
-    return "i64" if what.endswith("bytes") or what == "count" else "ptr"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ravenjax.engines.gpu import device as cuda_device
-from ravenjax.engines.gpu.course import EVERY, BlockCourse, Places, whole
+from ravenjax.engines.gpu.course import EVERY, BlockCourse, Places, plan_course
 from ravenjax.engines.gpu.cuda import OPTIONS
 from ravenjax.engines.gpu.device import Cubins, Device, DeviceSession
 from ravenjax.engines.gpu.kernel import VECTOR, WARP, Form, KernelSource, print_loop
@@ -75,36 +75,25 @@ class CudaCode:
         self.source = printed(make)
         cubin = cuda_device.compile(self.source.text, device.architecture, OPTIONS, cubins)
         module = cuda_device.DeviceModule(device, cubin)
-        self.shared_begin, self.shared_run = (
-            module.function("shared_begin"),
-            module.function("shared_run"),
-        )
-        self.lane_begin, self.lane_finish = (
-            module.function("lane_begin"),
-            module.function("lane_finish"),
-        )
         self.lane_run = module.function("lane_run", self.source.shared_bytes)
-        self.lane_branch = module.function("lane_branch")
-        self.group_snapshot, self.lane_snapshot = (
-            module.function("group_snapshot"),
-            module.function("lane_snapshot"),
-        )
+        self.functions = {
+            name: module.function(name)
+            for name in (
+                *("shared_begin", "shared_run", "lane_begin", "lane_finish"),
+                *("lane_branch", "group_snapshot", "lane_snapshot"),
+            )
+        }
 
-    def run(
-        self, lanes: Lanes, places: Places, ticks: int, progress: Progress | None = None
-    ) -> list[np.ndarray]:
-        """Run lanes from the beginning; their results, each [lanes]."""
-        return self.follow(lanes, places, whole(places, self.form.threads, ticks), progress)
+    def whole(self, places: Places, ticks: int) -> BlockCourse:
+        """Every lane from the first tick to before tick `ticks`."""
+        return plan_course(places, self.form.threads, np.full(len(places.thread), ticks))
 
     def follow(
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
         """Run lanes along `course`; their results, each [lanes]."""
-        chunk = (
-            course.last - course.first
-            if self.grouped and course.scattered and lanes.out is None
-            else CHUNK
-        )
+        at_once = self.grouped and course.scattered and lanes.out is None
+        chunk = course.last - course.first if at_once else CHUNK
         with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, course, chunk).results(progress)
 
@@ -112,10 +101,9 @@ class CudaCode:
         """Run lanes of one group that are all the same golden run; its snapshots before tick
         `last`.
         """
+        course = self.whole(places, max(last, 1))
         with DeviceSession(self.device) as session:
-            return _Run(
-                self, session, lanes, places, whole(places, self.form.threads, max(last, 1)), EVERY
-            ).trunk()
+            return _Run(self, session, lanes, places, course, EVERY).trunk()
 
 
 class _Run:
@@ -131,13 +119,8 @@ class _Run:
         chunk: int,
     ) -> None:
         """chunk: ticks that one launch takes, at most."""
-        self.code, self.session, self.lanes, self.places, self.course = (
-            code,
-            session,
-            lanes,
-            places,
-            course,
-        )
+        self.code, self.session, self.lanes = code, session, lanes
+        self.places, self.course = places, course
         source = code.source
         self.threads = source.form.threads
         self.total, self.blocks = len(places.lane), len(places.lane) // self.threads
@@ -146,13 +129,9 @@ class _Run:
         self.chunk = min(chunk, ticks, max(16, ROW_WORDS // (self.groups * max(source.row, 1))))
         columns = [words(column) for column in lanes.inputs]
         packed = np.empty((len(columns), self.total), np.uint32)
-        for row, column in zip(packed, columns, strict=True):
-            if places.in_order:
-                row[: len(column)], row[len(column) :] = column, column[-1]
-            else:
-                np.take(column, places.lane, out=row)
         of_groups = np.empty((self.groups, len(columns)), np.uint32)
         for k, column in enumerate(columns):
+            np.take(column, places.lane, out=packed[k])
             of_groups[:, k] = column[places.first]
         self.inputs, self.group_inputs = session.upload(packed), session.upload(of_groups)
         self.tables, self.group = (
@@ -173,7 +152,7 @@ class _Run:
             if lanes.out is not None
             else None
         )
-        self.snapshots: tuple[object, ...] = ()  # rooms for those of the group and of the lane
+        self.snapshots: dict[str, object] = {}  # rooms for those of the group and of the lane
 
     def results(self, progress: Progress | None) -> list[np.ndarray]:
         """Run; the results, each [lanes]."""
@@ -185,10 +164,11 @@ class _Run:
         source, session = self.code.source, self.session
         count = -(-self.course.last // self.chunk)
         snapshots = Trunk.room(self.chunk, count, source.group_state, source.state)
-        self.snapshots = tuple(session.room(own.size) for own in (snapshots.group, snapshots.lane))
+        own = {"group": snapshots.group, "lane": snapshots.lane}
+        self.snapshots = {what: session.room(states.size) for what, states in own.items()}
         self._run(None)
-        for own, there in zip((snapshots.group, snapshots.lane), self.snapshots, strict=True):
-            session.read(own, there, session.main)
+        for what, states in own.items():
+            session.read(states, self.snapshots[what], session.main)
         return snapshots
 
     def _run(self, progress: Progress | None) -> None:
@@ -210,28 +190,13 @@ class _Run:
                     session.finish(finished[k - 1])  # it read the buffers that are written next
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
-            self._leave_snapshot(1, code.lane_snapshot, code.source.state, main, self.state, k)
-            buffers = (
-                self.tables,
-                self.given[k % 2],
-                self.rows[k % 2],
-                self.group,
-                self.spans,
-                self.ends,
-                self.saved,
-            )
+            self._leave_snapshot("lane", code.source.state, main, self.state, k)
             session.launch(
                 code.lane_run,
-                self.blocks,
-                self.threads,
-                main,
-                self.inputs,
-                self.state,
-                *buffers,
-                self.out,
-                self.total,
-                first,
-                count,
+                *(self.blocks, self.threads, main),
+                *(self.inputs, self.state, self.tables, self.given[k % 2], self.rows[k % 2]),
+                *(self.group, self.spans, self.ends, self.saved, self.out),
+                *(self.total, first, count),
             )
             finished.append(session.mark(main))
             if self.lanes.out is not None:
@@ -244,58 +209,47 @@ class _Run:
         """Put groups and lanes where they begin, or where their golden runs were."""
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
-            self._by_group(
-                code.shared_begin, session.urgent, self.group_inputs, self.group_state, self.groups
-            )
+            self._by_group("shared_begin", self.group_inputs, self.group_state, self.groups)
         else:
             session.write(self.group_state, course.group_state, session.urgent)
         where = self.blocks, self.threads, session.main
-        session.launch(code.lane_begin, *where, self.inputs, self.state, self.total)
+        session.launch(code.functions["lane_begin"], *where, self.inputs, self.state, self.total)
         if len(course.snapshots):
-            snapshots, own = (
-                session.upload(course.snapshots),
-                session.upload(course.snapshot.view(np.uint32)),
-            )
-            session.launch(code.lane_branch, *where, snapshots, own, self.state)
+            snapshots = session.upload(course.snapshots)
+            own = session.upload(course.snapshot.view(np.uint32))
+            session.launch(code.functions["lane_branch"], *where, snapshots, own, self.state)
 
     def _leave_snapshot(
-        self,
-        which: int,
-        function: cuda_device.Function,
-        words: int,
-        stream: object,
-        state: object,
-        row: int,
+        self, what: str, words: int, stream: object, state: object, row: int
     ) -> None:
-        """Copy a state to where snapshots are collected, if they are."""
+        """Copy a state of "group" or "lane" to where snapshots are collected, if they are."""
         if self.snapshots and words:
             self.session.launch(
-                function, -(-words // WARP), WARP, stream, state, self.snapshots[which], row
+                self.code.functions[f"{what}_snapshot"],
+                *(-(-words // WARP), WARP, stream, state, self.snapshots[what], row),
             )
 
-    def _by_group(self, function: cuda_device.Function, stream: object, *arguments: object) -> None:
-        self.session.launch(function, -(-self.groups // WARP), WARP, stream, *arguments)
+    def _by_group(self, name: str, *arguments: object) -> None:
+        blocks = -(-self.groups // WARP)
+        self.session.launch(
+            self.code.functions[name], blocks, WARP, self.session.urgent, *arguments
+        )
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start the rows of chunk `k`; the point where they are there."""
-        count, tick_inputs, rows = (
+        count, given, rows = (
             min(self.chunk, self.course.last - first),
             self.given[k % 2],
             self.rows[k % 2],
         )
-        urgent, entering, code = self.session.urgent, self.lanes.tick_inputs, self.code
-        self._leave_snapshot(
-            0, code.group_snapshot, code.source.group_state, urgent, self.group_state, k
-        )
-        if code.source.tick_inputs and len(entering):
-            here = (
-                entering[:, first : first + count]
-                if code.grouped
-                else entering[first : first + count]
-            )
-            self.session.write(tick_inputs, words(np.ascontiguousarray(here)), urgent)
-        buffers = self.group_inputs, self.group_state, self.tables, tick_inputs, rows
-        self._by_group(code.shared_run, urgent, *buffers, self.groups, first, count)
+        urgent, entering, source = self.session.urgent, self.lanes.tick_inputs, self.code.source
+        self._leave_snapshot("group", source.group_state, urgent, self.group_state, k)
+        if source.tick_inputs and len(entering):
+            ticks = slice(first, first + count)
+            here = entering[:, ticks] if self.code.grouped else entering[ticks]
+            self.session.write(given, words(np.ascontiguousarray(here)), urgent)
+        buffers = self.group_inputs, self.group_state, self.tables, given, rows
+        self._by_group("shared_run", *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 
     def _take_out(self, first: int, count: int) -> None:
@@ -309,10 +263,10 @@ class _Run:
         session, types = self.session, self.code.source.results
         results = session.room(len(types) * self.total)
         buffers = self.inputs, self.state, self.saved, results
-        session.launch(
-            self.code.lane_finish, self.blocks, self.threads, session.main, *buffers, self.total
-        )
+        finish = self.code.functions["lane_finish"]
+        session.launch(finish, self.blocks, self.threads, session.main, *buffers, self.total)
         block = np.empty((len(types), self.total), np.uint32)
         session.read(block, results, session.main)
-        lanes = slice(len(self.places.thread)) if self.places.in_order else self.places.thread
-        return [typed(row[lanes], dtype) for row, dtype in zip(block, types, strict=True)]
+        return [
+            typed(row[self.places.thread], dtype) for row, dtype in zip(block, types, strict=True)
+        ]

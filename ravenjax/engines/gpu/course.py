@@ -24,18 +24,12 @@ class Places:
     thread: np.ndarray  # [lanes], where each lane is computed
     group: np.ndarray  # int32 [warps]
     first: np.ndarray  # [groups], a lane of each
-    in_order: bool  # thread by thread computes lane by lane
 
 
 def place(group: np.ndarray, threads: int) -> Places:
     """Whole warps for the lanes of each group, whole blocks of `threads` for all; the last lane
     of each fills them.
     """
-    if not group.any():
-        lanes = np.arange(len(group))
-        total = -(-len(group) // threads) * threads
-        lane = np.minimum(np.arange(total), len(group) - 1)
-        return Places(lane, lanes, np.zeros(total // WARP, np.int32), lanes[:1], True)
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
     warps = -(-sizes // WARP)
@@ -49,7 +43,7 @@ def place(group: np.ndarray, threads: int) -> Places:
     lane = order[np.maximum.accumulate(filled)]
     thread = np.empty(len(group), np.int64)
     thread[order] = position
-    return Places(lane, thread, group[lane[::WARP]].astype(np.int32), order[before], False)
+    return Places(lane, thread, group[lane[::WARP]].astype(np.int32), order[before])
 
 
 EVERY = 100
@@ -96,32 +90,20 @@ class BlockCourse:
         )
 
 
-def whole(places: Places, threads: int, ticks: int, ends: np.ndarray | None = None) -> BlockCourse:
-    """Every block from the first tick to before tick `ticks`, or its last lane's of `ends` (int
-    [lanes]).
-    """
-    blocks = len(places.lane) // threads
-    own_ends = (
-        np.full(len(places.lane), ticks, np.int32)
-        if ends is None
-        else ends[places.lane].astype(np.int32)
-    )
-    spans = np.stack(
-        [np.zeros(blocks, np.int32), own_ends.reshape(blocks, threads).max(axis=1)], axis=1
-    )
-    return BlockCourse(
-        spans, own_ends, np.zeros((0, 0), np.uint32), np.full(len(places.group), -1, np.int32), None
-    )
-
-
-def between(
-    places: Places, threads: int, acts: np.ndarray, ends: np.ndarray, trunks: Sequence[Trunk | None]
+def plan_course(
+    places: Places,
+    threads: int,
+    ends: np.ndarray,
+    acts: np.ndarray | None = None,
+    trunks: Sequence[Trunk | None] | None = None,
 ) -> BlockCourse:
     """Each block from the last snapshot before any of its lanes acts to the last of their ends.
 
     acts, ends: int [lanes], as in `interface.Block`; trunks: of each group, with snapshots every
-    `EVERY` ticks.
+    `EVERY` ticks. Without them every block runs from the first tick.
     """
+    acts = np.zeros_like(ends) if acts is None else acts
+    trunks = [None] * len(places.first) if trunks is None else trunks
     own_ends = ends[places.lane].astype(np.int32)
     earliest = np.minimum(acts[places.lane], own_ends - 1).reshape(-1, WARP).min(axis=1)
     begins = np.zeros(len(earliest), np.int64)

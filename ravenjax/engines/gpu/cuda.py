@@ -87,6 +87,10 @@ class CudaPrinter(Printing[str]):
         """Add a statement."""
         self.lines.append(self._indent + text)
 
+    def text(self) -> str:
+        """All statements, each with its line end."""
+        return "".join(f"{line}\n" for line in self.lines)
+
     def _constant(self, dtype: str, value: Any) -> str:
         return constant(dtype, value)
 

@@ -10,18 +10,20 @@ engines give the same bits.
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
 import functools
 import itertools
 import queue
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
 from ravenjax.engines import traced
+from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.code import CudaCode, form_for, typed
-from ravenjax.engines.gpu.course import BlockCourse, Places, between, place, whole
+from ravenjax.engines.gpu.course import BlockCourse, Places, place, plan_course
 from ravenjax.engines.gpu.device import Cubins, Device
 from ravenjax.engines.gpu.kernel import WARP
 from ravenjax.engines.interface import Block, BlockResult, Progress, TickProgram, Tracer
@@ -37,7 +39,7 @@ SEATS = 2
 _KERNELS = itertools.count()
 
 
-class CudaKernel:
+class CudaKernel(traced.PrintedKernel):
     """A traced program and its compiled forms, for every device."""
 
     def __init__(
@@ -46,19 +48,15 @@ class CudaKernel:
         lanes: int,
         devices: tuple[Device, ...],
         cubins: Cubins | None = None,
-        signals: bool = False,
     ) -> None:
-        """signals: every signal goes out in each tick."""
-        self.program, self.lanes, self.signals, self.devices = program, lanes, signals, devices
-        self._cubins: Cubins = {} if cubins is None else cubins
-        self._forms: traced.Forms | None = None
+        super().__init__(program, lanes, {} if cubins is None else cubins)
+        self.devices = devices
         self._seats: queue.Queue[Device] = queue.Queue()
-        first = next(_KERNELS) % len(
-            devices
-        )  # kernels that run one block each, side by side, use all devices
+        # Kernels that run one block each, side by side, use all devices.
+        first = next(_KERNELS) % len(devices)
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
-        self.branches = 0 if signals else wave(devices)
+        self.branches = wave(devices)
 
     def size(self, rows: int) -> int:
         """See `interface.Kernel`: whole warps, but no more than a block has where that is less."""
@@ -68,127 +66,87 @@ class CudaKernel:
         """Trace and compile for blocks and motions like these, and load the code on every
         device.
         """
-        inputs = traced.inputs(self.program, block)
         for device in self.devices:
-            self._code(block, motion, self._placed(inputs, device)[1], device)
-
-    def run(
-        self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None = None
-    ) -> BlockResult:
-        """See `interface.Kernel`. A block may have any number of lanes; each is computed, alike
-        or not.
-        """
-        return self._run(block, motion, progress)[0]
-
-    def run_signals(self, block: Block, motion: tuple[np.ndarray, ...]) -> tuple[BlockResult, Any]:
-        """As `run`, and every signal of the first lane, each leaf [ticks]."""
-        result, out = self._run(block, motion, None)
-        assert self._forms is not None
-        return result, self._forms.traced.signals_of(
-            out, lambda column, dtype: typed(column, dtype.name)
-        )
+            self._code(block, motion, self._placed(block, device)[2], device)
 
     def trunk(
         self, block: Block, motion: tuple[np.ndarray, ...], last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """See `interface.Kernel`."""
         golden_run = _ending(block, np.full(self.size(1), self.program.ticks))
-        inputs, tables = traced.inputs(self.program, golden_run), _joined(motion)
-        device = self._seats.get()
-        try:
-            places, code = (
-                self._placed(inputs, device)[0],
-                self._code(golden_run, motion, True, device),
-            )
-            trunk = code.trunk(
-                Lanes(inputs, _given(golden_run, places, True), tables, None), places, last
-            )
-        finally:
-            self._seats.put(device)
+        with self._seat() as device:
+            inputs, places, _ = self._placed(golden_run, device)
+            code = self._code(golden_run, motion, True, device)
+            given = _given(golden_run, places, True)
+            trunk = code.trunk(Lanes(inputs, given, traced.tables(motion), None), places, last)
         if len(ends):
             return trunk, self.run(_ending(block, ends), motion).outcomes
-        assert self._forms is not None
         none = [typed(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
-        return trunk, dict(zip(self._forms.traced.outcomes, none, strict=True))
+        return trunk, dict(zip(self.forms(block, motion).traced.outcomes, none, strict=True))
+
+    @contextlib.contextmanager
+    def _seat(self) -> Iterator[Device]:
+        """A device on which one more thread may work."""
+        device = self._seats.get()
+        try:
+            yield device
+        finally:
+            self._seats.put(device)
 
     def _run(
         self, block: Block, motion: tuple[np.ndarray, ...], progress: Progress | None
     ) -> tuple[BlockResult, np.ndarray]:
-        inputs = traced.inputs(self.program, block)
-        tables = _joined(motion)
-        device = self._seats.get()
-        try:
-            places, grouped = self._placed(inputs, device)
+        with self._seat() as device:
+            inputs, places, grouped = self._placed(block, device)
             code = self._code(block, motion, grouped, device)
-            assert self._forms is not None
-            own, ticks, lanes = self._forms.traced, self.program.ticks, len(places.thread)
-            series = own.series
-            keep = self.signals or block.reference is None
-            out = np.empty((ticks, len(code.source.outputs), lanes), np.uint32) if keep else None
-            tick_inputs = _given(block, places, grouped)
-            course = self._course(block, places, grouped, code, keep)
-            outcomes = code.follow(
-                Lanes(inputs, tick_inputs, tables, out), places, course, progress
+            ticks = self.program.ticks if block.reference is None else 0
+            shape = ticks, len(code.source.outputs), len(places.thread)
+            out = np.empty(shape, np.uint32)
+            lanes = Lanes(
+                inputs,
+                _given(block, places, grouped),
+                *(traced.tables(motion), out if ticks else None),
             )
-        finally:
-            self._seats.put(device)
-        if out is None:
-            out = np.empty((0, series, lanes), np.uint32)
-        return (
-            BlockResult(
-                dict(zip(own.outcomes, outcomes, strict=True)), out[:, :series].view(np.float32)
-            ),
-            out,
-        )
+            course = self._course(block, places, grouped, code)
+            outcomes = code.follow(lanes, places, course, progress)
+        names = self.forms(block, motion).traced.outcomes
+        return BlockResult(dict(zip(names, outcomes, strict=True)), out.view(np.float32)), out
 
-    def _placed(self, inputs: list[np.ndarray], device: Device) -> tuple[Places, bool]:
-        """Where lanes are computed, and whether by group: if that fits the device at once, or
-        wastes half at most.
+    def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
+        """A block's inputs, where its lanes are computed, and whether by group: if that fits the
+        device at once, or wastes half at most.
         """
         form = form_for(device)
-        lanes = (
-            len(inputs[0]) if inputs else self.lanes
-        )  # without faults and parameters, a block says no number
-        group = _groups(inputs[: len(self.program.varied)], lanes)
+        inputs, group = self.groups(block)
         warps = int((-(-np.bincount(group) // WARP)).sum())
         at_once = device.multiprocessors * form.threads // WARP
         grouped = warps <= max(at_once, 2 * -(-len(group) // WARP))
-        return place(group if grouped else np.zeros_like(group), form.threads), grouped
+        return inputs, place(group if grouped else np.zeros_like(group), form.threads), grouped
 
-    def _course(
-        self, block: Block, places: Places, grouped: bool, code: CudaCode, keep: bool
-    ) -> BlockCourse:
-        """keep: what goes out in each tick is asked for, from the first on."""
-        lanes, ticks = len(places.thread), self.program.ticks
-        if keep:
-            return whole(places, code.form.threads, ticks, block.ends)
-        acts = np.zeros(lanes, np.int32) if block.acts is None else block.acts
-        ends = np.full(lanes, ticks) if block.ends is None else block.ends
-        trunks = [block.trunk(lane) if grouped else None for lane in places.first.tolist()]
-        return between(places, code.form.threads, acts, ends, trunks)
+    def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
+        ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
+        # What goes out in each tick is asked for, from the first on.
+        if block.reference is None or not grouped:
+            return plan_course(places, code.form.threads, ends)
+        trunks = [block.trunk(lane) for lane in places.first.tolist()]
+        return plan_course(places, code.form.threads, ends, block.acts, trunks)
 
     def _code(
         self, block: Block, motion: tuple[np.ndarray, ...], grouped: bool, device: Device
     ) -> CudaCode:
-        self._forms = forms = self._forms or traced.forms(self.program, block, motion, self._cubins)
+        forms, form = self.forms(block, motion), form_for(device)
 
         def make() -> CudaCode:
-            loop = forms.traced.loop if self.signals else forms.traced.without_signals()
-            shared, form = len(self.program.varied), form_for(device)
-            printed = functools.partial(forms.printed, ("cuda", self.signals, grouped, form))
-            return CudaCode(loop, shared, grouped, device, form, self._cubins, printed)
+            loop, shared = forms.traced.without_signals(), len(self.program.varied)
+            printed = functools.partial(forms.printed, ("cuda", grouped, form))
+            return CudaCode(loop, shared, grouped, device, form, self.objects, printed)
 
-        return forms.code(("cuda", self.signals, grouped, device), make)
+        return forms.code(("cuda", grouped, device), make)
 
 
 def wave(devices: tuple[Device, ...]) -> int:
     """Lanes that run at once on all devices."""
     return sum(device.multiprocessors * form_for(device).threads for device in devices)
-
-
-def _joined(motion: tuple[np.ndarray, ...]) -> np.ndarray:
-    """The columns of the motion one after the other."""
-    return np.concatenate([np.ascontiguousarray(column) for column in motion])
 
 
 def _ending(block: Block, ends: np.ndarray) -> Block:
@@ -213,16 +171,6 @@ def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
     blocks = -(-share // (wave * WAVES))
     unit = wave if share > wave else WARP
     return -(-share // blocks // unit) * unit
-
-
-def _groups(columns: list[np.ndarray], lanes: int) -> np.ndarray:
-    """Number of the group that each lane is in: equal rows of these columns, bit by bit."""
-    group = np.zeros(lanes, np.int64)
-    for column in columns:
-        pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
-        _, value = np.unique(pattern, return_inverse=True)
-        _, group = np.unique(group * (int(value.max()) + 1) + value, return_inverse=True)
-    return group
 
 
 def _given(block: Block, places: Places, grouped: bool) -> np.ndarray:
@@ -258,18 +206,12 @@ class CudaEngine:
         """See `interface.Engine`. Raises UserError where no GPU can run it."""
         require_float32(program.setup.precision)
         devices = cuda_device.devices()
-        return CudaKernel(
-            traced.printable(program), block_lanes(runs, devices), devices, self.cubins
-        )
+        return CudaKernel(program, block_lanes(runs, devices), devices, self.cubins)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
-        """See `interface.Engine`; the same bits as in a campaign."""
+        """See `interface.Engine`: that of engine `simd`, which computes the same bits."""
         require_float32(program.setup.precision)
-        return Tracer(
-            CudaKernel(
-                traced.printable(program), 1, cuda_device.devices()[:1], self.cubins, signals=True
-            )
-        )
+        return SimdEngine(self.cubins).tracer(program, lanes)
 
 
 def require_float32(precision: Precision) -> None:

@@ -22,8 +22,10 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+from typing import Any
 
 from ravenjax.engines.gpu.cuda import PRELUDE, CudaPrinter
+from ravenjax.engines.printing import render
 from ravenjax.ir.program import Program
 from ravenjax.ir.regions import arrange
 from ravenjax.ir.time_loop import Split
@@ -36,28 +38,6 @@ _MOST_PLAIN = 128
 """Words of state in device memory; with more, accesses are assembly: 2 % slower, but compiled in
 2 s, not in 13.
 """
-
-_POINTERS = """\
-typedef const unsigned* __restrict__ Words;
-typedef unsigned* __restrict__ Room;
-typedef const int* __restrict__ Groups;
-typedef const uint4* __restrict__ Fours;
-// A word in device memory. As assembly, accesses keep their order, and no pass spends ten seconds on their addresses.
-struct Far {
-  unsigned* at;
-#ifdef __CUDA_ARCH__
-  __device__ operator unsigned() const {
-    unsigned x;
-    asm volatile("ld.global.u32 %0, [%1];" : "=r"(x) : "l"(at));
-    return x;
-  }
-  __device__ void operator=(unsigned x) { asm volatile("st.global.u32 [%0], %1;" ::"l"(at), "r"(x)); }
-#else
-  operator unsigned() const { return *at; }
-  void operator=(unsigned x) { *at = x; }
-#endif
-};
-"""  # noqa: E501
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,21 +107,30 @@ class _CudaModule:
                 )
 
     def source(self) -> KernelSource:
-        kernels = [
-            self._shared_begin(),
-            self._shared_run(),
-            self._lane_begin(),
-            self._lane_run(),
-            self._lane_finish(),
-        ]
-        kernels += [self._lane_branch(), self._snapshot("group", len(self.split.shared_state), 1)]
-        kernels += [self._snapshot("lane", len(self.lane_state), self.form.threads)]
-
         def types(program: Program, numbers: tuple[int, ...]) -> tuple[str, ...]:
             return tuple(program.operations[i].dtype for i in numbers)
 
+        text = render(
+            "gpu/kernel.cu.j2",
+            prelude=PRELUDE,
+            bounds=self.form.bounds,
+            threads=self.form.threads,
+            warp=WARP,
+            vector=VECTOR,
+            inputs=self.inputs,
+            tick_inputs=self.tick_inputs,
+            group_words=len(self.split.shared_state),
+            lane_words=len(self.lane_state),
+            row_words=self.row,
+            outputs=len(self.outputs),
+            shared_begin=self._shared_begin(),
+            shared_run=self._shared_run(),
+            lane_begin=self._lane_begin(),
+            lane_finish=self._lane_finish(),
+            **self._lane_run(),
+        )
         return KernelSource(
-            text="\n".join([PRELUDE, _POINTERS, *kernels]),
+            text=text,
             form=self.form,
             inputs=self.begin.inputs,
             results=types(self.finish, self.finish.outputs),
@@ -177,28 +166,6 @@ class _CudaModule:
     def _of_lane(name: str) -> str:
         """Template of the words of a lane's inputs or results."""
         return f"{name}[{{}} * (size_t)lanes]"
-
-    def _at_lane(self, *names: str) -> list[str]:
-        """Moves pointers to the thread's lane: of its inputs or results by name, and of its
-        state.
-        """
-        return [
-            "  const int lane = blockIdx.x * blockDim.x + threadIdx.x;",
-            *(f"  {name} += lane;" for name in names),
-            (
-                f"  state += (size_t)blockIdx.x * {len(self.lane_state) * self.form.threads} +"
-                " threadIdx.x;"
-            ),
-        ]
-
-    def _at_group(self, **numbers: int | str) -> list[str]:
-        """Moves pointers of groups' buffers to the thread's group."""
-        moved = [f"  {name} += (size_t)group * {count};" for name, count in numbers.items()]
-        return [
-            "  const int group = blockIdx.x * blockDim.x + threadIdx.x;",
-            "  if (group >= groups) return;",
-            *moved,
-        ]
 
     def _reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
         """How often the loop of a lane reads each operation of a step, and where first."""
@@ -261,18 +228,18 @@ class _CudaModule:
         """The word of a number of a lane's state in device memory."""
         return f"state[{position} * {self.form.threads}]"
 
-    # --- kernels ---
+    # --- statements of kernels ---
 
     def _shared_begin(self) -> str:
         printer = CudaPrinter()
-        state = {k: f"state[{position}]" for position, k in enumerate(self.split.shared_state)}
-        results = [(self.begin.outputs[k], word) for k, word in state.items()]
+        words = [f"state[{position}]" for position in range(len(self.split.shared_state))]
+        results = [
+            (self.begin.outputs[k], word)
+            for k, word in zip(self.split.shared_state, words, strict=True)
+        ]
         sources = self._words(self.begin, "inputs[{}]", {})
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
-        start = self._at_group(inputs=self.inputs, state=len(state))
-        return _kernel(
-            "shared_begin", "Words inputs, Room state, int groups", [*start, *printer.lines]
-        )
+        return printer.text()
 
     def _shared_run(self) -> str:
         printer = CudaPrinter("    ")
@@ -284,29 +251,7 @@ class _CudaModule:
         results += [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
         order = arrange(step.operations, split.shared, [i for i, _ in results])
         printer.run(step, order, sources, results, "tables", tick_values)
-        start = self._at_group(
-            inputs=self.inputs,
-            state=len(state),
-            given=f"count * {self.tick_inputs}",
-            row=f"count * {self.row}",
-        )
-        body = [
-            *start,
-            *(
-                f"  unsigned {word} = state[{position}];"
-                for position, word in enumerate(state.values())
-            ),
-            f"  for (int tick = 0; tick < count; ++tick, row += {self.row}) {{",
-            "    const int now = first + tick;",
-            *printer.lines,
-            "  }",
-            *(f"  state[{position}] = {word};" for position, word in enumerate(state.values())),
-        ]
-        parameters = (
-            "Words inputs, Room state, Words tables, Words given, Room row, int groups, int first,"
-            " int count"
-        )
-        return _kernel("shared_run", parameters, body, f"__launch_bounds__({WARP})")
+        return printer.text()
 
     def _lane_begin(self) -> str:
         printer = CudaPrinter()
@@ -315,14 +260,10 @@ class _CudaModule:
         ]
         sources = self._words(self.begin, self._of_lane("inputs"), {})
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
-        return _kernel(
-            "lane_begin",
-            "Words inputs, Room state, int lanes",
-            [*self._at_lane("inputs"), *printer.lines],
-            self.form.bounds,
-        )
+        return printer.text()
 
-    def _lane_run(self) -> str:
+    def _lane_run(self) -> dict[str, Any]:
+        """The statements, and what stands around them."""
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self._words(step, "in{}", state)
@@ -332,10 +273,8 @@ class _CudaModule:
         words, tick_values = self._of_this_tick(
             f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
         )
-        rows = {
-            i: f"row[{position // VECTOR}].{'xyzw'[position % VECTOR]}"
-            for position, i in enumerate(self.in_row)
-        }
+        place = {i: position for position, i in enumerate(self.in_row)}
+        rows = {i: f"row[{at // VECTOR}].{'xyzw'[at % VECTOR]}" for i, at in place.items()}
         sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         results += [(i, f"o{position}") for position, i in enumerate(self.outputs)]
@@ -344,88 +283,36 @@ class _CudaModule:
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
 
-        used = {
-            op.detail for op in step.operations if op.name == "input" and op.detail < self.inputs
+        read = {op.detail for op in step.operations if op.name == "input"}
+        near = enumerate(self.in_shared, len(self.far))
+        return {
+            "prologue": prologue,
+            "packed": packed,
+            "lane_run": printer.text(),
+            "inputs_read": sorted(k for k in read if k < self.inputs),
+            "near": [(state[k], self._stored(position)) for position, k in near],
+            "in_step": len(split.lane) >= form.in_step_from,
+            "saved": [place[step.outputs[k]] for k in self.saved],
         }
-        first = len(self.far)
-        near = [
-            (state[k], self._stored(first + position)) for position, k in enumerate(self.in_shared)
-        ]
-        out = [
-            f"      out[((size_t)tick * {len(self.outputs)} + {k}) * lanes + lane] = o{k};"
-            for k in range(len(self.outputs))
-        ]
-        at_row = f"groups[lane / {WARP}] * (size_t)count"
-        place = {i: position for position, i in enumerate(self.in_row)}
-        after = [f"((const unsigned*)row)[{place[self.step.outputs[k]]}]" for k in self.saved]
-        body = [
-            (
-                "  const int begin = spans[2 * blockIdx.x] > first ? spans[2 * blockIdx.x] - first"
-                " : 0;"
-            ),
-            (
-                "  const int last = spans[2 * blockIdx.x + 1] - first, end = last < count ? last :"
-                " count;"
-            ),
-            "  if (begin >= end) return;",
-            *self._at_lane("inputs", "saved"),
-            "  const int own_end = ends[lane] - first;",
-            "  extern __shared__ __align__(16) unsigned block_room[];",
-            f"  unsigned* room = block_room + threadIdx.x * {VECTOR};",
-            *(
-                f"  const unsigned in{k} = {self._of_lane('inputs').format(k)};"
-                for k in sorted(used)
-            ),
-            *(f"  {word} = {stored};" for word, stored in near),
-            *prologue,
-            "  const Fours rows = row;",
-            f"  row += ({at_row} + begin) * {self.row // VECTOR};",
-            f"  for (int tick = begin; tick < end; ++tick, row += {self.row // VECTOR}) {{",
-            *(["    __syncthreads();"] if len(split.lane) >= form.in_step_from else []),
-            "    if (tick >= own_end) continue;",
-            *(
-                f'    asm volatile("" : "+r"({name}));  // the bits are to stay in one register'
-                for name in packed
-            ),
-            "    const int now = first + tick;",
-            *(f"    unsigned o{k};" for k in range(len(self.outputs))),
-            *printer.lines,
-            *(["    if (out) {", *out, "    }"] if out else []),
-            "  }",
-            *(f"  {stored} = {word};" for word, stored in near),
-            "  if (own_end <= begin || own_end > count) return;",
-            f"  row = rows + ({at_row} + own_end - 1) * {self.row // VECTOR};",
-            *(
-                f"  saved[{position} * (size_t)lanes] = {word};"
-                for position, word in enumerate(after)
-            ),
-        ]
-        parameters = (
-            "Words inputs, Room state, Words tables, Words given, Fours row, Groups groups, Groups"
-            " spans, Groups ends, Room saved, Room out, int lanes, int first, int count"
-        )
-        return _kernel("lane_run", parameters, body, form.bounds)
 
-    def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], list[str]]:
+    def _held(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
         """Words packed with the truth values that the loop reads, the word of each held number,
         and the statements.
         """
         printer = CudaPrinter()
         numbers = self.split.prologue_results
+        printer.lines += [f"  unsigned k{i};" for i in numbers]
         printer.run(self.step, self.split.prologue, inputs, [(i, f"k{i}") for i in numbers])
-        lines = [f"  unsigned k{i};" for i in numbers] + printer.lines
         words_of = {i: f"k{i}" for i in numbers}
         truths = [i for i in numbers if self.step.operations[i].dtype == "bool"]
         names = []
         for p in range(0, len(truths), 32):
             names.append(f"held{p // 32}")
             pack = truths[p : p + 32]
-            lines.append(
-                f"  unsigned {names[-1]} ="
-                f" {' | '.join(f'k{i} << {bit}' for bit, i in enumerate(pack))};"
-            )
+            bits = " | ".join(f"k{i} << {bit}" for bit, i in enumerate(pack))
+            printer.line(f"unsigned {names[-1]} = {bits};")
             words_of.update({i: f"{names[-1]} & 0x{1 << bit:x}u" for bit, i in enumerate(pack)})
-        return names, words_of, lines
+        return names, words_of, printer.text()
 
     def _lane_finish(self) -> str:
         printer = CudaPrinter()
@@ -437,34 +324,4 @@ class _CudaModule:
         template = self._of_lane("results")
         results = [(i, template.format(position)) for position, i in enumerate(self.finish.outputs)]
         printer.run(self.finish, self.finish.needed(), sources, results)
-        start = self._at_lane("inputs", "saved", "results")
-        parameters = "Words inputs, Words state, Words saved, Room results, int lanes"
-        return _kernel("lane_finish", parameters, [*start, *printer.lines], self.form.bounds)
-
-    def _lane_branch(self) -> str:
-        words, threads = len(self.lane_state), self.form.threads
-        body = [
-            f"  const int own = snapshot[(blockIdx.x * {threads} + threadIdx.x) / {WARP}];",
-            "  if (own < 0) return;",
-            *self._at_lane()[1:],
-            f"  snapshots += (size_t)own * {words};",
-            f"  for (int k = 0; k < {words}; ++k) state[k * {threads}] = snapshots[k];",
-        ]
-        return _kernel(
-            "lane_branch", "Words snapshots, Groups snapshot, Room state", body, self.form.bounds
-        )
-
-    @staticmethod
-    def _snapshot(what: str, words: int, stride: int) -> str:
-        """Copies the first of the states that stand in words `stride` apart."""
-        body = [
-            "  const int k = blockIdx.x * blockDim.x + threadIdx.x;",
-            f"  if (k < {words}) snapshots[(size_t)row * {words} + k] = state[k * {stride}];",
-        ]
-        return _kernel(f"{what}_snapshot", "Words state, Room snapshots, int row", body)
-
-
-def _kernel(name: str, parameters: str, body: list[str], bounds: str = "") -> str:
-    return "\n".join(
-        [f'extern "C" __global__ void {bounds} {name}({parameters})', "{", *body, "}", ""]
-    )
+        return printer.text()

@@ -6,8 +6,8 @@ LLVM writes an object file. `link` makes it a module that runtimes load, as a li
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
+import io
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -21,7 +21,6 @@ MAGIC = b"\0asm\1\0\0\0"
 MEMORY = ("env", "__linear_memory")
 """Module and name under which an object imports its memory."""
 _CUSTOM, _TYPE, _IMPORT, _FUNCTION, _EXPORT, _CODE = 0, 1, 2, 3, 7, 10
-_FUNCTION_INDEX = 0  # type of a relocation
 _SYMBOL_TABLE = 8  # subsection of "linking"
 _UNDEFINED = 0x10  # flag of a symbol
 
@@ -30,38 +29,22 @@ class Unlinkable(ValueError):
     """The object holds what this linker does not know."""
 
 
-@dataclasses.dataclass
-class _Reader:
-    """Bytes from a place on."""
-
-    content: bytes
-    at: int = 0
+class _Reader(io.BytesIO):
+    """Reads the numbers and names of a binary."""
 
     def number(self) -> int:
         """An unsigned LEB128."""
         result = shift = 0
         while True:
-            byte = self.content[self.at]
-            self.at += 1
+            byte = self.read(1)[0]
             result |= (byte & 127) << shift
             shift += 7
             if byte < 128:
                 return result
 
-    def byte(self) -> int:
-        self.at += 1
-        return self.content[self.at - 1]
-
-    def bytes(self, count: int) -> bytes:
-        self.at += count
-        return self.content[self.at - count : self.at]
-
-    def name(self) -> str:
-        return self.bytes(self.number()).decode()
-
-    @property
-    def more(self) -> bool:
-        return self.at < len(self.content)
+    def content(self) -> bytes:
+        """As many bytes as the number before them says."""
+        return self.read(self.number())
 
 
 def number(value: int) -> bytes:
@@ -77,101 +60,60 @@ def link(code: bytes, names: Sequence[str]) -> bytes:
     """The module of an object file, its functions `names` exported. Raises Unlinkable.
 
     The code calls nothing outside, holds no data and needs no stack: it imports its memory alone.
-    So the sections of types, imports, functions and code are kept, and only exports are added.
+    So LLVM has written the final number of each function into its calls. The sections of types,
+    imports, functions and code are kept, and only exports are added.
     Format: the WebAssembly core specification; WebAssembly tool conventions, Linking.md.
     """
-    if code[: len(MAGIC)] != MAGIC:
-        raise Unlinkable("this is no WebAssembly object of version 1")
-    sections, custom = _sections(code)
-    _require_memory_alone(_Reader(sections[_IMPORT]))
-    functions = _functions(_Reader(custom["linking"]))
-    for name, content in custom.items():
-        if name == "reloc.CODE":
-            _require_final(_Reader(content), sections[_CODE], functions)
-        elif name.startswith("reloc."):
+    reader = _Reader(code)
+    if reader.read(len(MAGIC)) != MAGIC:
+        raise Unlinkable(f"this is no WebAssembly object: it begins with {code[: len(MAGIC)]!r}")
+    sections: dict[int, bytes] = {}
+    numbers: dict[str, int] = {}
+    while kind := reader.read(1):
+        content = reader.content()
+        if kind[0] == _CUSTOM:
+            custom = _Reader(content)
+            if custom.content() == b"linking":
+                numbers = _functions(custom)
+        elif kind[0] in (_TYPE, _IMPORT, _FUNCTION, _CODE):
+            sections[kind[0]] = content
+        else:
             raise Unlinkable(
-                f"the object has relocations of {name.removeprefix('reloc.')}, expected of CODE"
+                f"the object has a section {kind[0]}, expected types, imports, functions and code"
                 " alone"
             )
-    number_of = {name: place for name, place in functions if name}
-    if absent := [name for name in names if name not in number_of]:
+    imports = _Reader(sections[_IMPORT])
+    count, name = imports.number(), (imports.content().decode(), imports.content().decode())
+    if count != 1 or name != MEMORY:
         raise Unlinkable(
-            f"the object defines no {', '.join(absent)}; it has {', '.join(number_of)}"
+            f"the object imports {count} things, first {'.'.join(name)}, expected its memory alone"
         )
-    exports = b"".join(
-        number(len(name)) + name.encode() + b"\0" + number(number_of[name]) for name in names
-    )
-    sections[_EXPORT] = number(len(names)) + exports
+    if absent := [name for name in names if name not in numbers]:
+        raise Unlinkable(f"the object defines no {', '.join(absent)}; it has {', '.join(numbers)}")
+    exports = [number(len(name)) + name.encode() + b"\0" + number(numbers[name]) for name in names]
+    sections[_EXPORT] = number(len(names)) + b"".join(exports)
     return MAGIC + b"".join(
         bytes([kind]) + number(len(sections[kind])) + sections[kind] for kind in sorted(sections)
     )
 
 
-def _sections(code: bytes) -> tuple[dict[int, bytes], dict[str, bytes]]:
-    """Contents of the sections by their number, and of the custom ones by name."""
-    reader = _Reader(code, len(MAGIC))
-    sections: dict[int, bytes] = {}
-    custom: dict[str, bytes] = {}
-    while reader.more:
-        kind = reader.byte()
-        content = reader.bytes(reader.number())
-        if kind == _CUSTOM:
-            own = _Reader(content)
-            name = own.name()
-            custom[name] = content[own.at :]
-        elif kind in (_TYPE, _IMPORT, _FUNCTION, _CODE):
-            sections[kind] = content
-        else:
-            raise Unlinkable(
-                f"the object has a section {kind}, expected types, imports, functions and code"
-                " alone"
-            )
-    return sections, custom
-
-
-def _require_memory_alone(imports: _Reader) -> None:
-    count, name, kind = imports.number(), (imports.name(), imports.name()), imports.byte()
-    if count != 1 or name != MEMORY or kind != 2:
-        raise Unlinkable(
-            f"the object imports {count} things, first {'.'.join(name)}, expected its memory alone"
-        )
-
-
-def _functions(linking: _Reader) -> list[tuple[str, int]]:
-    """Symbols: name and function of each; "" for what is no function."""
+def _functions(linking: _Reader) -> dict[str, int]:
+    """The number of each function by its name."""
     if linking.number() != 2:
         raise Unlinkable("the object's section 'linking' is not of version 2")
-    symbols: list[tuple[str, int]] = []
-    while linking.more:
-        kind, content = linking.number(), _Reader(linking.bytes(linking.number()))
-        if kind != _SYMBOL_TABLE:
+    numbers: dict[str, int] = {}
+    while part := linking.read(1):
+        content = _Reader(linking.content())
+        if part[0] != _SYMBOL_TABLE:
             continue
         for _ in range(content.number()):
-            symbol, flags = content.byte(), content.number()
-            if symbol != 0 or flags & _UNDEFINED:
-                raise Unlinkable(
-                    f"the object has a symbol of kind {symbol}, flags {flags}, expected its own"
-                    " functions"
-                )
+            kind, flags = content.number(), content.number()
+            if kind != 0:
+                raise Unlinkable(f"the object has a symbol of kind {kind}, expected functions")
             place = content.number()
-            symbols.append((content.name(), place))
-    return symbols
-
-
-def _require_final(relocations: _Reader, code: bytes, functions: Sequence[tuple[str, int]]) -> None:
-    """All calls name the functions that they mean; with no imported function there is nothing to
-    move.
-    """
-    relocations.number()  # which section
-    for _ in range(relocations.number()):
-        kind, at, symbol = relocations.byte(), relocations.number(), relocations.number()
-        if kind != _FUNCTION_INDEX:
-            raise Unlinkable(
-                f"the object has a relocation of type {kind}, expected calls of functions alone"
-            )
-        name, place = functions[symbol]
-        if (there := _Reader(code, at).number()) != place:
-            raise Unlinkable(f"a call of {name} names function {there}, expected {place}")
+            if not flags & _UNDEFINED:
+                numbers[content.content().decode()] = place
+    return numbers
 
 
 TRIPLE = "wasm32-unknown-unknown"

@@ -42,12 +42,8 @@ LANE_MULTIPLE = 16
 
 
 def segment_ticks(ticks: int, longest: int = MAX_SEGMENT) -> int:
-    """The largest divisor of `ticks` up to `longest`. If that is short, a length with which the
-    last segment ends a little after the run.
-    """
-    longest = max(1, min(ticks, longest))
-    divisor = next(n for n in range(longest, 0, -1) if ticks % n == 0)
-    return divisor if divisor * 4 >= longest else -(-ticks // -(-ticks // longest))
+    """Ticks of each of the equal segments that cover a run; the last may overshoot a little."""
+    return -(-ticks // -(-ticks // max(1, min(ticks, longest))))
 
 
 @functools.cache
@@ -85,26 +81,23 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     returns the state, the outcomes so far, the reference series [length, series, lanes] and, if
     kept, every signal of the first lane [length]. ends: as `traced.own_ends`.
     """
-    loop, setup = program.loop, program.setup
     overshoots = program.ticks % length != 0  # the last segment, the run
 
-    def params_of(varied: Any) -> Any:
-        return program.params_of([varied[path] for path in program.varied])
+    def values(varied: Any) -> list[Any]:
+        return [varied[path] for path in program.varied]
+
+    def begin(varied: Any) -> Any:
+        return program.begin(values(varied))
 
     def advance(
         varied: Any, faults: Any, end: Any, state: Any, now: Any, reference: Any, motion: Any
     ) -> Any:
-        params = params_of(varied)
-        new, series, signals = loop.advance(setup, params, faults, state, now, motion, reference)
         end = end or ((program.ticks,) if overshoots else ())
-        new = traced.frozen(now, end, new, state)
-        return new, series, signals if keep_signals else ()
-
-    def begin(varied: Any) -> Any:
-        return loop.init(setup, params_of(varied))
+        moved = program.step(values(varied), faults, end, state, now, reference, motion)
+        return moved if keep_signals else (*moved[:2], ())
 
     def finish(varied: Any, state: Any) -> Any:
-        return loop.outcomes(setup, params_of(varied), state)
+        return program.finish(values(varied), state)
 
     def segment(
         varied: Any, faults: Any, ends: Any, state: Any, first: Any, reference: Any, motion: Any

@@ -8,8 +8,8 @@ import random
 import numpy as np
 import pytest
 from compiled_program import compiled
-from evaluated_program import evaluate
 
+from ravenjax.ir import semantics
 from ravenjax.ir.builder import Builder
 
 LANES = 256
@@ -65,7 +65,9 @@ def test_bits_are_chosen_as_the_program_says(width):
     inputs = columns()
     for seed in range(25):
         one = program(seed)
-        for number, value in zip(compiled(one, width, inputs), evaluate(one, inputs), strict=True):
+        for number, value in zip(
+            compiled(one, width, inputs), semantics.run(one, inputs), strict=True
+        ):
             np.testing.assert_array_equal(
                 number, np.broadcast_to(value, LANES), err_msg=f"seed {seed}"
             )

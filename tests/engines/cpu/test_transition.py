@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from jax import lax
 
 from ravenjax.engines.cpu import transition
-from ravenjax.engines.cpu.memory import RowLayout, buffer
+from ravenjax.engines.cpu.memory import BufferLayout, buffer
 from ravenjax.engines.cpu.transition import (
     NOTHING,
     Compiled,
@@ -56,8 +56,8 @@ def both(function, state, entering):
     with jax.enable_x64(True):
         shapes = [jax.ShapeDtypeStruct((), dtype) for dtype in (str(state.dtype), *types)]
         program, _ = trace_function(function, *shapes, functions="library")
-        own = RowLayout.packed([str(state.dtype)])
-        one = StateTransition(program, NOTHING, own, RowLayout.packed(types))
+        own = BufferLayout.aligned([str(state.dtype)])
+        one = StateTransition(program, NOTHING, own, BufferLayout.aligned(types))
         results = []
         for machine in (Compiled(print_module({"f": one}), "f"), Interpreted({"f": one})):
             steps = len(columns[0])
@@ -159,9 +159,9 @@ def test_wide_integers_are_wrapped_and_widened():
 
 
 def test_a_row_without_numbers_takes_no_room():
-    layout = RowLayout.packed(["int32", "float64", "bool", "int64", "float32"])
+    layout = BufferLayout.aligned(["int32", "float64", "bool", "int64", "float32"])
     assert layout.offsets == (0, 8, 16, 24, 32) and layout.bytes == 40
-    assert RowLayout.packed([]).bytes == 0
+    assert BufferLayout.aligned([]).bytes == 0
     row = buffer(3, layout.bytes)
     transition.write(layout, row[1], (1, 0.5, True, -(2**40), np.float32(0.1)))
     assert transition.read(layout, row[1]) == [1, 0.5, True, -(2**40), np.float32(0.1)]

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from cuda_cases import CASES, SOURCE, check, check_engines, cut
 
 from ravenjax.engines.gpu import device as cuda_device
-from ravenjax.engines.gpu import engine as cuda
-from ravenjax.engines.gpu.code import words
 from ravenjax.engines.gpu.cuda import OPTIONS
 from ravenjax.engines.gpu.device import DeviceSession
-from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
-from ravenjax.numbers.vec import replace
 
 
 @pytest.fixture(scope="module")
@@ -50,21 +45,6 @@ def short():
 
 def test_a_campaign_has_the_bits_of_engine_simd(device, short):
     check_engines(short, 256)
-
-
-def test_a_trace_is_the_campaign_run_with_every_signal(device, short):
-    varied, harmless = short.lanes([5], 1, harmless=True)
-    _, faults = short.lanes([5], 1)
-    golden, block = Block(varied, harmless, None), Block(varied, faults, None)
-    engine = cuda.CudaEngine()
-    own, result, signals = engine.tracer(short.program, 1).run(golden, block, short.columns)
-    kernel = engine.compile(short.program, 1)
-    golden_runs = kernel.run(golden, short.columns)
-    np.testing.assert_array_equal(own.reference, golden_runs.reference)
-    expected = kernel.run(replace(block, reference=golden_runs.reference), short.columns)
-    for name, values in expected.outcomes.items():
-        np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
-    assert signals.tip[0][0].shape == (short.program.ticks,)
 
 
 def test_an_architecture_that_nvrtc_does_not_know_is_refused(device):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 
-import jax
 import numpy as np
 import pytest
 from branching_cases import observed, require_same, tables
 from cuda_as_cpp import Device, pretend
-from cuda_cases import check_engines, cut, meant, small_loop
+from cuda_cases import check_engines, cut
+from small_loop import TABLE, in_numpy, loop
 
 from ravenjax.campaign import golden_runs
 from ravenjax.engines.cpu.engine import SimdEngine
@@ -20,7 +20,6 @@ from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.gpu.code import CudaCode, words
 from ravenjax.engines.gpu.course import place
 from ravenjax.engines.gpu.kernel import Form
-from ravenjax.engines.interface import Block
 from ravenjax.engines.lanes import Lanes
 from ravenjax.errors import UserError
 from ravenjax.numbers.setup import REFERENCE
@@ -37,43 +36,34 @@ def test_lanes_are_placed_in_warps_of_one_group():
     assert group[places.first].tolist() == [0, 1, 2]
 
 
-def test_lanes_are_grouped_by_equal_bits():
-    zeros = np.array([0.0, -0.0, 0.0, 1.0, 1.0], np.float32)
-    seeds = np.array([7, 7, 7, 7, 2**32 - 1], np.uint32)
-    group = cuda._groups([zeros, seeds], 5)
-    assert group[0] == group[2]
-    assert len(set(group.tolist())) == 4
-    assert cuda._groups([], 3).tolist() == [0, 0, 0]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("by_group", [True, False])
 @pytest.mark.parametrize("shared_words", [0, 3, 64])
 def test_a_time_loop_split_into_kernels_is_the_loop(monkeypatch, tmp_path, by_group, shared_words):
     pretend(monkeypatch, tmp_path)
     monkeypatch.setattr(cuda_code, "CHUNK", 4)
-    loop, lanes, ticks = small_loop(), 70, 11
+    lanes, ticks = 70, 11
     rng = np.random.default_rng(3)
     group = np.arange(lanes) % 2
     gain = rng.standard_normal(2).astype(np.float32)[group]
-    inputs = [gain, rng.random(lanes).astype(np.float32), rng.random(lanes) < 0.5]
-    table = rng.standard_normal(5).astype(np.float32)
+    kick = rng.uniform(-0.5, 0.5, lanes).astype(np.float32)
     series = rng.standard_normal((ticks, 2)).astype(np.float32)  # of each group
     given = np.ascontiguousarray(series[:, group])
 
     form = Form(32, shared_words, region=3, in_step_from=1)
-    code = CudaCode(loop, 1, by_group, Device(), form)
+    code = CudaCode(loop(), 1, by_group, Device(), form)
     places = place(group if by_group else np.zeros_like(group), form.threads)
     entering = series.T[:, :, None] if by_group else given[:, None, :][:, :, places.lane]
     out = np.zeros((ticks, 2, lanes), np.uint32)
     finished = []
-    found = code.run(Lanes(inputs, entering, table, out), places, ticks, finished.append)
+    course = code.whole(places, ticks)
+    moved = Lanes([gain, kick], entering, TABLE, out)
+    found = code.follow(moved, places, course, finished.append)
 
-    expected, leaving = meant(loop, inputs, given, table)
+    expected, leaving = in_numpy(loop(), gain, kick, given, ticks)
     for got, column in zip(found, expected, strict=True):
         np.testing.assert_array_equal(words(got), words(np.broadcast_to(np.asarray(column), lanes)))
-    for k in range(2):
-        np.testing.assert_array_equal(out[:, k], words(np.stack([tick[k] for tick in leaving])))
+    np.testing.assert_array_equal(out, words(leaving.astype(np.float32)))
     assert finished == [4 * lanes, 4 * lanes, 3 * lanes]
 
 
@@ -108,9 +98,9 @@ def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
         ready = observed(ready, observe)
     engine = cuda.CudaEngine()
     assert golden_runs.FastForwardPlan(ready, 32).branches.all()
-    courses, between = [], cuda.between
+    courses, planned = [], cuda.plan_course
     monkeypatch.setattr(
-        cuda, "between", lambda *args: courses.append(between(*args)) or courses[-1]
+        cuda, "plan_course", lambda *args: courses.append(planned(*args)) or courses[-1]
     )
     some, whole = tables(ready, engine), tables(ready, SimdEngine(), whole=True)
     assert any(course.first > 0 and course.group_state is not None for course in courses)
@@ -157,18 +147,3 @@ def test_blocks_are_dealt_out_evenly():
     lanes = cuda.block_lanes(6 * wave * 4, (Device(),) * 4)
     assert lanes == 3 * wave
     assert 6 * wave * 4 // lanes == 8
-
-
-@pytest.mark.slow
-def test_a_trace_has_the_signals_of_engine_simd(monkeypatch, tmp_path, short):
-    pretend(monkeypatch, tmp_path)
-    varied, harmless = short.lanes([5], 1, harmless=True)
-    _, faults = short.lanes([5], 1)
-    blocks = Block(varied, harmless, None), Block(varied, faults, None)
-    _, result, signals = cuda.CudaEngine().tracer(short.program, 1).run(*blocks, short.columns)
-    _, expected, wanted = SimdEngine().tracer(short.program, 1).run(*blocks, short.columns)
-    for name, values in expected.outcomes.items():
-        np.testing.assert_array_equal(words(values), words(result.outcomes[name]), err_msg=name)
-    for got, leaf in zip(jax.tree.leaves(signals), jax.tree.leaves(wanted), strict=True):
-        assert got.dtype == leaf.dtype
-        np.testing.assert_array_equal(words(got), words(leaf))

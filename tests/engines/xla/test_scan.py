@@ -14,8 +14,6 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import ravenjax as rj
 from ravenjax.campaign import compile_cache, outcomes, plan
@@ -273,15 +271,6 @@ def test_segments_that_do_not_divide_the_run_change_nothing(monkeypatch):
         assert gap(split.outcomes[name], values) < (1e-6 if values.dtype == np.float32 else 1e-9), (
             name
         )
-
-
-@given(st.integers(1, 100_000))
-def test_segments_cover_the_run_and_overshoot_little(ticks):
-    length = scan.segment_ticks(ticks)
-    assert 1 <= length <= scan.MAX_SEGMENT
-    segments = -(-ticks // length)
-    assert segments * length - ticks < segments, "at most a tick a segment"
-    assert segments <= max(4, 4 * -(-ticks // scan.MAX_SEGMENT)), "few calls"
 
 
 @pytest.mark.slow  # XLA compiles a whole tick for a minute or two

@@ -200,7 +200,8 @@ def _start(software: ControlSoftware, robot: VirtualRobot) -> dict[str, np.ndarr
 
 
 def _code(transitions: Mapping[str, StateTransition], rows: Mapping[str, np.ndarray]) -> str:
-    text = transition.print_steps(transitions, frozenset())
+    steps = {f"{name}_steps": each for name, each in transitions.items()}
+    text = transition.print_module(steps, frozenset())
     for name in transitions:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
     calls = "".join(

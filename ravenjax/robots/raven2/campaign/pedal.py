@@ -72,7 +72,6 @@ def clocks(
     foot = columns[-1].astype(np.int32) > 0
     keys = channel_keys(setup)
     return Clocks(
-        least=cycles,
         arrivals=_arrivals(setup, cycles, choice, varied, ticks),
         phases=tuple(
             _phases(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.engines.cpu.memory import RowLayout
+from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.numbers import tree
 from ravenjax.numbers.vec import Vec
@@ -77,7 +77,7 @@ def row_kind(setup: RavenSetup) -> RecordKind:
     usb = UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in arms), flags)
     record = RecordKind.of(Inputs(silence(setup), usb, flags)).record
     types = tuple(map(str, tree.leaves(record)))
-    return RecordKind(record, RowLayout(types, tuple(tree.leaves(offsets)), row.itemsize))
+    return RecordKind(record, BufferLayout(types, tuple(tree.leaves(offsets)), row.itemsize))
 
 
 class InputRows:
