@@ -48,7 +48,7 @@ class Trunk:
 
     @staticmethod
     def room(every: int, snapshots: int, group: int, lane: int) -> Trunk:
-        """Room for so many of so many words."""
+        """Room for `snapshots`, of these numbers of words each."""
         return Trunk(
             every, np.empty((snapshots, group), np.uint32), np.empty((snapshots, lane), np.uint32)
         )

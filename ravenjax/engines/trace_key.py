@@ -94,9 +94,7 @@ def hash_files() -> str:
 
 
 AT_IMPORT = hash_files()
-"""Of the files as they were when this module was imported: what the process runs, if they have
-not changed since.
-"""
+"""The hash of the files when this module was imported: what the process runs."""
 
 
 def persistent_key(*values: Any) -> str:

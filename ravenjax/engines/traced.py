@@ -48,7 +48,7 @@ class TracedTick:
     signals: Any  # structure of the signals, each leaf its dtype
 
     def without_signals(self) -> TimeLoop:
-        """The loop that tells nothing but its reference series."""
+        """The loop whose only outputs are its reference series."""
         step = self.loop.step
         return dataclasses.replace(
             self.loop,

@@ -228,7 +228,7 @@ def _converted(b: Builder, name: str, dtype: str, x: int) -> int | None:
 def rewrite(
     program: Program, change: Callable[[Builder, int, tuple[int, ...]], int | None]
 ) -> Program:
-    """`program` written anew, without what no result needs.
+    """`program` written again, without what no result needs.
 
     change(builder, i, operands) may give another result for operation `i`; None copies it.
     """

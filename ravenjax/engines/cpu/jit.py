@@ -77,8 +77,8 @@ class HostModule:
         self._library = builder.link(self._jit, "kernel")
 
     def function(self, name: str, arguments: Sequence[Any], brief: bool = False) -> Any:
-        """One of its functions, of no result; ctypes gives the GIL away while it runs, but not to a
-        `brief` one: who gives it away may wait milliseconds until it is his again."""
+        """A function without a result. ctypes releases the GIL while it runs, except for a `brief`
+        one: a thread that releases the GIL may wait milliseconds to get it back."""
         kind = ctypes.PYFUNCTYPE if brief else ctypes.CFUNCTYPE
         return kind(None, *arguments)(self._library[name])
 

@@ -157,21 +157,21 @@ class _LlvmModule:
         types = loop.state_types
         self.lane_state = (*split.lane_state, *split.held_state)
 
-        def typed(numbers: tuple[int, ...]) -> tuple[str, ...]:
-            return tuple(self.step.operations[i].dtype for i in numbers)
+        step, results = self.step.operations, self.finish.operations
 
-        self.inputs, self.group_inputs = (
-            BufferLayout.of_lanes(self.begin.inputs, width),
-            BufferLayout.of_lanes(self.begin.inputs, 1),
-        )
-        self.state = BufferLayout.of_lanes(tuple(types[k] for k in self.lane_state), width)
-        self.group_state = BufferLayout.of_lanes(tuple(types[k] for k in split.shared_state), 1)
-        self.prologue, self.row = (
-            BufferLayout.of_lanes(typed(split.prologue_results), width),
-            BufferLayout.of_lanes(typed(split.row), 1),
-        )
-        self.results = BufferLayout.of_lanes(
-            tuple(self.finish.operations[i].dtype for i in self.finish.outputs), width
+        def layout(types: Iterable[str], lanes: int = width) -> BufferLayout:
+            return BufferLayout.of_lanes(types, lanes)
+
+        self.buffers = VectorKernel(
+            text="",
+            inputs=layout(self.begin.inputs),
+            group_inputs=layout(self.begin.inputs, 1),
+            state=layout(types[k] for k in self.lane_state),
+            group_state=layout((types[k] for k in split.shared_state), 1),
+            prologue=layout(step[i].dtype for i in split.prologue_results),
+            row=layout((step[i].dtype for i in split.row), 1),
+            results=layout(results[i].dtype for i in self.finish.outputs),
+            outputs=len(self.step.outputs) - loop.states,
         )
         self.declared: set[str] = set()
         self.functions: list[str] = []
@@ -196,17 +196,7 @@ class _LlvmModule:
                 BRANCH_WEIGHTS,
             ]
         )
-        return VectorKernel(
-            text=text,
-            inputs=self.inputs,
-            group_inputs=self.group_inputs,
-            state=self.state,
-            group_state=self.group_state,
-            prologue=self.prologue,
-            row=self.row,
-            results=self.results,
-            outputs=len(self.step.outputs) - self.split.loop.states,
-        )
+        return dataclasses.replace(self.buffers, text=text)
 
     # --- where inputs stand ---
 
@@ -223,17 +213,21 @@ class _LlvmModule:
 
     def _state(self, pointer: str, group: str = "") -> dict[int, Place]:
         """Places of the lanes' state, and of their group's if it is at hand."""
-        places = dict(zip(self.lane_state, self.state.places(pointer), strict=True))
+        places = dict(zip(self.lane_state, self.buffers.state.places(pointer), strict=True))
         if group:
             places |= dict(
                 zip(
-                    self.split.shared_state, self.group_state.places(group, splat=True), strict=True
+                    self.split.shared_state,
+                    self.buffers.group_state.places(group, splat=True),
+                    strict=True,
                 )
             )
         return places
 
     def _group(self, pointer: str) -> dict[int, Place]:
-        return dict(zip(self.split.shared_state, self.group_state.places(pointer), strict=True))
+        return dict(
+            zip(self.split.shared_state, self.buffers.group_state.places(pointer), strict=True)
+        )
 
     # --- functions ---
 
@@ -255,7 +249,7 @@ class _LlvmModule:
 
     def _shared_begin(self) -> None:
         printer = LlvmPrinter(1, self.features)
-        sources = self._sources(self.begin, self.group_inputs.places("%inputs"), {})
+        sources = self._sources(self.begin, self.buffers.group_inputs.places("%inputs"), {})
         results = [(self.begin.outputs[k], place) for k, place in self._group("%state").items()]
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
         self._function("shared_begin", "ptr noalias %inputs, ptr noalias %state", printer)
@@ -264,10 +258,10 @@ class _LlvmModule:
         printer = LlvmPrinter(1, self.features, "again")
         split, step = self.split, self.step
         state = self._group("%state")
-        sources = self._sources(step, self.group_inputs.places("%inputs"), state)
+        sources = self._sources(step, self.buffers.group_inputs.places("%inputs"), state)
         tick_values = self._of_this_tick(printer, sources, shared=True)
         results = [(step.outputs[k], place) for k, place in state.items()]
-        results += list(zip(split.row, self.row.places("%row"), strict=True))
+        results += list(zip(split.row, self.buffers.row.places("%row"), strict=True))
         order = arrange(step.operations, split.shared, [i for i, _ in results])
         printer.run(step, order, sources, results, "%tables", tick_values)
         parameters = (
@@ -275,7 +269,10 @@ class _LlvmModule:
             " %in_stride, i64 %in_step, ptr noalias %row0, i32 %first"
         )
         self._loop(
-            "shared_run", parameters, printer, {"in": "%in_stride", "row": str(self.row.bytes)}
+            "shared_run",
+            parameters,
+            printer,
+            {"in": "%in_stride", "row": str(self.buffers.row.bytes)},
         )
 
     def _of_this_tick(
@@ -298,14 +295,14 @@ class _LlvmModule:
 
     def _lane_begin(self) -> None:
         printer = LlvmPrinter(self.width, self.features)
-        inputs = self.inputs.places("%inputs")
+        inputs = self.buffers.inputs.places("%inputs")
         sources = self._sources(self.begin, inputs, {})
         state = self._state("%state")
         results = [(self.begin.outputs[k], place) for k, place in state.items()]
         printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
         sources = self._sources(self.step, inputs, state)
         results_read = list(
-            zip(self.split.prologue_results, self.prologue.places("%held"), strict=True)
+            zip(self.split.prologue_results, self.buffers.prologue.places("%held"), strict=True)
         )
         printer.run(self.step, self.split.prologue, sources, results_read)
         self._function(
@@ -316,10 +313,12 @@ class _LlvmModule:
         printer = LlvmPrinter(self.width, self.features, "again")
         split, step = self.split, self.step
         state = self._state("%state")
-        sources = self._sources(step, self.inputs.places("%inputs"), state)
+        sources = self._sources(step, self.buffers.inputs.places("%inputs"), state)
         self._of_this_tick(printer, sources, shared=False)
-        sources |= dict(zip(split.prologue_results, self.prologue.places("%held"), strict=True))
-        sources |= dict(zip(split.row, self.row.places("%row", splat=True), strict=True))
+        sources |= dict(
+            zip(split.prologue_results, self.buffers.prologue.places("%held"), strict=True)
+        )
+        sources |= dict(zip(split.row, self.buffers.row.places("%row", splat=True), strict=True))
         results = [(step.outputs[k], state[k]) for k in split.lane_state]
         for k, i in enumerate(step.outputs[split.loop.states :]):
             offset = printer.op(f"mul i64 %out_step, {k}")
@@ -333,15 +332,17 @@ class _LlvmModule:
             " noalias %in0, i64 %in_stride, i64 %in_step, ptr noalias %row0, ptr noalias %out0, i64"
             " %out_stride, i64 %out_step"
         )
-        steps = {"in": "%in_stride", "row": str(self.row.bytes), "out": "%out_stride"}
+        steps = {"in": "%in_stride", "row": str(self.buffers.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", parameters, printer, steps)
 
     def _lane_finish(self) -> None:
         printer = LlvmPrinter(self.width, self.features)
         sources = self._sources(
-            self.finish, self.inputs.places("%inputs"), self._state("%state", "%group")
+            self.finish, self.buffers.inputs.places("%inputs"), self._state("%state", "%group")
         )
-        results = list(zip(self.finish.outputs, self.results.places("%results"), strict=True))
+        results = list(
+            zip(self.finish.outputs, self.buffers.results.places("%results"), strict=True)
+        )
         printer.run(self.finish, self.finish.needed(), sources, results)
         parameters = (
             "ptr noalias %inputs, ptr noalias %state, ptr noalias %group, ptr noalias %results"

@@ -1,7 +1,7 @@
 """Straight-line programs printed as LLVM IR: one instruction or so an operation, `width` lanes side
 by side.
 
-Where numbers live in memory is told by `Place`s. Every float operation is printed as it stands:
+`Place`s say where numbers stand in memory. Every float operation is printed as it stands:
 LLVM may neither fuse nor reassociate, so that all widths and CPUs give the same bits (but where the
 CPU has no fused multiply-add: there `fma` rounds twice). A program that was lowered with functions
 of the C library calls them, one lane wide: the very functions of this process, which Python's

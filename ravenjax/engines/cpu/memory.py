@@ -47,10 +47,14 @@ class BufferLayout:
     @property
     def dtype(self) -> np.dtype:
         """A row of one lane as NumPy reads it, one field a number."""
-        formats = [stored(dtype) for dtype in self.types]
-        names = [f"f{k}" for k in range(len(formats))]
-        fields = {"names": names, "formats": formats, "offsets": list(self.offsets)}
-        return np.dtype({**fields, "itemsize": self.bytes})
+        return np.dtype(
+            {
+                "names": [f"f{k}" for k in range(len(self.types))],
+                "formats": [stored(dtype) for dtype in self.types],
+                "offsets": list(self.offsets),
+                "itemsize": self.bytes,
+            }
+        )
 
     def places(self, pointer: str, splat: bool = False) -> list[Place]:
         """The place of each number."""

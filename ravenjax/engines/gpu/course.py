@@ -52,7 +52,7 @@ EVERY = 100
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BlockCourse:
-    """Of the blocks of a launch."""
+    """When each block of a launch runs, and from where."""
 
     spans: (
         np.ndarray

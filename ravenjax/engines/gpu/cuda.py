@@ -16,7 +16,7 @@ from ravenjax.engines.printing import Printing
 from ravenjax.ir.program import Program, number
 
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
-"""What the compiler must be told."""
+"""Options of the compiler."""
 
 TYPES = {"float32": "float", "int32": "int", "uint32": "unsigned", "bool": "bool"}
 _READ = {

@@ -1,7 +1,7 @@
 """NVIDIA GPUs through NVIDIA's own bindings: what is there, compiling for it, memory and launches.
 
 The packages are optional and looked for when first asked. Every call is checked; what a user can
-mend is a UserError of one line.
+repair is a UserError of one line.
 """
 
 from __future__ import annotations

@@ -230,16 +230,20 @@ class _CudaModule:
 
     # --- statements of kernels ---
 
-    def _shared_begin(self) -> str:
+    def _statements(
+        self, program: Program, sources: dict[int, str], results: list[tuple[int, str]]
+    ) -> str:
+        """What computes these results."""
         printer = CudaPrinter()
-        words = [f"state[{position}]" for position in range(len(self.split.shared_state))]
-        results = [
-            (self.begin.outputs[k], word)
-            for k, word in zip(self.split.shared_state, words, strict=True)
-        ]
-        sources = self._words(self.begin, "inputs[{}]", {})
-        printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
+        printer.run(program, program.needed(i for i, _ in results), sources, results)
         return printer.text()
+
+    def _shared_begin(self) -> str:
+        results = [
+            (self.begin.outputs[k], f"state[{position}]")
+            for position, k in enumerate(self.split.shared_state)
+        ]
+        return self._statements(self.begin, self._words(self.begin, "inputs[{}]", {}), results)
 
     def _shared_run(self) -> str:
         printer = CudaPrinter("    ")
@@ -254,13 +258,11 @@ class _CudaModule:
         return printer.text()
 
     def _lane_begin(self) -> str:
-        printer = CudaPrinter()
         results = [
             (self.begin.outputs[k], self._stored(place)) for place, k in enumerate(self.lane_state)
         ]
         sources = self._words(self.begin, self._of_lane("inputs"), {})
-        printer.run(self.begin, self.begin.needed(i for i, _ in results), sources, results)
-        return printer.text()
+        return self._statements(self.begin, sources, results)
 
     def _lane_run(self) -> dict[str, Any]:
         """The statements, and what stands around them."""
@@ -315,13 +317,10 @@ class _CudaModule:
         return names, words_of, printer.text()
 
     def _lane_finish(self) -> str:
-        printer = CudaPrinter()
         state = {k: self._stored(place) for place, k in enumerate(self.lane_state)}
-        state |= {
-            k: self._of_lane("saved").format(position) for position, k in enumerate(self.saved)
-        }
+        saved = self._of_lane("saved")
+        state |= {k: saved.format(position) for position, k in enumerate(self.saved)}
         sources = self._words(self.finish, self._of_lane("inputs"), state)
         template = self._of_lane("results")
-        results = [(i, template.format(position)) for position, i in enumerate(self.finish.outputs)]
-        printer.run(self.finish, self.finish.needed(), sources, results)
-        return printer.text()
+        results = [(i, template.format(place)) for place, i in enumerate(self.finish.outputs)]
+        return self._statements(self.finish, sources, results)
