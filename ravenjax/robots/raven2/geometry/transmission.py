@@ -60,6 +60,12 @@ COUNTS_PER_NM = Vec(
     c / (t * g) for c, t, g in zip(COUNTS_PER_AMP, TORQUE_PER_AMP, GEARBOX, strict=True)
 )
 """DAC counts per Nm at the capstan (after the gearbox), unsigned."""
+TORQUE_PER_COUNT = Vec(
+    t * g / c for t, g, c in zip(TORQUE_PER_AMP, GEARBOX, COUNTS_PER_AMP, strict=True)
+)
+"""Nm at the capstan per DAC count, unsigned, as the control software has it."""
+CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
+"""m of cable per rad of each motor."""
 
 
 def _opposed(software: str) -> bool:

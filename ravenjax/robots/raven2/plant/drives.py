@@ -118,22 +118,6 @@ def noise_counts(rms_cnt: Scalar, key: Scalar, tick: Scalar, channel: int) -> Sc
     return as_int(jnp.floor(rms_cnt * counter_random.normal(key, tick, channel) + 0.5))
 
 
-POSITIONING_ARM = (
-    5.675e-3 / 12.25
-)  # a, m of cable per rad of motor; capstan of the GP42, raven2: defines.h
-TOOL_ARM = 5.005e-3 / (26.0 / 7.0)  # a, m per rad; capstan of the GP32
-ARMS_M = (POSITIONING_ARM,) * 3 + (TOOL_ARM,) * 4
-
-POSITIONING_STRENGTH = 1200.0
-"""N, of a new stainless wire rope of 1.19 mm (3/64 in), 7x19: 270 lbf in makers' catalogues. The
-diameter is raven2's (defines.h), the construction is assumed; a worn rope, or one bent over small
-pulleys, breaks earlier."""
-TOOL_STRENGTH = POSITIONING_STRENGTH * (0.61 / 1.19) ** 2
-"""N, of a rope of 0.61 mm (diameter: raven2, defines.h); assumed: as strong per section as the
-thicker one, 315 N.
-"""
-
-
 @record
 class Linear:
     """`lambda = force + damping * epsilon'`, for the velocity at the end of the step."""

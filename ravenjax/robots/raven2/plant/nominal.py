@@ -190,15 +190,10 @@ def params(
     (`parameter_sets.Name`).
     """
     values = parameter_sets.parameter_set(parameter_sets.nominal(parameter_set))
-    counts = (parameter_sets.CONTROLLER_TORQUE_PER_COUNT,) * 3 + (
-        parameter_sets.TOOL_TORQUE_PER_COUNT,
-    ) * 4
-    gain = [
-        real / stated * g
-        for real, stated, g in zip(values.torque_per_count, counts, values.gain, strict=True)
-    ]
-    inertia, share = values.motor_inertia, values.reaction_scale
-    dry, viscous = values.motor_coulomb, values.motor_viscous
+    motor = values.actuators
+    gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
+    inertia, share = motor.inertia, motor.reaction_scale
+    dry, viscous = motor.coulomb, motor.viscous
     link_dry, link_viscous = values.link_coulomb, values.link_viscous
     link_inertia = [*INERTIA[:LAGRANGE], 0.0, 0.0]
 

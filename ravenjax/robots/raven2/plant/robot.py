@@ -197,26 +197,9 @@ def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> PlantParams:
     """Documented values; `parameter_set` names one of `parameter_sets.Name`."""
-    values = parameter_sets.parameter_set(parameter_set)
     return PlantParams(
-        actuators=drives.ActuatorParams(
-            torque_per_count=Vec(values.torque_per_count),
-            gain=Vec(values.gain),
-            bias=Vec(values.bias),
-            inertia=Vec(values.motor_inertia),
-            coulomb=Vec(values.motor_coulomb),
-            viscous=Vec(values.motor_viscous),
-            reaction_scale=Vec(values.reaction_scale),
-            torque_limit=Vec(values.torque_limit),
-            stall_torque=Vec(values.stall_torque),
-            back_emf=Vec(values.back_emf),
-        ),
+        **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
-        cable_stiffness=Vec(values.stiffness),
-        cable_damping=Vec(values.damping),
-        cable_strength=Vec(values.strength),
-        link_coulomb=Vec(values.link_coulomb),
-        link_viscous=Vec(values.link_viscous),
         stops=stops.params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.exact(),
         friction_scale=1.0,
@@ -229,7 +212,7 @@ def params(
         # Assumed where noise is drawn: an edge's jitter as large as a count's rounding, and one
         # count of the DAC.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
-        torque_noise=parameter_sets.CONTROLLER_TORQUE_PER_COUNT if setup.noise else 0.0,
+        torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
         noise_key=np.uint32(0),
     )
 
@@ -249,7 +232,9 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     carried = geometry.carried(weight)
     stretch = Vec(
         drives.resting_stretch(
-            drives.ARMS_M[i], params.cable_stiffness[i] * params.cable_stiffness_scale, carried[i]
+            transmission.CABLE_PER_MOTOR[i],
+            params.cable_stiffness[i] * params.cable_stiffness_scale,
+            carried[i],
         )
         for i in range(N)
     )
@@ -369,7 +354,7 @@ class _ArmTick:
         scale = _whole(state, signal.cable_scale)
         self._springs = [
             drives.linearise(
-                drives.ARMS_M[i],
+                transmission.CABLE_PER_MOTOR[i],
                 _stiffness(params, i, scale[i]),
                 mul(scale[i], params.cable_damping[i]),
                 state.stretch[i],
@@ -438,7 +423,7 @@ class _ArmTick:
             mvel.append(speed)
             stretch.append(state.stretch[i] + self.dt * rate)
             motors.append(drives.advance(state.motors[i], self.dt * speed))
-            carried.append(self._springs[i].carried(drives.ARMS_M[i], rate))
+            carried.append(self._springs[i].carried(transmission.CABLE_PER_MOTOR[i], rate))
         intact = state.intact
         if intact is not None:
             overloaded = Vec(carried).map(
@@ -491,7 +476,10 @@ def observe(
     scale = _whole(state, Vec.full(N, 1.0) if cable_scale is None else cable_scale)
     tension = Vec(
         drives.tension(
-            _stiffness(params, i, scale[i]), 0.0, drives.ARMS_M[i] * state.stretch[i], 0.0
+            _stiffness(params, i, scale[i]),
+            0.0,
+            transmission.CABLE_PER_MOTOR[i] * state.stretch[i],
+            0.0,
         )
         for i in range(N)
     )

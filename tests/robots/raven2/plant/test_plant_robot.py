@@ -58,7 +58,7 @@ def test_gravity_at_rest_is_carried_by_the_cables() -> None:
         params = robot.params(one, "gold")
         state = robot.init(one, "gold", params, HOME_JPOS)
         out = robot.observe(one, "gold", params, state)
-        lambdas = np.array(out.tension) * np.array(drives.ARMS_M)
+        lambdas = np.array(out.tension) * np.array(transmission.CABLE_PER_MOTOR)
         carried = np.array(transmission.motor_matrix("gold", "r_grasper")).T @ lambdas
         weight = link_dynamics.mass_matrix_and_bias(
             one, "gold", HOME_JPOS, Vec.full(N, 0.0), params.gravity
@@ -119,7 +119,7 @@ def by_a_stiff_solver(commands: np.ndarray, params: robot.PlantParams, start: Ve
     """
     matrix = np.array(transmission.motor_matrix("gold", "r_grasper"))
     signs = np.array(transmission.tau_signs("gold", "r_grasper"))
-    motor, arm = params.actuators, np.array(drives.ARMS_M)
+    motor, arm = params.actuators, np.array(transmission.CABLE_PER_MOTOR)
     per_count = signs * np.array(motor.torque_per_count) * np.array(motor.gain)
     inertia, viscous, share = (
         np.array(x) for x in (motor.inertia, motor.viscous, motor.reaction_scale)
@@ -293,17 +293,18 @@ def test_an_unknown_parameter_set_is_refused_with_the_names() -> None:
 
 def test_published_sets_have_their_published_numbers() -> None:
     active, base = parameter_set("traj3"), parameter_set("B")
+    motor = active.actuators
     input_bias = np.array((-0.0479807114, -0.06273207, 0.01564328))
     for numbers, published in (
-        (active.torque_per_count, (2.737629663234212e-4,) * 3),
-        (active.motor_coulomb, (0.04055, 0.071925, 0.0511)),
-        (active.motor_viscous, (2.47e-3, 2.43e-3, 2.84e-3)),
-        (active.stiffness, (720e3, 176e3, 9.25e3)),
+        (motor.torque_per_count, (2.737629663234212e-4,) * 3),
+        (motor.coulomb, (0.04055, 0.071925, 0.0511)),
+        (motor.viscous, (2.47e-3, 2.43e-3, 2.84e-3)),
+        (active.cable_stiffness, (720e3, 176e3, 9.25e3)),
         (active.link_viscous, (0.00505, 0.00245, 0.0053)),
-        (active.bias, -input_bias * active.gain[:3]),
-        (parameter_set("matlab_main").damping, (1000, 1656, 560)),
-        (parameter_set("matlab_global").stiffness, (720e3, 264e3, 9.25e3)),
-        (base.motor_coulomb, (8.11e-2, 4.11e-2, 5.11e-2)),
-        (base.damping, (4000, 1380, 400)),
+        (motor.bias, -input_bias * motor.gain[:3]),
+        (parameter_set("matlab_main").cable_damping, (1000, 1656, 560)),
+        (parameter_set("matlab_global").cable_stiffness, (720e3, 264e3, 9.25e3)),
+        (base.actuators.coulomb, (8.11e-2, 4.11e-2, 5.11e-2)),
+        (base.cable_damping, (4000, 1380, 400)),
     ):
         np.testing.assert_allclose(numbers[:3], published, rtol=1e-6)
