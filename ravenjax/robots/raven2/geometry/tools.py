@@ -12,7 +12,7 @@ import dataclasses
 import math
 from typing import Literal
 
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, unknown
 from ravenjax.numbers.vec import Vec
 
 Style = Literal["raven", "dv", "square_raven"]
@@ -76,8 +76,6 @@ DEFAULT_TOOLS = {
 
 def find_tool(name: str) -> Tool:
     """The tool of that name, or a UserError that lists the names."""
-    if name not in TOOLS:
-        raise UserError(
-            f"unknown tool {name!r}: expected one of {', '.join(TOOLS)}{suggestion(name, TOOLS)}"
-        )
+    if not isinstance(name, str) or name not in TOOLS:
+        raise UserError(unknown("tool", name, TOOLS))
     return TOOLS[name]

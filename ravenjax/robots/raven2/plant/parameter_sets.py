@@ -11,7 +11,7 @@ import tomllib
 from typing import Any, Literal, NamedTuple, get_args
 
 from ravenjax.bundled import resources
-from ravenjax.errors import UserError, suggestion
+from ravenjax.errors import UserError, unknown
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.plant.drives import ActuatorParams
 
@@ -38,10 +38,7 @@ class ParameterSet(NamedTuple):
 def parameter_set(name: str) -> ParameterSet:
     """The set of that name, or a UserError that lists the names."""
     if name not in get_args(Name):
-        raise UserError(
-            f"unknown parameter set {name!r}: expected one of"
-            f" {', '.join(get_args(Name))}{suggestion(name, get_args(Name))}"
-        )
+        raise UserError(unknown("parameter set", name, get_args(Name)))
     file = _file()
     rows = dict(file["published" if name in PUBLISHED else name])
     if name in PUBLISHED:

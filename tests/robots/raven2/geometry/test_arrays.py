@@ -71,7 +71,7 @@ def test_global_width_is_left_alone():
 
 def test_errors_say_what_is_wrong():
     with pytest.raises(
-        UserError, match=r"unknown arm 'geen': expected 'gold' or 'green'\. Did you mean 'green'\?"
+        UserError, match=r"unknown arm 'geen', expected one of gold, green\. Did you mean 'green'\?"
     ):
         arrays.forward_kinematics(HOME, "geen")
     with pytest.raises(
@@ -148,5 +148,5 @@ def test_names_are_texts():
         with pytest.raises(UserError, match="unknown arm"):
             arrays.gravity_torque(HOME, arm)
     for tool in (None, ["r_grasper"]):
-        with pytest.raises(UserError, match="expected the name of a tool"):
+        with pytest.raises(UserError, match="unknown tool"):
             arrays.motor_from_joint(HOME, "gold", tool)

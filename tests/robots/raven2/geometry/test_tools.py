@@ -40,7 +40,7 @@ def test_asymmetric_roll_stop():
 def test_an_unknown_tool_is_named_with_a_suggestion():
     with pytest.raises(
         UserError,
-        match=r"unknown tool 'r_graspr': expected one of r_grasper, .*Did you mean 'r_grasper'",
+        match=r"unknown tool 'r_graspr', expected one of r_grasper, .*Did you mean 'r_grasper'",
     ):
         find_tool("r_graspr")
 
