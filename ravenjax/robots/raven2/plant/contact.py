@@ -39,68 +39,31 @@ stable for any stiffness, and what it leaves out is of the second order in h.
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
 
-PUSHES = "a contact pushes"
-"""Why no stiffness is negative."""
 CREEP_M_S = 1e-3
 """Speed of sliding below which friction is less than Coulomb's: at it, 0.71 of it; *assumed*."""
 _HERTZ = 16.0 / 9.0  # 4/3 / (1 - nu^2) with nu = 0.5
 
 
+@described
 @record
 class ContactParams:
     """Of tissue, vessel and instruments; the same for every arm. Values are the module's."""
 
-    tissue_modulus: Annotated[
-        Scalar, Quantity("Pa", 0, 1e7, "elastic modulus of tissue and vessel; 0: none", why=PUSHES)
-    ] = 12.5e3
-    tip_radius: Annotated[
-        Scalar, Quantity("m", 1e-4, 0.02, "radius of a jaw tip", why="a tip is round")
-    ] = 2e-3
-    damping: Annotated[
-        Scalar,
-        Quantity(
-            "s/m",
-            0,
-            1e3,
-            "share of tissue's force more per speed of pressing into it",
-            why="damping takes energy",
-        ),
-    ] = 15.0
-    friction: Annotated[
-        Scalar,
-        Quantity(
-            "",
-            0,
-            10,
-            "friction coefficient of jaw tips on tissue and vessel",
-            why="it opposes motion",
-        ),
-    ] = 0.2
-    instrument_stiffness: Annotated[
-        Scalar,
-        Quantity(
-            "N/m", 0, 1e7, "of two instruments pressed together; 0: they pass through", why=PUSHES
-        ),
-    ] = 1e4
-    instrument_damping: Annotated[
-        Scalar,
-        Quantity(
-            "s/m",
-            0,
-            1e3,
-            "share of that force more per speed of coming together",
-            why="damping takes energy",
-        ),
-    ] = 1.0
+    tissue_modulus: Scalar = 12.5e3  # Pa
+    tip_radius: Scalar = 2e-3  # m
+    damping: Scalar = 15.0  # s/m
+    friction: Scalar = 0.2
+    instrument_stiffness: Scalar = 1e4  # N/m
+    instrument_damping: Scalar = 1.0  # s/m
 
 
 @record

@@ -60,18 +60,14 @@ the motor: it slips above that.
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 from ravenjax.numbers import counter_random
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
-from ravenjax.numbers.quantity import HOUR_MS, Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
 
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
-
-OPPOSES = "friction opposes motion"
-"""Why no friction is negative."""
 
 
 def coulomb_damping(level: Scalar, drive: Scalar, inertia: Scalar) -> Scalar:
@@ -168,74 +164,21 @@ def _cosh(x: Scalar) -> Scalar:
     return 1.0 + square * 0.5 * (1.0 + square * (1.0 / 12.0))
 
 
+@described
 @record
 class ActuatorParams:
     """Of seven motors."""
 
-    torque_per_count: Annotated[
-        Vec,
-        Quantity(
-            "N m per count",
-            0,
-            1,
-            "motor torque after the gearbox per DAC count, magnitude",
-            why="its sign is the wiring's",
-        ),
-    ]
-    gain: Annotated[Vec, Quantity("", 0, 100, "gain error of the amplifier, times the torque")]
-    bias: Annotated[
-        Vec,
-        Quantity(
-            "N m", -100, 100, "torque of the amplifier at any command, in positive motor direction"
-        ),
-    ]
-    inertia: Annotated[
-        Vec, Quantity("kg m2", 1e-7, 1, "of rotor and gearbox", why="a rotor has some")
-    ]  # Im
-    coulomb: Annotated[Vec, Quantity("N m", 0, 1e3, "dry friction of the motor", why=OPPOSES)]
-    viscous: Annotated[
-        Vec, Quantity("N m s/rad", 0, 1e3, "viscous friction of the motor", why=OPPOSES)
-    ]
-    reaction_scale: Annotated[
-        Vec,
-        Quantity(
-            "",
-            0,
-            100,
-            "share of the cable's torque that the motor feels; 1 as published, the gearbox ratio by"
-            " statics",
-        ),
-    ]
-    torque_limit: Annotated[
-        Vec,
-        Quantity(
-            "N m",
-            0,
-            1e6,
-            "torque after the gearbox at the amplifier's largest current",
-            why="a magnitude",
-        ),
-    ]
-    stall_torque: Annotated[
-        Vec,
-        Quantity(
-            "N m",
-            0,
-            1e6,
-            "torque after the gearbox of a blocked motor at the supply voltage",
-            why="a magnitude",
-        ),
-    ]
-    back_emf: Annotated[
-        Vec,
-        Quantity(
-            "N m s/rad",
-            0,
-            1e3,
-            "loss of that torque with the motor's speed",
-            why="a generator brakes",
-        ),
-    ]
+    torque_per_count: Vec  # N m per count
+    gain: Vec
+    bias: Vec  # N m
+    inertia: Vec  # kg m2; Im
+    coulomb: Vec  # N m
+    viscous: Vec  # N m s/rad
+    reaction_scale: Vec
+    torque_limit: Vec  # N m
+    stall_torque: Vec  # N m
+    back_emf: Vec  # N m s/rad
 
 
 @record
@@ -298,17 +241,14 @@ def eliminate(
     )
 
 
+@described
 @record
 class BrakeParams:
-    holding_torque: Annotated[  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
-        Scalar, Quantity("N m", 0, 1e4, "dry friction of a closed brake, after the gearbox")
-    ] = 0.4 * 12.25
-    engage_ticks: Annotated[  # int32; assumption: 15 (relay and spring)
-        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to grip", whole=True)
-    ] = 15
-    release_ticks: Annotated[  # int32; assumption: 20 (coil current rises)
-        Scalar, Quantity("ms", 0, HOUR_MS, "from brake command to free", whole=True)
-    ] = 20
+    holding_torque: Scalar = (  # N m
+        0.4 * 12.25
+    )  # assumption: maxon AB 28, 0.4 N m at the shaft, times 12.25
+    engage_ticks: Scalar = 15  # ms; int32; assumed (relay and spring)
+    release_ticks: Scalar = 20  # ms; int32; assumed (coil current rises)
 
 
 @record

@@ -35,65 +35,29 @@ import dataclasses
 import functools
 import itertools
 import math
-from typing import Annotated
 
 import numpy as np
 
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.numbers.lazy import at_once, jnp
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, record, where
-from ravenjax.robots.raven2.arms import LINEAR
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
 from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 
-_REVOLUTE = ("shoulder", "elbow", "tool_roll", "wrist", "grasp1", "grasp2")
 _DEG = math.pi / 180.0
 
 
+@described
 @record
 class KinematicErrors:
     """Of one arm; all 0 but `scale`: the robot that its software believes in."""
 
-    scale: Annotated[Scalar, Quantity("", 0, 10, "times every kinematic error")]
-    joint_offset: Annotated[
-        Vec,
-        Quantity(
-            "rad",
-            -1.5,
-            1.5,
-            "true minus reported joint at the home pose, left by homing",
-            joints=_REVOLUTE,
-        ),
-        Quantity(
-            "m",
-            -0.1,
-            0.1,
-            "true minus reported joint at the home pose, left by homing",
-            joints=LINEAR,
-        ),
-    ]
-    ratio_error: Annotated[
-        Vec,
-        Quantity(
-            "",
-            -0.5,
-            0.5,
-            "by what share more than its software believes a joint moves: radius of its drum",
-        ),
-    ]
+    scale: Scalar
+    joint_offset: Vec  # rad; m
+    ratio_error: Vec
     links: LinkErrors
-    registered: Annotated[  # int32
-        Scalar,
-        Quantity(
-            "",
-            0,
-            1,
-            "true tips are told 1: in the frame in which they agree best with reported ones, 0: in"
-            " the arm's frame 0",
-            whole=True,
-        ),
-    ]
+    registered: Scalar  # int32
 
 
 MEASURED = {

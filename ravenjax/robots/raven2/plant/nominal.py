@@ -43,13 +43,13 @@ import numpy as np
 from ravenjax.numbers.algebra import mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.quantity import Quantity
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, as_int, cast, record, replace, to_int32, where
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import joints, kinematics, limits, mapping, transmission
 from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.robots.raven2.plant.drives import OPPOSES, coulomb_damping
+from ravenjax.robots.raven2.plant.drives import coulomb_damping
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -65,7 +65,6 @@ INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 
 
 UM_PER_M = 1e6
-_STABLE = "the model is stable"
 
 
 @record
@@ -101,69 +100,16 @@ class TargetState:
     jpos_d: Vec  # rad; insertion m: target joints
 
 
+@described
 @record
 class NominalParams:
-    kp: Annotated[
-        Vec,
-        Quantity(
-            "N m/rad; insertion N/m; jaws 1/s2",
-            0,
-            1e6,
-            "stiffness with which the nominal model follows its target",
-            why=_STABLE,
-        ),
-    ]
-    kd: Annotated[
-        Vec,
-        Quantity(
-            "N m s/rad; insertion N s/m; jaws 1/s",
-            0,
-            1e6,
-            "damping with which the nominal model follows its target",
-            why=_STABLE,
-        ),
-    ]
-    ki: Annotated[
-        Scalar,
-        Quantity("N/(m s)", 0, 1e6, "integral gain of the nominal model's insertion", why=_STABLE),
-    ]
-    kv: Annotated[  # 5: no jaws
-        Vec,
-        Quantity(
-            "N m s/rad; insertion N s/m",
-            0,
-            1e6,
-            "viscous friction of the nominal model's joints",
-            why=OPPOSES,
-        ),
-    ]
-    kc: Annotated[  # 5: no jaws
-        Vec,
-        Quantity(
-            "N m; insertion N", 0, 1e6, "dry friction of the nominal model's joints", why=OPPOSES
-        ),
-    ]
-    mass_scale: Annotated[
-        Scalar,
-        Quantity(
-            "",
-            0.01,
-            100,
-            "times masses and inertias of the nominal model",
-            why="masses are positive",
-        ),
-    ]
-    resync: Annotated[  # int32; 1: where it is measured
-        Scalar,
-        Quantity(
-            "",
-            0,
-            1,
-            "while the pedal is up the nominal model 1: stands where the robot is, 0: stays where"
-            " it was",
-            whole=True,
-        ),
-    ]
+    kp: Vec  # N m/rad; insertion N/m; jaws 1/s2
+    kd: Vec  # N m s/rad; insertion N s/m; jaws 1/s
+    ki: Scalar  # N/(m s)
+    kv: Vec  # N m s/rad; insertion N s/m; 5: no jaws
+    kc: Vec  # N m; insertion N; 5: no jaws
+    mass_scale: Scalar
+    resync: Scalar  # int32; 1: where it is measured
     target: TargetParams
 
 

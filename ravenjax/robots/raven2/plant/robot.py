@@ -20,7 +20,6 @@ ever formed, so float32 loses nothing that an encoder sees.
 from __future__ import annotations
 
 import functools
-from typing import Annotated
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from ravenjax.numbers import counter_random, tree
 from ravenjax.numbers.algebra import add, mul, sub
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.linear_solve import solve_spd
-from ravenjax.numbers.quantity import Quantity, Reserved
+from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import link_dynamics
@@ -41,7 +40,6 @@ from ravenjax.robots.raven2.plant import (
     stops,
 )
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
-from ravenjax.robots.raven2.plant.drives import OPPOSES
 from ravenjax.robots.raven2.setup import RavenSetup
 
 TICK_S = 1e-3
@@ -51,99 +49,28 @@ TORQUE_CHANNEL = 8  # noise channels of an arm: 0-6 encoders, 8-14 torques
 ARM_CHANNELS = 16
 
 
+@described
 @record
 class PlantParams:
     """Of one arm. Every number may vary from run to run."""
 
     actuators: drives.ActuatorParams
     brakes: drives.BrakeParams
-    cable_stiffness: Annotated[  # ke
-        Vec,
-        Quantity(
-            "N/m",
-            100,
-            1e8,
-            "stiffness of each cable",
-            why="an unbroken cable holds the arm at rest; break it by a fault",
-        ),
-    ]
-    cable_damping: Annotated[  # be
-        Vec, Quantity("N s/m", 0, 1e6, "damping of each cable", why="damping takes energy")
-    ]
-    cable_strength: Annotated[  # read where Setup.cables is not "unwatched"
-        Vec,
-        Quantity(
-            "N",
-            1,
-            1e7,
-            "tension above which each cable is overloaded",
-            why="a cable carries something",
-            read_when=("parameter_set", "power_consistent"),
-        ),
-    ]
-    link_coulomb: Annotated[
-        Vec, Quantity("N m; insertion N", 0, 1e3, "dry friction of the joint", why=OPPOSES)
-    ]
-    link_viscous: Annotated[
-        Vec,
-        Quantity(
-            "N m s/rad; insertion N s/m", 0, 1e3, "viscous friction of the joint", why=OPPOSES
-        ),
-    ]
+    cable_stiffness: Vec  # N/m; ke
+    cable_damping: Vec  # N s/m; be
+    cable_strength: Vec  # N; read where Setup.cables is not "unwatched"
+    link_coulomb: Vec  # N m; insertion N
+    link_viscous: Vec  # N m s/rad; insertion N s/m
     stops: stops.StopParams
     kinematic_errors: kinematic_errors.KinematicErrors
-    friction_scale: Annotated[
-        Scalar, Quantity("", 0, 100, "times all friction of motors and joints", why=OPPOSES)
-    ]
-    cable_stiffness_scale: Annotated[
-        Scalar,
-        Quantity(
-            "",
-            0.05,
-            100,
-            "times the stiffness of every cable",
-            why="an unbroken cable holds the arm; break one by a fault",
-        ),
-    ]
-    motor_constant_scale: Annotated[
-        Scalar, Quantity("", 0, 100, "times torque per count of every motor")
-    ]
-    mass_scale: Annotated[
-        Scalar,
-        Quantity(
-            "", 0.01, 100, "times masses and inertias of the links", why="masses are positive"
-        ),
-    ]
-    gravity: Annotated[
-        Vec, Quantity("m/s2", -100, 100, "acceleration of gravity in frame 0 of the arm")
-    ]  # 3
-    encoder_noise: Annotated[
-        Scalar,
-        Quantity(
-            "counts rms",
-            0,
-            1e4,
-            "noise of the encoders; read where campaign.noise is on",
-            why="a standard deviation",
-        ),
-    ]
-    torque_noise: Annotated[
-        Scalar,
-        Quantity(
-            "N m rms",
-            0,
-            100,
-            "noise of the motor torques after the gearbox; read where campaign.noise is on",
-            why="a standard deviation",
-        ),
-    ]
-    noise_key: Annotated[  # uint32; a run and its golden run share it
-        Scalar,
-        Reserved(
-            "it is derived from each run's id, so that no two runs draw the same noise; set"
-            " campaign.noise = true, and campaign.seed or repeats for other draws"
-        ),
-    ]
+    friction_scale: Scalar
+    cable_stiffness_scale: Scalar
+    motor_constant_scale: Scalar
+    mass_scale: Scalar
+    gravity: Vec  # m/s2; 3
+    encoder_noise: Scalar  # counts rms
+    torque_noise: Scalar  # N m rms
+    noise_key: Scalar  # uint32; a run and its golden run share it
 
 
 @record
