@@ -86,7 +86,8 @@ def _tables(path: Path) -> dict[str, Any]:
 def _note(row: dict[str, Any]) -> Quantity | Reserved:
     if "reserved" in row:
         return Reserved(row["reserved"])
-    return Quantity(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items()})
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
+    return Quantity(**values)
 
 
 def quantities(params: type) -> Iterator[tuple[str, Quantity]]:

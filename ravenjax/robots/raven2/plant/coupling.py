@@ -19,6 +19,7 @@ from ravenjax.robots.raven2.geometry import transmission
 
 Z = 2  # index of the insertion
 N = 7
+AS_DRAWN = Vec.full(N, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,19 +30,13 @@ class Coupling:
 
     own: tuple[Vec, ...]  # rad/rad or rad/m
     ratio: tuple[float, ...]  # 1
-    # how far each joint moves by what its drum's drawing says: T diag(1 / gain); None: as drawn
-    gain: Vec | None = None
-
-    def built(self, gain: Vec) -> Coupling:
-        """The coupling of an arm with the joints' true motion per motor; itself where `gain` is
-        literally 1.
-        """
-        drawn = all(type(one) in (int, float) and one == 1 for one in gain)
-        return self if drawn else dataclasses.replace(self, gain=gain)
+    # how far each joint moves by what its drum's drawing says: T diag(1 / gain); a literal 1 drops
+    # out
+    gain: Vec = AS_DRAWN
 
     def motors(self, joints: Vec) -> Vec:
         """T x: motor angles or speeds of joint ones."""
-        joints = joints if self.gain is None else joints / self.gain
+        joints = joints.map(_divide, self.gain)
         along = dot(self.own[Z], joints)
         return Vec(
             along if i == Z else add(dot(self.own[i], joints), mul(self.ratio[i], along))
@@ -56,7 +51,7 @@ class Coupling:
             for j in range(i):
                 rest = sub(rest, mul(self.own[i][j], angles[j]))
             angles.append(rest * (1.0 / self.own[i][i]))
-        return Vec(angles) if self.gain is None else Vec(angles) * self.gain
+        return Vec(angles).map(mul, self.gain)
 
     def loads(self, forces: Vec) -> Vec:
         """T^T f: joint torques (N m, N) of motor ones (N m)."""
@@ -66,14 +61,13 @@ class Coupling:
         effective = [along if i == Z else forces[i] for i in range(N)]
         columns = zip(*self.own, strict=True)
         torques = Vec(dot(Vec(column), Vec(effective)) for column in columns)
-        return torques if self.gain is None else torques / self.gain
+        return torques.map(_divide, self.gain)
 
     def carried(self, loads: Vec) -> Vec:
         """T^-T f: motor forces (N m) that put `loads` (N m, N) on the joints, by the columns of
         T^-1.
         """
-        drawn = dataclasses.replace(self, gain=None)
-        loads = loads if self.gain is None else loads * self.gain
+        drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
         columns = [drawn.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
         return Vec(dot(column, loads) for column in columns)
 
@@ -91,13 +85,15 @@ class Coupling:
             for j in range(i + 1):
                 for row, column, factor in _terms(self.own, i, j):
                     outer[row][column] = add(outer[row][column], mul(factor, inner[i][j]))
-        if self.gain is None:
-            return outer
-        inverse = [1.0 / one for one in self.gain]
+        inverse = [_divide(1.0, gain) for gain in self.gain]
         return [
-            [mul(outer[i][j], inverse[i] * inverse[j]) if j <= i else 0.0 for j in range(N)]
+            [mul(outer[i][j], mul(inverse[i], inverse[j])) if j <= i else 0.0 for j in range(N)]
             for i in range(N)
         ]
+
+
+def _divide(a: Scalar, b: Scalar) -> Scalar:
+    return a if type(b) in (int, float) and b == 1 else a / b
 
 
 def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:

@@ -19,6 +19,7 @@ ever formed, so float32 loses nothing that an encoder sees.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -487,7 +488,8 @@ def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
 
 
 def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
-    return _nominal_coupling(setup, arm).built(kinematic_errors.gain(params.kinematic_errors))
+    gain = kinematic_errors.gain(params.kinematic_errors)
+    return dataclasses.replace(_nominal_coupling(setup, arm), gain=gain)
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
