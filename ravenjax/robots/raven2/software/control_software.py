@@ -104,11 +104,10 @@ class ControlSoftware:
                 f"runlevel is {runlevel}, but a state has its own run level; leave one of them out"
             )
         names = checked.arm_names(arms)
-        own_tools = tuple(DEFAULT_TOOLS[software][arm] for arm in names)
         self.setup = setup = RavenSetup(
             arms=names,
             software=software,
-            tools=own_tools if tools is None else checked.tool_names(tools, names),
+            tools=checked.tool_names(tools, names, software),
             console=console,
             precision=precision,
         )
@@ -140,6 +139,7 @@ class ControlSoftware:
         kinds = self.code.kinds
         self._state, self._row = kinds["state"].row(initial), InputRows(self.setup)
         self._out = buffer(1, kinds["signals"].layout.bytes)
+        self._written: control.ControlSignals = kinds["signals"].views(self._out[0])
         self._fixed = kinds["params"].row(self.params)
         memory = Memory(self._fixed, self._state, self._row.bytes, self._out)
         self._cycle, self._receive = (
@@ -171,7 +171,10 @@ class ControlSoftware:
         self._receive_all(earlier)
         row.enter(last)
         self._cycle()
-        return self.code.output(self._out[0])
+        written = self._written
+        dac = tuple(tuple(x.item() for x in arm.current_cmd_written) for arm in written.arms)
+        kind, content = self.code.kinds["signals"], self._out.tobytes()
+        return Output(dac, written.pins_out.item(), kind, content)
 
     def run(
         self, encoders: Any, packets: Any = None, pins: Any = 0, read_ok: Any = True
@@ -213,7 +216,9 @@ class ControlSoftware:
             self.code.machine.bind("cycle", part)()
             self._receive_all(several.get(cycle, ()))
             begin = cycle
-        return self.code.outputs(out)
+        signals: control.ControlSignals = self.code.kinds["signals"].columns(out)
+        dac = [np.stack(arm.current_cmd_written, axis=-1) for arm in signals.arms]
+        return Outputs(np.stack(dac, axis=1), signals.pins_out, signals)
 
     def __copy__(self) -> ControlSoftware:
         """Another one in the same state, which goes its own way."""

@@ -16,7 +16,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
 from ravenjax.robots.raven2.console.packet import Packet, silence
 from ravenjax.robots.raven2.geometry import limits
-from ravenjax.robots.raven2.geometry.tools import find_tool
+from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
 
 INT32 = (-(2**31), 2**31 - 1)
@@ -45,8 +45,10 @@ def arm_names(given: Any) -> tuple[Any, ...]:
     return arms
 
 
-def tool_names(given: Any, arms: Sequence[str]) -> tuple[str, ...]:
-    """One tool per arm."""
+def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...]:
+    """One tool per arm; None: the software's own."""
+    if given is None:
+        return tuple(DEFAULT_TOOLS[software][arm] for arm in arms)
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
         raise UserError(
             f"tools is {shown(given)}, expected a list with one tool per arm {list(arms)}"

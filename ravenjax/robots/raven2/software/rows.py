@@ -15,12 +15,18 @@ from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.numbers import tree
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import SIZE_BYTES, U_STRUCT, Packet, silence
+from ravenjax.robots.raven2.console.packet import (
+    MOVES,
+    SIZE_BYTES,
+    TURNS,
+    U_STRUCT,
+    Packet,
+    fill_fields,
+    silence,
+)
 from ravenjax.robots.raven2.loop.control import Inputs
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.usb import UsbIn
-
-_MOVES, _TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
 
 
 def row_type(setup: RavenSetup) -> np.dtype:
@@ -29,7 +35,7 @@ def row_type(setup: RavenSetup) -> np.dtype:
     """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
     fields: list[Any] = [
-        (name, wide if name in _TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
+        (name, wide if name in TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
     ]
     row: list[Any] = [
         ("size", "<i4"),  # before the packet: aligns the quaternions
@@ -62,8 +68,8 @@ def row_kind(setup: RavenSetup) -> RecordKind:
             received=fields["received"][1],
             size=fields["size"][1],
             sequence=in_packet("sequence"),
-            delta=tuple(Vec(in_packet(name, slot) for name in _MOVES) for slot in slots),
-            quat=tuple(Vec(in_packet(name, slot) for name in _TURNS) for slot in slots),
+            delta=tuple(Vec(in_packet(name, slot) for name in MOVES) for slot in slots),
+            quat=tuple(Vec(in_packet(name, slot) for name in TURNS) for slot in slots),
             grasp=tuple(in_packet("grasp", slot) for slot in slots),
             surgeon_mode=in_packet("surgeon_mode"),
         ),
@@ -106,20 +112,10 @@ class InputRows:
             self._received[cycle], self._sizes[cycle] = 0, SIZE_BYTES[self.setup.console]
         elif isinstance(packet, Packet):
             self._packets[cycle] = self._still
-            self._write(self._packets[cycle], packet)
+            fill_fields(self._packets[cycle], packet, self.setup.arms)
             self._received[cycle], self._sizes[cycle] = packet.received, packet.size
         else:
             data = bytes(packet[: U_STRUCT.itemsize]).ljust(U_STRUCT.itemsize, b"\0")
             with np.errstate(over="ignore"):
                 self._packets[cycle] = np.frombuffer(data, U_STRUCT)[0]
             self._received[cycle], self._sizes[cycle] = 1, len(packet)
-
-    def _write(self, fields: Any, packet: Packet) -> None:
-        fields["sequence"] = int(packet.sequence) % 2**32
-        fields["surgeon_mode"] = packet.surgeon_mode
-        for i, arm in enumerate(self.setup.arms):
-            slot = ARMS.index(arm)
-            numbers = zip((*_MOVES, *_TURNS), (*packet.delta[i], *packet.quat[i]), strict=True)
-            for name, value in numbers:
-                fields[name][slot] = value
-            fields["grasp"][slot] = packet.grasp[i]

@@ -21,7 +21,7 @@ from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.robots.raven2.software.code import SoftwareCode
+from ravenjax.robots.raven2.software.code import TransitionCode
 from ravenjax.robots.raven2.software.rows import InputRows
 from ravenjax.robots.raven2.stages.estimator import RAD_PER_COUNT
 
@@ -46,7 +46,7 @@ def encoders_at(
 
 def at_encoders(
     setup: RavenSetup,
-    code: SoftwareCode,
+    code: TransitionCode,
     params: control.ControlParams,
     state: control.ControlState,
     encoders: np.ndarray,

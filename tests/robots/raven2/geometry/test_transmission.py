@@ -95,32 +95,6 @@ def test_matrix_of_the_gold_arm():
     np.testing.assert_allclose(inverse[2, 1:3], [-6.64685e-5, 4.632653061e-4], rtol=2e-6)
 
 
-def test_signs_and_wrist_coupling_in_the_matrix():
-    gold = np.array(transmission.motor_matrix("gold", "r_grasper"))
-    green = np.array(transmission.motor_matrix("green", "r_grasper"))
-    np.testing.assert_array_equal(green[3:, :3], -gold[3:, :3])
-    fork = np.array(transmission.motor_matrix("gold", "r_grasper", "fork2015"))
-    np.testing.assert_array_equal(fork[5, :3], fork[6, :3])
-    needle = np.array(transmission.motor_matrix("gold", "large_needle"))
-    np.testing.assert_allclose(needle[5:, 4], [4.4959802103, -4.4959802103], atol=1e-10)
-    np.testing.assert_array_equal(needle[3:, :3], -gold[3:, :3])
-
-
-def test_home_in_motor_angles():
-    gold = [
-        71.3121926243,
-        200.1412393438,
-        899.6370423253,
-        309.2917475413,
-        309.2917475413,
-        -302.2294783417,
-        316.3540167410,
-    ]
-    green = gold[:3] + [-309.2917475413, -309.2917475413, 316.3540167410, -302.2294783417]
-    np.testing.assert_allclose(motor_from_joint("gold", "r_grasper", HOME_JPOS), gold, atol=1e-9)
-    np.testing.assert_allclose(motor_from_joint("green", "r_grasper", HOME_JPOS), green, atol=1e-9)
-
-
 @pytest.mark.parametrize("arm", ARMS)
 def test_recorded_robot(arm):
     jpos, mpos = (seven(text) for text in RECORDED[arm])
@@ -189,10 +163,6 @@ def test_signs(arm, tool, software, coupling, torque, encoder):
         (encoder_signs(arm, tool, software), encoder),
     ):
         assert "".join("+" if sign > 0 else "-" for sign in got) == expected
-
-
-def test_encoder_signs_of_another_adapter():
-    assert encoder_signs("gold", "r_grasper", adapter="dv") == encoder_signs("gold", "large_needle")
 
 
 def test_width_follows_the_input():

@@ -53,11 +53,6 @@ def tuple_of(t):
     return list(t[0]), list(t[1])
 
 
-def test_literal_zeros_and_ones_fold_away():
-    quarter = matrix((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    assert tf.inverse_matrix(quarter) == ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-
-
 def test_quaternions_are_tfs_to_the_last_bit_in_all_four_cases():
     rng, pivots = random.Random(2), set()
     for _ in range(200):

@@ -52,23 +52,6 @@ def test_encoders_links_and_control_software_agree_at_rest(arm, software, jpos0)
         np.testing.assert_allclose(np.array(out.jpos), np.array(jpos0, float), atol=1e-12)
 
 
-def test_gravity_at_rest_is_carried_by_the_cables() -> None:
-    with jax.enable_x64(True):
-        one = setup()
-        params = robot.params(one, "gold")
-        state = robot.init(one, "gold", params, HOME_JPOS)
-        out = robot.observe(one, "gold", params, state)
-        lambdas = np.array(out.tension) * np.array(transmission.CABLE_PER_MOTOR)
-        carried = np.array(transmission.motor_matrix("gold", "r_grasper")).T @ lambdas
-        weight = link_dynamics.mass_matrix_and_bias(
-            one, "gold", HOME_JPOS, Vec.full(N, 0.0), params.gravity
-        )[1]
-        np.testing.assert_allclose(carried, np.array(weight, float), atol=1e-9)
-        np.testing.assert_allclose(
-            carried[:3], (-0.2246, -0.5091, 3.7496), atol=1e-4
-        )  # home, gravity along -x0
-
-
 # --- friction and brakes
 # ----------------------------------------------------------------------------------------------
 
