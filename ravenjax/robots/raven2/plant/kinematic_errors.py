@@ -31,13 +31,13 @@ change.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import math
 
 import numpy as np
 
+from ravenjax.numbers import tree
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.numbers.lazy import at_once, jnp
 from ravenjax.numbers.quantity import described
@@ -97,7 +97,7 @@ def exact() -> KinematicErrors:
 
 def is_exact(errors: KinematicErrors) -> bool:
     """Whether no error can be other than 0 in this trace."""
-    numbers = (*errors.joint_offset, *errors.ratio_error, *_values(errors.links))
+    numbers = tree.leaves((errors.joint_offset, errors.ratio_error, errors.links))
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
 
@@ -136,12 +136,8 @@ def tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec
 def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
     if is_exact(errors):
         return kinematics.forward(arm, jpos).position
-    links = LinkErrors(*(mul(errors.scale, value) for value in _values(errors.links)))
+    links = tree.mapped(lambda error: mul(errors.scale, error), errors.links)
     return built_links.tip(arm, jpos, links)
-
-
-def _values(links: LinkErrors) -> tuple[Scalar, ...]:
-    return tuple(getattr(links, field.name) for field in dataclasses.fields(links))
 
 
 # --- registration ---

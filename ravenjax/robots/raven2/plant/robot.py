@@ -240,42 +240,40 @@ def step_all(
     return one.end(), other.end()
 
 
+@dataclasses.dataclass
 class _ArmTick:
     """A tick of one arm under way."""
 
-    def __init__(
-        self,
-        setup: RavenSetup,
-        arm: ArmName,
-        params: PlantParams,
-        state: PlantState,
-        signal: PlantSignal,
-        touched: contact.ContactParams | None,
-    ) -> None:
-        self._arm: ArmName = arm
-        self._setup, self._params = setup, params
-        self._signal, self._touched = signal, touched
-        self.state, self.dt = state, TICK_S / setup.substeps
-        brakes, self._holding = drives.step_brakes(params.brakes, state.brakes, signal.brakes)
+    setup: RavenSetup
+    arm: ArmName
+    params: PlantParams
+    state: PlantState
+    signal: PlantSignal
+    touched: contact.ContactParams | None
+
+    def __post_init__(self) -> None:
+        setup, params, state = self.setup, self.params, self.state
+        self.dt = TICK_S / setup.substeps
+        brakes, self._holding = drives.step_brakes(params.brakes, state.brakes, self.signal.brakes)
         self._brakes = cast(brakes, "int32")
-        self._drive = _drive(setup, arm, params, state, signal)
-        self._geometry = _coupling(setup, arm, params)
+        self._drive = _drive(setup, self.arm, params, state, self.signal)
+        self._geometry = _coupling(setup, self.arm, params)
         self._carried: list[Vec] = []
         self._touches: list[contact.Touch] = []
 
     def jpos(self) -> Vec:
         """Joints, rad and m."""
-        return _jpos(self._geometry, self.state, self._setup.precision.real)
+        return _jpos(self._geometry, self.state, self.setup.precision.real)
 
     def equations(self, pushed: Vec | None = None) -> tuple[tuple[Vec, ...], Vec]:
         """A 7x7 system (its lower triangle) and its right side (N m, N), whose solution is what the
         joints gain in the coming substep. pushed: what the other instrument puts on the joints.
         """
-        params, state, signal, dt = self._params, self.state, self._signal, self.dt
+        params, state, signal, dt = self.params, self.state, self.signal, self.dt
         motor = params.actuators
         jpos, jvel = self.jpos(), state.jvel
         mass, bias = link_dynamics.mass_matrix_and_bias(
-            self._setup, self._arm, jpos, jvel, params.gravity, params.mass_scale
+            self.setup, self.arm, jpos, jvel, params.gravity, params.mass_scale
         )
         friction = Vec(mul(signal.friction_scale[i], params.friction_scale) for i in range(N))
         self._link_speed = self._geometry.motors(jvel)
@@ -308,8 +306,8 @@ class _ArmTick:
         system = self._geometry.congruence(Vec(item.stiffening for item in self._solved))
         loads = self._geometry.loads(Vec(item.force for item in self._solved))
         self._tips = ()
-        if self._touched is not None:
-            self._tips = contact.tips(self._arm, self._touched, jpos, jvel, dt)
+        if self.touched is not None:
+            self._tips = contact.tips(self.arm, self.touched, jpos, jvel, dt)
             for one in self._tips:
                 one.stiffen(system)
                 loads = loads + one.tip.along(one.force())
@@ -355,7 +353,7 @@ class _ArmTick:
         intact = state.intact
         if intact is not None:
             overloaded = Vec(carried).map(
-                lambda force, strength: jnp.abs(force) > strength, self._params.cable_strength
+                lambda force, strength: jnp.abs(force) > strength, self.params.cable_strength
             )
             intact = intact.map(lambda whole, over: jnp.where(over, 0.0, whole), overloaded)
         self.state = replace(
@@ -370,7 +368,7 @@ class _ArmTick:
 
     def end(self) -> tuple[PlantState, PlantOutput]:
         """The state after the tick, and what can be seen of it."""
-        dtype, state = self._setup.precision.real, self.state
+        dtype, state = self.setup.precision.real, self.state
         state = replace(
             state,
             stretch=cast(state.stretch, dtype),
@@ -380,7 +378,7 @@ class _ArmTick:
             intact=cast(state.intact, dtype),
             tick=state.tick + 1,
         )
-        out = observe(self._setup, self._arm, self._params, state, self._signal.cable_scale)
+        out = observe(self.setup, self.arm, self.params, state, self.signal.cable_scale)
         carried = functools.reduce(lambda a, b: a.map(jnp.maximum, b), self._carried)
         touch = self._touches[0] if self._touches else None
         if len(self._touches) > 1:

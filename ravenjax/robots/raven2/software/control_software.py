@@ -131,7 +131,9 @@ class ControlSoftware:
         self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
         """What it is made of, for those who print it anew."""
         if encoders is not None:
-            initial = start.at_encoders(setup, self.code, self.params, initial, encoders)
+            self._take_memory(start.in_e_stop(initial))
+            output = self.step(encoders)
+            initial = start.standing(initial, self.state, output.signals)
         self._take_memory(initial)
 
     def _take_memory(self, initial: control.ControlState) -> None:

@@ -51,39 +51,36 @@ def row_type(setup: RavenSetup) -> np.dtype:
 
 def row_kind(setup: RavenSetup) -> RecordKind:
     """The record of a row, and where its numbers stand."""
-    row = row_type(setup)
-    fields: Any = row.fields
-    wire: Any = row["packet"].fields
-    slots, arms = [ARMS.index(arm) for arm in setup.arms], range(len(setup.arms))
-
-    def in_packet(name: str, slot: int = 0) -> int:
-        dtype, offset = wire[name][:2]
-        return fields["packet"][1] + offset + slot * dtype.base.itemsize
-
-    def numbers(name: str, first: int, count: int) -> Vec:
-        return Vec(fields[name][1] + 4 * (first + k) for k in range(count))
-
+    row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
+    place = _places(row)
+    packet = place["packet"]
     offsets = Inputs(
         Packet(
-            received=fields["received"][1],
-            size=fields["size"][1],
-            sequence=in_packet("sequence"),
-            delta=tuple(Vec(in_packet(name, slot) for name in MOVES) for slot in slots),
-            quat=tuple(Vec(in_packet(name, slot) for name in TURNS) for slot in slots),
-            grasp=tuple(in_packet("grasp", slot) for slot in slots),
-            surgeon_mode=in_packet("surgeon_mode"),
+            received=place["received"],
+            size=place["size"],
+            sequence=packet["sequence"],
+            delta=tuple(Vec(packet[name][slot] for name in MOVES) for slot in slots),
+            quat=tuple(Vec(packet[name][slot] for name in TURNS) for slot in slots),
+            grasp=tuple(packet["grasp"][slots]),
+            surgeon_mode=packet["surgeon_mode"],
         ),
-        UsbIn(
-            tuple(numbers("enc_val", 7 * i, 7) for i in arms),
-            tuple(numbers("pins", 0, len(slots))),
-        ),
-        tuple(numbers("read_ok", 0, len(slots))),
+        UsbIn(tuple(map(Vec, place["enc_val"])), tuple(place["pins"])),
+        tuple(place["read_ok"]),
     )
     flags = (np.int32(1),) * len(slots)
-    usb = UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in arms), flags)
+    usb = UsbIn(tuple(Vec.full(7, np.int32(0)) for _ in slots), flags)
     record = RecordKind.of(Inputs(silence(setup), usb, flags)).record
     types = tuple(map(str, tree.leaves(record)))
-    return RecordKind(record, RowLayout(types, tuple(tree.leaves(offsets)), row.itemsize))
+    return RecordKind(record, RowLayout(types, tuple(map(int, tree.leaves(offsets))), row.itemsize))
+
+
+def _places(dtype: np.dtype, start: int = 0) -> Any:
+    """Offset of each number of a type, by the names of its fields."""
+    if dtype.fields:
+        return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
+    return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(
+        dtype.shape
+    )
 
 
 class InputRows:

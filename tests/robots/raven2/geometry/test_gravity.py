@@ -10,40 +10,6 @@ from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import gravity
 
 DEG = np.pi / 180
-CASES = {  # shoulder deg, elbow deg, insertion m; joint effort Nm, Nm, N; capstan torque Nm
-    "home": (
-        (30, 90, 0.4),
-        (-0.137738204548, -0.427613496552, 2.125980889523),
-        (-0.012388688657, -0.043105463220, 0.012064941548),
-    ),
-    "A": (
-        (15, 60, 0.3),
-        (1.093732617688, 0.459788028524, 2.197202094457),
-        (0.098374397423, 0.046348808240, 0.012469121886),
-    ),
-    "B": (
-        (75, 120, 0.5),
-        (-2.316095567467, -0.303394869647, 0.830175970989),
-        (-0.208318287430, -0.030583638028, 0.004711248635),
-    ),
-}
-
-
-def jpos_of(shoulder, elbow, insertion) -> Vec:
-    return Vec((shoulder * DEG, elbow * DEG, insertion, 0.1, 0.2, 0.3, 0.4))
-
-
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("arm", ARMS)
-def test_check_values(arm, case):
-    joints, effort, torque = CASES[case]
-    with jax.enable_x64(True):
-        np.testing.assert_allclose(
-            gravity.joint_gravity_torque(arm, jpos_of(*joints)), effort, atol=1e-11
-        )
-        np.testing.assert_allclose(
-            gravity.gravity_torque(arm, jpos_of(*joints)), torque, atol=1e-11
-        )
 
 
 def height_energy(arm: str, jpos: np.ndarray) -> float:

@@ -1,14 +1,12 @@
 from __future__ import annotations
 
-import functools
-
-import jax
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ravenjax.numbers.lazy import at_once
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import mapping
@@ -19,17 +17,10 @@ QUATERNION = st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(
 )
 
 
-@functools.cache
-def compiled(function, *static):
-    return jax.jit(functools.partial(function, *static))
-
-
 def run(function, *arguments):
     """In float64; leading strings pick code, the rest are Vecs or rows of Vecs."""
-    static = tuple(a for a in arguments if isinstance(a, str))
-    with jax.enable_x64(True):
-        out = compiled(function, *static)(*(vec(a) for a in arguments if not isinstance(a, str)))
-        return jax.tree.map(np.asarray, out)
+    with at_once():
+        return function(*(a if isinstance(a, str) else vec(a) for a in arguments))
 
 
 def vec(values) -> Vec:

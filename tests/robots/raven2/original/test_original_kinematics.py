@@ -17,7 +17,7 @@ from evaluated_program import in_python
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry.joints import Pose
-from ravenjax.robots.raven2.original import kinematics as original_kinematics
+from ravenjax.robots.raven2.original import literal
 
 DEG = math.pi / 180
 LOW = (
@@ -48,7 +48,7 @@ def printed(function, arm, *sizes):
 
 
 def forward_numbers(arm, joints):
-    pose = original_kinematics.forward(arm, Vec((*joints[:5], 0.0, 0.0)), joints[5])
+    pose = literal.forward(arm, Vec((*joints[:5], 0.0, 0.0)), joints[5])
     return pose.position, pose.rotation
 
 
@@ -68,7 +68,7 @@ def inverse_of(module):
     return functools.partial(inverse_numbers, module)
 
 
-def inverse(arm, pose, ref, module=original_kinematics):
+def inverse(arm, pose, ref, module=literal):
     rotation, position = pose
     *jpos, status = printed(inverse_of(module), arm, 3, 9, 6)(
         position, [x for row in rotation for x in row], ref

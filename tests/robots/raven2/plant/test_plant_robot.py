@@ -29,8 +29,7 @@ LEVELS = {  # N m after the gearbox, at which a motor breaks away
 }
 
 
-# --- consistency ----------------------------------------------------------------------------------
-# --------------------
+# --- consistency ---
 
 
 @pytest.mark.parametrize("arm", ["gold", "green"])
@@ -52,8 +51,7 @@ def test_encoders_links_and_control_software_agree_at_rest(arm, software, jpos0)
         np.testing.assert_allclose(np.array(out.jpos), np.array(jpos0, float), atol=1e-12)
 
 
-# --- friction and brakes
-# ----------------------------------------------------------------------------------------------
+# --- friction and brakes ---
 
 
 @pytest.mark.slow
@@ -83,8 +81,7 @@ def test_below_breakaway_nothing_creeps_and_above_it_moves(precision, parameter_
             assert moved[joint] > 5e-3, (joint, moved)
 
 
-# --- accuracy -------------------------------------------------------------------------------------
-# --------------------
+# --- accuracy ---
 
 WAVE_HZ = np.array([1.1, 1.7, 1.3, 2.1, 2.9, 2.3, 3.1])
 WAVE_CNT = np.array([1500, 1500, 1500, 500, 400, 400, 400])
@@ -204,8 +201,7 @@ def test_the_motor_angle_keeps_tiny_increments() -> None:
     assert float(jnp.float32(899.637) + jnp.float32(1e-5)) == float(jnp.float32(899.637))
 
 
-# --- faults, noise, form
-# ----------------------------------------------------------------------------------------------
+# --- faults, noise, form ---
 
 
 def test_mechanical_faults_act_where_they_say() -> None:
@@ -267,11 +263,6 @@ def test_noise_only_where_asked_for_and_with_its_size() -> None:
     assert (
         columns(simulate(one, commands, other, brakes=1)[1].enc_val) != columns(noisy.enc_val)
     ).mean() > 0.5
-
-
-def test_an_unknown_parameter_set_is_refused_with_the_names() -> None:
-    with pytest.raises(ValueError, match=r"traj4.*traj3.*matlab_global.*Did you mean"):
-        robot.params(setup(), "gold", "traj4")
 
 
 def test_published_sets_have_their_published_numbers() -> None:

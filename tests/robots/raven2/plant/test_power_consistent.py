@@ -11,11 +11,9 @@ from plant_runs import (
     N,
     columns,
     constant,
-    energy,
     frictionless,
     setup,
     simulate,
-    swings,
     weightless,
 )
 
@@ -86,37 +84,6 @@ def test_no_motor_is_faster_than_its_supply_lets_it_be() -> None:
     assert speed["power_consistent"] == pytest.approx(no_load, rel=0.01)
     assert no_load == pytest.approx(796.0, abs=0.1)  # the authors clamp at 790 rad/s
     assert speed["traj3"] > 2.0 * no_load
-
-
-def test_the_amplifiers_largest_current_is_the_full_scale_of_the_dac() -> None:
-    largest = 32767 * np.array(POWER_CONSISTENT.actuators.torque_per_count)
-    np.testing.assert_allclose(POWER_CONSISTENT.actuators.torque_limit, largest, rtol=1e-3)
-
-
-@pytest.mark.slow
-def test_energy_is_never_made() -> None:
-    """Coasting only loses energy, the implicit step up to 15 % in 0.4 s; driven, motors put in
-    what is gained.
-    """
-    command = swings()
-    with jax.enable_x64(True):
-        one = setup()
-        free = replace(frictionless(weightless(params())), cable_damping=Vec.full(N, 0.0))
-        state, driven = simulate(one, command, free)
-        _, coasting = simulate(one, constant([0] * N, 400), free, state=state)
-        gained, kept = energy(one, free, driven), energy(one, free, coasting)
-    signs = np.array([*transmission.tau_signs("gold", "r_grasper", "raven2")])
-    torque = (
-        command
-        * signs
-        * np.array([*free.actuators.torque_per_count])
-        / np.array([*transmission.GEARBOX])
-    )
-    work = np.cumsum((torque * columns(driven.mvel)).sum(axis=1)) * 1e-3
-    assert gained[-1] > 1e-2
-    assert (gained <= work + 1e-3 * np.abs(work).max()).all()
-    assert (np.diff(kept) < 1e-6 * kept[0]).all()
-    assert kept[-1] > 0.85 * kept[50]
 
 
 def test_brakes_stop_a_moving_arm_within_the_distance_of_their_torque() -> None:
