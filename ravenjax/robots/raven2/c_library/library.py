@@ -10,7 +10,7 @@ The structs lie in memory as the compiled code finds them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jinja2
@@ -57,7 +57,7 @@ class Member(NamedTuple):
     type: str
     name: str
     dimensions: str  # "[2][7]"; "": a single number
-    unit: str = ""
+    unit: str
 
 
 class Struct(NamedTuple):
@@ -128,31 +128,33 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
 
 def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct]:
     """Struct of each record, by its name in the header without "raven_"."""
-    arms, structs = software.setup.arms, dict[str, Struct]()
+    structs = dict[str, Struct]()
     for part, own in (("control", software), ("robot", robot)):
+        units: dict[str, dict[str, None]] = {}  # a dict keeps their order
+        for path, limits in quantity.quantities(type(own.params)):
+            units.setdefault(path, {})[limits.unit] = None
         for what in ("params", "state", "inputs", "signals"):
             if (kind := own.code.kinds.get(what)) is not None:
-                units = _units(type(own.params), arms) if what == "params" else {}
-                structs[f"{part}_{what}"] = _struct(kind, arms, units)
+                known = units if what == "params" else {}
+                members, layout = members_of(kind, software.setup.arms, known), kind.layout
+                end = layout.offsets[-1] + size(layout.types[-1])
+                structs[f"{part}_{what}"] = Struct(members, layout.bytes, layout.bytes - end)
     return structs
 
 
-def _struct(kind: RecordKind, arms: Sequence[str], units: Mapping[str, str]) -> Struct:
-    members = [m._replace(unit=units.get(m.name, "")) for m in members_of(kind, arms)]
-    layout = kind.layout
-    end = layout.offsets[-1] + size(layout.types[-1])
-    return Struct(members, layout.bytes, layout.bytes - end)
-
-
-def members_of(kind: RecordKind, arms: Sequence[str]) -> list[Member]:
+def members_of(
+    kind: RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
+) -> list[Member]:
     """The members of a record's struct, in order. Records within it give one member a field, named
     by the way there; numbers of a Vec are an array, and so are those of several arms that stand
-    side by side."""
+    side by side. units: by path, without arms."""
 
     def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:
         types, shape = {kind.layout.types[k] for k in tree.leaves(place)}, _shape(place)
         if shape is not None and len(types) == 1:
-            yield Member(TYPES[types.pop()], "_".join(path), "".join(f"[{n}]" for n in shape))
+            unit = "; ".join(units.get(".".join(name for name in path if name not in arms), ()))
+            dimensions = "".join(f"[{n}]" for n in shape)
+            yield Member(TYPES[types.pop()], "_".join(path), dimensions, unit)
         elif isinstance(place, tuple):
             names = arms if len(place) == len(arms) else map(str, range(len(place)))
             for name, item in zip(names, place, strict=True):
@@ -170,14 +172,3 @@ def _shape(place: Any) -> tuple[int, ...] | None:
         return np.array(place, dtype=int).shape
     except (TypeError, ValueError):
         return None
-
-
-def _units(params: type, arms: tuple[str, ...]) -> dict[str, str]:
-    """Unit of each member of a struct of parameters."""
-    units: dict[str, list[str]] = {}
-    for path, one in quantity.quantities(params):
-        if one.unit and one.unit not in (there := units.setdefault(path.replace(".", "_"), [])):
-            there.append(one.unit)
-    texts = {name: "; ".join(several) for name, several in units.items()}
-    gaps = [(name, k) for name in texts for k, letter in enumerate(name) if letter == "_"]
-    return texts | {f"{name[:k]}_{arm}{name[k:]}": texts[name] for name, k in gaps for arm in arms}

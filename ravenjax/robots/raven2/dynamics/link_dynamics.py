@@ -33,9 +33,9 @@ def mass_matrix_and_bias(
 
     gravity: m/s^2 in frame 0 of the arm. bias: Coriolis, centrifugal and gravity torque (Nm,
     insertion N), the sign of MuJoCo's qfrc_bias. mass_scale multiplies every link's mass and
-    inertia; both results are linear in it, so they are scaled at the end, all but the armature (kg
-    m^2) of the tool spindles on the diagonal. Entries of M that never change are Python numbers;
-    Python numbers among the arguments are folded as constants.
+    inertia. Both results are linear in it and are scaled at the end, except the armature (kg m^2)
+    of the tool spindles on the diagonal. Entries of M that never change are Python numbers; Python
+    numbers among the arguments are folded as constants.
     """
     if setup.link_dynamics == "mjx":
         from ravenjax.robots.raven2.dynamics import (

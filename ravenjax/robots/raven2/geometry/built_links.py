@@ -1,8 +1,8 @@
-"""Where the tip is of an arm that is not built as drawn: its Denavit-Hartenberg table with errors
-of its own.
+"""The tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with
+errors.
 
 `kinematics.forward` has the software's table, in which shoulder, elbow and insertion axes meet in
-one point. Here every link may have a twist and a length of its own. Convention as in `links`
+one point. Here every link may have its own twist and length. Convention as in `links`
 (modified DH, Craig).
 """
 
@@ -20,7 +20,7 @@ from ravenjax.robots.raven2.geometry.links import D4, GEOMETRY, LINK12, LINK23, 
 @described
 @record
 class LinkErrors:
-    """What the links are more than the software's table says; 0: as drawn."""
+    """True links minus those of the software's table; 0: as drawn."""
 
     twist12: Scalar  # rad
     twist23: Scalar  # rad

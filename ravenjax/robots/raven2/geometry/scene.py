@@ -1,5 +1,5 @@
-"""Where the instrument tips are in the operating scene: the arms' places, the tissue below them,
-each other.
+"""The operating scene: where the arms stand, and how near the tips are to the tissue and to each
+other.
 
 The world's z axis points up. The arms' frames are read from the model; the tissue is the dome of
 its phantom, without the folds (up to 2 mm) and the rounded rim that make the mesh look soft. The

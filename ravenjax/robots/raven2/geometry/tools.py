@@ -16,8 +16,8 @@ Style = Literal["raven", "dv", "square_raven"]
 
 @dataclasses.dataclass(frozen=True)
 class Tool:
-    """One instrument. Ranges are of tool_roll, wrist, grasp1, grasp2, and symmetric but for
-    `roll_min_deg`.
+    """One instrument. Ranges are of tool_roll, wrist, grasp1, grasp2. They are symmetric, except
+    where `roll_min_deg` is given.
     """
 
     name: str

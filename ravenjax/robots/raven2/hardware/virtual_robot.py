@@ -7,8 +7,8 @@
 Put your own control software in front of it. It is what lies behind the USB boards in the tick:
 PLC, brakes, motors, cables, links, encoders, composed of the same functions in the same order and
 without faults. Every operation is one IEEE operation in float32 and functions are the C library's
-(`engines.cpu.transition`), so C code that is made of it has the same bits on any CPU; a campaign's
-engines fuse multiply-adds, so theirs differ in last digits.
+(`engines.cpu.transition`), so C code made of it has the same bits on any CPU. Engines of
+campaigns fuse multiply-adds, so their last digits differ.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ BOARDS = 1
 
 @record
 class RobotParams:
-    """What may be set before it runs."""
+    """Parameters of the robot, set before it runs."""
 
     plc: plc.PlcParams
     arms: tuple[plant.PlantParams, ...]
@@ -52,7 +52,7 @@ class RobotParams:
 
 @record
 class RobotState:
-    """What it remembers."""
+    """State of the robot from one millisecond to the next."""
 
     plc: plc.PlcState
     arms: tuple[plant.PlantState, ...]
@@ -72,7 +72,7 @@ class RobotInputs:
 
 @record
 class RobotSignals:
-    """What it shows after that, and what is true of it."""
+    """Its outputs after that, and its true motion."""
 
     encoders: tuple[Vec, ...]  # per arm 7 int32 counts, as unpacked from USB
     pins: Scalar  # int32 byte of the PLC, bits 6 and 7: run level; the same on each board
@@ -150,7 +150,7 @@ def _signals(
 
 @functools.lru_cache(maxsize=8)
 def code(setup: RavenSetup) -> TransitionCode:
-    """Its code: transition "robot" is one millisecond."""
+    """The code of a setup: transition "robot" is one millisecond."""
     fixed, zero = numbers(params(setup)), np.int32(0)
     still = RobotInputs(per_arm(setup, lambda *_: Vec.full(7, zero)), zero, zero, zero)
     home = per_arm(setup, lambda *_: numbers(HOME_JPOS))
@@ -177,7 +177,7 @@ def numbers(record: Any) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """What one millisecond left."""
+    """The outputs of one millisecond."""
 
     encoders: np.ndarray  # int32 [arms, 7] counts, as `ControlSoftware.step` takes them
     pins: int  # byte of the PLC, the same on each board
@@ -244,7 +244,7 @@ class VirtualRobot:
 
     @property
     def state(self) -> RobotState:
-        """Everything that it remembers."""
+        """Its whole state."""
         return self.code.kinds["state"].read(self._state)
 
     def _reading(self, signals: RobotSignals) -> Reading:

@@ -55,7 +55,7 @@ from ravenjax.robots.raven2.original import constants as stored
 
 
 class Transform(NamedTuple):
-    """Of points in one frame to another frame."""
+    """Takes points of one frame to another frame."""
 
     rotation: Vec  # 3 rows of 3
     origin: Vec  # 3, m
@@ -72,7 +72,7 @@ def apply(transform: Transform, point: Vec) -> Vec:
 
 
 def inverse_transform(transform: Transform) -> Transform:
-    """Of a rigid transform: by the transpose."""
+    """The inverse of a rigid transform, by the transpose."""
     transposed = transpose(transform.rotation)
     return Transform(transposed, matvec(transposed, -transform.origin))
 
@@ -269,8 +269,8 @@ def _rolled_over(measured: Scalar, theta4: Scalar) -> Scalar:
 def _solutions(arm: str, tip: Transform) -> tuple[list[_Solution], Scalar]:
     """All eight in the original's order, and whether a wrist is at the remote centre.
 
-    There the original stops before the first angle and leaves zeros behind: the side in question is
-    marked invalid, the other counts as valid, and of side 0 the insertion is known by then.
+    There the original stops before the first angle, and all angles are zero. It has marked that
+    side invalid; the other side counts as valid. The insertion of side 0 is known by then.
     """
     x, y, _ = inverse_transform(tip).origin
     toward = Vec((x, y, 0.0))

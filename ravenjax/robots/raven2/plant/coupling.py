@@ -1,9 +1,9 @@
 """The motor matrix T (motor rad per joint rad or m) split so that its structure saves work.
 
-Rows of the tool motors are a multiple of the insertion motor's row plus an entry of their own:
-instrument cables run along the insertion, so that moving it turns every tool capstan. Their
-coupling is to the *joints* here: cable length follows where the links are, and at rest this equals
-the control software's use of the insertion motor's angle.
+Instrument cables run along the insertion, so moving it turns every tool capstan. The row of a tool
+motor is therefore a multiple of the insertion motor's row, plus one entry for its joint. Tool
+motors are coupled to the *joints* here, because cable length follows the links. At rest this equals
+the control software, which couples them to the insertion motor's angle.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Coupling:
     gain: Vec = AS_DRAWN
 
     def motors(self, joints: Vec) -> Vec:
-        """T x: motor angles or speeds of joint ones."""
+        """T x: motor angles (or speeds) from joint angles (or speeds)."""
         joints = joints.map(_divide, self.gain)
         along = dot(self.own[Z], joints)
         return Vec(
@@ -44,7 +44,7 @@ class Coupling:
         )
 
     def joints(self, motors: Vec) -> Vec:
-        """The inverse: joint angles (or speeds) of motor ones, cables unstretched."""
+        """The inverse of `motors`, with unstretched cables."""
         angles: list[Scalar] = []
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
@@ -54,7 +54,7 @@ class Coupling:
         return Vec(angles).map(mul, self.gain)
 
     def loads(self, forces: Vec) -> Vec:
-        """T^T f: joint torques (N m, N) of motor ones (N m)."""
+        """T^T f: joint torques (N m, N) from motor torques (N m)."""
         along = forces[Z]
         for i in range(N):
             along = add(along, mul(self.ratio[i], forces[i]))
@@ -109,7 +109,9 @@ def _terms(own: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 
 @cache
 def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
-    """Of one arm with one tool, strung as the software variant expects its first jaw."""
+    """The coupling of one arm with one tool; the software variant decides the sign of the first
+    jaw.
+    """
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
     own = tuple(
@@ -123,5 +125,5 @@ def coupling(arm: ArmName, tool: str, software: str) -> Coupling:
 
 
 def _clean(value: float, scale: float) -> float:
-    """Rounding residue of a subtraction that should have left nothing is nothing."""
+    """The value, or 0 where it is only the rounding error of a difference."""
     return 0.0 if abs(value) <= 1e-9 * abs(scale) else value

@@ -1,15 +1,15 @@
-"""What drives the joints of one arm: motors, encoders, brakes, cables and dry friction.
+"""What acts on the joints of one arm: motors, encoders, brakes, cables, dry friction, stops.
 
 Motors
 ------
 
-Motors: from DAC counts to torque, and the shaft's equation of motion solved for one step.
+From DAC counts to torque, and the shaft's equation of motion solved for one step.
 
 `Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda`, with torques after the gearbox,
-inertia and speed of the shaft (the authors' units, see `published`). Dry friction, and a brake as
-more of it, is decided with the joint's speed of the last step; the rest is implicit, so that the
-motor's speed at the end of the step is affine in the link's: `w = (momentum + coupling * T q') *
-inverse`, and it can be eliminated from the links' equations.
+inertia and speed of the shaft (the authors' units, see models/raven2/mechanics.toml). Dry friction
+is decided with the joint's speed of the last step; a closed brake adds to it. The rest is implicit.
+The motor's speed at the end of the step is then affine in the link's, and can be eliminated from
+the links' equations: `w = (momentum + coupling * T q') * inverse`.
 
 Encoders
 --------
@@ -36,15 +36,14 @@ gearbox ratio. The tension difference is `gamma = ke (exp(delta)
 Friction
 --------
 
-Dry friction as implicit damping, decided anew in each step.
+Dry friction as implicit damping, decided in each step.
 
-`sign(velocity)` chatters at rest and a smoothed sign creeps. Here each degree of freedom first asks
-what force `drive` would be needed, and available, to carry it through the step: `drive = inertia *
-v + forces`, all in terms of one step (inertia already divided by the step). If friction can hold
-that, the damping becomes so large that the velocity ends at zero within `CREEP`; otherwise it is
-the value that makes the friction force equal to its level at the predicted velocity (|drive| -
-level) / inertia. The breakaway level is exact, the force always opposes the velocity (it is a
-damping), and no iteration is needed.
+`sign(velocity)` chatters at rest and a smoothed sign creeps. Here the force that carries a
+degree of freedom through the step is computed first: `drive = inertia * v + forces`, with the
+inertia divided by the step. If friction can hold this force, the damping becomes so large that the
+velocity ends at zero within `CREEP`. Otherwise the damping makes the friction force equal to its
+level at the predicted velocity, (|drive| - level) / inertia. The breakaway level is exact, the
+force always opposes the velocity, and no iteration is needed.
 
 Brakes
 ------
@@ -55,6 +54,17 @@ data.
 The robot has brakes on the RE40 motors only; tool motors run free when unpowered. A brake engages
 and releases some time after the PLC's command and then adds dry friction of its holding torque to
 the motor: it slips above that.
+
+Hard stops
+----------
+
+One-sided stiff springs, implicit like the cables.
+
+Positions are those the control software homes against (raven2: defines.h, homing.cpp, tools.cpp):
+shoulder 0 deg, elbow 137.5 deg, insertion 0.562 m, the tool's own angles. The other ends of the
+first three joints are not published: the soft limit plus the margin that the published end of elbow
+and insertion has. Stiffness is an assumption: metal on rubber, stiffer than the cable that presses
+the joint against it.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -66,6 +76,8 @@ from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.quantity import described
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record
+from ravenjax.robots.raven2.geometry import limits
+from ravenjax.robots.raven2.geometry.tools import find_tool
 
 CREEP = 1e-7  # rad/s or m/s at most while stuck: 1 um or urad in 10 s
 
@@ -167,7 +179,7 @@ def _cosh(x: Scalar) -> Scalar:
 @described
 @record
 class ActuatorParams:
-    """Of seven motors."""
+    """Parameters of seven motors."""
 
     torque_per_count: Vec  # N m per count
     gain: Vec
@@ -197,11 +209,10 @@ class Eliminated:
 def limited(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
-    """What amplifier and supply let a motor at `speed` (rad/s) have of a commanded `torque` (both N
-    m).
+    """The part of a commanded `torque` (N m) that amplifier and supply allow at `speed` (rad/s).
 
     The amplifier is a current source until its current or the voltage `R i + k w` ends at a limit.
-    The largest current holds, too, for a motor that is driven faster than the supply could turn it.
+    The current limit also holds for a motor that is driven faster than the supply could turn it.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -270,3 +281,43 @@ def step_brakes(
     engaged = jnp.where(moves, commanded, state.engaged)
     state = BrakeState(engaged=as_int(engaged), pending_ticks=as_int(jnp.where(moves, 0, pending)))
     return state, jnp.where(engaged != 0, params.holding_torque, 0.0)
+
+
+_MARGIN = (math.radians(2.5), math.radians(2.5), 2e-3)  # rad, rad, m
+SETTLING_S = 5e-3  # s, damping over stiffness
+
+
+@described
+@record
+class StopParams:
+    lower: Vec  # rad; insertion m
+    upper: Vec  # rad; insertion m
+    stiffness: Vec  # N m/rad; insertion N/m
+
+
+@record
+class StopForce:
+    """Force of a hard stop at the joint's present speed, and its loss per gain of speed."""
+
+    force: Scalar  # N m; insertion N
+    damping: Scalar  # N m s/rad; insertion N s/m
+
+
+def stop_params(tool: str) -> StopParams:
+    """Hard stops of an arm with that tool."""
+    instrument = find_tool(tool)
+    low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
+    return StopParams(
+        lower=Vec((low[0], low[1] - _MARGIN[1], low[2] - _MARGIN[2], *instrument.hard_min)),
+        upper=Vec(
+            (high[0] + _MARGIN[0], high[1] + _MARGIN[1], high[2] + _MARGIN[2], *instrument.hard_max)
+        ),
+        stiffness=Vec((1e5, 1e5, 1e6, 20.0, 20.0, 20.0, 20.0)),
+    )
+
+
+def stop_force(params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float) -> StopForce:
+    """Joint `i` at `jpos` (rad, m) and `jvel` over the coming `dt` (s); zero within the range."""
+    beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
+    damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
+    return StopForce(force=-params.stiffness[i] * beyond - damping * jvel, damping=damping)

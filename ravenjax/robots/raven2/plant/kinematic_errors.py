@@ -1,7 +1,7 @@
 """What makes a healthy robot's report wrong: joints, cable drums and links that are not what its
 software believes.
 
-Three arms are told apart, and each believes something else:
+Three arms are distinguished:
 
 - the **true** arm: its links stand at angles that nobody measures, and are as they were built.
   `robot.PlantOutput` has its joints, `tip` its tip;
@@ -18,15 +18,13 @@ With motor angles alike, true joints q are, of reported ones r and home pose h,
 and cable stretch comes on top, as it does without errors. Every error at 0 drops out of the traced
 code.
 
-A camera, like a surgeon's eye, has no frame 0 of its own: where the robot is in it is fitted, and a
-displacement as one rigid piece is not seen as an error. `registered` does that: before the run the
-true tip's frame is moved so that true and reported tips agree best at POSES.
+A camera does not know the robot's frame 0. The robot's place in its picture is fitted, and a rigid
+displacement is not seen as an error. `registered` does the same: before the run the true tip's
+frame is moved so that true and reported tips agree best at POSES.
 
-Registration: where the true arm stands in the frame in which its report is believed.
-
-The rigid motion that brings true tips onto reported ones at POSES, by least squares (Gauss-Newton;
-each step solves for a small rotation and a displacement). It is found before the run and does not
-change.
+Registration is the rigid motion that brings true tips onto reported tips at POSES, by least squares
+(Gauss-Newton; each step solves for a small rotation and a displacement). It does not change in a
+run.
 """
 
 from __future__ import annotations
@@ -51,7 +49,7 @@ _DEG = math.pi / 180.0
 @described
 @record
 class KinematicErrors:
-    """Of one arm; all 0 but `scale`: the robot that its software believes in."""
+    """Errors of one arm. All are 0 but `scale` in the robot that its software assumes."""
 
     scale: Scalar
     joint_offset: Vec  # rad; m
@@ -83,7 +81,7 @@ MEASURED = {
 How large they are beside each other is *assumed*: homing against stops leaves more than machining
 does. Their common factor is fitted to the first half of a recording,
 `analysis/studies/healthy_robot/tip_error.py`. A recording of one arm in a part of its workspace
-cannot tell them one by one: what is told is the tip's error after registration. The shoulder has no
+cannot separate them; it shows the tip's error after registration. The shoulder has no
 offset, which would turn the frame and nothing else; the jaws have none, since they do not move
 their axis.
 """
@@ -102,7 +100,7 @@ def is_exact(errors: KinematicErrors) -> bool:
 
 
 def gain(errors: KinematicErrors) -> Vec:
-    """True motion of each joint per motion that the software believes, 7."""
+    """True motion of each joint per motion that the software assumes, 7."""
     return Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
 
 
@@ -120,7 +118,7 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 
 def register(arm: str, errors: KinematicErrors) -> Registration | None:
-    """Where the arm's frame 0 is registered; None: where the software believes it."""
+    """The registration of the arm's frame 0; None: it is where the software assumes it."""
     if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
         return None
     true = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]

@@ -17,26 +17,22 @@ the same natural frequency, damping and friction dead band:
 
 with J = Im + rho M / TR^2, KP and KD from raven2's r2params.yaml, g the gain from commanded to real
 torque, and Im, tau, F and the reaction share rho of the robot's parameter set
-(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are
-zero but for the viscous part, which is in its kd. ki: the robot's insertion has no integral; a slow
+(`parameter_sets.nominal`). Nothing is fitted to a published outcome. `Kv` and `Kc` of a jaw are zero; its viscous part is in its kd. ki: the robot's insertion has no integral; a slow
 one (time constant 4 s) removes the dead band's remainder without changing the lag on surgical
 motion.
 
 Integration is linearly implicit in gains and friction: stable at 1 kHz for any of them.
 
-What the nominal model is asked to do: the operator's clean input accumulated into a pose, solved
-for joints.
-
-The model hears the operator before any fault does: increments add up as in the robot, its own
-inverse kinematics runs with its own joints as reference, targets are clamped to the software's
-joint limits and re-anchored where they clamp. While the pedal is up the model holds, and the target
-is where it stands, as the robot's is.
+The target of the nominal model is the operator's clean input, accumulated into a pose and solved for
+joints. No fault can change this input. Increments add up as in the robot. The model's inverse
+kinematics takes the model's joints as reference. Targets are clamped to the software's joint limits,
+and re-anchored where they clamp. While the pedal is up the model holds, and its target is its pose,
+as in the robot.
 """  # noqa: E501
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 import numpy as np
 
@@ -67,16 +63,13 @@ INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
 UM_PER_M = 1e6
 
 
+@described
 @record
 class TargetParams:
     """Where targets are clamped: the software's joint limits, the same for every arm."""
 
-    lower: Annotated[
-        Vec, limits.position("lower soft limit of the nominal model's target")
-    ]  # 5: no jaws
-    upper: Annotated[
-        Vec, limits.position("upper soft limit of the nominal model's target")
-    ]  # 5: no jaws
+    lower: Vec  # 5: no jaws; rad, insertion m
+    upper: Vec  # 5: no jaws; rad, insertion m
 
 
 @record
@@ -165,7 +158,7 @@ def params(
 
 
 def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
-    """At rest at `jpos0` (rad, m), which is its target."""
+    """The state at rest at `jpos0` (rad, m), which is also its target."""
     dtype = setup.precision.real
     jpos = Vec(jnp.asarray(x, dtype) for x in jpos0)
     still = Vec(jnp.asarray(0.0, dtype) for _ in range(7))
@@ -185,10 +178,10 @@ def step(
     """One tick (1 ms) of the model under the operator's clean command; it holds still while the
     pedal is up.
 
-    measured: the robot's joints as its control software has them (rad, m). With each lift of the
-    pedal the robot takes its measured pose, which hangs a little below the desired one, for the
-    desired one, and sags on; `NominalParams.resync` lets the model go along, so that clutching adds
-    up to no error of its own.
+    measured: the robot's joints as its control software has them (rad, m). The measured
+    pose hangs a little below the desired one. With each lift of the pedal the robot takes it for
+    the desired pose, and sags on. `NominalParams.resync` lets the model follow, so that clutching
+    alone adds no error.
     """
     stands = (params.resync != 0) & (clean.engaged == 0)
     state = replace(state, jpos=where(stands, measured, state.jpos))
@@ -257,7 +250,7 @@ def target_params(setup: RavenSetup) -> TargetParams:
 
 
 def init_target(setup: RavenSetup, arm: ArmName, jpos: Vec) -> TargetState:
-    """The target is where the joints are."""
+    """A target at the joints' own pose."""
     pose = kinematics.forward(arm, jpos)
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),

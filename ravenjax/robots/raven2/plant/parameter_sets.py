@@ -68,9 +68,9 @@ def nominal(name: str) -> str:
 
 
 def tells_tension(name: str) -> bool:
-    """Whether the cables of the set of that name carry what statics allow, so that a strength in N
-    can be exceeded.
+    """Whether the cable forces of this set are those that statics allow, so that they can be
+    compared with a strength in N.
 
-    With the authors' law a motor pulls twelve times as hard at its cable as it can.
+    With the authors' law a motor pulls twelve times as hard at its cable as a real one.
     """
     return name == DEFAULT

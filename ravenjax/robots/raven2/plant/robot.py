@@ -38,7 +38,6 @@ from ravenjax.robots.raven2.plant import (
     drives,
     kinematic_errors,
     parameter_sets,
-    stops,
 )
 from ravenjax.robots.raven2.plant.coupling import Coupling, coupling
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -53,7 +52,7 @@ ARM_CHANNELS = 16
 @described
 @record
 class PlantParams:
-    """Of one arm. Every number may vary from run to run."""
+    """Parameters of one arm, any of which may vary from run to run. quantities.toml has ranges."""
 
     actuators: drives.ActuatorParams
     brakes: drives.BrakeParams
@@ -62,7 +61,7 @@ class PlantParams:
     cable_strength: Vec  # N; read where Setup.cables is not "unwatched"
     link_coulomb: Vec  # N m; insertion N
     link_viscous: Vec  # N m s/rad; insertion N s/m
-    stops: stops.StopParams
+    stops: drives.StopParams
     kinematic_errors: kinematic_errors.KinematicErrors
     friction_scale: Scalar
     cable_stiffness_scale: Scalar
@@ -128,7 +127,7 @@ def params(
     return PlantParams(
         **parameter_sets.parameter_set(parameter_set)._asdict(),
         brakes=drives.BrakeParams(),
-        stops=stops.params(_tool(setup, arm)),
+        stops=drives.stop_params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.exact(),
         friction_scale=1.0,
         cable_stiffness_scale=1.0,
@@ -146,8 +145,8 @@ def params(
 
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
-    """At rest, brakes on, each cable stretched by its share of gravity. The software takes the
-    links to be at `jpos0` (rad, m), where they are but for their errors."""
+    """At rest, brakes on, each cable stretched by its share of gravity. The software assumes the
+    links at `jpos0` (rad, m); kinematic errors may move them from there."""
     geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype = setup.precision.real
     jpos0 = Vec(jnp.asarray(x, dtype) for x in jpos0)
@@ -198,7 +197,7 @@ def step(
     """One tick (1 ms, `setup.substeps` steps) under the DAC command just written; the next tick
     reads `PlantOutput`.
 
-    touched: of what the instrument touches; None: nothing is there.
+    touched: parameters of what the instrument touches; None: it touches nothing.
     """
     under_way = _ArmTick(setup, arm, params, state, signal, touched)
     for _ in range(setup.substeps):
@@ -216,8 +215,7 @@ def step_all(
 ) -> tuple[tuple[PlantState, PlantOutput], ...]:
     """`step` of every arm. Two arms with contact touch tissue and each other.
 
-    The force between the two is solved with both arms' equations: it is the same on both, whatever
-    each gives way.
+    The force between the two is solved with both arms' equations, so it is the same on both.
     """
     arms = setup.arms
     if touched is None or len(arms) < 2:
@@ -242,7 +240,7 @@ def step_all(
 
 @dataclasses.dataclass
 class _ArmTick:
-    """A tick of one arm under way."""
+    """A tick of one arm, substep by substep."""
 
     setup: RavenSetup
     arm: ArmName
@@ -266,8 +264,9 @@ class _ArmTick:
         return _jpos(self._geometry, self.state, self.setup.precision.real)
 
     def equations(self, pushed: Vec | None = None) -> tuple[tuple[Vec, ...], Vec]:
-        """A 7x7 system (its lower triangle) and its right side (N m, N), whose solution is what the
-        joints gain in the coming substep. pushed: what the other instrument puts on the joints.
+        """A 7x7 system (its lower triangle) and its right side (N m, N), whose solution is the
+        speeds that the joints gain in the coming substep. pushed: load of the other instrument on
+        the joints.
         """
         params, state, signal, dt = self.params, self.state, self.signal, self.dt
         motor = params.actuators
@@ -318,7 +317,7 @@ class _ArmTick:
             for j in range(i + 1):
                 system[i][j] = add(system[i][j], mul(1.0 / dt, mass[i][j]))
             viscous = params.link_viscous[i] * friction[i]
-            stop = stops.contact(params.stops, i, jpos[i], jvel[i], dt)
+            stop = drives.stop_force(params.stops, i, jpos[i], jvel[i], dt)
             system[i][i] = system[i][i] + (viscous + stop.damping)
             load = add(sub(loads[i], bias[i]), signal.external_torque[i])
             force = load - viscous * jvel[i] + stop.force
@@ -330,8 +329,8 @@ class _ArmTick:
         return tuple(Vec(row) for row in system), Vec(right)
 
     def move(self, gained: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """One substep, in which the joints gain so much speed (rad/s, m/s). pressed: way and size
-        (N) of the other instrument's force.
+        """One substep, in which the joints gain these speeds (rad/s, m/s). pressed: direction and
+        size (N) of the other instrument's force.
         """
         state = self.state
         if self._tips:
@@ -446,12 +445,12 @@ def tip(arm: ArmName, params: PlantParams, state: PlantState, jpos: Vec) -> Vec:
 
 
 def _whole(state: PlantState, cable_scale: Vec) -> Vec:
-    """Share of each cable's stiffness and damping that is there; none of one that has parted."""
+    """Share of each cable's stiffness and damping that is left; 0 of a cable that has parted."""
     return cable_scale if state.intact is None else cable_scale.map(mul, state.intact)
 
 
 def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
-    """Of cable i, N/m; a cut one has none."""
+    """Stiffness of cable i, N/m; 0 where it is cut."""
     return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
@@ -491,7 +490,7 @@ def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
 
 
 def _nominal_coupling(setup: RavenSetup, arm: ArmName) -> Coupling:
-    """As the software believes it."""
+    """The coupling that the software assumes."""
     return coupling(arm, _tool(setup, arm), setup.software)
 
 

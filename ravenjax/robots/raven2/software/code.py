@@ -1,6 +1,4 @@
-"""The control software as transitions: traced and made ready once a setup, shared by all who run
-it; and what it wrote.
-"""
+"""The control software as transitions, which are traced once for each setup; and what it wrote."""
 
 from __future__ import annotations
 
@@ -61,7 +59,7 @@ class TransitionCode:
 
     @functools.cached_property
     def machine(self) -> TransitionMachine:
-        """What takes the transitions, made ready for this machine."""
+        """Runs the transitions on this machine."""
         # No campaign, but the folder where any compiled code is kept.
         from ravenjax.campaign import compile_cache
 

@@ -129,7 +129,7 @@ class ControlSoftware:
         if state is not None:
             initial = checked.record_like("state", state, initial)
         self.code = code(setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic)
-        """What it is made of, for those who print it anew."""
+        """Its transitions and records, for code that prints them."""
         if encoders is not None:
             self._take_memory(start.in_e_stop(initial))
             output = self.step(encoders)
@@ -269,7 +269,7 @@ class ControlSoftware:
 def _parameters(
     setup: RavenSetup, level: str | None, policy: str, offsets: np.ndarray
 ) -> control.ControlParams:
-    """The software's own, but for what has an argument of its own."""
+    """The software's parameters, with those that have an argument replaced."""
     own = control.params(setup)
     return replace(
         own,

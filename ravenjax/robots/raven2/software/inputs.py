@@ -1,5 +1,5 @@
-"""What a caller hands to `ControlSoftware` and `VirtualRobot`, checked: each error names the
-argument, what was got and what is expected.
+"""Checks the arguments of `ControlSoftware` and `VirtualRobot`. Each error names the argument, what
+was got and what is expected.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def tool_names(given: Any, arms: Sequence[str], software: str) -> tuple[str, ...
 
 
 def whole(what: str, given: Any, low: int, high: int) -> int:
-    """A whole number from `low` to `high`; a truth value is none."""
+    """A whole number from `low` to `high`, and no truth value."""
     try:
         number = operator.index(given)
     except TypeError:

@@ -1,7 +1,7 @@
 """What enters the control software in one cycle, as a row of bytes that compiled code reads where
 it stands.
 
-A datagram lies in it as it came over the wire: nobody unpacks it.
+A datagram stands in it as it came over the wire, and is not unpacked.
 """
 
 from __future__ import annotations
@@ -100,9 +100,9 @@ class InputRows:
         self._still["Qw"] = 1.0
 
     def enter(self, packet: bytes | bytearray | memoryview | Packet | None, cycle: int = 0) -> None:
-        """What arrives in a cycle: a datagram of any length, a checked packet, or nothing.
+        """Write what arrives in a cycle: a datagram of any length, a checked packet, or nothing.
 
-        What a short datagram lacks reads 0, and it is dropped.
+        The missing end of a short datagram reads 0; the software drops it.
         """
         if packet is None:
             self._packets[cycle] = self._still

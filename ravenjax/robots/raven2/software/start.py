@@ -1,10 +1,10 @@
 """Where the control software starts: a state that stands at given encoder counts.
 
-Homing is not simulated. The state at a pose is the one that the original has when it stood there in
-E-stop: measured pose, desired pose and accumulators are one, so that the first pedal-down asks for
-what is there. One number is set that the original might have otherwise: the accumulated jaw
+Homing is not simulated. The state at a pose is that of the original after an
+E-stop in that pose: measured pose, desired pose and accumulators are equal. The first pedal-down
+then asks for the present pose. One number may differ from the original's: the accumulated jaw
 opening, which it resets only where it is more than 45 deg off (raven2: local_io.cpp). After homing
-in that place the two agree.
+in that pose the two agree.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def in_e_stop(state: control.ControlState) -> control.ControlState:
 def standing(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
-    """`state`, but at rest where one cycle in E-stop, which left `after` and `signals`, measured
-    the arms.
+    """`state`, with the arms at rest where they were measured in one cycle in E-stop. That cycle
+    left `after` and `signals`.
     """
     places = [arm.pos for arm in after.cartesian]
     return replace(

@@ -23,7 +23,7 @@ def test_members_lie_where_code_finds_them(tmp_path):
     for part, kinds in (("control", software.code.kinds), ("robot", robot.code.kinds)):
         for what in ("params", "state", "signals"):
             first = 0
-            for member in members_of(kinds[what], ["gold"]):
+            for member in members_of(kinds[what], ["gold"], {}):
                 struct = f"raven_{part}_{what}"
                 asks += f'  printf("%zu\\n", offsetof({struct}, {member.name}));\n'
                 expected.append(kinds[what].layout.offsets[first])

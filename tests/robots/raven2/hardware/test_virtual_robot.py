@@ -53,12 +53,6 @@ def test_a_watchdog_that_stops_brings_the_e_stop():
     assert int(robot.reading.signals.brakes) == 1
 
 
-def test_the_e_stop_button():
-    software, robot = rj.ControlSoftware(), rj.VirtualRobot()
-    *_, (out, _) = drive(software, robot, 900)
-    assert robot.step(out.dac, out.output_pins, estop_button=True).pins == 0
-
-
 def test_its_state_is_all_that_it_remembers():
     one, other = rj.VirtualRobot(), rj.VirtualRobot()
     commands = np.random.default_rng(3).integers(-3000, 3000, (200, 2, 7))

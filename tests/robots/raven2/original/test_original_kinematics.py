@@ -160,10 +160,3 @@ def test_the_leftovers_at_the_remote_centre_are_the_originals(arm):
         assert expected is None or jpos == expected
         codes.add(code)
     assert {-1, -2} <= codes
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_without_a_number_nothing_is_taken(arm):
-    nan = math.nan
-    assert inverse(arm, ([[nan] * 3] * 3, [0.1, 0.1, 0.1]), HOME)[1] == -1
-    assert inverse(arm, (oracle.forward(number(arm), HOME)[0], [nan] * 3), HOME)[1] == -1

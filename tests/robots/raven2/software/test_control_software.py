@@ -204,17 +204,6 @@ def _counts(arms=2):
     return [[0] * 7] * arms
 
 
-def test_earlier_datagrams_of_a_cycle_keep_32_bit_sequence_numbers():
-    software, still = ControlSoftware(), [[0.0] * 3] * 2
-    for numbers in ([2**31 + 900], [2**31 + 200, 2**31 + 200]):
-        output = software.step(
-            _counts(), [rig.datagram(n, still, [[0, 0, 0, 1]] * 2, (0, 0), 1) for n in numbers]
-        )
-    assert software.state.network.last % 2**32 == 2**31 + 900
-    assert software.state.network.out_of_sequence.count == 2
-    assert output.signals.last_seq == 111
-
-
 def test_bytes_and_packet_are_the_same():
     data = rig.datagram(1, [[10, 20, 30], [-1, -2, -3]], [[0, 0, 0.1, 1]] * 2, (5, 6), 1)
     one, two = ControlSoftware(), ControlSoftware()

@@ -1,9 +1,6 @@
 """The arithmetic and the corner cases of the original control software, one test each.
 
-What a rebuild needs to equal the executed original, numbered: encoder scale (1), forward coupling
-(2), inverse coupling (3), gravity (4), PID (5), poses (6), teleoperation (7), re-anchoring (8),
-sublevels (9), remote centre (10), rollover (11), what keeps running (12), packets (13), pins (14).
-Homing, the fifteenth, is not simulated.
+The comparison with a second writing, tick for tick (`test_control_software`), covers many more.
 """
 
 from __future__ import annotations
@@ -88,9 +85,6 @@ def numbers(vec):
     return [float(x) for x in vec]
 
 
-# --- 1 ---
-
-
 def test_motor_angle_is_rounded_once_from_a_double_product_with_float32_pi():
     rng = random.Random(1)
     params, state = estimator.params(SETUP, "gold"), estimator.init(SETUP)
@@ -126,15 +120,6 @@ def test_velocity_is_a_float32_difference_over_float32_of_one_millisecond():
     assert differs > 0
 
 
-# --- 2, 3 ---
-
-
-# --- 4, 5 ---
-
-
-# --- 6 ---
-
-
 def test_poses_are_cut_to_micrometres_and_opening_to_milliradians_in_float32():
     jpos = Vec(
         map(
@@ -167,9 +152,6 @@ def test_joint_limits_are_float32_values_and_include_equality():
     assert float(output.signals.arms[0].jpos_d[1]) == 0.7853981852531433
 
 
-# --- 7, 8 ---
-
-
 def test_opening_is_only_reset_when_it_is_more_than_45_degrees_off():
     bench = Bench()
     bench.pedal_down()
@@ -196,18 +178,12 @@ def test_a_clamp_of_one_arm_re_anchors_both_from_their_wanted_poses():
     assert bench.software.state.teleoperation.updated
 
 
-# --- 9 ---
-
-
 def test_sublevels_take_1_1_11_cycles_and_then_set_ready():
     bench = Bench()
     shown = [
         (o.signals.sublevel, o.signals.initialized) for o in (bench.step(1) for _ in range(18))
     ]
     assert shown == [(0, 0)] * 3 + [(1, 0)] + [(2, 0)] * 11 + [(3, 0)] + [(3, 1)] * 2
-
-
-# --- 10, 11 ---
 
 
 def test_crossing_half_a_turn_of_roll_saturates_the_dac_and_stops():
@@ -219,9 +195,6 @@ def test_crossing_half_a_turn_of_roll_saturates_the_dac_and_stops():
     assert abs(output.signals.arms[0].current_cmd[3]) >= 32767
     assert output.signals.overdrive
     assert output.dac[0][3] == 0
-
-
-# --- 12 ---
 
 
 def test_integrals_run_on_in_pedal_down_while_soft_e_stopped():
@@ -244,9 +217,6 @@ def test_a_rejected_arm_holds_its_joints_and_freezes_those_after_it():
     assert bench.software.state.cartesian[0].ik_reject.count == 1
     assert [arm.jpos_d for arm in output.signals.arms] == [arm.jpos_d for arm in held.arms]
     assert output.signals.arms[1].pos_d.position_um != held.arms[1].pos_d.position_um
-
-
-# --- 13 ---
 
 
 # --- 14 ---
